@@ -326,7 +326,7 @@ def test_no_wrong_verdict_looks_good(name):
         assert says, said
         return
     true = true_error(calibration, *([offset(3, 5.0 if "5" in name[:1] else 1.0)] if says == SAME else []))
-    assert true < CLAIM * calibration.heldout.all.mean_mm, verdict.sentence()
+    assert true < CLAIM * calibration.record.heldout.all.mean_mm, verdict.sentence()
 
 
 def test_a_good_run_is_trusted():
@@ -349,7 +349,7 @@ def good():
 def test_the_training_data_prove_nothing(good):
     found = irbcal.evaluate(good, table())
     assert any(note.startswith("45 of these 60 poses were fitted") for note in found.notes)
-    assert found.calibrated["n"] == good.heldout.all.n
+    assert found.calibrated["n"] == good.record.heldout.all.n
     assert not irbcal.evaluate(good, table(), include_fitted=True).verdict.trusted
     with pytest.raises(IrbcalError, match="they prove nothing"):
         irbcal.calibrate(table(), "irb1600", "34", verify=table())

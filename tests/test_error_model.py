@@ -19,7 +19,7 @@ def test_its_example_runs_and_prints_what_it_says(capsys):
     names = {}
     exec(example, names)
     text = capsys.readouterr().out
-    assert "Choices of terms" in text
+    assert "Error models compared by their evidence" in text
     said = float(re.search(r"prints a held-out mean of (\d\.\d+) mm", TEXT)[1])
     assert abs(1e3 * names["error"].mean() - said) < 0.003
     assert names["inside"].mean() > 0.93

@@ -26,7 +26,17 @@ def contacts():
 def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     contacts.to_csv(tmp_path / "contacts.csv", index=False)
     KNOWN.to_csv(tmp_path / "features.csv", index=False)
-    line = ["calibrate", "contacts.csv", "--features", "features.csv", "--robot", "irb1600", "--out", "robot"]
+    line = [
+        "calibrate",
+        "contacts.csv",
+        "--features",
+        "features.csv",
+        "--robot",
+        "irb1600",
+        "--out",
+        "robot",
+        "--verbose",
+    ]
     line = [str(tmp_path / word) if word.endswith((".csv", "robot")) and "-" not in word else word for word in line]
     told = CliRunner().invoke(app, line)
     assert told.exit_code == 0, told.output

@@ -7,7 +7,7 @@ what is known in the measuring frame comes with its derivative by the base.
 
 A kind is added by a class here, or in a file of its own, and its name in `KINDS`: rows of it are then read, fitted,
 judged and drawn. Kinds are named elsewhere only where a device is of them (`irbcal.simulation.devices`,
-`irbcal.planning.device_access`) or one is drawn otherwise than as a ball on a foot (`irbcal.viewer.features`), and
+`irbcal.planning.device_plan`) or one is drawn otherwise than as a ball on a foot (`irbcal.viewer.features`), and
 ``point`` for the rows of a tracker.
 """
 

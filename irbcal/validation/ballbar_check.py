@@ -21,13 +21,263 @@ from irbcal.units import DEG, MM
 from irbcal.validation import ballbar_trace
 from irbcal.validation.ballbar_circle import circle
 from irbcal.validation.ballbar_circle import tool as tool_frame
-from irbcal.validation.ballbar_joints import JointZeroChange, by_joints, minus, offsets
-from irbcal.validation.ballbar_prediction import BallbarPrediction, predict
 from irbcal.validation.ballbar_trace import MEASURED, Trace, explained
 from irbcal.validation.tables import is_simulated
 
 if TYPE_CHECKING:
     import pandas as pd
+from irbcal.arrays import FloatArray
+from irbcal.correction.fake_targets import correct_joints
+from irbcal.correction.paths import Circle, Reversal, joint_history, reversals
+from irbcal.errors import RobotError
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import chain
+from irbcal.validation.ballbar_circle import TiltedCircle
+from irbcal.validation.ballbar_trace import trace_of_points
+
+SAMPLES = 720
+"""Places on a circle at which errors are predicted."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BallbarPrediction:
+    """What a ballbar is expected to show.
+
+    Attributes
+    ----------
+    uncorrected : Trace
+        Path of the controller's nominal model, run by the calibrated robot.
+    corrected : Trace or None
+        Path through fake targets, run by the calibrated robot.
+    arcs : int
+        Circular moves of the corrected path.
+    reversals : tuple of Reversal
+        Joints that turn back (Tables A VI-1, A VI-2 and A VI-3); places are fractions of the path.
+    q : ndarray, shape (n, 6)
+        Joint history (Figures A VI-2, A VI-5 and A VI-8), radians.
+    """
+
+    uncorrected: Trace
+    corrected: Trace | None
+    arcs: int
+    reversals: tuple[Reversal, ...]
+    q: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __repr__(self) -> str:
+        fake = "no fake targets" if self.corrected is None else f"fake targets in {self.arcs} arcs"
+        return f"<Prediction: {len(self.q)} places on the circle, {fake}, {len(self.reversals)} reversals>"
+
+
+def predict(
+    path: TiltedCircle,
+    robot: Robot,
+    nominal: Arm,
+    q_center: FloatArray,
+    arcs: int = 6,
+    T_tip_tcp: FloatArray | None = None,
+    samples: int = SAMPLES,
+) -> BallbarPrediction:
+    """Radial errors of a circular path that the nominal controller runs, without and with fake targets (annex VI).
+
+    Parameters
+    ----------
+    path : TiltedCircle
+        See `irbcal.validation.ballbar_circle.circle`.
+    robot : Robot
+        Calibrated.
+    nominal : Arm
+        What the controller computes with.
+    q_center : ndarray, shape (6,)
+        Joints that tell the configuration, radians.
+    arcs : int
+        Circular moves of the corrected path, two or more; 0: only the uncorrected one.
+    T_tip_tcp : ndarray, shape (4, 4), optional
+    samples : int
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    RobotError
+        If the robot does not reach every place, or a target cannot be corrected.
+    """
+    s = np.arange(samples) / samples
+    q = joint_history(path, nominal, q_center, s, T_tip_tcp)
+    tcp = np.eye(4) if T_tip_tcp is None else T_tip_tcp
+    uncorrected = trace_of_points(path, (robot.poses(q) @ tcp)[:, :3, 3])
+    corrected = None
+    if arcs:
+        corrected = trace_of_points(path, _corrected_points(path, robot, nominal, q_center, arcs, tcp, samples))
+    return BallbarPrediction(uncorrected, corrected, arcs, tuple(_reversals(q, s)), q)
+
+
+def _reversals(q: FloatArray, s: FloatArray) -> Sequence[Reversal]:
+    """Joint reversals of a closed path, its seam included."""
+    step = s[1] - s[0]
+    if np.abs(q[0] - q[-1]).max() > 10 * np.abs(np.diff(q, axis=0)).max():
+        return reversals(q, s)  # a joint that turned as a whole does not come back
+    return reversals(np.vstack([q, q[:2]]), np.append(s, s[-1] + step * np.array([1, 2])))
+
+
+def _corrected_points(
+    path: TiltedCircle,
+    robot: Robot,
+    nominal: Arm,
+    q_center: FloatArray,
+    arcs: int,
+    T_tip_tcp: FloatArray,
+    samples: int,
+) -> FloatArray:
+    """Where the tool truly goes between fake targets: the controller runs its own arcs between them."""
+    if arcs < 2:
+        raise RobotError("a whole circle takes two arcs or more: the ends of one would be the same point")
+    s = np.linspace(0.0, 1.0, 2 * arcs + 1)
+    wanted = correct_joints(robot, nominal, joint_history(path, nominal, q_center, s, T_tip_tcp))
+    if not wanted.ok.all():
+        k = int(np.flatnonzero(~wanted.ok)[0])
+        raise RobotError(f"point {k + 1} of {len(s)} of the circle cannot be corrected: {wanted.reason[k]}")
+    fake = wanted.T_fake @ T_tip_tcp
+    inside = np.arange(max(2, -(-samples // arcs))) / max(2, -(-samples // arcs))
+    points = []
+    for k in range(arcs):
+        move = Circle.through(fake[2 * k], fake[2 * k + 1, :3, 3], fake[2 * k + 2])
+        q = joint_history(move, nominal, wanted.q[2 * k], inside, T_tip_tcp)
+        points.append((robot.poses(q) @ T_tip_tcp)[:, :3, 3])
+    return np.concatenate(points)
+
+
+PRIOR = 1e-3
+"""Standard deviation of a joint's offset before anything was measured, radians (1 mm/m)."""
+
+NOISE = 0.002 * MM
+"""Least standard deviation of a reading about what offsets explain, metres: a ballbar's own."""
+
+SEEN = 0.5
+"""Share of its prior deviation below which an offset counts as seen."""
+
+CLEAR = 2.0
+"""Standard deviations from zero beyond which an offset counts as there."""
+
+
+@dataclass(frozen=True)
+class JointOffset:
+    """An offset of a joint.
+
+    Attributes
+    ----------
+    joint : int
+        From 1.
+    value, std : float
+        Radians.
+    """
+
+    joint: int
+    value: float
+    std: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether the circle tells it."""
+        return self.std < SEEN * PRIOR
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is there, beyond chance."""
+        return self.seen and abs(self.value) > CLEAR * self.std
+
+    def in_words(self) -> str:
+        """Joint, offset and deviation."""
+        return f"joint {self.joint} by {self.value / DEG:+.4f} ± {self.std / DEG:.4f} deg"
+
+
+@dataclass(frozen=True)
+class JointZeroChange:
+    """What joint offsets make of a difference of traces.
+
+    Attributes
+    ----------
+    offsets : tuple of JointOffset
+    before, after : float
+        Root mean square of the difference about its mean, and of what the offsets leave of it, metres.
+    """
+
+    offsets: tuple[JointOffset, ...]
+    before: float
+    after: float
+
+    def in_words(self) -> str:
+        """Offsets that are there, or that none is."""
+        clear = [item.in_words() for item in self.offsets if item.clear]
+        if clear:
+            found = f"offsets of joints explain it: {', '.join(clear)}"
+        else:
+            found = "no offset of a single joint is beyond chance"
+        unseen = [str(item.joint) for item in self.offsets if not item.seen]
+        tail = f" (this circle does not tell joints {', '.join(unseen)})" if unseen else ""
+        return f"{self.before / MM:.4f} mm rms, of which {self.after / MM:.4f} mm remain; {found}{tail}"
+
+
+def by_joints(path: TiltedCircle, robot: Robot, q: FloatArray, T_tip_tcp: FloatArray, angle: FloatArray) -> FloatArray:
+    """Derivative of centred radial errors by joint offsets, shape (n, joints), metres per radian.
+
+    Parameters
+    ----------
+    path : TiltedCircle
+    robot : Robot
+        Calibrated.
+    q : ndarray, shape (m, joints)
+        Joints along the path, evenly, from its start.
+    T_tip_tcp : ndarray, shape (4, 4)
+    angle : ndarray, shape (n,)
+        Angles of the readings along the path, radians.
+    """
+    theta = robot.joint_map.effective(q)
+    walk = chain.walk(robot.arm, theta)
+    p = walk.tip[3] + np.einsum("acm,a->cm", walk.tip[:3], T_tip_tcp[:3, 3])
+    pose = np.arange(len(q))
+    moves = chain.point_columns(walk, p, pose)[:, 2]
+    away = p.T - path.ball
+    along = np.einsum("jcm,mc->mj", moves, away / np.linalg.norm(away, axis=1)[:, None])
+    turn = 2 * np.pi * pose / len(q)
+    there = np.column_stack([np.interp(angle % (2 * np.pi), turn, column, period=2 * np.pi) for column in along.T])
+    A = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+    return np.asarray(there - A @ np.linalg.lstsq(A, there, rcond=None)[0])
+
+
+def offsets(difference: Trace, columns: FloatArray) -> JointZeroChange:
+    """Joint offsets that explain a difference of traces, with their prior.
+
+    Parameters
+    ----------
+    difference : Trace
+    columns : ndarray, shape (n, joints)
+        Of `by_joints`, at its angles.
+    """
+    y = difference.error - difference.error.mean()
+    A = np.column_stack([np.cos(difference.angle), np.sin(difference.angle)])
+    y = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
+    noise = max(float(np.sqrt(np.mean(y**2))), NOISE)
+    for _ in range(20):
+        C = np.linalg.inv(columns.T @ columns / noise**2 + np.eye(columns.shape[1]) / PRIOR**2)
+        value = C @ (columns.T @ y) / noise**2
+        rest = y - columns @ value
+        told = columns.shape[1] - float(np.trace(C)) / PRIOR**2
+        noise = max(float(np.sqrt(rest @ rest / max(len(y) - 3 - told, 1.0))), NOISE)
+    std = np.sqrt(np.diagonal(C))
+    found = tuple(JointOffset(j + 1, float(v), float(s)) for j, (v, s) in enumerate(zip(value, std, strict=True)))
+    return JointZeroChange(found, float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(rest**2))))
+
+
+def minus(first: Trace, second: Trace) -> Trace:
+    """The difference of two traces at the first one's angles."""
+    return Trace(first.angle, first.error - second.at(first.angle), first.shift - second.shift)
+
 
 Run: TypeAlias = Literal["nominal", "fake"]
 

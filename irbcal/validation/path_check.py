@@ -17,13 +17,374 @@ from irbcal.modeling.robot import Robot
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
-from irbcal.validation.corner_criteria import Corner, cornering
-from irbcal.validation.path_criteria import PathErrors, path_errors
 from irbcal.validation.tables import ANGLES, in_order, is_simulated, names, places, start_of
-from irbcal.validation.velocity_criteria import PathVelocity, path_velocity
 
 if TYPE_CHECKING:
     import pandas as pd
+from irbcal.validation.pose_criteria import small_angles
+
+CENTRAL = (0.25, 0.75)
+"""Part of the commanded path, as shares of its length, on which velocities are judged."""
+
+VELOCITY_BLOCK = 2_000_000
+"""Numbers that are worked on at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathVelocity:
+    """Velocities of several cycles along one path.
+
+    Attributes
+    ----------
+    mean, lowest, highest : ndarray, shape (cycles,)
+        Of each cycle's velocities, m/s.
+    commanded : float or None
+        Commanded velocity, m/s.
+    """
+
+    mean: FloatArray
+    lowest: FloatArray
+    highest: FloatArray
+    commanded: float | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def AV(self) -> float | None:
+        """Velocity accuracy: mean over the cycles against the commanded one, a share of it; None without a command."""
+        return None if self.commanded is None else float(self.mean.mean() / self.commanded - 1.0)
+
+    @property
+    def RV(self) -> float | None:
+        """Velocity repeatability: 3 S of the cycles' means (n - 1), a share of the commanded one; None without it."""
+        return None if self.commanded is None else float(3 * self.mean.std(ddof=1) / self.commanded)
+
+    @property
+    def FV(self) -> float:
+        """Velocity fluctuation: largest difference of highest and lowest velocity in a cycle, m/s."""
+        return float((self.highest - self.lowest).max())
+
+
+def path_velocity(
+    times: Sequence[FloatArray],
+    paths: Sequence[FloatArray],
+    commanded: FloatArray,
+    velocity: float | None = None,
+    window: float = 0.0,
+) -> PathVelocity:
+    """Velocities on the middle half of a path.
+
+    Parameters
+    ----------
+    times : sequence of ndarray, shape (k,)
+        Of the samples, seconds, ascending.
+    paths : sequence of ndarray, shape (k, 3)
+        Samples of each cycle, in order, metres.
+    commanded : ndarray, shape (m, 3)
+        Points of the commanded path, metres.
+    velocity : float, optional
+        Commanded velocity, m/s.
+    window : float
+        Velocities are slopes of straight lines through the samples of so many seconds; 0: between neighbours. Noise of
+        the samples counts in full in the fluctuation: 0.02 mm at 1 kHz are some 30 mm/s between neighbours.
+
+    Returns
+    -------
+    PathVelocity
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer than two cycles or a cycle has fewer than two velocities there.
+    """
+    if len(paths) < 2:
+        raise MeasurementError("velocity accuracy and repeatability need two cycles or more")
+    found = []
+    for number, (time, path) in enumerate(zip(times, paths, strict=True), 1):
+        share = way_along(path, commanded)
+        if window > 0:
+            speed = _slopes(time, path, window)
+        else:
+            speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(time)
+            share = 0.5 * (share[1:] + share[:-1])
+        speed = speed[(share >= CENTRAL[0]) & (share <= CENTRAL[1]) & np.isfinite(speed)]
+        if len(speed) < 2:
+            raise MeasurementError(f"cycle {number} has fewer than two velocities on the middle half of the path")
+        found.append((speed.mean(), speed.min(), speed.max()))
+    mean, lowest, highest = np.array(found).T
+    return PathVelocity(mean, lowest, highest, velocity)
+
+
+def way_along(path: FloatArray, commanded: FloatArray) -> FloatArray:
+    """Where on a commanded path samples are nearest to it, shape (k,): share of its length."""
+    start, step = commanded[:-1], np.diff(commanded, axis=0)
+    size = np.sum(step**2, axis=1)
+    length = np.sqrt(size)
+    before = np.concatenate([[0.0], np.cumsum(length)])
+    out = np.empty(len(path))
+    rows = max(1, VELOCITY_BLOCK // len(step))
+    for first in range(0, len(path), rows):
+        part = path[first : first + rows]
+        t = np.clip(np.einsum("kmj,mj->km", part[:, None] - start, step) / np.maximum(size, 1e-300), 0.0, 1.0)
+        off = np.linalg.norm(part[:, None] - start - t[..., None] * step, axis=2)
+        best = np.argmin(off, axis=1)
+        out[first : first + rows] = before[best] + t[np.arange(len(part)), best] * length[best]
+    return out / before[-1]
+
+
+def _slopes(time: FloatArray, path: FloatArray, window: float) -> FloatArray:
+    """Velocity at each sample by the straight line through those around it, m/s; NaN where there is no other."""
+    t, p = time - time.mean(), path - path.mean(axis=0)
+    low = np.searchsorted(time, time - 0.5 * window)
+    high = np.searchsorted(time, time + 0.5 * window, side="right")
+
+    def total(values: FloatArray) -> FloatArray:
+        sums = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+        return np.asarray(sums[high] - sums[low])
+
+    n, st = (high - low).astype(float), total(t)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = (total(t[:, None] * p) - st[:, None] * total(p) / n[:, None]) / (total(t * t) - st**2 / n)[:, None]
+    return np.where(n > 1, np.linalg.norm(slope, axis=1), np.nan)
+
+
+BLOCK = 2_000_000
+"""Numbers that are worked on at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathErrors:
+    """Errors of a path on planes normal to the commanded one.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (m, 3)
+        Barycentre of the cycles on each plane minus the commanded point, metres.
+    repeatability : ndarray, shape (m,)
+        ``mean(l) + 3 S_l`` on each plane, metres.
+    mean_angles, angle_repeatability : ndarray, shape (m, 3), or None
+        Mean angles and 3 S of the angles, radians.
+    planes : ndarray of int, shape (m,)
+        Commanded points whose planes all cycles cross.
+    """
+
+    mean: FloatArray
+    repeatability: FloatArray
+    mean_angles: FloatArray | None
+    angle_repeatability: FloatArray | None
+    planes: IntArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def AT(self) -> float:
+        """Path accuracy: largest distance of the mean path from the commanded one, metres."""
+        return float(np.linalg.norm(self.mean, axis=1).max())
+
+    @property
+    def RT(self) -> float:
+        """Path repeatability: largest over the planes, metres."""
+        return float(self.repeatability.max())
+
+
+def path_errors(
+    paths: Sequence[FloatArray],
+    commanded: FloatArray,
+    rotations: Sequence[FloatArray] | None = None,
+    commanded_rotations: FloatArray | None = None,
+) -> PathErrors:
+    """Path accuracy AT and repeatability RT from sampled paths.
+
+    Each cycle's path is taken as straight between its samples and cut by the planes normal to the commanded path; of
+    several cuts the one nearest to the commanded point counts. Planes that not every cycle crosses (at the ends) are
+    left out.
+
+    Parameters
+    ----------
+    paths : sequence of ndarray, shape (k, 3)
+        Samples of each cycle, in order, metres.
+    commanded : ndarray, shape (m, 3)
+        Points of the commanded path, in order, metres.
+    rotations : sequence of ndarray, shape (k, 3, 3), optional
+    commanded_rotations : ndarray, shape (m, 3, 3), optional
+
+    Returns
+    -------
+    PathErrors
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer than two cycles, or no plane is crossed by all.
+    """
+    if len(paths) < 2:
+        raise MeasurementError("path accuracy and repeatability need two cycles or more")
+    along = _directions(commanded)
+    places, shares = zip(*(_cuts(path, commanded, along) for path in paths), strict=True)
+    cuts = np.array([_between(*cut) for cut in zip(paths, places, shares, strict=True)])
+    planes = np.flatnonzero(np.isfinite(cuts).all(axis=(0, 2)))
+    if not len(planes):
+        raise MeasurementError("no plane normal to the commanded path is crossed by every cycle")
+    cuts = cuts[:, planes]
+    mean = cuts.mean(axis=0)
+    distance = np.linalg.norm(cuts - mean, axis=2)
+    angles = None
+    if rotations is not None and commanded_rotations is not None:
+        turned = zip(rotations, places, shares, strict=True)
+        angles = np.array([_angles_between(*cut, commanded_rotations)[planes] for cut in turned])
+    return PathErrors(
+        mean - commanded[planes],
+        distance.mean(axis=0) + 3 * distance.std(axis=0, ddof=1),
+        None if angles is None else angles.mean(axis=0),
+        None if angles is None else 3 * angles.std(axis=0, ddof=1),
+        planes,
+    )
+
+
+def _directions(commanded: FloatArray) -> FloatArray:
+    """Unit vectors along a path, shape (m, 3)."""
+    along = np.gradient(commanded, axis=0)
+    length = np.linalg.norm(along, axis=1)
+    if (length == 0).any():
+        raise MeasurementError("the commanded path has points that do not move on")
+    return along / length[:, None]
+
+
+def _cuts(path: FloatArray, commanded: FloatArray, along: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Segment of a path that cuts each plane (-1 for none), and where on it."""
+    at, share = np.full(len(commanded), -1), np.full(len(commanded), np.nan)
+    step = max(1, BLOCK // len(path))
+    for start in range(0, len(commanded), step):
+        part = slice(start, start + step)
+        # height (planes, samples) above each plane
+        height = along[part] @ path.T - np.sum(along[part] * commanded[part], axis=1)[:, None]
+        low, high = height[:, :-1], height[:, 1:]
+        crossed = (low * high <= 0) & (low != high)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.where(crossed, low / (low - high), 0.0)
+        place = path[:-1] + t[..., None] * (path[1:] - path[:-1])
+        far = np.where(crossed, np.linalg.norm(place - commanded[part][:, None], axis=2), np.inf)
+        best = np.argmin(far, axis=1)
+        rows = np.arange(len(best))
+        found = np.isfinite(far[rows, best])
+        at[part] = np.where(found, best, -1)
+        share[part] = np.where(found, t[rows, best], np.nan)
+    return at, share
+
+
+def _between(path: FloatArray, at: IntArray, share: FloatArray) -> FloatArray:
+    """Places of the cuts, shape (m, 3); NaN for none."""
+    start = np.maximum(at, 0)
+    place = path[start] + share[:, None] * (path[start + 1] - path[start])
+    return np.where(at[:, None] >= 0, place, np.nan)
+
+
+def _angles_between(rotations: FloatArray, at: IntArray, share: FloatArray, commanded: FloatArray) -> FloatArray:
+    """Angles from the commanded orientation at the cuts, on the line between those of two samples, shape (m, 3)."""
+    first, second = (small_angles(rotations[np.maximum(at, 0) + k], commanded) for k in (0, 1))
+    return np.where(at[:, None] >= 0, first + share[:, None] * (second - first), np.nan)
+
+
+SHARP = 40.0 * DEG
+"""Turn of the commanded path at one of its points that makes it a corner; less belongs to a curve told by points."""
+
+STRAIGHT = 1.0 * DEG
+"""A leg after a corner goes on as long as the commanded path turns less than this from its first direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Corner:
+    """How the cycles go round one corner of the commanded path.
+
+    Attributes
+    ----------
+    place : ndarray, shape (3,)
+        Commanded, metres.
+    way : float
+        Of the corner on the commanded path, metres.
+    turn : float
+        Of the commanded path, radians.
+    round_off : ndarray, shape (cycles,)
+        Smallest distance of each cycle's path from the corner, metres.
+    overshoot : ndarray, shape (cycles,)
+        Largest distance from the second leg after the corner was passed, on the side to which the first leg points;
+        0 where the path does not go there; metres.
+    """
+
+    place: FloatArray
+    way: float
+    turn: float
+    round_off: FloatArray
+    overshoot: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def CR(self) -> float:
+        """Corner round-off: largest over the cycles, metres."""
+        return float(self.round_off.max())
+
+    @property
+    def CO(self) -> float:
+        """Cornering overshoot: largest over the cycles, metres."""
+        return float(self.overshoot.max())
+
+
+def cornering(paths: Sequence[FloatArray], commanded: FloatArray) -> tuple[Corner, ...]:
+    """Round-off and overshoot at each corner of the commanded path.
+
+    Paths are taken as straight between their samples. The overshoot is looked for from the sample nearest to the corner
+    until the middle of the second leg is reached.
+
+    Parameters
+    ----------
+    paths : sequence of ndarray, shape (k, 3)
+        Samples of each cycle, in order, metres.
+    commanded : ndarray, shape (m, 3)
+        Points of the commanded path, in order, metres.
+
+    Returns
+    -------
+    tuple of Corner
+        In the order of the path; empty where it has no corner.
+    """
+    steps = np.diff(commanded, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    along = steps / lengths[:, None]
+    turn = np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0))
+    way = np.cumsum(lengths)
+    out = []
+    for k in np.flatnonzero(turn > SHARP):
+        first, second, place = along[k], along[k + 1], commanded[k + 1]
+        straight = np.sum(along[k + 1 :] * second, axis=1) > np.cos(STRAIGHT)
+        leg = float(lengths[k + 1 :][np.cumprod(straight).astype(bool)].sum())
+        found = [(_nearest(path, place), _overshoot(path, place, first, second, leg)) for path in paths]
+        round_off, overshoot = np.array(found).T
+        out.append(Corner(place, float(way[k]), float(turn[k]), round_off, overshoot))
+    return tuple(out)
+
+
+def _nearest(path: FloatArray, place: FloatArray) -> float:
+    """Smallest distance of a polyline from a place."""
+    start, step = path[:-1] - place, np.diff(path, axis=0)
+    size = np.maximum(np.sum(step**2, axis=1), 1e-300)
+    t = np.clip(-np.sum(start * step, axis=1) / size, 0.0, 1.0)
+    return float(np.linalg.norm(start + t[:, None] * step, axis=1).min())
+
+
+def _overshoot(path: FloatArray, place: FloatArray, first: FloatArray, second: FloatArray, leg: float) -> float:
+    """Largest distance from the second leg beyond the corner."""
+    arms = path - place
+    arms = arms[int(np.argmin(np.linalg.norm(arms, axis=1))) :]
+    forward = arms @ second
+    passed = np.flatnonzero(forward > 0.5 * leg)
+    arms, forward = (part[: passed[0] if len(passed) else None] for part in (arms, forward))
+    beside = arms - forward[:, None] * second
+    beyond = beside @ (first - (first @ second) * second) > 0
+    return float(np.linalg.norm(beside[beyond], axis=1).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,7 +526,7 @@ def path_accuracy(
     velocity : float, optional
         Commanded velocity, m/s.
     window : float
-        See `irbcal.validation.velocity_criteria.path_velocity`, seconds.
+        See `irbcal.validation.path_check.path_velocity`, seconds.
     robot : Robot, optional
         Knows where its base link stands in the measuring frame; everything is then told in the base link.
     target : str, optional

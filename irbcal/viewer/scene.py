@@ -63,7 +63,7 @@ class Points:
         For each model, rotation vectors in the scene, radians: of the modelled target frame, and from it to the
         measured one. NaN for points without orientation; empty where none has one.
     without : dict of str to ndarray, shape (m, 3)
-        How far the calibrated points move without a family of terms, see `irbcal.viewer.without`.
+        How far the calibrated points move without a family of terms, see `irbcal.viewer.points`.
     """
 
     pose: IntArray

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.plotting import colours
+from irbcal.validation.ballbar_check import predict
 from irbcal.validation.ballbar_circle import circle, tool
-from irbcal.validation.ballbar_prediction import predict
 
 OPTIONS = ["--bar", 150, "--tool", "0,65,149", "--joints", "10,0,0,0,90,0"]
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from irbcal.identification.observation_kind import vectors
-from irbcal.planning.device_access import Access, reached, with_stands
+from irbcal.planning.device_plan import Access, reached, with_stands
 from irbcal.planning.scene import open_scene
 from irbcal.simulation.devices import BALL, DEVICES, drawn, placed
 from irbcal.units import DEG, MM

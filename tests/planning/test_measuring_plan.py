@@ -10,7 +10,7 @@ import pytest
 import irbcal
 from irbcal.atomic import write_together
 from irbcal.errors import OptionError
-from irbcal.planning import plan_files
+from irbcal.planning import measuring_plan
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make, plan
 from irbcal.planning.scene import open_scene
@@ -24,7 +24,7 @@ from irbcal.units import MM
 def test_seeds_decide_the_plan():
     scene = open_scene("irb1600", without=SOLID)
     kinds = {"axis": 0, "cube": 3, "all_range": 3, "optimal": 3, "candidates": 30, "level": "11"}
-    texts = [plan_files.files(make(scene, Wish(seed=seed, **kinds)))["plan.csv"] for seed in (4, 4, 5)]
+    texts = [measuring_plan.files(make(scene, Wish(seed=seed, **kinds)))["plan.csv"] for seed in (4, 4, 5)]
     assert texts[0] == texts[1] != texts[2]
 
 
@@ -33,7 +33,7 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     cell = open_cell("irb1600", seed=3).with_targets(("smr1", "smr2", "smr3")).without("lost", "visibility")
     scene = open_scene("irb1600", without=SOLID)
     axis = make(scene, Wish(cube=0, all_range=0, level="nominal"))
-    (tmp_path / "poses.csv").write_bytes(plan_files.files(axis)["poses.csv"])
+    (tmp_path / "poses.csv").write_bytes(measuring_plan.files(axis)["poses.csv"])
     asked = pose_list.read(tmp_path / "poses.csv", cell.arm)
     assert asked.targets is not None
     run = cell.measure(asked.q, asked.asked(cell), asked.wait_s)

@@ -3,24 +3,24 @@
 import numpy as np
 from planning_support import Wall, setting
 
-from irbcal.planning import sources, ways
+from irbcal.planning import choosing, sources
 
 
 def test_moves_below_the_heights_and_through_the_arm_are_blocked():
     there = setting(("limits", "height", "collision"))
     level = np.zeros((1, 6))
     turned = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
-    assert not ways.blocked_moves(there, level, turned)[0]
+    assert not choosing.blocked_moves(there, level, turned)[0]
     # from one side of joint 4's forbidden range to the other
     a, b = np.array([[0.0, 0, 0, 1.9, 0, 0]]), np.array([[0.0, 0, 0, 2.1, 0, 0]])
-    assert ways.blocked_moves(there, a, b)[0]
+    assert choosing.blocked_moves(there, a, b)[0]
     # from low in front to high at the back: the ends are free, the way over the side is too low
     front, back = np.radians([[0.0, 20, 0, 0, 0, 0]]), np.radians([[180.0 - 2.0, -30, 10, 0, 0, 0]])
     way = front + np.linspace(0, 1, 400)[:, None] * (back - front)
     tip, points, _ = there.places(way)
     high = there.high(tip, points)
     assert high[[0, -1]].all()
-    assert ways.blocked_moves(there, front, back)[0] == (not high.all())
+    assert choosing.blocked_moves(there, front, back)[0] == (not high.all())
     assert not high.all()
 
 
@@ -36,6 +36,6 @@ def test_ways_that_are_not_free_go_over_home_where_that_is_free():
     for second, over, blocked in (([0.0, 0.9], True, False), ([0.9, 0.9], False, True), ([0.5, 0.1], False, False)):
         q = np.array([[*second, 0, 0, 0, 0]])
         poses = sources.Poses(q, np.ones((1, 3), dtype=bool), np.array(["g"], dtype=object), sources.Tally())
-        found = ways.ordered(there, poses, start, np.ones(6))
+        found = choosing.ordered(there, poses, start, np.ones(6))
         assert found[1].tolist() == [over]
         assert found[2].tolist() == [blocked]

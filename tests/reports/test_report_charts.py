@@ -251,20 +251,6 @@ def test_data_of_the_figures(averaged):
     assert rows("coverage.csv")[0]["part"] == "all"
 
 
-def test_files_of_earlier_versions_are_shown_without(averaged):
-    """Groups had no family, and nothing was known of stages and spectrum."""
-    old = averaged.evidence.model_dump()
-    for name in ("explained", "spectrum", "families"):
-        del old[name]
-    old["groups"] = [{k: group[k] for k in ("name", "terms", "seen", "size")} for group in old["groups"]]
-    section = type(averaged.evidence).model_validate(old)
-    page = report_page.render(averaged.model_copy(update={"evidence": section}))
-    assert "Where the error goes" not in page
-    assert "Gear scan of joint" not in page
-    assert "What was expected of each family" not in page
-    assert "Groups of terms with one variance each" in page
-
-
 def test_a_level_shows_the_joints_that_its_map_changes(calibration, page):
     drawn = {drawing.get("aria-label")[-1] for drawing in drawings(page, "Correction of joint")}
     assert drawn == {"2", "3", "6"}

@@ -10,8 +10,8 @@ from irbcal.errors import RobotError
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.validation import ballbar_trace
+from irbcal.validation.ballbar_check import predict
 from irbcal.validation.ballbar_circle import circle
-from irbcal.validation.ballbar_prediction import predict
 
 CENTER_JOINTS = np.radians([-3.984, 5.733483, 4.519, -0.017, 79.885, -273.988])
 """Joints that annex VI gives for the middle of its tests."""

@@ -8,7 +8,7 @@ from support import arm, random_robot
 
 from irbcal.errors import MeasurementError
 from irbcal.validation import ballbar_trace
-from irbcal.validation.ballbar_prediction import predict
+from irbcal.validation.ballbar_check import predict
 
 
 def test_trace_of_an_ellipse():

@@ -116,4 +116,4 @@ def test_the_command_and_its_files(three, proof, tmp_path):
     assert found["ranking"][0] == "m_34&"
     assert len(found["per_pose"]["pose"]) == found["poses"] == 100
     alone = CliRunner().invoke(app, ["compare", str(three[0]), "--measurements", str(proof)])
-    assert alone.exit_code == 1
+    assert alone.exit_code == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from irbcal.validation.corner_criteria import cornering
+from irbcal.validation.path_check import cornering
 
 LEGS = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.1, 0, 0], [0.1, 0.05, 0], [0.1, 0.1, 0]])
 """Along x, then along y, metres."""

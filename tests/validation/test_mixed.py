@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
-from irbcal.validation.mixed import mixed_poses, predicted, told_apart
+from irbcal.validation.doubts import mixed_poses, predicted, told_apart
 from irbcal.validation.pose_equations import PoseEquations
 
 

@@ -6,7 +6,7 @@ import pytest
 from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
 from irbcal.validation.attained import Attained
-from irbcal.validation.model_criteria import criteria
+from irbcal.validation.pose_check import criteria
 
 
 def poses(rows, **more):

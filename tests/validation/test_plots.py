@@ -10,8 +10,7 @@ from irbcal.correction.paths import Reversal
 from irbcal.plotting.charts import FONT
 from irbcal.validation import ballbar_check, plots
 from irbcal.validation.comparing import Compared
-from irbcal.validation.path_check import PathCheck
-from irbcal.validation.path_criteria import PathErrors
+from irbcal.validation.path_check import PathCheck, PathErrors
 from irbcal.validation.scale_bar import ScaleBar
 from irbcal.validation.settling import stabilisation
 from irbcal.validation.settling_check import Settling

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.errors import MeasurementError
-from irbcal.validation.velocity_criteria import path_velocity, way_along
+from irbcal.validation.path_check import path_velocity, way_along
 
 LINE = np.column_stack([np.linspace(0, 1, 11), np.zeros(11), np.zeros(11)])
 

@@ -7,7 +7,7 @@ import pytest
 from viewer_page import Opened
 
 import irbcal
-from irbcal.viewer import without
+from irbcal.viewer import points
 
 SPOTS = """(() => {const {points, slots, on_screen, point, state} = irbcalView; const out = [];
 slots().forEach((slot, row) => {if (slot >= 0) out.push([row, points.pose[row],
@@ -103,7 +103,7 @@ def test_click_field_list_and_filters(browser, view, saved):
     page.page.get_by_label("arm stiffness and joint-6 series").uncheck()
     assert "without arm stiffness and joint-6 series" in page.text("#pose table")
     scene = view.scene
-    bare = without.without(scene.robot, "thesis")
+    bare = points.without(scene.robot, "thesis")
     names = np.array(list(scene.targets))[scene.points.target]
     expected = bare.points(scene.q[scene.points.pose], list(names))
     expected = expected @ scene.T_scene_world[:3, :3].T + scene.T_scene_world[:3, 3]

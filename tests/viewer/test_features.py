@@ -109,8 +109,8 @@ def test_strangers_are_named(touched):
 
 def test_figures_of_such_a_calibration_do_not_speak_of_position_errors(touched):
     for draw in ("before_and_after", "distribution", "errors_by_pose"):
-        figure = getattr(touched[0].plot, draw)().figure
-        words = " ".join([figure.caption, *map(str, map(inline, figure.drawings))]).lower()
+        chart = getattr(touched[0].plot, draw)()
+        words = " ".join([chart.caption, *map(str, map(inline, chart.drawings))]).lower()
         assert "distance from feature" in words
         assert "position error" not in words
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from irbcal.units import MM
-from irbcal.viewer import scales
+from irbcal.viewer import building
 
 
 def test_round_numbers():
-    assert [scales.nice(v) for v in (1.0, 1.99, 2.0, 4.9, 7.0, 0.03)] == pytest.approx([1, 1, 2, 2, 5, 0.02])
-    assert scales.nice(3.0, up=True) == 5.0
+    assert [building.nice(v) for v in (1.0, 1.99, 2.0, 4.9, 7.0, 0.03)] == pytest.approx([1, 1, 2, 2, 5, 0.02])
+    assert building.nice(3.0, up=True) == 5.0
     # 1 m of robot and 1 mm of mean error: vectors of 50 mm
-    assert scales.default_magnification([np.full(5, 1 * MM), np.full(5, 0.2 * MM)], 1.0) == 50.0
-    assert scales.scale_top([np.linspace(0, 2.3 * MM, 500), np.zeros(500)]) == pytest.approx(3 * MM)
+    assert building.default_magnification([np.full(5, 1 * MM), np.full(5, 0.2 * MM)], 1.0) == 50.0
+    assert building.scale_top([np.linspace(0, 2.3 * MM, 500), np.zeros(500)]) == pytest.approx(3 * MM)
     gross = np.concatenate([np.linspace(0, 0.9 * MM, 1000), [80 * MM]])
-    assert scales.scale_top([gross]) <= 1 * MM  # one gross error does not turn all others blue
+    assert building.scale_top([gross]) <= 1 * MM  # one gross error does not turn all others blue

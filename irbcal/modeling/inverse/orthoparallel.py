@@ -27,13 +27,156 @@ from irbcal.arrays import LINE, FloatArray, IntArray, aligned, handed_on, lock, 
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
-from irbcal.modeling.inverse import wrist_angles, wrist_frame
 from irbcal.modeling.inverse.branches import Branches, branch_number
 from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
-from irbcal.modeling.inverse.wrist_frame import WristFrame
 
 if TYPE_CHECKING:
     from irbcal.modeling.arm import Arm
+from collections.abc import Sequence
+
+ROUNDING = 1e-15
+"""Elements up to this of the linear map are from the cosines of right angles."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WristFrame:
+    """The map from the tip to the wrist.
+
+    Attributes
+    ----------
+    linear : ndarray, shape (12, 12)
+    constant : ndarray, shape (3,)
+        Metres, added to the wrist centre.
+    """
+
+    linear: FloatArray
+    constant: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @staticmethod
+    def of(left: FloatArray, right: FloatArray) -> WristFrame:
+        """The map of poses T to ``left @ T @ right``, all (4, 4)."""
+        linear = np.kron(right.T, left[:3, :3])
+        linear[np.abs(linear) <= ROUNDING] = 0.0
+        return WristFrame(np.asarray(linear, dtype=float), left[:3, 3])
+
+    def place(self, columns: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Columns n, o, a of the hand (9, n) and wrist centre (3, n).
+
+        Parameters
+        ----------
+        columns : ndarray, shape (12, n)
+            Of the tip in the base.
+        out : ndarray, shape (12, n)
+            Room for them.
+
+        Returns
+        -------
+        rotation : ndarray, shape (9, n)
+            The columns themselves where the hand has the axes of the tip.
+        centre : ndarray, shape (3, n)
+            Metres.
+        """
+        if self._products is None:
+            # in pieces too small for threads of the BLAS, which would wait where other work goes on
+            for start in range(0, columns.shape[1], 1024):
+                piece = slice(start, start + 1024)
+                np.matmul(self.linear, columns[:, piece], out=out[:, piece])
+            rotation = out[:9]
+        else:
+            first, rotation = (9, columns[:9]) if self._same_axes else (0, out[:9])
+            spare = np.empty(columns.shape[1])
+            for row, ((k, factor), *others) in zip(out[first:], self._products[first:], strict=True):
+                np.multiply(columns[k], factor, out=row)
+                for k, factor in others:
+                    np.add(row, np.multiply(columns[k], factor, out=spare), out=row)
+        centre = out[9:]
+        return rotation, np.add(centre, self.constant[:, None], out=centre)
+
+    @cached_property
+    def _products(self) -> list[list[tuple[int, float]]] | None:
+        """Places and factors of each element's sum; None where there are so many that a product of matrices is less.
+
+        Few they are where the axes of tip, flange and base are parallel.
+        """
+        if np.count_nonzero(self.linear) > 2 * len(self.linear):
+            return None
+        return [[(int(k), float(row[k])) for k in np.flatnonzero(row)] for row in self.linear]
+
+    @cached_property
+    def _same_axes(self) -> bool:
+        return bool(np.array_equal(self.linear[:9], np.eye(9, 12)))
+
+
+def between(before: FloatArray, after: FloatArray, d1: float, d6: float) -> WristFrame:
+    """The map for an arm: ``before`` joint 1 and ``after`` joint 6 (4, 4), and the distances along their axes (m)."""
+    left = frames.transform(None, [0.0, 0.0, -d1]) @ frames.inverse(before)
+    return WristFrame.of(left, frames.inverse(after) @ frames.transform(None, [0.0, 0.0, -d6]))
+
+
+ON_SINGULARITY = 1e-12
+"""Sine of q5 below which q4 is not defined by the pose."""
+
+
+def of_rotation(
+    R: FloatArray,
+    plane: FloatArray,
+    c23: FloatArray,
+    s23: FloatArray,
+    q: tuple[Sequence[FloatArray], FloatArray, FloatArray],
+    room: FloatArray,
+    ahead: ArrayLike = 1.0,
+) -> None:
+    """Angles q4, q5, q6 with sin q5 >= 0.
+
+    They are of the rotation of the wrist (Nubiola 2011, section 6.1.4, eq. 6.29). q5 and q4 are those of eqs. 6.30,
+    6.31 and 6.33; the other branch (eq. 6.32) turns all three. q6 comes from the
+    rotation with the angle q4 found undone, which is eqs. 6.36, 6.37 and 6.38 at any q5 and not at the singularity
+    (section 6.1.5, eq. 6.35) alone, in place of eq. 6.34: errors of q4 next to it are made good by q6.
+
+    Parameters
+    ----------
+    R : ndarray, shape (9, n)
+        Columns n, o, a of the hand.
+    plane : ndarray, shape (6, n)
+        n, o, a along the arm's plane, horizontally, and across it.
+    c23, s23 : ndarray, shape (..., n)
+        Cosine and sine of q2 + q3, of each branch.
+    q : tuple
+        Takes the angles, radians: those of q4 one by one (as many as the first axis of ``c23``, a sequence of arrays),
+        q5 and q6 (arrays like ``c23``).
+    room : ndarray, shape (6, ..., n)
+        To work in.
+    ahead : array_like
+        Cosine of the q4 that is taken where the pose leaves it open.
+    """
+    x, s5, turned, other = room[0], room[1], room[2:4], room[4:6]
+    a_r, a_t = plane[2], plane[5]
+    c5 = np.multiply(c23, a_r, out=other[0])
+    np.subtract(c5, np.multiply(s23, R[8], out=x), out=c5)
+    np.multiply(c23, -R[8], out=x)
+    np.subtract(x, np.multiply(s23, a_r, out=s5), out=x)  # cos q4 sin q5
+    np.multiply(x, x, out=s5)
+    np.add(s5, a_t * a_t, out=s5)
+    np.sqrt(s5, out=s5)
+    y, sines = a_t, [a_t] * len(x)
+    singular = s5 < ON_SINGULARITY
+    if singular.any():
+        x[singular] = np.broadcast_to(ahead, x.shape)[singular]
+        y = np.where(singular, 0.0, a_t)
+        sines = list(y)
+    for values in zip(sines, x, q[0], strict=True):
+        np.arctan2(*values)
+    np.arctan2(s5, c5, out=q[1])
+    along, across, up = (v.reshape(2, *(1,) * (c23.ndim - 1), -1) for v in (plane[:2], plane[3:5], R[2:6:3]))
+    np.multiply(along, s23, out=turned)
+    np.add(turned, np.multiply(up, c23, out=other), out=turned)
+    np.multiply(turned, y, out=turned)
+    np.add(turned, np.multiply(across, x, out=other), out=turned)
+    np.arctan2(turned[0], turned[1], out=q[2])
+
 
 BLOCK = 5000
 """Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
@@ -145,7 +288,7 @@ class OrthoParallel:
         before = frames.transform(frames.rot_x(table.alpha[0])) @ frames.transform(None, [table.a[0], 0.0, 0.0])
         before = arm.T_base_0 @ before @ frames.transform(frames.rot_y(table.beta[0]))
         after = frames.transform(frames.rot_x(np.pi) if mirrored[5] else None) @ arm.T_last_tip
-        return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, wrist_frame.between(before, after, d[0], d[5]))
+        return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, between(before, after, d[0], d[5]))
 
     @cached_property
     def forearm(self) -> float:
@@ -227,7 +370,7 @@ class OrthoParallel:
         # behind axis 1 the plane points the other way: the same as the forearm mirrored, and half a turn of joint 4
         np.multiply(c23[1], -1.0, out=c23[1])
         q4 = left[3, 0], right[3, 1]
-        wrist_angles.of_rotation(R, plane, c23, s23, (q4, *left[4:]), rows[:24].reshape(6, 2, 2, n), FRONT_AND_BACK)
+        of_rotation(R, plane, c23, s23, (q4, *left[4:]), rows[:24].reshape(6, 2, 2, n), FRONT_AND_BACK)
         for first, second, side in zip(q4, (right[3, 0], left[3, 1]), nothing, strict=True):
             np.add(first, side, out=first)
             self._joint(3, first)
@@ -285,7 +428,7 @@ class OrthoParallel:
             triangle.other_side(elbow)
             np.add(self._bend, np.multiply(triangle.delta, self.signs[2], out=triangle.delta), out=joints[2])
             c23, s23 = self._upper(k1, k2, triangle, joints[1:2], room[7:14])
-            wrist_angles.of_rotation(R, plane, c23, s23, (joints[3:4], *joints[4:, None]), room[6:12, None])
+            of_rotation(R, plane, c23, s23, (joints[3:4], *joints[4:, None]), room[6:12, None])
             other = np.multiply(
                 np.subtract(1.0, wrist, out=room[0]), 0.5 * np.pi, out=room[0]
             )  # half a turn or nothing

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from import_support import JOINTS, understood, write
 
-from irbcal.measurement.imports import literals
+from irbcal.measurement.imports import reader
 
 RAPID = """MODULE m
   CONST jointtarget j1:=[[10,-20,30.5,0,45,9E1],[9E9,9E9,9E9,9E9,9E9,9E9]];
@@ -53,7 +53,7 @@ Q = [[10, -20, 30.5, 0, 45, 90], [11, -21, 31.5, 1, 46, 91]]
 def test_joints_of_programs(tmp_path, name, text, poses):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
-    found = literals.read(path)
+    found = reader.read(path)
     assert np.abs(found[JOINTS].to_numpy() - Q).max() < 1e-9
     assert found["pose"].tolist() == poses
     points = write(tmp_path / "p.txt", f"{poses[0]}_smr1, 1000, 2000, 300", f"{poses[1]}_smr1, 1100, 2000, 300")
@@ -63,5 +63,5 @@ def test_joints_of_programs(tmp_path, name, text, poses):
 
 
 def test_programs_without_joints_are_none(tmp_path):
-    assert literals.read(write(tmp_path / "a.mod", "MODULE m", "ENDMODULE")) is None
-    assert literals.read(write(tmp_path / "a.csv", "q1_deg", "[[1,2,3,4,5,6],[9E9]]")) is None
+    assert reader.read(write(tmp_path / "a.mod", "MODULE m", "ENDMODULE")) is None
+    assert reader.read(write(tmp_path / "a.csv", "q1_deg", "[[1,2,3,4,5,6],[9E9]]")) is None

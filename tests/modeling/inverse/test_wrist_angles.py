@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from irbcal.arrays import row_arithmetic
-from irbcal.modeling.inverse import wrist_angles
+from irbcal.modeling.inverse import orthoparallel
 
 MANY = 3_000
 
@@ -28,7 +28,7 @@ def hand(q1, q23, wrist):
 def found(R, plane, q23, ahead=1.0):
     q, room = np.empty((3, 1, MANY)), np.empty((6, 1, MANY))
     with row_arithmetic("ignore"):
-        wrist_angles.of_rotation(R, plane, np.cos(q23)[None], np.sin(q23)[None], (q[0], q[1], q[2]), room, ahead)
+        orthoparallel.of_rotation(R, plane, np.cos(q23)[None], np.sin(q23)[None], (q[0], q[1], q[2]), room, ahead)
     return q[:, 0].T
 
 

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from irbcal.arrays import aligned
 from irbcal.modeling import frames
-from irbcal.modeling.inverse import wrist_frame
+from irbcal.modeling.inverse import orthoparallel
+from irbcal.modeling.inverse.orthoparallel import WristFrame
 from irbcal.modeling.inverse.poses import pose_columns
-from irbcal.modeling.inverse.wrist_frame import WristFrame
 
 
 def poses(n, seed):
@@ -44,6 +44,8 @@ def test_it_is_the_product(left, right, n):
 def test_between_takes_the_lengths_of_joints_1_and_6_away():
     before, after = poses(2, 5)
     tip = before @ frames.transform(None, [0.0, 0.0, 0.3]) @ frames.transform(None, [0.0, 0.0, 0.08]) @ after
-    R, p = wrist_frame.between(before, after, 0.3, 0.08).place(pose_columns(tip[None]).reshape(12, -1), aligned(12, 1))
+    R, p = orthoparallel.between(before, after, 0.3, 0.08).place(
+        pose_columns(tip[None]).reshape(12, -1), aligned(12, 1)
+    )
     assert np.abs(R[:, 0] - np.eye(3).ravel()).max() < 1e-15
     assert np.abs(p).max() < 1e-15
