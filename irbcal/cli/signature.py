@@ -170,7 +170,7 @@ def _annotation(module: str, node: ast.expr | None) -> str:
     """An annotation as text; a name that stands for choices, by these."""
     text = "" if node is None else ast.unparse(node)
     first = text.split(" | ")[0]
-    if not first.isidentifier() or first in dir(__builtins__):
+    if not first.isidentifier():
         return text
     for item in _tree(module).body:
         if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name) and item.target.id == first:
