@@ -8,6 +8,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.viewer import points as viewed
 
 
 def test_parts_of_the_thesis_are_left_out_one_by_one():
@@ -17,7 +18,7 @@ def test_parts_of_the_thesis_are_left_out_one_by_one():
     truth = truth.replace(joint_map=own.joint_map(nominal))
     points = measured(truth, truth.arm.random_joints(20, 1), 0.0, np.random.default_rng(3))
     T = frames.inverse(truth.T_world_base)
-    shifts = points.shifts(truth, points, T)
+    shifts = viewed.shifts(truth, points, T)
     assert list(shifts) == ["gain", "arm stiffness and joint-6 series"]
     plain = {
         "gain": ThesisMap(np.zeros(6), own.stiffness, own.phases, own.fourier),
@@ -27,23 +28,23 @@ def test_parts_of_the_thesis_are_left_out_one_by_one():
         expected = frames.apply(T, points.predicted(truth.replace(joint_map=joint_map.joint_map(nominal))))
         expected -= frames.apply(T, points.predicted(truth))
         assert np.abs(expected).max() > 1e-5
-        np.testing.assert_allclose(shifts[points.WORDS.get(family, family)], expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(shifts[viewed.WORDS.get(family, family)], expected, rtol=0, atol=1e-12)
     # several together are the sum, but for products of small angles
     together = frames.apply(T, points.predicted(truth.replace(joint_map=JointMap.identity(nominal))))
     together -= frames.apply(T, points.predicted(truth))
     np.testing.assert_allclose(sum(shifts.values()), together, rtol=0, atol=2e-5)
-    assert points.families(truth.replace(joint_map=JointMap.identity(nominal))) == []
+    assert viewed.families(truth.replace(joint_map=JointMap.identity(nominal))) == []
 
 
 def test_terms_and_frame_terms_are_left_out_as_if_they_were_not_there():
     truth = framed_robot("irb120", np.random.default_rng(5))
     points = measured(truth, truth.arm.random_joints(12, 1), 0.0, np.random.default_rng(3))
-    names = points.families(truth)
+    names = viewed.families(truth)
     assert {"gravity", "bending"} <= set(names)
     for family in names:
         terms, frame_terms = (dropped(part, family) for part in (truth.joint_map.terms, truth.frame_terms))
         bare = truth.replace(joint_map=JointMap(terms), frame_terms=frame_terms)
-        found = points.predicted(points.without(truth, family))
+        found = points.predicted(viewed.without(truth, family))
         np.testing.assert_allclose(found, points.predicted(bare), rtol=0, atol=1e-12)
 
 

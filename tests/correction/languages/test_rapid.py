@@ -490,7 +490,7 @@ def read(folder, given=None, **modules):
 def test_a_target_is_corrected_where_it_stands(how, tmp_path):
     seen = read(
         tmp_path,
-        RapidData=(f"{TOOL} {how} robtarget p:={P}; {how} jointtarget j:={J}; {how} robtarget unused:={P};",),
+        Data=(f"{TOOL} {how} robtarget p:={P}; {how} jointtarget j:={J}; {how} robtarget unused:={P};",),
         Work=("", "MoveAbsJ J,v1,fine,tA;", "MoveL P,v1,fine,tA;", "MoveJ p,v1,fine,tA;"),
     )
     data, work = seen["Data"], seen["Work"]
@@ -506,7 +506,7 @@ def test_a_target_is_corrected_where_it_stands(how, tmp_path):
 
 def test_elements_of_arrays(tmp_path):
     row = f"CONST robtarget p{{2}}:=[{P},{P}]; CONST robtarget q{{2}}:=[{P},{P}];"
-    seen = read(tmp_path, RapidData=(row,), Work=("", "MoveL p{2},v1,fine,tool0;", "MoveL q{i},v1,fine,tool0;"))
+    seen = read(tmp_path, Data=(row,), Work=("", "MoveL p{2},v1,fine,tool0;", "MoveL q{i},v1,fine,tool0;"))
     assert [seen["Data"].targets[k].name for k in seen["Data"].correctable()] == ["p{2}", "q{1}", "q{2}"]
 
 
@@ -525,7 +525,7 @@ IN_DOUBT = [  # of the declaring module, of the using one, and what is said
 
 @pytest.mark.parametrize(("data", "own", "lines", "reason"), IN_DOUBT)
 def test_in_doubt_it_is_left_with_the_reason(data, own, lines, reason, tmp_path):
-    seen = read(tmp_path, RapidData=(data,), Work=(own, *lines))
+    seen = read(tmp_path, Data=(data,), Work=(own, *lines))
     assert seen["Data"].correctable() == []
     ((target, why),) = skipped(seen["Data"])
     assert target.uses
@@ -534,9 +534,9 @@ def test_in_doubt_it_is_left_with_the_reason(data, own, lines, reason, tmp_path)
 
 def test_uses_of_the_own_module_and_of_others_count_together(tmp_path):
     data = f"{TOOL} CONST robtarget p:={P};"
-    agree = read(tmp_path, RapidData=(data, "MoveL p,v1,fine,tA;"), Work=("", "MoveL p,v1,fine,tA;"))
+    agree = read(tmp_path, Data=(data, "MoveL p,v1,fine,tA;"), Work=("", "MoveL p,v1,fine,tA;"))
     assert agree["Data"].correctable() == [0]
-    differ = read(tmp_path, RapidData=(data, "MoveL p,v1,fine,tA;"), Work=("", "MoveL p,v1,fine,tool0;"))
+    differ = read(tmp_path, Data=(data, "MoveL p,v1,fine,tA;"), Work=("", "MoveL p,v1,fine,tool0;"))
     assert "used with different tools" in differ["Data"].targets[0].reason
 
 
@@ -551,7 +551,7 @@ def test_uses_of_the_own_module_and_of_others_count_together(tmp_path):
 )
 def test_names_that_hide_the_other_modules_target(own, line, tmp_path):
     moves = [line, "" if own.startswith("VAR num") else "MoveL p,v1,fine,tool0;"]
-    seen = read(tmp_path, RapidData=(f"CONST robtarget p:={P};",), Work=(own, *moves))
+    seen = read(tmp_path, Data=(f"CONST robtarget p:={P};",), Work=(own, *moves))
     assert not seen["Data"].targets[0].uses
     assert seen["Data"].correctable() == []
 
@@ -566,7 +566,7 @@ def test_a_routines_parameter_hides_it_too(tmp_path):
 
 
 def test_local_data_are_not_seen_and_names_declared_twice_are_left(tmp_path):
-    seen = read(tmp_path, RapidData=(f"LOCAL CONST robtarget p:={P};",), Work=("", "MoveL p,v1,fine,tool0;"))
+    seen = read(tmp_path, Data=(f"LOCAL CONST robtarget p:={P};",), Work=("", "MoveL p,v1,fine,tool0;"))
     assert not seen["Data"].targets[0].uses
     assert [entry.reason for entry in seen["Work"].moves_left] == ["p is not declared in this module"]
     one = f"CONST robtarget p:={P};"
@@ -580,7 +580,7 @@ def test_a_given_tool_goes_before_what_modules_say(tmp_path):
     T = np.eye(4)
     T[0, 3] = 0.3
     data = (f"{TOOL} CONST robtarget p:=[[1,2,3],[1,0,0,0],[0,0,0,0],{EXT}];",)
-    seen = read(tmp_path, {"ta": T}, RapidData=data, Work=(f"LOCAL {OTHER_TOOL}", "MoveL p,v1,fine,tA;"))
+    seen = read(tmp_path, {"ta": T}, Data=data, Work=(f"LOCAL {OTHER_TOOL}", "MoveL p,v1,fine,tA;"))
     assert seen["Data"].correctable() == [0]
     assert seen["Data"].tools["ta"][0, 3] == 0.3
 
