@@ -1,0 +1,40 @@
+"""Options made from a function's source: units, defaults, explanations, and panels for experts."""
+
+import pytest
+from typer.testing import CliRunner
+
+from irbcal.cli import signature
+from irbcal.cli.main import app
+from irbcal.units import DEG, MM
+
+
+def shown(*words):
+    done = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1"}).invoke(app, list(words))
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_values_are_read_in_the_units_of_a_shell_and_defaults_shown_so():
+    assert signature.MM.read(2.5, "--band") == pytest.approx(0.0025, abs=1e-15)
+    assert signature.DEG.shown(30 * DEG) == pytest.approx(30, abs=1e-9)
+    pose = signature.numbers("X,Y,Z[,QW,QX,QY,QZ]", 3, 7, units=[MM, MM, MM, 1.0])
+    assert pose.read("1,2,3,1,0,0,0", "--tool") == pytest.approx([0.001, 0.002, 0.003, 1, 0, 0, 0], abs=1e-15)
+    assert pose.shown([0.001, 0.0, 0.25]) == "1,0,250"
+    assert "[default: 150.0]" in shown("ballbar", "--help")
+
+
+def test_an_explanation_comes_from_the_docstring_even_where_that_names_another_function():
+    _, parameters = signature.parameters_of("compare")
+    texts = {item.name: item.text for item in signature.parameters_of("evaluate")[1]}
+    compared = {item.name: item.text for item in parameters}
+    assert compared["refit_from"] == texts["refit_from"]
+    assert "--refit-tool" in texts["refit_from"]
+    assert "`" not in "".join(texts.values())
+
+
+def test_options_for_experts_are_shown_on_request():
+    short, whole = shown("calibrate", "--help"), shown("calibrate", "--help-all")
+    assert "│ --power " not in short
+    assert "│ --power " in whole
+    assert "bool" not in whole
+    assert "nelder-mead" in whole, "choices come from the docstring"
