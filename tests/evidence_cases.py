@@ -12,6 +12,7 @@ from support import TARGETS, arm, measured, random_robot
 from irbcal.identification import linear_model
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify
+from irbcal.identification.linear_model import Rows
 from irbcal.identification.term_sets import superset
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
@@ -109,6 +110,15 @@ def linear_case(poses=30, orientations=False, sessions=False):
     state = linear_model.geometry_solution(problem, motion, geometry)
     terms = superset(model, "all", True, None, [10.0])
     return problem, state, motion, terms
+
+
+def rows_of(linear, columns=None):
+    """All blocks of a linear model as one, by pose."""
+    blocks = list(linear.blocks(columns))
+    pose = np.concatenate([block.pose for block in blocks])
+    order = np.argsort(pose, kind="stable")
+    J, y = np.concatenate([block.J for block in blocks], axis=1), np.concatenate([block.y for block in blocks])
+    return Rows(J[:, order], y[order], pose[order], np.concatenate([block.row for block in blocks])[order])
 
 
 class Measured:

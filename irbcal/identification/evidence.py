@@ -387,7 +387,7 @@ def prepare(
     if points.poses > COMPARED:
         chosen = np.zeros(points.poses, dtype=bool)
         chosen[np.random.default_rng(seed).permutation(points.poses)[:COMPARED]] = True
-        some, some_motion = linear_model.at_poses(problem, points.select(chosen)), motion.select(chosen)
+        some, some_motion = problem.of_poses(chosen), motion.select(chosen)
     linear = Linearisation(some, state, some_motion, superset, project)
     return LinearisedPoints(problem, state, motion, linear, linear.sums(), taus, usual, gain)
 
@@ -506,7 +506,7 @@ def identify_evidence(
     loads = ready.motion.payload_kg
     return EvidenceFit(
         nominal=arm,
-        arm=ready.problem.model(state)[0],
+        arm=linear.problem.arm_at(state),
         points=into_one_frame(points, state.T_world_base, other_bases),
         motion=motion,
         terms=tuple(own[k] for k in used),

@@ -19,7 +19,7 @@ from irbcal.identification.evidence_maximisation import fit_temper, maximise_evi
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, TermSet
 from irbcal.measurement.points import PointSet
-from irbcal.modeling.terms import chain, families
+from irbcal.modeling.terms import families
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.modeling.terms.harmonics import LOW, order
@@ -111,7 +111,7 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
         columns = choice.columns(linear.flat)
         got = maximise_evidence(sums.part(columns), linear.flat, choice.group, choice.caps, t)
         u = leave_one_out.residuals(linear, columns, got)[0].reshape(-1, 3)
-        predicted = _Predicted(linear, got.c, terms[:count], fit.readings_projected)
+        predicted = _Predicted(linear, got.c, fit.readings_projected)
         errors = predicted.errors(heldout, use)
         warm = any(term.family == "warm_up" for term in terms[:count])
         timed = predicted.errors(heldout, replace(use, elapsed=elapsed)) if warm and elapsed is not None else None
@@ -188,28 +188,21 @@ def _choice(terms: Sequence[Term]) -> TermSet:
 class _Predicted:
     """A fitted stage, not linearised."""
 
-    def __init__(self, linear: Linearisation, c: FloatArray, terms: Sequence[Term], lagging: bool) -> None:
+    def __init__(self, linear: Linearisation, c: FloatArray, lagging: bool) -> None:
         state = linear.moved(c)
-        self.arm, _ = linear.problem.model(state)
+        self.arm, everything = linear.problem.model(state)
         self.T = state.T_world_base
         self.targets = dict(zip(linear.problem.points.target_names, state.targets, strict=True))
         left = LAG_FAMILIES if lagging else ()
-        rows = [k for k, term in enumerate(terms) if term.family not in ("geometry", *left)]
-        values = linear.sizes[linear.flat :][: len(terms)] * c[linear.flat :]
-        self.map = TermMap(linear.problem.arm, tuple(terms[k] for k in rows), values[rows])
+        rows = np.flatnonzero(everything.coefficients)
+        rows = rows[[everything.terms[k].family not in left for k in rows]]
+        chosen = tuple(everything.terms[k] for k in rows)
+        self.map = TermMap(everything.arm, chosen, everything.coefficients[rows])
 
     def errors(self, points: PointSet, motion: Motion) -> FloatArray:
         """Distances of measured points, metres; those of targets that the fit does not know are left out."""
-        names = [name if name in self.targets else None for name in points.target_names]
-        mine = np.flatnonzero([names[k] is not None for k in points.target])
-        local = np.array([self.targets[points.target_names[k]] for k in points.target[mine]]).reshape(-1, 3)
-        out = np.empty(len(mine))
-        edges = np.searchsorted(points.pose[mine], starts := [*range(0, points.poses, linear_model.BLOCK), len(motion)])
-        for k in range(len(starts) - 1):
-            rows = slice(edges[k], edges[k + 1])
-            path = chain.walk(self.arm, *self.map.split(motion.select(slice(starts[k], starts[k + 1]))))
-            tip = path.tip[..., points.pose[mine][rows] - starts[k]]
-            p = tip[3] + np.einsum("acm,ma->cm", tip[:3], local[rows])
-            seen = points.xyz[mine][rows] - (p.T @ self.T[:3, :3].T + self.T[:3, 3])
-            out[rows] = np.linalg.norm(seen, axis=1)
-        return out
+        known = np.flatnonzero([points.target_names[k] in self.targets for k in points.target])
+        local = np.array([self.targets[points.target_names[k]] for k in points.target[known]]).reshape(-1, 3)
+        T = (self.T @ self.map.forward(self.arm, motion))[points.pose[known]]
+        predicted = np.einsum("mij,mj->mi", T[:, :3, :3], local) + T[:, :3, 3]
+        return np.asarray(np.linalg.norm(points.xyz[known] - predicted, axis=1))

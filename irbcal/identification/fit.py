@@ -43,13 +43,10 @@ from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, levels_of, parameter, thesis_count
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.modeling.terms.gain import FAMILY as GAIN
-from irbcal.modeling.terms.geometry import DHM_COLUMNS, SIZES
-from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.thesis import FAMILY as THESIS
 from irbcal.options import checked
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM, UNIT_OUTSIDE
@@ -438,15 +435,14 @@ def make_problem(
     checked("level", level, LEVELS)
     parameters = level_parameters(level, arm) if parameters is None else tuple(parameters)
     guess: Stiffness | None = None
-    phases: ArrayLike = (0.0, np.pi / 2)
     if any(p.kind == "stiffness" for p in parameters):
-        phases, guess = arm.stiffness_geometry()
+        guess = arm.stiffness_geometry()[1]
     if points.poses < MIN_POSES:
         raise IdentificationError(
             f"{points.poses} pose{'s' if points.poses != 1 else ''} cannot determine a robot: "
             f"at least {MIN_POSES} are needed for base and tool alone, 20 or more for a calibration"
         )
-    problem = Problem(arm, points, parameters, phases, known_targets)
+    problem = Problem(arm, points, parameters, known_targets)
     spare = 3 * problem.rows - problem.unknowns
     if spare < 1:
         raise IdentificationError(
@@ -465,11 +461,11 @@ def _poses_missing(problem: Problem, spare: int) -> int:
 
 def fit_of(problem: Problem, solution: least_squares.Solution, level: Level, guess: Stiffness | None) -> Fit:
     """The robot that a solution describes, with what the fit knows of itself."""
-    arm, thesis = problem.model(solution.state)
+    arm, terms = problem.model(solution.state)
     names = problem.points.target_names
     targets = dict(zip(names, solution.state.targets, strict=True))
     rotations = {names[k]: solution.state.rotations[k] for k in problem.framed}
-    robot = Robot(arm, thesis.joint_map(problem.arm), solution.state.T_world_base, targets, rotations)
+    robot = Robot(arm, JointMap(terms), solution.state.T_world_base, targets, rotations)
     return Fit(robot, level, problem, solution, guess)
 
 
@@ -537,7 +533,7 @@ def identify_by(
         return _by_circles(arm, points, known_targets, parallel)
     problem, guess = make_problem(arm, points, level, known_targets, parameters)
     followed = {
-        name: Problem(arm, seen, problem.parameters, problem.joint_map.phases, problem.known, sessions=problem.sessions)
+        name: Problem(arm, seen, problem.parameters, problem.known, sessions=problem.sessions)
         for name, seen in (watched or {}).items()
         if seen.target_names == points.target_names
     }
@@ -637,31 +633,6 @@ def _by_circles(
 MOST_PLACES = 5000
 """Places whose poses are left out to see how well the others foretell them."""
 
-AXIS_OF = {column: axis for axis, column in DHM_COLUMNS.items()}
-
-
-def term_of(parameter: Parameter, arm: Arm) -> Term:
-    """The term of the error model that an error parameter is the coefficient of.
-
-    Parameters
-    ----------
-    parameter : Parameter
-        A constant of the geometry, a gain, or a parameter of stiffness or of joint 6's Fourier series.
-    arm : Arm
-        Nominal arm, one that the thesis's joint map fits where the parameter is of that.
-    """
-    if parameter.kind == "gain":
-        return GAIN.terms(arm)[parameter.index]
-    if parameter.kind in AXIS_OF:
-        axis = AXIS_OF[parameter.kind]
-        return Term(parameter.index, axis, "constant", SIZES[axis[0]], "geometry", "geometry", parameter.unit)
-    return THESIS.terms(arm)[parameter.index + (2 if parameter.kind == "fourier" else 0)]
-
-
-def terms_of(parameters: Sequence[Parameter], arm: Arm) -> tuple[Term, ...]:
-    """The terms of error parameters, in their order."""
-    return tuple(term_of(item, arm) for item in parameters)
-
 
 def certainty_of(fit: Fit) -> Certainty:
     """Covariance, leave-one-out errors and joint ranges of a fit.
@@ -680,7 +651,7 @@ def certainty_of(fit: Fit) -> Certainty:
     names = points.target_names
     return Certainty(
         nominal=problem.arm,
-        terms=terms_of(problem.parameters, problem.arm),
+        terms=problem.terms,
         covariance=covariance,
         free_targets=tuple(names[k] for k in problem.free),
         coefficients=fit.solution.state.errors,

@@ -236,7 +236,7 @@ def information_of(problem: Problem, H: FloatArray, rss: float, held: FloatArray
     # a direction that nothing depends on gets no step: base and tool stay as they started along it
     H_nn_inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
     follow = H_nn_inverse @ H[:b, b:]
-    scale = np.array([p.scale for p in problem.parameters])
+    scale = problem.scales
     S = (H[b:, b:] - H[b:, :b] @ follow) * scale[:, None] * scale
     eigenvalues, directions = _eigen(0.5 * (S + S.T), held)
     seen, sigma = _judged(problem, eigenvalues, b - int(null.sum()), rss, held)

@@ -33,17 +33,13 @@ from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import parameter
-from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.situation import Motion, Situation
-from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import TermMap, basis_values, term_columns
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term import Term, own_axis
 from irbcal.units import MM
 
 T = TypeVar("T")
 
-BLOCK = 500
-"""Poses whose Jacobian is in memory at a time, in each thread."""
 NUMBER_S = 3e-8
 """Seconds that one number of the Jacobian takes."""
 TURN_UNIT = 10.0
@@ -171,14 +167,23 @@ class Linearisation(LinearModel):
         Geometry first.
     project : bool
         Project the last move out of each pose: one free number a pose, see `irbcal.identification.evidence_fit.Lag`.
+
+    Attributes
+    ----------
+    problem : Problem
+        With all terms; where the last move is projected out, each joint's last move is a term behind them.
     """
 
     def __init__(
         self, problem: Problem, state: State, motion: Motion, terms: Sequence[Term], project: bool = False
     ) -> None:
-        self.problem, self.state, self.motion = problem, state, motion
         self.terms = list(terms)
         self.projected = project
+        moves = _moves_of(problem) if project else []
+        self.problem, self.motion = problem.with_terms([*terms, *moves], motion), motion
+        errors = np.zeros(len(self.problem.terms))
+        errors[: len(problem.parameters)] = state.errors[: len(problem.parameters)]
+        self.state = replace(state, errors=errors)
         self.flat = problem.outer
         self.sizes = np.concatenate([flat_units(problem), np.array([t.size for t in self.terms])])
         self.per_pose = float(problem.rows / motion.q.shape[0])
@@ -201,96 +206,35 @@ class Linearisation(LinearModel):
     def _of_blocks(self, taken: Callable[[Rows], T], columns: IntArray | None) -> Iterator[T]:
         """What is taken from each block, in their order; large problems in threads."""
         columns = np.arange(self.flat + len(self.terms)) if columns is None else columns
-        arm, _ = self.problem.model(self.state)
-        residuals = self.problem.residuals(self.state)
+        arm = self.problem.arm_at(self.state)
+        cost = NUMBER_S * 3 * self.problem.rows * len(columns)
+        return parallel.threads(lambda k: taken(self._rows(k, arm, columns)), range(self.problem.block_count), cost)
+
+    def _rows(self, k: int, arm: Arm, columns: IntArray) -> Rows:
+        """Block number ``k`` in the units of the columns: weighted, ordered by pose, the last move projected out."""
+        points, flats = self.problem.points, columns[columns < self.flat]
+        moves = np.arange(len(self.terms), len(self.problem.terms))
+        chosen = np.concatenate([columns[len(flats) :] - self.flat, moves])
+        r, J = self.problem.block(k, arm, self.state, chosen)
+        rows = self.problem.rows_of(k)
+        pose = np.concatenate([points.pose, points.pose[points.oriented()]])[rows]
         if self.bend is not None:
-            residuals = residuals + self.bend
-        points: PointSet = self.problem.points
-        starts = [*range(0, points.poses, BLOCK), points.poses]
-        edges = np.searchsorted(points.pose, starts)
-        oriented = points.oriented()
-        number = np.cumsum(oriented) - 1 + len(points)  # row of a point's orientation in the problem
-
-        def block(k: int) -> T:
-            some = np.arange(edges[k], edges[k + 1])
-            turned = some[oriented[some]]
-            motion = self.motion.select(slice(starts[k], starts[k + 1]))
-            rows = np.concatenate([some, number[turned]])
-            J = self._columns(arm, points, some, turned, motion, starts[k], columns)
-            pose = np.concatenate([points.pose[some], points.pose[turned]])
-            return taken(self._finished(J, residuals[rows].T, rows, pose, columns, points.poses))
-
-        return parallel.threads(block, range(len(starts) - 1), NUMBER_S * 3 * self.problem.rows * len(columns))
-
-    def _columns(
-        self,
-        arm: Arm,
-        points: PointSet,
-        some: IntArray,
-        turned: IntArray,
-        motion: Motion,
-        start: int,
-        columns: IntArray,
-    ) -> FloatArray:
-        """Derivatives in SI units, shape (columns, 3, points + orientations); the last column is the last move."""
-        path = chain.walk(arm, motion.q)
-        pose, target = points.pose[some] - start, points.target[some]
-        local = self.state.targets[target].T
-        tip = path.tip[..., pose]
-        p = tip[3] + np.einsum("acm,am->cm", tip[:3], local)
-        flats = flat_columns(self.problem, tip, p, target, turned - some[0] if len(some) else turned)
-        self.problem.share_out(flats, self.problem.session_of_points()[np.concatenate([some, turned])])
-        numbers = columns[columns >= self.flat] - self.flat
-        chosen = [self.terms[j] for j in numbers]
-        values = basis_values(chosen, Situation(self.problem.arm, motion))
-        geometry = np.array([t.family == "geometry" for t in chosen], dtype=bool)
-        length = self.problem.orientation_length
-        out = np.empty((len(columns) + 1, 3, len(some) + len(turned)))
-        n_flat = len(columns) - len(numbers)
-        out[:n_flat] = flats[columns[:n_flat]]
-        turned_pose = points.pose[turned] - start
-        for constant in (True, False):
-            mine = np.flatnonzero(geometry == constant)
-            terms = [chosen[j] for j in mine]
-            places = n_flat + mine
-            moved = chain.point_columns(path, p, pose, constant)
-            out[places, :, : len(some)] = term_columns(terms, moved, values[mine], pose)
-            spun = length * chain.turn_columns(path, turned_pose, constant)
-            out[places, :, len(some) :] = term_columns(terms, spun, values[mine], turned_pose)
-        out[-1] = self._last_move(motion, moved, spun, pose, turned_pose)
-        return out
-
-    def _last_move(
-        self, motion: Motion, moved: FloatArray, spun: FloatArray, pose: IntArray, turned: IntArray
-    ) -> FloatArray:
-        """Derivative by a share of the last move of all joints, shape (3, points + orientations)."""
-        out = np.zeros((3, len(pose) + len(turned)))
-        for j, slides in enumerate(self.problem.arm.table.prismatic):
-            own = 5 if slides else 2
-            out[:, : len(pose)] += moved[j, own] * motion.moves[pose, j]
-            out[:, len(pose) :] += spun[j, own] * motion.moves[turned, j]
-        return out
-
-    def _finished(
-        self, J: FloatArray, residuals: FloatArray, rows: IntArray, pose: IntArray, columns: IntArray, poses: int
-    ) -> Rows:
-        """Units, weights, order by pose, and the last move projected out."""
-        weights = self.problem.weights[rows]
-        J *= weights / MM
-        y = residuals * weights / MM
-        J[:-1] *= self.sizes[columns][:, None, None]
+            r = r + self.bend[rows].T
         order = np.argsort(pose, kind="stable")
-        J, y, pose, rows = J[:, :, order], y[:, order], np.repeat(pose[order], 3), np.repeat(rows[order], 3)
+        pose, rows = pose[order], rows[order]
+        taken = np.concatenate([flats, self.flat + np.arange(len(chosen))])
+        J, r = J[taken][..., order], r[:, order]
+        weights = self.problem.weights[rows] / MM
+        J *= weights
+        J[: len(columns)] *= self.sizes[columns][:, None, None]
         flat = np.ascontiguousarray(J.transpose(0, 2, 1)).reshape(len(J), -1)
-        y = y.T.ravel()
-        # counted from the nominal constants: all geometry columns are in every choice
-        constants = np.zeros(len(columns))
-        for k, column in enumerate(columns - self.flat):
-            if 0 <= column < len(self.problem.parameters):
-                constants[k] = self.state.errors[column] / self.terms[column].size
-        y = y + constants @ flat[:-1]
-        move, flat = flat[-1], flat[:-1]
+        y, pose, rows = (r * weights).T.ravel(), np.repeat(pose, 3), np.repeat(rows, 3)
+        flat, along = flat[: len(columns)], flat[len(columns) :]
+        # counted from the nominal constants: all geometry columns are in every term set
+        terms = columns[len(flats) :] - self.flat
+        y = y + (self.state.errors[terms] / self.sizes[columns[len(flats) :]]) @ flat[len(flats) :]
         if self.projected:
+            move = along.sum(axis=0)
             first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])
             each = np.diff(np.r_[first, len(pose)])
             length = np.add.reduceat(move * move, first)
@@ -319,33 +263,21 @@ class Linearisation(LinearModel):
         for block in self.blocks():
             linear[block.row[::3]] = (block.y - coefficients @ block.J).reshape(-1, 3)
         linear = linear[:count] * MM / self.problem.weights[:count, None]
-        out.bend[:count] = self._misses(coefficients) - linear
-        return out
-
-    def _misses(self, coefficients: FloatArray) -> FloatArray:
-        """Measured minus predicted points in the base link with all terms, not linearised, shape (points, 3)."""
-        state, points = self.moved(coefficients), self.problem.points
-        arm, _ = self.problem.model(state)
-        values = self.sizes[self.flat :] * coefficients[self.flat :]
-        rows = [k for k, term in enumerate(self.terms) if term.family != "geometry"]
-        terms = TermMap(self.problem.arm, tuple(self.terms[k] for k in rows), values[rows])
-        out = np.empty((len(points), 3))
-        edges = np.searchsorted(points.pose, starts := [*range(0, points.poses, BLOCK), points.poses])
-        seen = self.problem.in_base_link(state)
-        for k in range(len(starts) - 1):
-            some = slice(edges[k], edges[k + 1])
-            path = chain.walk(arm, *terms.split(self.motion.select(slice(starts[k], starts[k + 1]))))
-            tip = path.tip[..., points.pose[some] - starts[k]]
-            p = tip[3] + np.einsum("acm,am->cm", tip[:3], state.targets[points.target[some]].T)
-            out[some] = seen[some] - p.T
+        out.bend[:count] = self.problem.residuals(self.moved(coefficients))[:count] - linear
         return out
 
     def moved(self, coefficients: FloatArray) -> State:
-        """The state with base, targets and geometry as some coefficients say (columns: flat, geometry, …)."""
-        step = self.sizes * np.pad(coefficients, (0, len(self.sizes) - len(coefficients)))
-        step = step[: self.problem.unknowns].copy()
+        """The state as some coefficients say (columns: flat, terms; those that are left out are zero)."""
+        step = np.zeros(self.problem.unknowns)
+        step[: len(coefficients)] = self.sizes[: len(coefficients)] * coefficients
         step[self.flat :] -= self.state.errors
         return self.problem.moved(self.state, step)
+
+
+def _moves_of(problem: Problem) -> list[Term]:
+    """A term for the last move of each joint."""
+    arm = problem.arm
+    return [Term(j, own_axis(arm, j), "move", 1.0, "move", "move", "1") for j in range(len(arm.joint_names))]
 
 
 def flat_units(problem: Problem) -> FloatArray:
@@ -353,37 +285,6 @@ def flat_units(problem: Problem) -> FloatArray:
     base = np.r_[np.full(3, TURN_UNIT), np.full(3, MM)]
     shifts, turns = np.full(3 * len(problem.free), MM), np.full(3 * len(problem.framed), TURN_UNIT)
     return np.concatenate([base, shifts, turns, np.tile(base, len(problem.sessions) - 1)])
-
-
-def flat_columns(problem: Problem, tip: FloatArray, p: FloatArray, target: IntArray, turned: IntArray) -> FloatArray:
-    """Derivatives by base and targets, SI units, shape (flat, 3, points + orientations); all points on one base.
-
-    Parameters
-    ----------
-    problem : Problem
-    tip : ndarray, shape (4, 3, m)
-        Tip axes and origin at each point.
-    p : ndarray, shape (3, m)
-        Points in the base link.
-    target : ndarray of int, shape (m,)
-    turned : ndarray of int
-        Which of the points carry an orientation.
-    """
-    m, length = len(target), problem.orientation_length
-    out = np.zeros((problem.outer, 3, m + len(turned)))
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        out[k, i, :m], out[k, j, :m] = -p[j], p[i]
-        out[k, k, m:] = length
-        out[3 + k, k, :m] = 1.0
-    for slot, name in enumerate(problem.free):
-        mine = np.flatnonzero(target == name)
-        out[6 + 3 * slot : 9 + 3 * slot, :, mine] = tip[:3][..., mine]
-    start = 6 + 3 * len(problem.free)
-    for slot, name in enumerate(problem.framed):
-        mine = np.flatnonzero(target[turned] == name)
-        out[start + 3 * slot : start + 3 * slot + 3, :, m + mine] = length * tip[:3][..., turned[mine]]
-    return out
 
 
 def geometry_problem(
@@ -418,13 +319,8 @@ def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term]
         t = fit_temper(linear.per_pose)
         found = maximise_evidence(linear.sums(), linear.flat, group, caps, t)
         before, state = state, linear.moved(found.c)
+        state = replace(state, errors=state.errors[: len(geometry)])
         size = float(max(np.abs(state.targets - before.targets).max(), np.abs(state.errors - before.errors).max()))
         if size < 1e-7:
             break
     return state
-
-
-def at_poses(problem: Problem, points: PointSet) -> Problem:
-    """The same problem for other points (of the same targets)."""
-    same = replace(points, target_names=problem.points.target_names)
-    return Problem(problem.arm, same, problem.parameters, known_targets=problem.known, sessions=problem.sessions)

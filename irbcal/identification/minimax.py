@@ -410,7 +410,7 @@ def plausible_sizes(problem: Problem) -> FloatArray:
     """Plausible size of every unknown, shape (unknowns,), metres and radians."""
     base = [ANGLE] * 3 + [LENGTH] * 3
     targets = [LENGTH] * (3 * len(problem.free)) + [ANGLE] * (3 * len(problem.framed))
-    return np.array(base + targets + [p.scale for p in problem.parameters])
+    return np.concatenate([base + targets, problem.scales])
 
 
 def nelder_mead(

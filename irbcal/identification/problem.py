@@ -16,7 +16,7 @@ parameter          derivative of ``p``
 ``d_i``            ``z_i``
 ``beta_i``         ``y_i x (p - o_i^tilt)``
 ``b_i``            ``y_i``
-joint map          ``sum_i dp/dtheta_i dtheta_i/dparameter``
+term               that of the motion of the joint's frame along the term's axis, times the term's function
 target             axes of the tip link
 base               rotation ``e x p``, translation ``e``
 =================  ==========================================
@@ -24,33 +24,42 @@ base               rotation ``e x p``, translation ``e``
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock, row_arithmetic
 from irbcal.measurement.points import PointSet
-from irbcal.modeling import dhm, frames, parameters
+from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.parameters import Parameter
-from irbcal.modeling.thesis_map import ThesisMap, fourier_terms, stiffness_terms
+from irbcal.modeling.parameters import Parameter, term_of
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.geometry import DHM_COLUMNS
+from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.term import AXES, Term, own_axis
+from irbcal.modeling.terms.term_map import TermMap, basis_values
 
-BLOCK = 2048
-"""Poses whose Jacobian is in memory at a time."""
+BLOCK, TERMS_IN_BLOCK = 2048, 1 << 17
+"""Poses whose Jacobian is in memory at a time; fewer where there are so many terms times poses."""
+MOST_VALUES = 1 << 22
+"""Values of terms' functions that are kept from one evaluation to the next."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseBlock:
-    """Some points with the frames at which they are, and where their rows stand; made once for a problem: not locked.
+    """Some points with the frames at which they are, and the numbers of their rows; made once a problem: not locked.
 
     Points are arranged in t rows of f. Where poses have t points each, and none an orientation, the frames of a pose
     are needed once, for the points below one another; else once for every point, and there is one row.
 
     Attributes
     ----------
+    poses : ndarray of int, shape (n,), or slice
+        Numbers of its poses.
     q : ndarray, shape (n, joints)
         Of poses, radians.
     frames : ndarray of int, shape (f,), or slice
@@ -66,12 +75,9 @@ class PoseBlock:
         Of the whole problem: the points', then the orientations'.
     session : ndarray of int, shape (t f + o,)
         Of each row.
-    stiffness : ndarray, shape (2, f)
-        Terms of A and B at each frame; empty where no parameter needs them.
-    fourier : ndarray, shape (4, f)
-        Terms of joint 6; likewise.
     """
 
+    poses: IntArray | slice
     q: FloatArray
     frames: IntArray | slice
     target: IntArray
@@ -80,14 +86,10 @@ class PoseBlock:
     rotation: FloatArray
     rows: IntArray
     session: IntArray
-    stiffness: FloatArray
-    fourier: FloatArray
 
 
-def cut(
-    points: PointSet, oriented: BoolArray, session: IntArray, phases: FloatArray, kinds: Container[str]
-) -> list[PoseBlock]:
-    """Points in blocks of at most `BLOCK` poses, those with as many points as most others by themselves.
+def cut(points: PointSet, oriented: BoolArray, session: IntArray, length: int = BLOCK) -> list[PoseBlock]:
+    """Points in blocks of poses, those with as many points as most others by themselves.
 
     Parameters
     ----------
@@ -96,10 +98,8 @@ def cut(
         Which points have an orientation.
     session : ndarray of int, shape (m,)
         Of each point.
-    phases : ndarray, shape (2,)
-        Of the stiffness terms, radians.
-    kinds : container of str
-        Kinds of error parameters: those that need terms of the joint map.
+    length : int
+        Poses in a block at most.
 
     Returns
     -------
@@ -107,14 +107,14 @@ def cut(
         Poses without points are in none.
     """
     before = np.cumsum(oriented) - 1 + len(points)
-    none = np.zeros((0, 0))
 
-    def block(q: FloatArray, frames: IntArray | slice, at: IntArray) -> PoseBlock:
-        """The points ``at`` (t, f) of ``points``, at these frames of ``q``."""
+    def block(poses: IntArray | slice, frames: IntArray | slice, at: IntArray) -> PoseBlock:
+        """The points ``at`` (t, f) of ``points``, at these frames of the poses."""
         flat = at.ravel()
         turned = np.flatnonzero(oriented[flat])
         return PoseBlock(
-            q=q,
+            poses=poses,
+            q=points.q[poses],
             frames=frames,
             target=points.target[at],
             xyz=np.ascontiguousarray(points.xyz[flat].T),
@@ -122,25 +122,24 @@ def cut(
             rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[flat[turned]],
             rows=np.concatenate([flat, before[flat[turned]]]),
             session=np.concatenate([session[flat], session[flat[turned]]]),
-            stiffness=np.asarray(stiffness_terms(q, phases))[:, frames] if "stiffness" in kinds else none,
-            fourier=fourier_terms(q)[:, frames] if "fourier" in kinds else none,
         )
 
-    edges = np.searchsorted(points.pose, [*range(0, points.poses, BLOCK), points.poses])
+    edges = np.searchsorted(points.pose, [*range(0, points.poses, length), points.poses])
     blocks = []
-    for start, first, end in zip(range(0, points.poses, BLOCK), edges[:-1], edges[1:], strict=True):
-        q = points.q[start : start + BLOCK]
+    for start, first, end in zip(range(0, points.poses, length), edges[:-1], edges[1:], strict=True):
+        poses = slice(start, min(start + length, points.poses))
         pose, at = points.pose[first:end] - start, np.arange(first, end)
-        counts = np.bincount(pose, minlength=len(q))
+        counts = np.bincount(pose, minlength=poses.stop - start)
         usual = 1 + int(np.argmax(np.bincount(counts)[1:])) if len(at) else 0
         shared = counts == (0 if oriented[first:end].any() else usual)
-        own = shared[pose]
-        if 2 * np.count_nonzero(own) < len(at):
-            own[:] = False
-        if usual and own.any():
-            blocks.append(block(q if shared.all() else q[shared], slice(None), at[own].reshape(-1, usual).T))
-        if not own.all():
-            blocks.append(block(q, pose[~own], at[~own][None]))
+        alike = shared[pose]
+        if 2 * np.count_nonzero(alike) < len(at):
+            alike[:] = False
+        if usual and alike.any():
+            some = poses if shared.all() else start + np.flatnonzero(shared)
+            blocks.append(block(some, slice(None), at[alike].reshape(-1, usual).T))
+        if not alike.all():
+            blocks.append(block(poses, pose[~alike], at[~alike][None]))
     return blocks
 
 
@@ -150,15 +149,15 @@ ORIENTATION_LENGTH = 0.3
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """One candidate: base, targets and error parameters.
+    """One candidate: base, targets and coefficients of the terms.
 
     Attributes
     ----------
     T_world_base : ndarray, shape (4, 4)
     targets : ndarray, shape (T, 3)
         In the tip link, metres.
-    errors : ndarray, shape (k,)
-        Error parameters, SI units.
+    errors : ndarray, shape (terms,)
+        Coefficients of the terms, SI units.
     rotations : ndarray, shape (T, 3, 3)
         Target frames in the tip link; identity for targets without measured orientation.
     others : ndarray, shape (sessions - 1, 4, 4)
@@ -182,21 +181,42 @@ class State:
         return np.concatenate([self.others, self.T_world_base[None]])
 
 
-class Problem:
-    """Measured points and orientations against an arm with given error parameters (Nubiola 2011, section 3.5).
+Key: TypeAlias = tuple[str, bool]
+"""How a joint's frame moves: one of `AXES`, and whether as a frame term does (after Hayati's tilt, before the turn)."""
 
-    The prediction is that of eqs. 3.32, 3.33 and 3.34 with the joint map of `irbcal.modeling.thesis_map`, from the base
-    in the measuring frame to the target on the tool.
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """How the columns of some terms are made.
+
+    Attributes
+    ----------
+    constant : dict
+        Axis -> columns, and their joints: arrays of int.
+    moving : list
+        Of each other column its number, motion, joints and row among the values.
+    """
+
+    constant: Mapping[str, tuple[IntArray, IntArray]]
+    moving: Sequence[tuple[int, Key, tuple[int, ...], int]]
+
+
+class Problem:
+    """Measured points and orientations against an arm with terms of the error model (Nubiola 2011, section 3.5).
+
+    The prediction is that of eqs. 3.32, 3.33 and 3.34 with the sum of the terms, from the base in the measuring frame
+    to the target on the tool. Levels are terms without prior, named by error parameters; evidence takes the same
+    problem with more terms (`with_terms`).
 
     A measured orientation is one more row of three residuals: the rotation vector from the predicted to the
     measured target frame, times `ORIENTATION_LENGTH`. Rows are ordered: all positions, then all orientations.
 
     The unknowns are ordered: base (rotation vector, translation, in the base link), positions of the targets
     that are not known, orientations of the targets that were measured with one, bases of the sessions before the last
-    one, error parameters. All but the last kind have no nominal value and are called *outer*.
+    one, coefficients of the terms. All but the last kind have no nominal value and are called *outer*.
 
-    Points of different sessions (`PointSet.session`) are in measuring frames of their own, which share nothing: each
-    has its own base. That of the last pose's session is *the* base.
+    Points of different sessions (`PointSet.session`) are in different measuring frames, which share nothing: each
+    has a base. That of the last pose's session is *the* base.
 
     Parameters
     ----------
@@ -204,8 +224,6 @@ class Problem:
         The nominal arm.
     points : PointSet
     error_parameters : sequence of Parameter
-    phases : array_like, shape (2,)
-        Of the stiffness terms, see `irbcal.modeling.thesis_map`.
     known_targets : dict of str to array_like, shape (3,), optional
         Positions in the tip link that are not identified, metres.
     orientation_length : float
@@ -216,6 +234,10 @@ class Problem:
 
     Attributes
     ----------
+    terms : tuple of Term
+        Of the error parameters, or those of `with_terms`.
+    motion : Motion
+        What the terms are functions of, at the points' poses.
     sessions : tuple of str
         One without a name where the points have none.
     rows : int
@@ -223,9 +245,7 @@ class Problem:
     outer : int
         Number of outer unknowns.
     weights : ndarray, shape (rows,)
-        Factor on each row: median uncertainty over the row's own; 1 where no uncertainty is given.
-    kinds : dict
-        Places of the error parameters of each kind, and their joints (or numbers): arrays of int.
+        Factor on each row: median uncertainty over the row's; 1 where no uncertainty is given.
     """
 
     def __init__(
@@ -233,7 +253,6 @@ class Problem:
         arm: Arm,
         points: PointSet,
         error_parameters: Sequence[Parameter],
-        phases: ArrayLike = (0.0, np.pi / 2),
         known_targets: Mapping[str, ArrayLike] | None = None,
         orientation_length: float = ORIENTATION_LENGTH,
         sessions: Sequence[str] | None = None,
@@ -241,7 +260,6 @@ class Problem:
         self.arm = arm
         self.points = points
         self.parameters = tuple(error_parameters)
-        self.joint_map = ThesisMap(np.zeros(len(arm.joint_names)), phases=np.asarray(phases, dtype=float))
         self.known = {k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names}
         self.orientation_length = orientation_length
         self.sessions = session_names(points) if sessions is None else tuple(sessions)
@@ -253,27 +271,49 @@ class Problem:
         self.outer = self.others + 6 * (len(self.sessions) - 1)
         self.rows = len(points) + int(oriented.sum())
         self.weights = _weights(points, oriented)
-        self.kinds = _places(self.parameters)
-        self._blocks = self._cut(points, oriented)
+        self._take([term_of(item, arm) for item in self.parameters], Motion(points.q))
 
-    def _cut(self, points: PointSet, oriented: BoolArray) -> list[PoseBlock]:
-        return cut(points, oriented, self.session_of_points(), self.joint_map.phases, self.kinds)
+    def _take(self, terms: Sequence[Term], motion: Motion) -> None:
+        """Take terms, functions of a motion of the points' poses."""
+        self.terms, self.motion = tuple(terms), motion
+        joints = len(self.arm.joint_names)
+        own = [own_axis(self.arm, j) for j in range(joints)]
+        self._moving = [k for k, term in enumerate(terms) if term.family != "geometry"]
+        self._frame_terms = [k for k in self._moving if terms[k].axis != own[terms[k].joint]]
+        self._mix = np.zeros((joints, len(self._moving)))
+        for row, k in enumerate(self._moving):
+            if terms[k].axis == own[terms[k].joint]:
+                self._mix[[terms[k].joint, *terms[k].also], row] = 1.0
+        self._layout = self._layout_of(range(len(terms)))
+        length = min(BLOCK, TERMS_IN_BLOCK // (1 + len(terms)))
+        self._blocks = cut(self.points, self.points.oriented(), self.session_of_points(), length)
+        self._values: dict[int, FloatArray] = {}
+
+    def with_terms(self, terms: Sequence[Term], motion: Motion) -> Problem:
+        """The same points with other terms, as functions of a motion of their poses."""
+        out = copy(self)
+        out._take(terms, motion)
+        return out
 
     def of_poses(self, keep: BoolArray) -> Problem:
         """The same unknowns and weights with some of the poses, shape (n,)."""
         part = copy(self)
-        own = keep[self.points.pose]
+        taken = keep[self.points.pose]
         part.points = self.points.select(keep)
-        oriented = part.points.oriented()
-        part.rows = len(part.points) + int(oriented.sum())
-        part.weights = self.weights[np.concatenate([own, own[self.points.oriented()]])]
-        part._blocks = part._cut(part.points, oriented)
+        part.rows = len(part.points) + int(part.points.oriented().sum())
+        part.weights = self.weights[np.concatenate([taken, taken[self.points.oriented()]])]
+        part._take(self.terms, self.motion.select(keep))
         return part
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns: base, targets and error parameters."""
-        return self.outer + len(self.parameters)
+        """Number of unknowns: base, targets and coefficients."""
+        return self.outer + len(self.terms)
+
+    @property
+    def scales(self) -> FloatArray:
+        """Plausible sizes of the error parameters, SI units."""
+        return np.array([item.scale for item in self.parameters])
 
     def moved(self, state: State, step: FloatArray) -> State:
         """The state after a step in the order of the unknowns.
@@ -314,19 +354,27 @@ class Problem:
         T = T[self.session_of_points()]
         return np.einsum("mij,mj->mi", T[:, :3, :3], self.points.xyz) + T[:, :3, 3]
 
-    def model(self, state: State) -> tuple[Arm, ThesisMap]:
-        """Arm and joint map with the state's error parameters added."""
-        if not state.errors.any():
-            return self.arm, self.joint_map
-        table, joint_map = parameters.apply(self.parameters, state.errors, self.arm.table, self.joint_map)
-        return self.arm.with_table(table), joint_map
+    def arm_at(self, state: State) -> Arm:
+        """The arm with the state's constants of the geometry in its table."""
+        columns: dict[str, FloatArray] = {}
+        for axis, (slots, joints) in self._layout.constant.items():
+            if state.errors[slots].any():
+                column = getattr(self.arm.table, DHM_COLUMNS[axis]).copy()
+                column[joints] += state.errors[slots]
+                columns[DHM_COLUMNS[axis]] = column
+        return self.arm.with_table(replace(self.arm.table, **columns)) if columns else self.arm  # type: ignore[arg-type]
+
+    def model(self, state: State) -> tuple[Arm, TermMap]:
+        """Arm with the state's constants of the geometry, and its other terms."""
+        others = tuple(self.terms[k] for k in self._moving)
+        return self.arm_at(state), TermMap(self.arm, others, state.errors[self._moving])
 
     def residuals(self, state: State) -> FloatArray:
         """Residuals of all rows in the base link, shape (rows, 3), metres; not weighted."""
-        arm, joint_map = self.model(state)
+        arm = self.arm_at(state)
         out = np.empty((self.rows, 3))
-        for block in self._blocks:
-            out[block.rows] = self._misses(block, arm, joint_map, state).T
+        for k, block in enumerate(self._blocks):
+            out[block.rows] = self._residuals_of_block(k, arm, state).T
         return out
 
     def jacobian(self, state: State) -> FloatArray:
@@ -341,9 +389,9 @@ class Problem:
 
     def jacobian_blocks(self, state: State) -> Iterator[tuple[IntArray, FloatArray]]:
         """Parts of the `jacobian`: rows (r,) and their derivatives (r, 3, unknowns), a block of poses at a time."""
-        arm, joint_map = self.model(state)
-        for block in self._blocks:
-            yield block.rows, self._derivatives(block, arm, joint_map, state)[1].transpose(2, 1, 0)
+        arm = self.arm_at(state)
+        for k, block in enumerate(self._blocks):
+            yield block.rows, self.block(k, arm, state)[1].transpose(2, 1, 0)
 
     def normal_equations(
         self, state: State, weights: FloatArray | None = None, slopes: list[FloatArray] | None = None
@@ -369,10 +417,10 @@ class Problem:
         """
         weights = self.weights if weights is None else weights
         uniform = np.all(weights == 1.0)
-        arm, joint_map = self.model(state)
+        arm = self.arm_at(state)
         H, g, rss = np.zeros((self.unknowns, self.unknowns)), np.zeros(self.unknowns), 0.0
-        for block in self._blocks:
-            r, J = self._derivatives(block, arm, joint_map, state)
+        for k, block in enumerate(self._blocks):
+            r, J = self.block(k, arm, state)
             if not uniform:
                 w = weights[block.rows]
                 r *= w
@@ -387,10 +435,10 @@ class Problem:
 
     def gradient_near(self, state: State, slopes: Sequence[FloatArray]) -> tuple[FloatArray, float]:
         """``g`` and ``rss`` of `normal_equations` with the derivatives of a state close by, (unknowns, 3 rows) each."""
-        model = self.model(state)
+        arm = self.arm_at(state)
         g, rss = np.zeros(self.unknowns), 0.0
-        for block, flat in zip(self._blocks, slopes, strict=True):
-            r = self.weights[block.rows] * self._misses(block, *model, state)
+        for k, (block, flat) in enumerate(zip(self._blocks, slopes, strict=True)):
+            r = self.weights[block.rows] * self._residuals_of_block(k, arm, state)
             g, rss = g + flat @ r.ravel(), rss + float(np.vdot(r, r))
         return g, rss
 
@@ -424,35 +472,111 @@ class Problem:
             r[:, m:] = self.orientation_length * _rotation_vectors(measured @ predicted.transpose(0, 2, 1)).T
         return r, p
 
-    def _misses(self, block: PoseBlock, arm: Arm, joint_map: ThesisMap, state: State) -> FloatArray:
+    @property
+    def block_count(self) -> int:
+        """Number of blocks of poses."""
+        return len(self._blocks)
+
+    def rows_of(self, k: int) -> IntArray:
+        """Numbers of the rows of block number ``k``."""
+        return self._blocks[k].rows
+
+    def values(self, k: int) -> FloatArray:
+        """Functions of the terms that are no constants at the poses of block number ``k``, shape (terms, n)."""
+        if k in self._values:
+            return self._values[k]
+        poses = self._blocks[k].poses
+        whole = isinstance(poses, slice) and poses.stop - poses.start == len(self.motion)
+        motion = self.motion if whole else self.motion.select(poses)
+        out = basis_values([self.terms[j] for j in self._moving], Situation(self.arm, motion))
+        if len(self._moving) * len(self.motion) <= MOST_VALUES:
+            self._values[k] = out
+        return out
+
+    def _joints(self, k: int, state: State) -> tuple[FloatArray, FloatArray | None]:
+        """Effective joints (joints, n) of a block's poses, and small motions of the frames (n, joints, 6), if any."""
+        q, xi = self._blocks[k].q.T, None
+        coefficients = state.errors[self._moving]
+        if not coefficients.any():
+            return q, None
+        values = self.values(k)
+        if state.errors[self._frame_terms].any():
+            xi = np.zeros((q.shape[1], len(q), len(AXES)))
+            for row, (j, value) in enumerate(zip(self._moving, values, strict=True)):
+                if j in self._frame_terms:
+                    joints = [self.terms[j].joint, *self.terms[j].also]
+                    xi[:, joints, AXES.index(self.terms[j].axis)] += (coefficients[row] * value)[:, None]
+        return q + (self._mix * coefficients) @ values, xi
+
+    def _residuals_of_block(self, k: int, arm: Arm, state: State) -> FloatArray:
         """Residuals (3, rows) of one block."""
-        theta = joint_map.effective(block.q).T + arm.table.offsets[:, None]
-        tip = dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_last_tip)
+        block, (theta, xi) = self._blocks[k], self._joints(k, state)
+        if xi is None:
+            tip = dhm.tip_columns(arm.table, theta + arm.table.offsets[:, None], arm.T_base_0, arm.T_last_tip)
+        else:
+            tip = chain.walk(arm, theta.T, xi).tip
         return self._residuals(block, tip[..., block.frames], state)[0]
 
-    def _derivatives(
-        self, block: PoseBlock, arm: Arm, joint_map: ThesisMap, state: State
+    def block(
+        self, k: int, arm: Arm, state: State, chosen: Sequence[int] | IntArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Residuals (3, rows) and derivatives (unknowns, 3, rows) of one block."""
-        theta = joint_map.effective(block.q)[block.frames].T + arm.table.offsets[:, None]
-        chain = dhm.chain_frames(arm.table, theta, arm.T_base_0, arm.T_last_tip)
-        tip = chain.tip
+        """Residuals and derivatives of the rows of block number ``k``; not weighted.
+
+        Parameters
+        ----------
+        k : int
+        arm : Arm
+            `arm_at` the state.
+        state : State
+        chosen : sequence of int, optional
+            Numbers of the terms wanted; all unless given.
+
+        Returns
+        -------
+        r : ndarray, shape (3, rows)
+            Metres.
+        J : ndarray, shape (outer + terms, 3, rows)
+        """
+        block, (theta, xi) = self._blocks[k], self._joints(k, state)
+        layout = self._layout if chosen is None else self._layout_of(chosen)
+        theta = theta[:, block.frames]
+        if any(frame for _, (_, frame), *_ in layout.moving) or xi is not None:
+            path: dhm.ChainFrames | chain.Walk = chain.walk(arm, theta.T, None if xi is None else xi[block.frames])
+        else:
+            path = dhm.chain_frames(arm.table, theta + arm.table.offsets[:, None], arm.T_base_0, arm.T_last_tip)
+        tip = path.tip
         r, p = self._residuals(block, tip, state)
         m = block.target.size
-        J = np.zeros((self.unknowns, 3, r.shape[1]))
+        J = np.zeros((self.outer + (len(self.terms) if chosen is None else len(chosen)), 3, r.shape[1]))
         at_points = J[:, :, :m].reshape(*J.shape[:2], *block.target.shape)  # a view
-        for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-            np.multiply(p[j], -1.0, out=at_points[k, i])
-            at_points[k, j], at_points[3 + k, k] = p[i], 1.0
-        own = [(block.target == k).astype(float) for k in self.free]
+        for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+            np.multiply(p[j], -1.0, out=at_points[axis, i])
+            at_points[axis, j], at_points[3 + axis, axis] = p[i], 1.0
+        values = self.values(k)[:, block.frames] if layout.moving else np.zeros((0, 0))
         with row_arithmetic():
-            for slot, mine in enumerate(own):
-                np.multiply(tip[:3, :, None], mine, out=at_points[6 + 3 * slot : 9 + 3 * slot])
-            self._robot_columns(at_points[self.outer :], chain, p, block)
+            for slot, target in enumerate(self.free):
+                at_target = (block.target == target).astype(float)
+                np.multiply(tip[:3, :, None], at_target, out=at_points[6 + 3 * slot : 9 + 3 * slot])
+            _fill(at_points[self.outer :], layout, lambda key: _point_motion(path, p, key), values)
         if len(block.turned):
-            self._orientation_columns(J[:, :, m:], chain, tip, block)
+            self._orientation_columns(J[:, :, m:], path, block, layout, values)
         self.share_out(J, block.session)
         return r, J
+
+    def _layout_of(self, chosen: Sequence[int] | IntArray) -> _Layout:
+        """How the columns of some terms are made."""
+        constant: dict[str, tuple[list[int], list[int]]] = {}
+        moving = []
+        row, frame = {k: row for row, k in enumerate(self._moving)}, set(self._frame_terms)
+        for slot, k in enumerate(chosen):
+            term = self.terms[k]
+            if k in row:
+                moving.append((slot, (term.axis, k in frame), (term.joint, *term.also), row[k]))
+            else:
+                slots, joints = constant.setdefault(term.axis, ([], []))
+                slots.append(slot)
+                joints.append(term.joint)
+        return _Layout({axis: (np.array(slots), np.array(js)) for axis, (slots, js) in constant.items()}, moving)
 
     def share_out(self, J: FloatArray, session: IntArray) -> None:
         """Give derivatives by the base, (unknowns, 3, rows), to the base of each row's session (rows,), in place."""
@@ -461,63 +585,63 @@ class Problem:
             J[self.others + 6 * k : self.others + 6 * k + 6, :, mine] = J[:6, :, mine]
             J[:6, :, mine] = 0.0
 
-    def _orientation_columns(self, J: FloatArray, chain: dhm.ChainFrames, tip: FloatArray, block: PoseBlock) -> None:
-        """Fill derivatives of the predicted rotation vectors, (unknowns, 3, o)."""
-        turned = block.turned
+    def _orientation_columns(
+        self, J: FloatArray, path: dhm.ChainFrames | chain.Walk, block: PoseBlock, layout: _Layout, values: FloatArray
+    ) -> None:
+        """Fill derivatives of the predicted rotation vectors, (columns, 3, o)."""
+        turned, length = block.turned, self.orientation_length
         target = block.target[0, turned]
-        length = self.orientation_length
         for k in range(3):
             J[k, k] = length
         start = 6 + 3 * len(self.free)
         for slot, k in enumerate(self.framed):
-            mine = np.flatnonzero(target == k)
-            J[start + 3 * slot : start + 3 * slot + 3, :, mine] = length * tip[:3, :, turned[mine]]
-        axes = {"theta": chain.z, "alpha": chain.x_before, "beta": chain.y_tilt}
-        self._fill(J[self.outer :], {kind: length * axis[..., turned] for kind, axis in axes.items()}, block, turned)
+            rows = np.flatnonzero(target == k)
+            J[start + 3 * slot : start + 3 * slot + 3, :, rows] = length * path.tip[:3, :, turned[rows]]
 
-    def _robot_columns(self, J: FloatArray, chain: dhm.ChainFrames, p: FloatArray, block: PoseBlock) -> None:
-        """Fill derivatives by the robot's error parameters, (k, 3, t, f)."""
-        kinds = set(self.kinds)
-        axes = {"a": chain.x_before, "d": chain.z, "b": chain.y_tilt}
-        columns = {kind: axis[:, :, None] for kind, axis in axes.items()}
-        if "alpha" in kinds:
-            columns["alpha"] = _turned(chain.x_before, chain.o_before, p)
-        if kinds & {"theta", "stiffness", "fourier", "gain"}:
-            columns["theta"] = _turned(chain.z, chain.o, p)
-        if "beta" in kinds:
-            columns["beta"] = _turned(chain.y_tilt, chain.o_tilt, p)
-        self._fill(J, columns, block, slice(None))
+        def turn(key: Key) -> FloatArray | None:
+            return None if key[0][0] == "t" else length * _axis(path, key)[0][..., turned]
 
-    def _fill(self, J: FloatArray, columns: Mapping[str, FloatArray], block: PoseBlock, some: IntArray | slice) -> None:
-        """Derivatives at some frames of a block by every error parameter, from those by the DHM columns at them.
-
-        Absent columns have no effect.
-        """
-        theta = columns.get("theta")
-        for kind, (slots, indices) in self.kinds.items():
-            if kind in columns:
-                J[slots] = columns[kind][indices]
-            elif kind == "gain":
-                for slot, index in zip(slots, indices, strict=True):
-                    along = columns.get("d" if self.arm.table.prismatic[index] else "theta")
-                    if along is not None:
-                        J[slot] = along[index] * block.q[block.frames, index][some]
-            elif theta is not None and kind == "fourier":
-                for slot, index in zip(slots, indices, strict=True):
-                    np.multiply(theta[5], block.fourier[index, some], out=J[slot])
-            elif theta is not None and kind == "stiffness":  # A turns joint 2, B joints 2 and 3
-                for slot, index in zip(slots, indices, strict=True):
-                    np.multiply(theta[1] + theta[2] if index else theta[1], block.stiffness[index, some], out=J[slot])
+        _fill(J[self.outer :], layout, turn, values[:, turned] if layout.moving else values)
 
 
-def _places(error_parameters: Sequence[Parameter]) -> dict[str, tuple[IntArray, IntArray]]:
-    """Places of the parameters of each kind, and their joints (or numbers)."""
-    found: dict[str, tuple[list[int], list[int]]] = {}
-    for slot, parameter in enumerate(error_parameters):
-        slots, indices = found.setdefault(parameter.kind, ([], []))
-        slots.append(slot)
-        indices.append(parameter.index)
-    return {kind: (np.array(slots), np.array(indices)) for kind, (slots, indices) in found.items()}
+def _fill(J: FloatArray, layout: _Layout, motion: Callable[[Key], FloatArray | None], values: FloatArray) -> None:
+    """Fill derivatives by terms, (terms, 3, …).
+
+    Parameters
+    ----------
+    J : ndarray, shape (terms, 3, …)
+    layout : _Layout
+    motion : callable
+        Derivative by the motion of each joint's frame, shape (joints, 3, …), None where nothing moves.
+    values : ndarray, shape (functions, frames)
+    """
+    constant = {(axis, False): of for axis, of in layout.constant.items()}
+    columns = {key: motion(key) for key in {*constant, *(key for _, key, *_ in layout.moving)}}
+    for key, (slots, joints) in constant.items():
+        column = columns[key]
+        if column is not None:
+            J[slots] = column[joints]
+    for slot, key, own, row in layout.moving:
+        column = columns[key]
+        if column is not None:
+            along = column[own[0]] if len(own) == 1 else column[list(own)].sum(axis=0)
+            np.multiply(along, values[row], out=J[slot])
+
+
+def _axis(path: dhm.ChainFrames | chain.Walk, key: Key) -> tuple[FloatArray, FloatArray]:
+    """Axis and origin of a motion of each joint's frame, shape (joints, 3, f)."""
+    axis, frame_term = key
+    number = AXES.index(axis)
+    if frame_term and isinstance(path, chain.Walk):
+        return (path.turns[:, number], path.moved) if number < 3 else (path.frame[:, number - 3], path.moved)
+    pairs = (path.x_before, path.o_before), (path.y_tilt, path.o_tilt), (path.z, path.o)
+    return pairs[number % 3]
+
+
+def _point_motion(path: dhm.ChainFrames | chain.Walk, p: FloatArray, key: Key) -> FloatArray:
+    """Derivative of points (3, t, f) by a motion of each joint's frame, shape (joints, 3, t or 1, f)."""
+    axis, origin = _axis(path, key)
+    return axis[:, :, None] if key[0][0] == "t" else _turned(axis, origin, p)
 
 
 def session_names(points: PointSet) -> tuple[str, ...]:

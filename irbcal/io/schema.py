@@ -16,7 +16,7 @@ from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.identification.evidence_fit import EvidenceFit, GroupResult
 from irbcal.identification.explanation import Stage
-from irbcal.identification.fit import Fit, ParameterReport, term_of
+from irbcal.identification.fit import Fit, ParameterReport
 from irbcal.identification.gear_scan import Spectrum
 from irbcal.io import urdf_check
 from irbcal.io.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
@@ -28,7 +28,7 @@ from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.elsewhere import Elsewhere
 from irbcal.modeling.joint_map import JointMap
-from irbcal.modeling.parameters import all_names, parameter
+from irbcal.modeling.parameters import all_names, parameter, term_of
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.situation import Motion

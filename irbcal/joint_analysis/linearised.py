@@ -18,6 +18,7 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.registration import base_on
 from irbcal.modeling import parameters
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.units import MM
 
@@ -114,7 +115,9 @@ class Linearised:
         if not arm.six_revolute:
             geometry = [item.name for item in parameters.level_parameters("placement", arm)]
         turns = [f"delta_{'d' if slides else 'theta'}{j}" for j, slides in enumerate(arm.table.prismatic, start=1)]
+        nominal = robot.joint_map.terms.arm
         maps = [name for name in parameters.all_names(arm) if not name.startswith("delta_")]
+        maps = [name for name in maps if nominal.bends_like_the_thesis or not name.startswith("stiffness")]
         names = list(dict.fromkeys([*geometry, *turns, *maps]))
         chosen = tuple(parameters.parameter(name) for name in names)
         own, seen = ThesisMap.of(robot.joint_map), points
@@ -122,7 +125,8 @@ class Linearised:
             seen = replace(_without_frame_terms(robot, points), q=robot.joint_map.effective(points.q))
             own = ThesisMap(np.zeros(joints))
         held = [getattr(own, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
-        problem = Problem(arm, seen, chosen, own.phases)
+        terms = [parameters.term_of(item, nominal) for item in chosen]
+        problem = Problem(arm, seen, ()).with_terms(terms, Motion(seen.q))
         targets = np.array([robot.targets[name] for name in points.target_names])
         rotations = np.array([robot.target_rotations.get(name, np.eye(3)) for name in points.target_names])
         state = State(robot.T_world_base, targets, np.array(held), rotations)

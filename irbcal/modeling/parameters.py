@@ -22,6 +22,10 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.levels import LEVELS, Level
+from irbcal.modeling.terms.gain import FAMILY as GAIN
+from irbcal.modeling.terms.geometry import DHM_COLUMNS, SIZES
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.thesis import fourier_of, stiffness_of
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -216,6 +220,34 @@ def selected_parameters(
     for pattern in hold:
         names = [name for name in names if not fnmatch.fnmatchcase(name, pattern)]
     return tuple(parameter(name) for name in names)
+
+
+AXIS_OF = {column: axis for axis, column in DHM_COLUMNS.items()}
+
+
+def term_of(parameter: Parameter, arm: Arm) -> Term:
+    """The term of the error model that an error parameter is the coefficient of.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        A constant of the geometry, a gain, or a parameter of stiffness or of joint 6's Fourier series.
+    arm : Arm
+        Nominal arm, one that the thesis's joint map fits where the parameter is of that.
+
+    Raises
+    ------
+    RobotError
+        If the arm does not bend like the thesis's, and the parameter is one of its stiffness.
+    """
+    if parameter.kind == "gain":
+        return GAIN.terms(arm)[parameter.index]
+    if parameter.kind == "stiffness":
+        return stiffness_of(arm, arm.stiffness_geometry()[0])[parameter.index]
+    if parameter.kind == "fourier":
+        return fourier_of()[parameter.index]
+    axis = AXIS_OF[parameter.kind]
+    return Term(parameter.index, axis, "constant", SIZES[axis[0]], "geometry", "geometry", parameter.unit)
 
 
 def thesis_count(parameters: Sequence[Parameter]) -> int:

@@ -57,9 +57,6 @@ class Model:
     def __init__(self, arm: Arm, targets: Targets, level: str, noise: float = NOISE) -> None:
         self.arm, self.targets, self.level, self.noise = arm, targets, level, float(noise)
         self.parameters = level_parameters(level, arm)
-        self.phases: FloatArray = np.array([0.0, np.pi / 2])
-        if any(p.kind == "stiffness" for p in self.parameters):
-            self.phases = arm.stiffness_geometry()[0]
         self.outer = 6 + 3 * len(targets.names)
         self.scale = np.concatenate([np.ones(self.outer), [p.scale for p in self.parameters]])
 
@@ -70,7 +67,7 @@ class Model:
         points = PointSet(
             q, pose, target, np.zeros((len(pose), 3)), self.targets.names, np.arange(n), np.full(n, "", dtype=object)
         )
-        problem = Problem(self.arm, points, self.parameters, self.phases)
+        problem = Problem(self.arm, points, self.parameters)
         return problem, State(np.eye(4), self.targets.places, np.zeros(len(self.parameters)))
 
     def rows(self, q: FloatArray, seen: BoolArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from evidence_cases import Truth, linear_case
+from evidence_cases import Truth, linear_case, rows_of
 
 from irbcal.identification import gear_scan
 from irbcal.identification.evidence import identify_evidence
@@ -32,7 +32,7 @@ def dense(linear, columns, waves):
     gears = [term for pair in waves for term in gear_terms(*pair)]
     wide = Linearisation(linear.problem, linear.state, linear.motion, [*linear.terms, *gears])
     places = linear.flat + len(linear.terms) + np.arange(len(gears))
-    block = next(wide.blocks(np.concatenate([columns, places])))
+    block = rows_of(wide, np.concatenate([columns, places]))
     return block.J, block.y
 
 

@@ -12,6 +12,8 @@ joint's offset (for frame terms: part of its geometry).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,7 +21,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import AXES, Basis, Family, Term, revolute
-from irbcal.modeling.terms.waves import Expansion, expanded_lever
+from irbcal.modeling.terms.waves import Combinations, Expansion, expanded_lever
 
 SIZE = 3e-4
 VECTORS = ("x", "y", "z")
@@ -71,11 +73,38 @@ class Gravity(Basis):
             out[:, :, i] += moves_vector * rate
         return out
 
+    def quick_values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+        """As `values`; levers about the joints' own axes by their waves, which are found once for an arm."""
+        levers = tuple((t.joint, _link(t), _vector(t)) for t in terms)
+        waves = _waves(here.arm, levers, tuple(here.gravity.tolist())) if all(t.axis == "rz" for t in terms) else None
+        if waves is None:
+            return self.values(terms, here)
+        out = np.zeros((len(terms), len(here.motion)))
+        out[waves.targets] = waves.values @ waves.cosines_and_sines(here.motion.q.T)
+        return out
+
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
         """Waves of the joints that carry the axis or the link."""
-        vector = term.parameters["vector"]
-        v = np.eye(3)[VECTORS.index(vector)] if isinstance(vector, str) else np.asarray(vector, dtype=float)
-        return expanded_lever(arm, term.joint, _link(term), v, gravity)
+        return expanded_lever(arm, term.joint, _link(term), _vector(term), gravity)
+
+
+Lever: TypeAlias = tuple[int, int, tuple[float, ...]]
+"""Joint, link (from 0) and the link's vector."""
+
+
+@lru_cache(maxsize=32)
+def _waves(arm: Arm, levers: tuple[Lever, ...], gravity: tuple[float, ...]) -> Combinations | None:
+    """Levers of an arm as waves, numbered in their order; None where one has too many."""
+    expansions = [expanded_lever(arm, *lever, gravity) for lever in levers]
+    waves = [(k, *wave) for k, lever in enumerate(expansions) if lever is not None for wave in lever.items()]
+    return None if None in expansions else Combinations.of(waves, len(arm.joint_names))
+
+
+def _vector(term: Term) -> tuple[float, ...]:
+    vector = term.parameters["vector"]
+    if isinstance(vector, tuple):
+        return vector
+    return tuple(np.eye(3)[VECTORS.index(str(vector))].tolist())
 
 
 def _link(term: Term) -> int:

@@ -149,6 +149,10 @@ class Basis(ABC):
     def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
         """The function for each term and pose, shape (terms, n)."""
 
+    def quick_values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+        """As `values`, where there is a faster way."""
+        return self.values(terms, here)
+
     @abstractmethod
     def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
         """Derivative by the commanded joints, the stop before held, shape (terms, n, joints)."""

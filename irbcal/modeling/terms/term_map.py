@@ -24,7 +24,7 @@ def basis_values(terms: Sequence[Term], here: Situation) -> FloatArray:
     """Function of each term at each pose, shape (terms, n)."""
     out = np.empty((len(terms), len(here.motion)))
     for name, rows in _by_basis(terms):
-        out[rows] = bases()[name].values([terms[k] for k in rows], here)
+        out[rows] = bases()[name].quick_values([terms[k] for k in rows], here)
     return out
 
 

@@ -6,6 +6,8 @@ joints 2 and 3 alike, that of the forearm's; joint 6 has harmonics of orders 1 a
 
 from __future__ import annotations
 
+from functools import cache, lru_cache
+
 import numpy as np
 
 from irbcal.arrays import FloatArray
@@ -27,6 +29,11 @@ def stiffness_of(arm: Arm, phases: FloatArray) -> list[Term]:
     phases : ndarray, shape (2,)
         About axis 2, radians.
     """
+    return list(_stiffness_of(arm, *map(float, phases)))
+
+
+@lru_cache(maxsize=32)
+def _stiffness_of(arm: Arm, *phases: float) -> tuple[Term, ...]:
     arm.stiffness_geometry()
     here = Situation(arm, Motion(np.zeros((1, 6))))
     up = np.array([0.0, 0.0, 1.0])
@@ -36,13 +43,18 @@ def stiffness_of(arm: Arm, phases: FloatArray) -> list[Term]:
         vector = here.after[link, :, :, 0] @ (np.cos(phase) * up + np.sin(phase) * side)
         parameters: dict[str, Value] = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
         out.append(Term(1, "rz", "gravity", gravity.SIZE, GROUP, Thesis.name, "rad", parameters, also))
-    return out
+    return tuple(out)
+
+
+@cache
+def _fourier_of() -> tuple[Term, ...]:
+    name = Thesis.name
+    return tuple(term for k in (1, 2) for term in harmonics.pair(5, k, "rz", harmonics.SIZE, f"{name}_fourier", name))
 
 
 def fourier_of() -> list[Term]:
     """Cosine and sine of orders 1 and 2 of joint 6."""
-    name = Thesis.name
-    return [term for k in (1, 2) for term in harmonics.pair(5, k, "rz", harmonics.SIZE, f"{name}_fourier", name)]
+    return list(_fourier_of())
 
 
 class Thesis(Family):
