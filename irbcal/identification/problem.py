@@ -51,7 +51,7 @@ MOST_VALUES = 1 << 22
 
 @dataclass(frozen=True, eq=False)
 class PoseBlock:
-    """Some points with the frames at which they are, and the numbers of their rows; made once a problem: not locked.
+    """Some points with the frames at which they are, and the numbers of their rows; not locked.
 
     Points are arranged in t rows of f. Where poses have t points each, and none an orientation, the frames of a pose
     are needed once, for the points below one another; else once for every point, and there is one row.
