@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 import irbcal
 from irbcal import parallel
 from irbcal.errors import IrbcalError, OptionError
-from irbcal.identification import linear_model
+from irbcal.identification import problem
 from irbcal.io import robots
 from irbcal.measurement import cleaning
 from irbcal.validation import bootstrap
@@ -83,7 +83,7 @@ def test_a_killed_worker_loses_nothing_and_a_deadly_task_is_named(tmp_path):
 def test_workers_and_threads_of_the_blas_change_no_byte_of_a_calibration(monkeypatch):
     """Every problem counts as large, and is cut into blocks of 20 poses."""
     monkeypatch.setattr(parallel, "THREADS_PAY", 0.0)
-    monkeypatch.setattr(linear_model, "BLOCK", 20)
+    monkeypatch.setattr(problem, "BLOCK", 20)
     monkeypatch.setattr(bootstrap, "BLOCK", 20_000)
     seen = pd.read_csv(robots.demo_file("demo_identification.csv"))
     seen = seen[seen["pose"].isin(seen["pose"].unique()[:40])]
