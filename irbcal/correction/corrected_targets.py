@@ -30,7 +30,10 @@ def of_arm(program: Program, nominal: Arm) -> list[WantedTargets]:
     batch = program.wanted_targets()
     if program.joints_of_urdf:
         return [*batch]
-    return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in batch]
+    return [
+        replace(target, values=nominal.from_controller(target.values)) if target.kind == "joint" else target
+        for target in batch
+    ]
 
 
 def counted(corrections: Corrections, program: Program, nominal: Arm) -> Corrections:
@@ -61,8 +64,8 @@ def meant_joints(program: Program, nominal: Arm) -> list[tuple[WantedTargets, Fl
             out.append((batch, batch.values, [""] * len(batch.names)))
             continue
         fake = fake_targets(Robot(nominal), nominal, batch, None)
-        known = np.isfinite(fake.q_nominal).all(axis=1)
-        out.append((batch, fake.q_nominal, [*np.where(known, "", fake.reason)]))
+        reachable = np.isfinite(fake.q_nominal).all(axis=1)
+        out.append((batch, fake.q_nominal, [*np.where(reachable, "", fake.reason)]))
     return out
 
 
@@ -75,15 +78,15 @@ def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: A
     if batch.configurations is None:
         return correct_poses(robot, nominal, batch.values, controller=controller)
     confs = [conf if isinstance(conf, ConfData) else None for conf in batch.configurations]
-    seed, told = seeds_of(nominal, batch.values, confs, controller)
+    seed, determined = seeds_of(nominal, batch.values, confs, controller)
     branch = closed_form.configuration(nominal, np.nan_to_num(seed))
     corrections = correct_poses(robot, nominal, batch.values, seed, branch, controller)
     reason = "its configuration data fit no solution of the robot within the joint limits"
-    return refused(corrections, ["" if known else reason for known in told])
+    return refused(corrections, ["" if whole_posture else reason for whole_posture in determined])
 
 
 def corrected(
-    robot: Robot, nominal: Arm, batch: WantedTargets, controller: Arm | None, at: TargetFrames, known: TrueFrames
+    robot: Robot, nominal: Arm, batch: WantedTargets, controller: Arm | None, at: TargetFrames, true_frames: TrueFrames
 ) -> Corrected:
     """Fake targets of goals for the true tools and work objects; taught points are not corrected.
 
@@ -91,11 +94,11 @@ def corrected(
     re-expressed, the controller shall compute the pose that the true frames give where they were taught, and nothing
     else changes: ``N(q) = Oc Ot^-1 C(q0) Tt Tc^-1``.
     """
-    taught = known.points.are_taught(batch.names)
-    if not taught.any() and CELL not in at.origins and not known.points.re_express:
+    taught = true_frames.points.are_taught(batch.names)
+    if not taught.any() and CELL not in at.origins and not true_frames.points.re_express:
         return fake_targets(robot, nominal, batch, controller)
     plain = as_programmed(nominal, batch, controller)
-    if known.points.re_express:
+    if true_frames.points.re_express:
         q = np.nan_to_num(plain.q_nominal)
         T_wanted = frames.inverse(at.T_left) @ robot.forward(q) @ frames.inverse(at.T_right)
         computing, unchanged = Robot(controller or nominal), np.where(taught, "", OFFLINE)
@@ -104,7 +107,7 @@ def corrected(
         computing, unchanged = robot, np.where(taught, TAUGHT, "")
     corrections = correct_meant(computing, nominal, T_wanted, plain.q_nominal, controller)
     against = np.where(np.isfinite(plain.q_nominal).all(axis=1), "", plain.reason)
-    if known.points.re_express:
+    if true_frames.points.re_express:
         against = np.where(at.origins == UNKNOWN, NO_FRAME, against)
     return refused(corrections, [*np.where(unchanged != "", unchanged, against)])
 
@@ -115,18 +118,23 @@ def as_programmed(nominal: Arm, batch: WantedTargets, controller: Arm | None) ->
 
 
 def as_written(
-    nominal: Arm, batch: WantedTargets, fake: Corrected, controller: Arm | None, at: TargetFrames, known: TrueFrames
+    nominal: Arm,
+    batch: WantedTargets,
+    fake: Corrected,
+    controller: Arm | None,
+    at: TargetFrames,
+    true_frames: TrueFrames,
 ) -> Corrected:
     """Fake targets in the numbers that the controller will have: ``P' = On^-1 N(q) Tn``.
 
     Programs write ``Oc^-1 T Tc`` for a pose ``T``, so with numbers from the cell ``T = Oc Ot^-1 N(q) Tt Tc^-1``. Taught
     poses keep their joints, so these change as well.
     """
-    if CELL not in at.origins and not known.points.re_express:
+    if CELL not in at.origins and not true_frames.points.re_express:
         return fake
     plain = as_programmed(nominal, batch, controller)
     T_fake, q, ok, reason = fake.T_fake, fake.q, fake.ok, fake.reason
-    if known.numbers == "from-cell" and batch.kind == "pose" and not known.points.re_express:
+    if true_frames.numbers == "from-cell" and batch.kind == "pose" and not true_frames.points.re_express:
         stays = (reason == TAUGHT) & plain.ok
         ok, reason = ok | stays, np.where(stays, "", reason)
         q = np.where(stays[:, None], plain.q_nominal, q)
@@ -137,12 +145,14 @@ def as_written(
 
 def writable(program: Program, nominal: Arm, batch: WantedTargets, fake: Corrected) -> Corrected:
     """Corrections without those that would write another configuration of the arm, or that the language refuses."""
-    kept = refused(fake, program.refused(batch, fake))
+    written = refused(fake, program.refused(batch, fake))
     if batch.kind == "joint" or not closed_form.has_closed_form(nominal):
-        return kept
-    before, after = (closed_form.configuration(nominal, np.nan_to_num(q)) for q in (kept.q_nominal, kept.q))
-    changed = kept.ok & (before != after)
-    return refused(kept, [*np.where(changed, "its correction would need another configuration of the arm", "")])
+        return written
+    configuration_before, configuration_after = (
+        closed_form.configuration(nominal, np.nan_to_num(q)) for q in (written.q_nominal, written.q)
+    )
+    changed = written.ok & (configuration_before != configuration_after)
+    return refused(written, [*np.where(changed, "its correction would need another configuration of the arm", "")])
 
 
 def refused(corrections: Corrected, reasons: Sequence[str]) -> Corrected:
@@ -185,14 +195,14 @@ def commanded(program: Program, nominal: Arm) -> FloatArray:
             joints[number], why[number] = row, str(reason)
         order += batch.numbers.tolist()
     stops = [(stop.target, stop.line) for stop in program.stops()]
-    left = {item.line: item for item in program.left()}
+    unchanged = {target.line: target for target in program.left()}
     out = []
     for number, line in stops or [(number, 0) for number in sorted(order)]:
         if number is not None and number in joints and np.isfinite(joints[number]).all():
             out.append(joints[number])
             continue
-        known = why.get(number, "") if number is not None else ""
-        reason = known or (left[line].reason if line in left else _of_target(program, number))
+        target_reason = why.get(number, "") if number is not None else ""
+        reason = target_reason or (unchanged[line].reason if line in unchanged else _of_target(program, number))
         raise ProgramError(f"the joints of this move are not known: {reason}", file=program.source, line=line or None)
     return np.array(out).reshape(-1, len(nominal.joint_names))
 

@@ -79,10 +79,10 @@ class Corrected(Speaks):
 
     def told(self) -> list[Told]:
         """How many are corrected and by how much, and why the others are not."""
-        told: list[Told] = [corrected_in_words(self.shift[self.ok], len(self.ok))]
+        sentences: list[Told] = [corrected_in_words(self.shift[self.ok], len(self.ok))]
         reasons, counts = np.unique(self.reason[~self.ok].astype(str), return_counts=True)
-        told += [f"  {count} not corrected: {reason}" for reason, count in zip(reasons, counts, strict=True)]
-        return told
+        sentences += [f"  {count} not corrected: {reason}" for reason, count in zip(reasons, counts, strict=True)]
+        return sentences
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each wanted pose, radians and metres.
@@ -99,22 +99,22 @@ class Corrected(Speaks):
         return pd.DataFrame(columns).assign(ok=self.ok, reason=self.reason)
 
 
-def corrected_in_words(shift: FloatArray, asked: int | None = None) -> str:
+def corrected_in_words(shift: FloatArray, wanted_count: int | None = None) -> str:
     """One line on how many targets are corrected and by how much.
 
     Parameters
     ----------
     shift : ndarray, shape (n,)
         Of the corrected targets, metres.
-    asked : int, optional
+    wanted_count : int, optional
         How many there were; without it nothing is said of them.
     """
     if not len(shift):
-        return "no target corrected" if asked is None else f"none of {asked} targets corrected"
-    of = "" if asked is None else f" of {asked}"
-    plural = "s" if (len(shift) if asked is None else asked) != 1 else ""
-    mean, most = shift.mean() / MM, shift.max() / MM
-    return f"{len(shift)}{of} target{plural} corrected, by {mean:.3f} mm on average and at most {most:.3f} mm"
+        return "no target corrected" if wanted_count is None else f"none of {wanted_count} targets corrected"
+    of_wanted = "" if wanted_count is None else f" of {wanted_count}"
+    plural = "s" if (len(shift) if wanted_count is None else wanted_count) != 1 else ""
+    mean, largest = shift.mean() / MM, shift.max() / MM
+    return f"{len(shift)}{of_wanted} target{plural} corrected, by {mean:.3f} mm on average and at most {largest:.3f} mm"
 
 
 def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike, controller: Arm | None = None) -> Corrected:
@@ -210,31 +210,31 @@ def correct_meant(
 
 
 def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray, controller: Arm) -> Corrected:
-    known = np.isfinite(q_nominal).all(axis=1)
+    reachable = np.isfinite(q_nominal).all(axis=1)
     n = len(q_nominal)
     q = np.full(q_nominal.shape, np.nan)
     residual = np.full(n, np.nan)
     reason = np.full(n, "", dtype=object)
-    reason[~known] = "the nominal robot does not reach it within its joint limits in this configuration"
-    if known.any():
-        rows = np.flatnonzero(known)
+    reason[~reachable] = "the nominal robot does not reach it within its joint limits in this configuration"
+    if reachable.any():
+        rows = np.flatnonzero(reachable)
         solve = calibrated_arm.solve if closed_form.has_closed_form(nominal) else any_arm.solve
-        found = solve(robot, nominal, T_wanted[rows], seed=q_nominal[rows], thorough=False)
-        change = np.abs(found.joints - q_nominal[rows])
+        solution = solve(robot, nominal, T_wanted[rows], seed=q_nominal[rows], thorough=False)
+        change = np.abs(solution.joints - q_nominal[rows])
         near = change.max(axis=1) <= LARGEST_CHANGE
-        good = found.converged & found.inside & found.branch_kept & near
-        q[rows[good]] = found.joints[good]
-        residual[rows] = found.position_residual
-        for k in np.flatnonzero(found.converged & ~near):
+        good = solution.converged & solution.inside & solution.branch_kept & near
+        q[rows[good]] = solution.joints[good]
+        residual[rows] = solution.position_residual
+        for k in np.flatnonzero(solution.converged & ~near):
             joint = int(np.argmax(change[k]))
             reason[rows[k]] = (
                 f"it would turn joint {joint + 1} by {change[k, joint] / DEG:.0f} degrees: next to a singularity"
             )
-        reason[rows[found.converged & ~found.branch_kept]] = "it would need another configuration of the arm"
-        reason[rows[found.converged & ~found.inside]] = "its correction is outside the joint limits"
+        reason[rows[solution.converged & ~solution.branch_kept]] = "it would need another configuration of the arm"
+        reason[rows[solution.converged & ~solution.inside]] = "its correction is outside the joint limits"
         for code in calibrated_arm.Reason:
             if code != calibrated_arm.Reason.CONVERGED:
-                reason[rows[~found.converged & (found.reason == code)]] = _WORDS.get(code, code.words)
+                reason[rows[~solution.converged & (solution.reason == code)]] = _WORDS.get(code, code.words)
     ok = np.isfinite(q).all(axis=1)
     T_fake = np.full((n, 4, 4), np.nan)
     if ok.any():

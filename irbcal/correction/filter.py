@@ -178,25 +178,27 @@ def correct(
     model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)
     tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
     ends = _controller(urdf, record)
-    known = TrueFrames(
+    true_frames = TrueFrames(
         cell_of(cell, record.fingerprint), frames_measured, controller_frames, point_origin(points, re_express), ends
     )
-    known.check(path_tolerance is not None)
+    true_frames.check(path_tolerance is not None)
     frames_given = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
-    counts, own = pulses_per_degree(pulses), None if model is None else model.arm
-    given = ControllerSetup(*frames_given, ends, counts, own, place_pair(where, language))
-    programs = language.read_for(nominal, sources, given)
+    counts, controller_arm = pulses_per_degree(pulses), None if model is None else model.arm
+    setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language))
+    programs = language.read_for(nominal, sources, setup)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
-    if tolerance is not None and not all(isinstance(one, Cuttable) for one in programs):
+    if tolerance is not None and not all(isinstance(program_read, Cuttable) for program_read in programs):
         raise OptionError(
             "path_tolerance: points are put into moves of RAPID only, where a move can name its point in numbers; this "
             f"is {language.NAME}",
             parameter="path_tolerance",
         )
     speeds = None if urdf is None else speed_limits(urdf, nominal.joint_names)
-    whole = record.fingerprint, given.own_model, tolerance, speeds
-    filtered = together([filter_program(robot, nominal, one, *whole, known) for one in programs])
+    common = record.fingerprint, setup.own_model, tolerance, speeds
+    filtered = together(
+        [filter_program(robot, nominal, program_read, *common, true_frames) for program_read in programs]
+    )
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(filtered.q_before, "targets")):
         filtered = replace(filtered, cautions=(outside,))
     if model is not None:
@@ -219,9 +221,9 @@ def _written(filtered: Filtered, out: str | Path | None, changes: str | Path | N
         table = without_formulas(filtered.to_frame()).to_csv(index=False, float_format="%.6f")
         contents[Path(changes)] = table.encode("utf-8")
     if out is not None:
-        places = _places(Path(out), filtered.files, folder)
-        refuse_overwriting({"out": [*places], "changes": changes}, [*filtered.files])
-        contents |= places
+        targets_of_files = _places(Path(out), filtered.files, folder)
+        refuse_overwriting({"out": [*targets_of_files], "changes": changes}, [*filtered.files])
+        contents |= targets_of_files
         filtered = replace(filtered, written=Path(out))
     write_set(contents)
     return filtered
@@ -273,9 +275,9 @@ def place_pair(
     return joints, frames_by_name({"pose": pose}, "where")["pose"]
 
 
-def _not_written(filtered: Filtered, why: str = "") -> NotWritten:
-    if why:
-        message = f"nothing was written: {why}"
+def _not_written(filtered: Filtered, reason: str = "") -> NotWritten:
+    if reason:
+        message = f"nothing was written: {reason}"
     elif not len(filtered.targets):
         taught = f", and {filtered.unchanged} need no change" if filtered.unchanged else ""
         message = f"nothing was written: no target could be corrected{taught}"
@@ -299,7 +301,7 @@ def filter_program(
     controller: Arm | None = None,
     path_tolerance: float | None = None,
     speeds: FloatArray | None = None,
-    known: TrueFrames | None = None,
+    true_frames: TrueFrames | None = None,
 ) -> Filtered:
     """Correct the targets of a program as read.
 
@@ -319,7 +321,7 @@ def filter_program(
         As for `correct`; the program must be `irbcal.correction.paths.Cuttable`.
     speeds : ndarray, shape (joints,), optional
         Largest speeds of the joints, which trajectories must keep to, rad/s (m/s).
-    known : TrueFrames, optional
+    true_frames : TrueFrames, optional
         What is known of tools and work objects; without it nothing is.
 
     Returns
@@ -334,17 +336,17 @@ def filter_program(
         As `irbcal.correction.fake_targets.correct_joints` and `irbcal.correction.fake_targets.correct_poses`.
     """
     refuse_filtered(program)
-    known = known or TrueFrames()
-    wanted = of_arm(program, nominal)
-    frames_of = [known.frames_of(program, batch) for batch in wanted]
-    alone = [
-        (batch, corrected(robot, nominal, batch, controller, at, known))
-        for batch, at in zip(wanted, frames_of, strict=True)
+    true_frames = true_frames or TrueFrames()
+    batches = of_arm(program, nominal)
+    frames_of = [true_frames.frames_of(program, batch) for batch in batches]
+    uncoupled = [
+        (batch, corrected(robot, nominal, batch, controller, at, true_frames))
+        for batch, at in zip(batches, frames_of, strict=True)
     ]
-    moving = Robot(controller or nominal) if known.points.re_express else robot
-    corrections, program, left, last_moves = _in_course(moving, nominal, program, alone, controller, speeds)
+    moving = Robot(controller or nominal) if true_frames.points.re_express else robot
+    corrections, program, left, last_moves = _in_course(moving, nominal, program, uncoupled, controller, speeds)
     corrections = [
-        (batch, writable(program, nominal, batch, as_written(nominal, batch, fake, controller, at, known)))
+        (batch, writable(program, nominal, batch, as_written(nominal, batch, fake, controller, at, true_frames)))
         for (batch, fake), at in zip(corrections, frames_of, strict=True)
     ]
     names: list[str] = []
@@ -369,7 +371,7 @@ def filter_program(
     return Filtered(
         source=program.source,
         files=program.with_fake_targets(
-            counted(corrections, program, nominal), None if known.points.re_express else fingerprint
+            counted(corrections, program, nominal), None if true_frames.points.re_express else fingerprint
         ),
         targets=np.array(names, dtype=object),
         lines=np.concatenate([np.zeros(0, dtype=int), *(batch.lines[fake.ok] for batch, fake in corrections)]),
@@ -378,7 +380,7 @@ def filter_program(
         shift=np.concatenate([none[:, 0], *(fake.shift[fake.ok] for fake in fakes)]),
         turn=np.concatenate([none[:, 0], *(fake.turn[fake.ok] for fake in fakes)]),
         residual=np.concatenate([none[:, 0], *(fake.residual[fake.ok] for fake in fakes)]),
-        left=tuple(sorted(left, key=lambda item: item.line)),
+        left=tuple(sorted(left, key=lambda target: target.line)),
         notes=(*program.notes, *(last_moves.notes if last_moves else ())),
         joint_columns=tuple(nominal.joint_columns),
         fingerprint=fingerprint,
@@ -386,7 +388,7 @@ def filter_program(
         last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
         coupling=nominal.coupling,
         paths=tuple(cuts) if path_tolerance is not None else None,
-        frames=TargetFrames.of(robot, controller or nominal, corrections, frames_of, known),
+        frames=TargetFrames.of(robot, controller or nominal, corrections, frames_of, true_frames),
         unchanged=unchanged,
     )
 
@@ -395,17 +397,17 @@ def _in_course(
     robot: Robot,
     nominal: Arm,
     program: Program,
-    alone: Corrections,
+    uncoupled: Corrections,
     controller: Arm | None,
     speeds: FloatArray | None,
 ) -> tuple[Corrections, Program, list[Left], LastMoves | None]:
     """Corrections that know what comes before: in a motion as it goes, in other programs the stop before."""
-    left = list(program.left())
+    unchanged = list(program.left())
     if not isinstance(program, Timed):
-        corrections, last_moves = with_last_moves(robot, controller or nominal, alone, program.stops())
-        return corrections, program, left, last_moves
-    moving, commands, passed = follow(robot, nominal, program, alone, controller, speeds)
-    return moving, program if commands is None else program.with_motion(commands), left + passed, None
+        corrections, last_moves = with_last_moves(robot, controller or nominal, uncoupled, program.stops())
+        return corrections, program, unchanged, last_moves
+    moving, commands, passed = follow(robot, nominal, program, uncoupled, controller, speeds)
+    return moving, program if commands is None else program.with_motion(commands), unchanged + passed, None
 
 
 def _ends(corrections: Corrections) -> dict[int, Ends]:

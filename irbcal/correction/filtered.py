@@ -137,13 +137,13 @@ class Filtered(Speaks):
         """
         import pandas as pd
 
-        before, after = self._in_units(self.q_before).T, self._in_units(self.q).T
+        q_before, q_after = self._in_units(self.q_before).T, self._in_units(self.q).T
         return pd.DataFrame(
             {
                 "target": self.targets,
                 "line": self.lines,
-                **{f"{name}_before": values for name, values in zip(self.joint_columns, before, strict=True)},
-                **dict(zip(self.joint_columns, after, strict=True)),
+                **{f"{name}_before": values for name, values in zip(self.joint_columns, q_before, strict=True)},
+                **dict(zip(self.joint_columns, q_after, strict=True)),
                 "shift_mm": self.shift / MM,
                 "turn_deg": self.turn / DEG,
                 "residual_mm": self.residual / MM,
@@ -161,7 +161,7 @@ class Filtered(Speaks):
             "fingerprint": self.fingerprint,
             "expected_error_mm": None if self.expected_error is None else self.expected_error / MM,
             "targets": self.to_frame().to_dict(orient="records"),
-            "left": [item._asdict() for item in self.left],
+            "left": [target._asdict() for target in self.left],
             "notes": [note._asdict() for note in self.notes],
             "cautions": list(self.cautions),
             "unknown_frames": None if self.unknown_frames is None else self.unknown_frames.to_dict(),
@@ -180,28 +180,28 @@ class Filtered(Speaks):
     def told(self) -> list[Told]:
         """How many targets changed by how much, the first of them, and what was left and why."""
         unknown = self.unknown_frames
-        told: list[Told] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
+        sentences: list[Told] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
         if not self._re_expressed:
-            told.append(corrected_in_words(self.shift))
+            sentences.append(corrected_in_words(self.shift))
         if self.frames is not None:
-            told += self.frames.told(self.unchanged)
+            sentences += self.frames.told(self.unchanged)
         if len(self.targets):
-            told.append(self._first_changes())
+            sentences.append(self._first_changes())
         if len(self.targets) > SHOWN:
-            told.append(f"… and {len(self.targets) - SHOWN} more")
+            sentences.append(f"… and {len(self.targets) - SHOWN} more")
         if self.expected_error is not None and not self._re_expressed:
             mean = self.expected_error / MM
-            alone = ", of the robot alone: tools and work objects add their errors" if self._framed else ""
-            told.append(
-                f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses{alone}"
+            robot_only = ", of the robot alone: tools and work objects add their errors" if self._framed else ""
+            sentences.append(
+                f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses{robot_only}"
             )
-        told += [*self._last_moves_in_words(), *self._paths_in_words()]
-        told += self._left_in_words()
-        told += [f"Note: {caution}" for caution in self.cautions]
-        told += [f"Note: line {note.line}: {note.text}" for note in self.notes]
+        sentences += [*self._last_moves_in_words(), *self._paths_in_words()]
+        sentences += self._left_in_words()
+        sentences += [f"Note: {caution}" for caution in self.cautions]
+        sentences += [f"Note: line {note.line}: {note.text}" for note in self.notes]
         if self.written is not None:
-            told.append(f"Written to {self.written}")
-        return told
+            sentences.append(f"Written to {self.written}")
+        return sentences
 
     @property
     def _re_expressed(self) -> bool:
@@ -214,32 +214,32 @@ class Filtered(Speaks):
 
     def _left_in_words(self) -> list[Told]:
         """What was left as it was: each by itself, of very many with the same reason the first."""
-        told, alike = list[Told](), dict[str, list[int]]()
-        for item in self.left:
-            lines = alike.setdefault(item.reason, [])
+        sentences, alike = list[Told](), dict[str, list[int]]()
+        for target in self.left:
+            lines = alike.setdefault(target.reason, [])
             if len(lines) < LEFT_SHOWN:
-                told.append(f"  left as it was: {item.target} (line {item.line}): {item.reason}")
-            lines.append(item.line)
+                sentences.append(f"  left as it was: {target.target} (line {target.line}): {target.reason}")
+            lines.append(target.line)
         for reason, lines in alike.items():
             if more := lines[LEFT_SHOWN:]:
                 where = f"lines {min(more)} to {max(more)}" if len(more) > 1 else f"line {more[0]}"
-                told.append(f"  left as they were: {len(more)} more in {where}: {reason}")
-        return told
+                sentences.append(f"  left as they were: {len(more)} more in {where}: {reason}")
+        return sentences
 
     def _last_moves_in_words(self) -> list[Told]:
         if self.last_moves is None or self.last_move_error is None:
             return []
-        known, stops = self.last_moves
-        told: list[Told] = [f"The order of the program tells the last move before {known} of {stops} stops"]
+        known_count, stops = self.last_moves
+        sentences: list[Told] = [f"The order of the program tells the last move before {known_count} of {stops} stops"]
         much = float(self.last_move_error.max(initial=0.0)) / MM
         if much >= 5e-4:
-            found = self.expected_errors
-            mean = "" if found is None else f"; with it the expected error is {found.mean() / MM:.3f} mm mean"
-            told.append(
+            errors = self.expected_errors
+            mean = "" if errors is None else f"; with it the expected error is {errors.mean() / MM:.3f} mm mean"
+            sentences.append(
                 f"  where it is not known, or a target is reached from several sides, up to {much:.3f} mm is added "
                 f"(root mean square){mean}"
             )
-        return told
+        return sentences
 
     def paths_to_frame(self) -> pd.DataFrame:
         """A row for each straight and circular move; empty where no path tolerance was asked for.
@@ -262,14 +262,13 @@ class Filtered(Speaks):
         if self.paths is None:
             return []
         cut = [path for path in self.paths if path.pieces > 1]
-        kept = [path.deviation for path in self.paths if not path.why]
-        most = f", which leave their paths by {max(kept) / MM:.3f} mm at most" if kept else ""
-        head = (
-            f"{len(self.paths)} straight and circular moves: {len(kept)} keep the tolerance{most}; {len(cut)} were cut"
-        )
+        within = [path.deviation for path in self.paths if not path.why]
+        most = f", which leave their paths by {max(within) / MM:.3f} mm at most" if within else ""
+        kept = f"{len(within)} keep the tolerance{most}; {len(cut)} were cut"
+        head = f"{len(self.paths)} straight and circular moves: {kept}"
         columns = ("move", "line", "length mm", "pieces", "uncut mm", "deviation mm", "joints that turn back")
-        known = self.paths_to_frame().query("deviation_mm == deviation_mm").head(SHOWN)
-        rows = known[["move", "line", "length_mm", "pieces", "uncut_mm", "deviation_mm", "turning_back"]]
+        measured_paths = self.paths_to_frame().query("deviation_mm == deviation_mm").head(SHOWN)
+        rows = measured_paths[["move", "line", "length_mm", "pieces", "uncut_mm", "deviation_mm", "turning_back"]]
         cells = tuple(tuple(row) for row in rows.itertuples(index=False))
         return [head, *([Table("Paths", columns, cells, digits=3)] if cells else [])]
 
@@ -285,42 +284,50 @@ class Filtered(Speaks):
         )
 
 
-def together(parts: Sequence[Filtered]) -> Filtered:
+def together(programs: Sequence[Filtered]) -> Filtered:
     """What the filter made of several programs, as one; targets are named with their files."""
-    if len(parts) == 1:
-        return parts[0]
-    names = [Path(part.source).name for part in parts]
+    if len(programs) == 1:
+        return programs[0]
+    names = [Path(program.source).name for program in programs]
 
     def joined(key: str) -> FloatArray:
-        return np.concatenate([getattr(part, key) for part in parts])
+        return np.concatenate([getattr(program, key) for program in programs])
 
     return replace(
-        parts[0],
+        programs[0],
         source=", ".join(names),
-        files={name: data for part in parts for name, data in part.files.items()},
-        targets=np.concatenate([[f"{t} in {name}" for t in part.targets] for part, name in _named(parts)]).astype(
-            object
+        files={name: data for program in programs for name, data in program.files.items()},
+        targets=np.concatenate(
+            [[f"{t} in {name}" for t in program.targets] for program, name in _named(programs)]
+        ).astype(object),
+        left=tuple(
+            Left(f"{t} in {name}", line, reason)
+            for program, name in _named(programs)
+            for t, line, reason in program.left
         ),
-        left=tuple(Left(f"{t} in {name}", line, why) for part, name in _named(parts) for t, line, why in part.left),
-        notes=tuple(Note(note.line, f"{name}: {note.text}") for part, name in _named(parts) for note in part.notes),
+        notes=tuple(
+            Note(note.line, f"{name}: {note.text}") for program, name in _named(programs) for note in program.notes
+        ),
         lines=joined("lines").astype(int),
         q_before=joined("q_before"),
         q=joined("q"),
         shift=joined("shift"),
         turn=joined("turn"),
         residual=joined("residual"),
-        last_move_error=None if parts[0].last_move_error is None else joined("last_move_error"),
-        last_moves=_sum([part.last_moves for part in parts]),
-        paths=None if parts[0].paths is None else tuple(path for part in parts for path in part.paths or ()),
-        frames=TargetFrames.joined([part.frames for part in parts if part.frames is not None]),
-        unchanged=sum(part.unchanged for part in parts),
+        last_move_error=None if programs[0].last_move_error is None else joined("last_move_error"),
+        last_moves=_sum([program.last_moves for program in programs]),
+        paths=None
+        if programs[0].paths is None
+        else tuple(path for program in programs for path in program.paths or ()),
+        frames=TargetFrames.joined([program.frames for program in programs if program.frames is not None]),
+        unchanged=sum(program.unchanged for program in programs),
     )
 
 
 def _sum(counts: Sequence[tuple[int, int] | None]) -> tuple[int, int] | None:
-    known = [count for count in counts if count is not None]
-    return (sum(k for k, _ in known), sum(n for _, n in known)) if known else None
+    counted = [count for count in counts if count is not None]
+    return (sum(k for k, _ in counted), sum(n for _, n in counted)) if counted else None
 
 
-def _named(parts: Sequence[Filtered]) -> list[tuple[Filtered, str]]:
-    return [(part, Path(part.source).name) for part in parts]
+def _named(programs: Sequence[Filtered]) -> list[tuple[Filtered, str]]:
+    return [(program, Path(program.source).name) for program in programs]

@@ -92,34 +92,34 @@ def with_last_moves(
     theta = commands.copy()
     theta[ok] = robot.joint_map.effective(commands[ok])
     rows = np.flatnonzero(np.isfinite(commands).all(axis=1))
-    target, before, at = _uses(commands, numbers, lines, rows, stops, nominal)
+    target, previous, at = _uses(commands, numbers, lines, rows, stops, nominal)
     q = commands.copy()
-    place = np.zeros(len(q), dtype=int)
-    place[rows] = np.arange(len(rows))
-    sweep = place[target], np.where(before >= 0, place[before], -1)
+    row_of_pose = np.zeros(len(q), dtype=int)
+    row_of_pose[rows] = np.arange(len(rows))
+    sweep = row_of_pose[target], np.where(previous >= 0, row_of_pose[previous], -1)
     q[rows] = commanded_in_order(robot.joint_map, theta[rows], *sweep, ~ok[rows])
     beyond = ok & ((q < nominal.lower - LIMIT_TOLERANCE) | (q > nominal.upper + LIMIT_TOLERANCE)).any(axis=1)
     q[beyond] = commands[beyond]
 
-    mine = ok[target]
-    target, before, at = target[mine], before[mine], at[mine]
-    off = _places(robot, robot.forward(q[target], _rows(q, before))) - _places(robot, T_wanted[target])
+    in_use = ok[target]
+    target, previous, at = target[in_use], previous[in_use], at[in_use]
+    off = _places(robot, robot.forward(q[target], _rows(q, previous))) - _places(robot, T_wanted[target])
     squares = np.mean(np.sum(off**2, axis=2), axis=1)
-    unknown = before < 0
+    unknown = previous < 0
     squares[unknown] += _unknown_effect(robot, q[target[unknown]]) ** 2
     count = np.bincount(target, minlength=len(q))
     error = np.sqrt(np.bincount(target, squares, len(q)) / np.where(count, count, np.nan))
 
     new, errors, first = [], [], 0
     for batch, fake in corrections:
-        part = slice(first, first + len(fake.ok))
+        rows_of_batch = slice(first, first + len(fake.ok))
         T_fake = fake.T_fake.copy()
         if fake.ok.any():
-            T_fake[fake.ok] = nominal.forward(q[part][fake.ok])
-        new.append((batch, replace(fake, q=np.where(fake.ok[:, None], q[part], np.nan), T_fake=T_fake)))
-        errors.append(error[part])
-        first = part.stop
-    notes = _sides(names, lines, target, before, at, off)
+            T_fake[fake.ok] = nominal.forward(q[rows_of_batch][fake.ok])
+        new.append((batch, replace(fake, q=np.where(fake.ok[:, None], q[rows_of_batch], np.nan), T_fake=T_fake)))
+        errors.append(error[rows_of_batch])
+        first = rows_of_batch.stop
+    notes = _sides(names, lines, target, previous, at, off)
     return new, LastMoves(tuple(errors), len(target), int((~unknown).sum()), notes)
 
 
@@ -132,18 +132,18 @@ def _uses(
     follows = np.zeros(len(stops), dtype=bool)
     for k in range(1, len(stops)):
         follows[k] = stops[k].previous is not None and stops[k].previous == stops[k - 1].target
-    before = stops_before(q, target, follows, nominal.table.prismatic)
+    previous = stops_before(q, target, follows, nominal.table.prismatic)
     at = np.array([s.line for s in stops], dtype=int)
     used = target >= 0
     idle = np.setdiff1d(rows, target)
-    parts = (target[used], idle), (before[used], np.full(len(idle), -1)), (at[used], lines[idle])
-    together = [np.concatenate(part) for part in parts]
+    pieces = (target[used], idle), (previous[used], np.full(len(idle), -1)), (at[used], lines[idle])
+    together = [np.concatenate(arrays) for arrays in pieces]
     return together[0], together[1], together[2]
 
 
-def _rows(q: FloatArray, before: IntArray) -> FloatArray:
+def _rows(q: FloatArray, previous: IntArray) -> FloatArray:
     """Joints of the stops before, NaN where they are not known."""
-    return np.where(before[:, None] >= 0, q[before], np.nan)
+    return np.where(previous[:, None] >= 0, q[previous], np.nan)
 
 
 def _places(robot: Robot, T: FloatArray) -> FloatArray:
@@ -166,25 +166,25 @@ def _unknown_effect(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def _sides(
-    names: Sequence[str], lines: IntArray, target: IntArray, before: IntArray, at: IntArray, off: FloatArray
+    names: Sequence[str], lines: IntArray, target: IntArray, previous: IntArray, at: IntArray, off: FloatArray
 ) -> tuple[Note, ...]:
     """Targets that are reached from different sides, the largest distances first."""
-    known: BoolArray = before >= 0
-    several = np.flatnonzero(np.bincount(target[known], minlength=len(names)) > 1)
-    found: list[tuple[float, Note]] = []
+    has_previous: BoolArray = previous >= 0
+    several = np.flatnonzero(np.bincount(target[has_previous], minlength=len(names)) > 1)
+    noted: list[tuple[float, Note]] = []
     for k in several.tolist():
-        mine = np.flatnonzero(known & (target == k))
-        apart = np.sqrt(np.mean(np.sum((off[mine][:, None] - off[mine][None]) ** 2, axis=3), axis=2))
+        visits = np.flatnonzero(has_previous & (target == k))
+        apart = np.sqrt(np.mean(np.sum((off[visits][:, None] - off[visits][None]) ** 2, axis=3), axis=2))
         if apart.max() > WORTH_SAYING:
-            i, j = np.unravel_index(int(np.argmax(apart)), apart.shape)
+            i, j = visits[[*np.unravel_index(int(np.argmax(apart)), apart.shape)]]
             text = (
-                f"{names[k]} is reached from different sides (lines {at[mine[i]]} and {at[mine[j]]}): the robot stops "
+                f"{names[k]} is reached from different sides (lines {at[i]} and {at[j]}): the robot stops "
                 f"up to {apart.max() / MM:.3f} mm apart; its command is the middle, two targets would do better"
             )
-            found.append((float(apart.max()), Note(int(lines[k]), text)))
-    found.sort(key=lambda item: -item[0])
-    notes = [note for _, note in found[:MOST]]
-    if len(found) > MOST:
-        text = f"so are {len(found) - MOST} more targets, up to {found[MOST][0] / MM:.3f} mm apart"
-        notes.append(Note(found[MOST][1].line, text))
+            noted.append((float(apart.max()), Note(int(lines[k]), text)))
+    noted.sort(key=lambda entry: -entry[0])
+    notes = [note for _, note in noted[:MOST]]
+    if len(noted) > MOST:
+        text = f"so are {len(noted) - MOST} more targets, up to {noted[MOST][0] / MM:.3f} mm apart"
+        notes.append(Note(noted[MOST][1].line, text))
     return tuple(notes)

@@ -50,7 +50,7 @@ class Listing:
     ----------
     files : sequence of (str, bytes)
         Names and contents.
-    what : str
+    language_name : str
         The language, for messages.
     encodings : tuple of str
         Those to try; Latin-1 comes last, reads any bytes and writes them as they were.
@@ -61,26 +61,26 @@ class Listing:
         If a file holds binary data.
     """
 
-    def __init__(self, files: Sequence[tuple[str, bytes]], what: str, encodings: tuple[str, ...] = ()) -> None:
+    def __init__(self, files: Sequence[tuple[str, bytes]], language_name: str, encodings: tuple[str, ...] = ()) -> None:
         self.parts: list[Part] = []
         texts: list[str] = []
         start = 0
         for name, data in files:
             if b"\x00" in data:
-                raise ProgramError(f"expected a program in {what}, found binary data", file=name)
+                raise ProgramError(f"expected a program in {language_name}, found binary data", file=name)
             text, encoding = data.decode("latin-1"), "latin-1"
-            for other in encodings:
+            for candidate in encodings:
                 with suppress(UnicodeDecodeError):
-                    text, encoding = data.decode(other), other
+                    text, encoding = data.decode(candidate), candidate
                     break
             texts.append(text)
             self.parts.append(Part(name, start, start + len(text), encoding))
             start += len(text)
         self.text = "".join(texts)
-        self._begins = [part.start for part in self.parts]
+        self._begins = [file.start for file in self.parts]
         self._lines = [
-            [part.start, *(m.end() for m in re.finditer(r"\r\n|\n|\r", self.text[part.start : part.end]))]
-            for part in self.parts
+            [file.start, *(m.end() for m in re.finditer(r"\r\n|\n|\r", self.text[file.start : file.end]))]
+            for file in self.parts
         ]
         for lines, part in zip(self._lines, self.parts, strict=True):
             lines[1:] = [part.start + end for end in lines[1:]]
@@ -110,30 +110,30 @@ class Listing:
         lines = self._lines[self.part(position)]
         return self.quote(lines[self.line(position) - 1], self.after_line(position))
 
-    def newline(self, part: int = 0) -> str:
+    def newline(self, file: int = 0) -> str:
         """The line end of a file."""
-        match = re.search(r"\r\n|\n|\r", self.text[self.parts[part].start : self.parts[part].end])
+        match = re.search(r"\r\n|\n|\r", self.text[self.parts[file].start : self.parts[file].end])
         return match[0] if match else "\n"
 
     def after_line(self, position: int) -> int:
         """Where the line behind the one of a place begins, or the end of its file."""
-        part = self.parts[self.part(position)]
+        file = self.parts[self.part(position)]
         lines = self._lines[self.part(position)]
         k = self.line(position)
-        return lines[k] if k < len(lines) else part.end
+        return lines[k] if k < len(lines) else file.end
 
     def files_with(self, edits: Iterable[Edit]) -> dict[str, bytes]:
         """Contents of the files with edits, by their names."""
         sorted_edits = sorted(edits)
         out = {}
-        for number, part in enumerate(self.parts):
+        for number, file in enumerate(self.parts):
             pieces: list[str] = []
-            end = part.start
+            end = file.start
             for start, stop, new in sorted_edits:
-                if part.start <= start and stop <= part.end and self._holds(number, start, stop):
+                if file.start <= start and stop <= file.end and self._holds(number, start, stop):
                     pieces += [self.text[end:start], new]
                     end = stop
-            out[part.name] = "".join([*pieces, self.text[end : part.end]]).encode(part.encoding)
+            out[file.name] = "".join([*pieces, self.text[end : file.end]]).encode(file.encoding)
         return out
 
     def _holds(self, number: int, start: int, stop: int) -> bool:
@@ -172,10 +172,10 @@ def mark_in(comments: Iterable[str]) -> str | None:
     return None
 
 
-def number_like(old: str, value: float, least: int) -> str:
-    """A number with as many decimals as the text that it replaces, ``least`` at least; without exponent."""
+def number_like(old: str, value: float, fewest: int) -> str:
+    """A number with as many decimals as the text that it replaces, ``fewest`` at least; without exponent."""
     digits = re.match(r"[-+ \t]*\d*(?:\.(\d*))?", old)
-    decimals = max(least, len(digits[1] or "") if digits else 0)
+    decimals = max(fewest, len(digits[1] or "") if digits else 0)
     text = f"{value:.{min(decimals, 17)}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 

@@ -125,11 +125,11 @@ class Maker:
         """
         if not arm.six_revolute:
             raise ProgramError(f"{self.name} targets are of six revolute joints, {arm.name} has others", file=source)
-        found = axes_of(arm)
-        if self.axes and found != self.axes:
+        axes = axes_of(arm)
+        if self.axes and axes != self.axes:
             raise ProgramError(
                 f"{self.name} programs are understood for arms whose axes point along {' '.join(self.axes)} at zero "
-                f"joints, those of {arm.name} point along {' '.join(found)}: how its joints are counted is not known",
+                f"joints, those of {arm.name} point along {' '.join(axes)}: how its joints are counted is not known",
                 file=source,
             )
 
@@ -171,9 +171,9 @@ class Maker:
 
     def postures(self, arm: Arm, q: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
         """Whether joints (n, 6) of the URDF are ``back``, ``bent``, and have a negative wrist (`wrist_axis`)."""
-        of = closed_form.configuration(arm, q)
+        configurations = closed_form.configuration(arm, q)
         at = int(closed_form.configuration(arm, self.joints(np.radians([self.reference])))[0])
-        back, bent = (of >> 2) & 1 != at >> 2 & 1, (of >> 1) & 1 != at >> 1 & 1
+        back, bent = (configurations >> 2) & 1 != at >> 2 & 1, (configurations >> 1) & 1 != at >> 1 & 1
         joints = self.program_joints(q)
         negative = joints[:, 4] < 0 if self.wrist_axis == 5 else np.cos(joints[:, 3]) > 0
         return np.asarray(back), np.asarray(bent), np.asarray(negative)
@@ -199,18 +199,23 @@ class Solutions:
         What the controller computes with.
     T_base_tip : ndarray, shape (n, 4, 4)
     postures : sequence of Posture, length n
-    own : Arm, optional
+    controller_arm : Arm, optional
         What the controller computes with where that is not ``arm``.
     """
 
     def __init__(
-        self, maker: Maker, arm: Arm, T_base_tip: FloatArray, postures: Sequence[Posture], own: Arm | None = None
+        self,
+        maker: Maker,
+        arm: Arm,
+        T_base_tip: FloatArray,
+        postures: Sequence[Posture],
+        controller_arm: Arm | None = None,
     ) -> None:
-        self.arm, self.own, self.T = arm, own, T_base_tip
+        self.arm, self.own, self.T = arm, controller_arm, T_base_tip
         self.whole: BoolArray = np.array([posture.whole for posture in postures], dtype=bool)
         self.closed = bool(len(postures)) and closed_form.has_closed_form(arm)
         if self.closed:
-            branches = own_model.branches(arm, T_base_tip, own)
+            branches = own_model.branches(arm, T_base_tip, controller_arm)
             self.moved, self.fits = _turned(maker, arm, branches, postures)
             self.reach: BoolArray = np.logical_or.reduce(branches.valid, axis=1)
 
@@ -233,39 +238,39 @@ class Solutions:
         """
         arm = self.arm
         near = np.where((near >= arm.lower - BEYOND) & (near <= arm.upper + BEYOND), near, np.nan)
-        known: BoolArray = np.logical_and.reduce(np.isfinite(near), axis=1)
+        has_seed: BoolArray = np.logical_and.reduce(np.isfinite(near), axis=1)
         if not len(rows):
             return np.zeros((0, 6)), []
         if not self.closed:
-            return self._searched(rows, near, known)
-        start = np.where(known[:, None], near, 0.0)
-        away = np.abs(self.moved[rows] - start[:, None, :, None])
-        turn = np.argmin(away, axis=-1)[..., None]
+            return self._searched(rows, near, has_seed)
+        start = np.where(has_seed[:, None], near, 0.0)
+        distance = np.abs(self.moved[rows] - start[:, None, :, None])
+        turn = np.argmin(distance, axis=-1)[..., None]
         turned = np.take_along_axis(self.moved[rows], turn, axis=-1)[..., 0]
-        told: BoolArray = np.logical_or(known, self.whole[rows])
+        determined: BoolArray = np.logical_or(has_seed, self.whole[rows])
         fits = self.fits[rows]
         apart = np.where(fits[..., None], turned, 0.0) - start[:, None]
         cost = np.where(fits, np.sum(apart**2, axis=-1), np.inf)
         best = np.argmin(cost, axis=1)
         row = np.arange(len(rows))
-        good: BoolArray = np.logical_and(told, np.isfinite(cost[row, best]))
+        good: BoolArray = np.logical_and(determined, np.isfinite(cost[row, best]))
         q = np.where(good[:, None], turned[row, best], np.nan)
         reasons = [
             "" if g else NO_POSTURE if not t else NO_SOLUTION if r else NO_REACH
-            for g, t, r in zip(good, told, self.reach[rows], strict=True)
+            for g, t, r in zip(good, determined, self.reach[rows], strict=True)
         ]
         return q, reasons
 
-    def _searched(self, rows: IntArray, near: FloatArray, known: BoolArray) -> tuple[FloatArray, list[str]]:
+    def _searched(self, rows: IntArray, near: FloatArray, has_seed: BoolArray) -> tuple[FloatArray, list[str]]:
         """Of an arm without closed form."""
         q = np.full((len(rows), 6), np.nan)
-        mine = np.flatnonzero(known)
-        if len(mine):
+        seeded = np.flatnonzero(has_seed)
+        if len(seeded):
             robot = Robot(self.own or self.arm)
-            found = any_arm.solve(robot, self.arm, self.T[rows[mine]], seed=near[mine], thorough=False)
-            q[mine] = np.where((found.converged & found.inside)[:, None], found.joints, np.nan)
+            solution = any_arm.solve(robot, self.arm, self.T[rows[seeded]], seed=near[seeded], thorough=False)
+            q[seeded] = np.where((solution.converged & solution.inside)[:, None], solution.joints, np.nan)
         reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
-        return q, ["" if r else NO_REACH if k else NO_POSTURE for r, k in zip(reached, known, strict=True)]
+        return q, ["" if r else NO_REACH if k else NO_POSTURE for r, k in zip(reached, has_seed, strict=True)]
 
 
 def _turned(maker: Maker, arm: Arm, branches: Branches, postures: Sequence[Posture]) -> tuple[FloatArray, BoolArray]:
@@ -275,13 +280,13 @@ def _turned(maker: Maker, arm: Arm, branches: Branches, postures: Sequence[Postu
     fits = branches.valid.copy()
     shape = joints.reshape(-1, 6)
     back, bent, negative = (m.reshape(n, 8) for m in maker.postures(arm, np.nan_to_num(shape)))
-    for found, wanted in (
+    for is_set, demanded in (
         (back, [p.back for p in postures]),
         (bent, [p.bent for p in postures]),
         (negative, [None if p.wrist is None else p.wrist < 0 for p in postures]),
     ):
-        asked = np.array([w is not None for w in wanted])
-        fits &= ~asked[:, None] | (found == np.array([bool(w) for w in wanted])[:, None])
+        demands = np.array([w is not None for w in demanded])
+        fits &= ~demands[:, None] | (is_set == np.array([bool(w) for w in demanded])[:, None])
     low, high = np.array([p.low for p in postures])[:, None], np.array([p.high for p in postures])[:, None]
     program = maker.program_joints(np.nan_to_num(joints))
     out = np.full((*joints.shape, len(TURNS)), np.inf)
@@ -317,7 +322,7 @@ def configuration_of(q: ArrayLike, cfx: int) -> ConfData:
 
 
 def seeds_of(
-    nominal: Arm, T_base_tip: FloatArray, configurations: Sequence[ConfData | None], own: Arm | None = None
+    nominal: Arm, T_base_tip: FloatArray, configurations: Sequence[ConfData | None], controller_arm: Arm | None = None
 ) -> tuple[FloatArray, BoolArray]:
     """Joints that the controller takes for poses with configuration data.
 
@@ -330,7 +335,7 @@ def seeds_of(
     nominal : Arm
     T_base_tip : ndarray, shape (n, 4, 4)
     configurations : sequence of ConfData or None, length n
-    own : Arm, optional
+    controller_arm : Arm, optional
         What the controller computes with where that is not the nominal arm.
 
     Returns
@@ -340,15 +345,15 @@ def seeds_of(
     told : ndarray of bool, shape (n,)
         False where the pose can be reached, but not with its configuration data.
     """
-    branches = own_model.branches(nominal, T_base_tip, own)
+    branches = own_model.branches(nominal, T_base_tip, controller_arm)
     nearest, _ = closed_form.nearest(nominal, branches, np.zeros(6))
     n = len(nearest)
-    wanted = np.array([[c.cf1, c.cf4, c.cf6] if c else [0, 0, 0] for c in configurations]).reshape(n, 3)
+    quadrants = np.array([[c.cf1, c.cf4, c.cf6] if c else [0, 0, 0] for c in configurations]).reshape(n, 3)
     cfx = np.array([c.cfx if c else -1 for c in configurations])
-    given = np.array([c is not None for c in configurations], dtype=bool)
+    has_confdata = np.array([c is not None for c in configurations], dtype=bool)
     q = branches.joints.copy()
     axes = [0, 3, 5]
-    middle = (wanted[:, None, :] + 0.5) * (np.pi / 2)
+    middle = (quadrants[:, None, :] + 0.5) * (np.pi / 2)
     q[..., axes] += 2 * np.pi * np.round((middle - q[..., axes]) / (2 * np.pi))
     fits = (np.abs(q[..., axes] - middle) <= np.pi / 4 + QUADRANT_TOLERANCE).all(axis=-1)
     inside = ((q >= nominal.lower - 1e-9) & (q <= nominal.upper + 1e-9)).all(axis=-1)
@@ -357,7 +362,7 @@ def seeds_of(
     cost[np.arange(n), np.clip(cfx, 0, 7)] -= np.where((cfx >= 0) & (cfx <= 7), 1e6, 0.0)
     cost[~usable] = np.inf
     best = np.argmin(cost, axis=1)
-    found: BoolArray = np.any(usable, axis=1)
-    chosen = np.where(found[:, None], q[np.arange(n), best], np.nan)
+    usable_any: BoolArray = np.any(usable, axis=1)
+    chosen = np.where(usable_any[:, None], q[np.arange(n), best], np.nan)
     reachable = np.isfinite(nearest).all(axis=1)
-    return np.where(given[:, None], chosen, nearest), found | ~given | ~reachable
+    return np.where(has_confdata[:, None], chosen, nearest), usable_any | ~has_confdata | ~reachable

@@ -95,11 +95,11 @@ class Angles:
         first = np.where(np.hypot(up, along) < SINGULAR, old[:, 0], np.arctan2(up, along))
         sets = []
         for start in (first, first + np.pi):
-            rest = np.swapaxes(_about(self.axes[0], start), 1, 2) @ R
-            second, third = _last_two(rest, self.axes[1], self.axes[2])
+            R_rest = np.swapaxes(_about(self.axes[0], start), 1, 2) @ R
+            second, third = _last_two(R_rest, self.axes[1], self.axes[2])
             sets.append(_turned(np.column_stack([start, second, third]), old))
-        away = [np.abs(found - old).max(axis=1) for found in sets]
-        chosen = np.where((away[1] < away[0] - 1e-9)[:, None], sets[1], sets[0])
+        distance = [np.abs(angles - old).max(axis=1) for angles in sets]
+        chosen = np.where((distance[1] < distance[0] - 1e-9)[:, None], sets[1], sets[0])
         return chosen[:, ::-1] if self.reverse else chosen
 
     def _in_order(self, values: ArrayLike) -> FloatArray:
@@ -130,8 +130,8 @@ class RotationVector:
         """Rotations, see `Orientation.matrix`."""
         rows = np.asarray(values, dtype=float).reshape(-1, 3)
         half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
-        part = 0.5 * np.sinc(half / np.pi) * rows  # sin(half) / (2 half) of the vector, also at zero
-        return frames.matrix_from_quaternion(np.column_stack([np.cos(half), part]))
+        vector_part = 0.5 * np.sinc(half / np.pi) * rows  # sin(half) / (2 half) of the vector, also at zero
+        return frames.matrix_from_quaternion(np.column_stack([np.cos(half), vector_part]))
 
     def values(self, R: ArrayLike, near: ArrayLike) -> FloatArray:
         """Vectors, see `Orientation.values`: next to half a turn, the one on the side of ``near``."""
@@ -251,8 +251,10 @@ def numbers_from_poses(T: ArrayLike, near: FloatArray | None = None) -> FloatArr
     """
     poses = np.asarray(T, dtype=float).reshape(-1, 4, 4)
     check_rigid(poses)
-    one = np.array([[1.0, 0.0, 0.0, 0.0]])
-    return np.column_stack([poses[:, :3, 3] / MM, Quaternion().values(poses[:, :3, :3], one if near is None else near)])
+    identity = np.array([[1.0, 0.0, 0.0, 0.0]])
+    return np.column_stack(
+        [poses[:, :3, 3] / MM, Quaternion().values(poses[:, :3, :3], identity if near is None else near)]
+    )
 
 
 def check_rigid(T: FloatArray) -> None:

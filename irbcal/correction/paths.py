@@ -70,9 +70,9 @@ class StraightMove:
 
     def poses(self, s: ArrayLike) -> FloatArray:
         """Poses at fractions ``s`` (n,) of the way, shape (n, 4, 4)."""
-        part = np.asarray(s, dtype=float)
-        T = _turned(self.T_start, self.T_end, part)
-        T[:, :3, 3] = self.T_start[:3, 3] + part[:, None] * (self.T_end[:3, 3] - self.T_start[:3, 3])
+        fraction = np.asarray(s, dtype=float)
+        T = _turned(self.T_start, self.T_end, fraction)
+        T[:, :3, 3] = self.T_start[:3, 3] + fraction[:, None] * (self.T_end[:3, 3] - self.T_start[:3, 3])
         return T
 
 
@@ -135,11 +135,11 @@ class Circle:
 
     def poses(self, s: ArrayLike) -> FloatArray:
         """Poses at fractions ``s`` (n,) of the way, shape (n, 4, 4)."""
-        part = np.asarray(s, dtype=float)
-        T = _turned(self.T_start, self.T_end, part)
+        fraction = np.asarray(s, dtype=float)
+        T = _turned(self.T_start, self.T_end, fraction)
         u = self.T_start[:3, 3] - self.center
         v = np.cross(self.normal, u)
-        angle = part[:, None] * self.angle
+        angle = fraction[:, None] * self.angle
         T[:, :3, 3] = self.center + np.cos(angle) * u + np.sin(angle) * v
         return T
 
@@ -216,14 +216,16 @@ def tip_of(T_tip_tcp: FloatArray | None) -> FloatArray:
     return np.eye(4) if T_tip_tcp is None else frames.inverse(T_tip_tcp)
 
 
-def joints_along(T_base_tip: FloatArray, nominal: Arm, seed: ArrayLike, own: Arm | None = None) -> FloatArray:
+def joints_along(
+    T_base_tip: FloatArray, nominal: Arm, seed: ArrayLike, controller_arm: Arm | None = None
+) -> FloatArray:
     """Joints of the nominal robot, or of another one that is near it, for a row of tip poses; see `joint_history`."""
     branch = closed_form.configuration(nominal, np.asarray(seed, dtype=float))
-    branches = own_model.branches(nominal, T_base_tip, own)
+    branches = own_model.branches(nominal, T_base_tip, controller_arm)
     q = branches.joints[:, int(branch)]
     if not np.isfinite(q).all():
-        place = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])
-        raise RobotError(f"the robot does not reach point {place + 1} of {len(q)} of the path in its configuration")
+        index = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])
+        raise RobotError(f"the robot does not reach point {index + 1} of {len(q)} of the path in its configuration")
     return np.unwrap(np.vstack([np.asarray(seed, dtype=float), q]), axis=0)[1:]
 
 
@@ -249,7 +251,7 @@ class Reversal:
     kind: Literal["min", "max"]
 
 
-def reversals(q: FloatArray, s: FloatArray, least: float = 1e-4) -> list[Reversal]:
+def reversals(q: FloatArray, s: FloatArray, smallest: float = 1e-4) -> list[Reversal]:
     """Local minima and maxima of each joint along a path (Nubiola 2011, Tables A VI-1, A VI-2 and A VI-3).
 
     Places are refined by the parabola through three neighbouring samples.
@@ -260,7 +262,7 @@ def reversals(q: FloatArray, s: FloatArray, least: float = 1e-4) -> list[Reversa
         Joint history, radians, without jumps by whole turns.
     s : ndarray, shape (n,)
         Evenly spaced places on the path.
-    least : float
+    smallest : float
         Ignore joints that move by less than this over the whole path, radians.
 
     Returns
@@ -268,10 +270,10 @@ def reversals(q: FloatArray, s: FloatArray, least: float = 1e-4) -> list[Reversa
     list of Reversal
         In the order of the path.
     """
-    found = []
+    turning_points = []
     step = s[1] - s[0]
     for j in range(q.shape[1]):
-        if np.ptp(q[:, j]) < least:
+        if np.ptp(q[:, j]) < smallest:
             continue
         change = np.diff(q[:, j])
         turns = np.flatnonzero(np.sign(change[1:]) * np.sign(change[:-1]) < 0) + 1
@@ -279,8 +281,10 @@ def reversals(q: FloatArray, s: FloatArray, least: float = 1e-4) -> list[Reversa
             a, b, c = q[k - 1 : k + 2, j]
             offset = 0.5 * (a - c) / (a - 2 * b + c)
             kind: Literal["min", "max"] = "max" if b > a else "min"
-            found.append(Reversal(float(s[k] + offset * step), j + 1, float(b - 0.25 * (a - c) * offset), kind))
-    return sorted(found, key=lambda item: (item.s, item.joint))
+            turning_points.append(
+                Reversal(float(s[k] + offset * step), j + 1, float(b - 0.25 * (a - c) * offset), kind)
+            )
+    return sorted(turning_points, key=lambda turning_point: (turning_point.s, turning_point.joint))
 
 
 @dataclass(frozen=True, eq=False)
@@ -426,8 +430,8 @@ class _Cutter:
         else:
             moves = [StraightMove(start, end) for start, end in pairwise(tcp)]
         inside = np.linspace(0.0, 1.0, INSIDE + 1)
-        taken = np.concatenate([move.poses(inside) for move in moves])
-        q = joints_along(taken @ self.T_tcp_tip, self.nominal, q_start, self.controller)
+        T_inside = np.concatenate([move.poses(inside) for move in moves])
+        q = joints_along(T_inside @ self.T_tcp_tip, self.nominal, q_start, self.controller)
         reached = (self.robot.forward(q) @ self.T_tip_tcp)[:, :3, 3]
         off = distance_to_path(self.path, reached)
         lengths = np.array([move.length for move in moves])
@@ -437,12 +441,12 @@ class _Cutter:
         return float(off[counts].max(initial=0.0))
 
 
-def _fewest(keeps: Callable[[int], bool], first: int, most: int) -> int | None:
-    """The fewest pieces that keep a tolerance: doubled until some do, then halved in between; None beyond ``most``."""
+def _fewest(keeps: Callable[[int], bool], first: int, limit: int) -> int | None:
+    """The fewest pieces that keep a tolerance: doubled until some do, then halved in between; None beyond ``limit``."""
     fails, pieces = first - 1, first
-    while pieces <= most and not keeps(pieces):
+    while pieces <= limit and not keeps(pieces):
         fails, pieces = pieces, 2 * pieces
-    if pieces > most:
+    if pieces > limit:
         return None
     while pieces - fails > 1:
         middle = (pieces + fails) // 2
@@ -480,15 +484,15 @@ def cut_move(
         Without points, and with the reason, where the tolerance is not or perhaps not kept.
     """
     if move.start is None or move.to is None:
-        what = "where it starts" if move.start is None else "where it ends"
-        return CutPath(move, why=f"the program does not tell {what}")
+        end_words = "where it starts" if move.start is None else "where it ends"
+        return CutPath(move, why=f"the program does not tell {end_words}")
     if not {move.start, move.to, *([] if move.via is None else [move.via])} <= set(ends):
         return CutPath(move, why="not all of its points are corrected")
     try:
-        wanted = [ends[k].T_wanted @ move.T_tip_tcp for k in (move.start, move.to)]
-        path: ToolPath = StraightMove(*wanted)
+        T_tcp = [ends[k].T_wanted @ move.T_tip_tcp for k in (move.start, move.to)]
+        path: ToolPath = StraightMove(*T_tcp)
         if move.via is not None:
-            path = Circle.through(wanted[0], (ends[move.via].T_wanted @ move.T_tip_tcp)[:3, 3], wanted[1])
+            path = Circle.through(T_tcp[0], (ends[move.via].T_wanted @ move.T_tip_tcp)[:3, 3], T_tcp[1])
         if path.length < NO_LENGTH:
             return CutPath(move, path.length, deviation=0.0, uncut=0.0)
         return _cut(move, path, ends, robot, nominal, tolerance, controller)
@@ -522,11 +526,11 @@ def _cut(
             T, q, inner = np.zeros((0, 4, 4)), np.zeros((0, 6)), []
         return T, q, cutter.deviation([start.T_fake, *inner, end.T_fake], start.q)
 
-    most = int(length / SHORTEST)
+    most_pieces = int(length / SHORTEST)
     if isinstance(path, Circle):
         if abs(path.angle) > LARGEST_ARC:
             return CutPath(move, length, why="it turns by more than 240 degrees")
-        most = min(most, int(abs(path.angle) / SMALLEST_ARC))
+        most_pieces = min(most_pieces, int(abs(path.angle) / SMALLEST_ARC))
     s = np.linspace(0.0, 1.0, 201)
     along = joints_along(path.poses(s) @ cutter.T_tcp_tip, nominal, start.q_wanted, controller)
     turns, off = tuple(reversals(along, s)), np.abs(along[-1] - end.q_wanted)
@@ -537,14 +541,14 @@ def _cut(
     if uncut <= tolerance:
         return CutPath(move, length, T, q, uncut, uncut, turns)
     if move.why or elsewhere:
-        why = f"it leaves the path by {uncut / MM:.3f} mm, and {move.why or elsewhere}"
-        return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, why=why)
-    pieces = _fewest(lambda pieces: cut(pieces)[2] <= tolerance, 2, most)
+        reason = f"it leaves the path by {uncut / MM:.3f} mm, and {move.why or elsewhere}"
+        return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, why=reason)
+    pieces = _fewest(lambda pieces: cut(pieces)[2] <= tolerance, 2, most_pieces)
     if pieces is None:
         near = " outside the zones of its ends" if max(move.zones) > 0 else ""
-        deviation = cut(max(most, 1))[2]
-        why = f"pieces of {SHORTEST / MM:g} mm still leave the path by {deviation / MM:.3f} mm{near}"
-        return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, why=why)
+        deviation = cut(max(most_pieces, 1))[2]
+        reason = f"pieces of {SHORTEST / MM:g} mm still leave the path by {deviation / MM:.3f} mm{near}"
+        return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, why=reason)
     T, q, deviation = cut(pieces)
     return CutPath(move, length, T, q, deviation, uncut, turns)
 
@@ -597,7 +601,7 @@ def subdivide(
     tolerance: float | None = None,
     length: float | None = None,
     T_tip_tcp: FloatArray | None = None,
-    most: int = 1024,
+    most_pieces: int = 1024,
 ) -> Subdivision:
     """Cut a path into moves so that the true path keeps to the wanted one (Nubiola 2011, annex VI).
 
@@ -620,7 +624,7 @@ def subdivide(
         Largest length of a move, metres (annex VI took 30 mm).
     T_tip_tcp : ndarray, shape (4, 4), optional
         The tool; identity unless given.
-    most : int
+    most_pieces : int
         Refuse more moves than this.
 
     Returns
@@ -648,8 +652,8 @@ def subdivide(
     if length is not None:
         moves = max(fewest, int(np.ceil(path.length / length - 1e-9)))
     elif tolerance is not None:
-        keeping = _fewest(lambda moves: cut(moves)[2] <= tolerance, fewest, most)
+        keeping = _fewest(lambda moves: cut(moves)[2] <= tolerance, fewest, most_pieces)
         if keeping is None:
-            raise RobotError(f"a deviation of {tolerance / MM:g} mm takes more than {most} moves")
+            raise RobotError(f"a deviation of {tolerance / MM:g} mm takes more than {most_pieces} moves")
         moves = keeping
     return Subdivision(*cut(moves), uncut)

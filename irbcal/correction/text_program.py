@@ -190,13 +190,13 @@ class ControlFlow:
         self._passed: list[tuple[Target, Target | None]] = []
         self._blocks: list[_Block] = []
 
-    def tool(self, name: str | None, why: str = "") -> None:
+    def tool(self, name: str | None, reason: str = "") -> None:
         """A tool is set; None where it is computed."""
-        self.state = replace(self.state, tool=name, why=why or self.state.why)
+        self.state = replace(self.state, tool=name, why=reason or self.state.why)
 
-    def frame(self, name: str | None, why: str = "") -> None:
+    def frame(self, name: str | None, reason: str = "") -> None:
         """A frame is set; None where it is computed."""
-        self.state = replace(self.state, frame=name, why=why or self.state.why)
+        self.state = replace(self.state, frame=name, why=reason or self.state.why)
 
     def forget(self) -> None:
         """The arm may come from elsewhere."""
@@ -258,28 +258,28 @@ class ControlFlow:
         if not self._blocks:
             return
         block = self._blocks.pop()
-        before = block.before
-        if not block.changed and self.state == before:
+        state_before = block.before
+        if not block.changed and self.state == state_before:
             return
         line = self.listing.line(at)
-        why = f"the tool or frame is set in the branch or loop that ends in line {line}"
+        reason = f"the tool or frame is set in the branch or loop that ends in line {line}"
         if block.loop:
             for target in block.used:
-                if any((use.tool, use.work_object) == (before.tool, before.frame) for use in target.uses):
-                    target.conflicts.append(why)
-        self.state = FrameState(None, None, why)
+                if any((use.tool, use.work_object) == (state_before.tool, state_before.frame) for use in target.uses):
+                    target.conflicts.append(reason)
+        self.state = FrameState(None, None, reason)
 
     def order(self, targets: Iterable[Target]) -> tuple[Stop, ...]:
         """The stops with the numbers of their targets; notes in each target where the arm comes from."""
         numbers = {id(target): k for k, target in enumerate(targets)}
         out = []
-        for at, target, before in self.stops:
-            previous = None if before is None else numbers.get(id(before))
+        for at, target, previous_target in self.stops:
+            previous = None if previous_target is None else numbers.get(id(previous_target))
             out.append(Stop(self.listing.line(at), None if target is None else numbers.get(id(target)), previous))
             if target is not None:
                 target.after.append(previous)
-        for target, before in self._passed:
-            target.after.append(None if before is None else numbers.get(id(before)))
+        for target, previous_target in self._passed:
+            target.after.append(None if previous_target is None else numbers.get(id(previous_target)))
         return tuple(out)
 
 
@@ -339,9 +339,9 @@ class TextProgram(Program):
         """New text of the configuration of a target; none where the language writes none."""
         return []
 
-    def number_text(self, old: Number, new: float, least: int) -> str | None:
-        """Text of a new number with ``least`` decimals at least; None where the old text stays."""
-        text = number_like(self.text[old.start : old.end], new, least)
+    def number_text(self, old: Number, new: float, decimals: int) -> str | None:
+        """Text of a new number with ``decimals`` decimals at least; None where the old text stays."""
+        text = number_like(self.text[old.start : old.end], new, decimals)
         return None if float(text) == old.value else text
 
     def joint_units(self, target: Target) -> Any:
@@ -427,11 +427,14 @@ class TextProgram(Program):
             target = self.targets[k]
             position, angle, joint = self.maker.decimals
             if target.kind == "joint":
-                row, least = self.maker.program_joints(np.asarray(value)) / self.joint_units(target), [joint] * 6
+                row, decimals_at_least = (
+                    self.maker.program_joints(np.asarray(value)) / self.joint_units(target),
+                    [joint] * 6,
+                )
             else:
                 row = rows[k]
-                least = [position] * 3 + [angle] * (len(row) - 3)
-            for number, new, decimals in zip(target.numbers, row, least, strict=True):
+                decimals_at_least = [position] * 3 + [angle] * (len(row) - 3)
+            for number, new, decimals in zip(target.numbers, row, decimals_at_least, strict=True):
                 text = self.number_text(number, float(new), decimals)
                 out += [] if text is None else [self._aligned(number.start, number.end, text)]
         for k, configuration in configurations.items():
@@ -459,7 +462,9 @@ class TextProgram(Program):
                 continue
             values |= self.values_for_tip_poses(chosen, fake.T_fake[rows])
             new = self.new_configurations([self.targets[k] for k in chosen], fake.q[rows])
-            configurations |= {k: one for k, one in zip(chosen, new, strict=True) if one is not None}
+            configurations |= {
+                k: configuration for k, configuration in zip(chosen, new, strict=True) if configuration is not None
+            }
         if not values:
             return self.listing.files_with([])
         mark = [] if fingerprint is None else [self.mark(one_word(fingerprint))]
@@ -579,25 +584,25 @@ class PostureProgram(TextProgram):
         postures = [t.configuration if isinstance(t.configuration, Posture) else Posture() for t in targets]
         unknown = np.full(6, np.nan)
         near = np.array([unknown if t.near is None else t.near for t in targets]).reshape(-1, 6)
-        alone = np.array([p.whole for p in postures], dtype=bool) | np.isfinite(near).all(axis=1)
+        determined = np.array([p.whole for p in postures], dtype=bool) | np.isfinite(near).all(axis=1)
         q = np.full((len(poses), 6), np.nan)
         reasons = [NO_POSTURE] * len(poses)
 
         solutions = Solutions(self.maker, self.arm, T_base_tip, postures, self.own_model)
-        rows = np.flatnonzero(alone)
-        q[rows], why = solutions.next_to(rows, near[rows])
-        for k, reason in zip(rows.tolist(), why, strict=True):
+        rows = np.flatnonzero(determined)
+        q[rows], reasons_found = solutions.next_to(rows, near[rows])
+        for k, reason in zip(rows.tolist(), reasons_found, strict=True):
             reasons[k] = reason
         row_of = {number: row for row, number in enumerate(poses)}
         stops = [stop.target for stop in self.order if stop.target is not None]
         waiting = [*(row_of[number] for number in stops if number in row_of), *range(len(poses))]  # vias last
-        for row in dict.fromkeys(row for row in waiting if not alone[row]):
+        for row in dict.fromkeys(row for row in waiting if not determined[row]):
             starts = [self._joints_of(number, row_of, q) for number in targets[row].after]
             if not starts or not np.isfinite(starts).all():
                 continue
-            found, why = solutions.next_to(np.full(len(starts), row), np.array(starts))
-            q[row], reasons[row] = found[0], next(filter(None, why), "")
-            if not reasons[row] and np.abs(found - found[0]).max() > 1e-6:
+            q_ends, reasons_found = solutions.next_to(np.full(len(starts), row), np.array(starts))
+            q[row], reasons[row] = q_ends[0], next(filter(None, reasons_found), "")
+            if not reasons[row] and np.abs(q_ends - q_ends[0]).max() > 1e-6:
                 q[row], reasons[row] = unknown, "the stops before its moves lead to different solutions of the arm"
         return q, reasons
 
@@ -638,9 +643,9 @@ def complete(
             target.conflicts.append(problem)
         if target.kind == "joint":
             written = np.array(target.written)
-            known = np.abs(written) < maker.largest
-            joints = maker.joints(np.where(known, written, 0.0) * (maker.joint if units is None else units))
-            target.value = np.where(known, joints, np.nan)
+            in_range = np.abs(written) < maker.largest
+            joints = maker.joints(np.where(in_range, written, 0.0) * (maker.joint if units is None else units))
+            target.value = np.where(in_range, joints, np.nan)
             target.value.setflags(write=False)
             if arm is not None and not target.conflicts:
                 outside = np.flatnonzero((target.value < arm.lower - BEYOND) | (target.value > arm.upper + BEYOND))
@@ -659,10 +664,10 @@ def _different_frames(uses: Sequence[Use]) -> list[str]:
     tools = {use.tool: use.place for use in reversed(uses)}
     work_objects = {use.work_object: use.place for use in reversed(uses)}
     out = []
-    for what, names in (("tools", tools), ("work objects", work_objects)):
+    for kind, names in (("tools", tools), ("work objects", work_objects)):
         if len(names) > 1:
-            places = ", ".join(f"{name or 'a computed one'} ({place})" for name, place in names.items())
-            out.append(f"used with different {what}: {places}")
+            usage = ", ".join(f"{name or 'a computed one'} ({lines_text})" for name, lines_text in names.items())
+            out.append(f"used with different {kind}: {usage}")
     return out
 
 
@@ -692,39 +697,39 @@ def needed_frames(
     ProgramError
         If one is not known.
     """
-    known = {**tools, **setup.tools}, {**work_objects, **setup.work_objects}
+    frame_values = {**tools, **setup.tools}, {**work_objects, **setup.work_objects}
     ends = setup.controller.T_tip_flange, setup.controller.T_base_world
     missing: dict[str, tuple[str, Use]] = {}
-    found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
+    needed: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
     for target in targets:
         for use in target.uses if target.correctable else ():
-            for k, (what, name) in enumerate((("tool", use.tool), ("frame", use.work_object))):
-                if name is None or name in found[k]:
+            for k, (kind, name) in enumerate((("tool", use.tool), ("frame", use.work_object))):
+                if name is None or name in needed[k]:
                     continue
-                if name not in known[k]:
+                if name not in frame_values[k]:
                     if target.kind == "pose":
-                        missing.setdefault(f"--{what} {name}=", (f"{what} {name}", use))
-                elif np.isfinite(known[k][name]).all():
-                    found[k][name] = ends[k] @ known[k][name]
+                        missing.setdefault(f"--{kind} {name}=", (f"{kind} {name}", use))
+                elif np.isfinite(frame_values[k][name]).all():
+                    needed[k][name] = ends[k] @ frame_values[k][name]
                 elif target.kind == "pose":
-                    raise ProgramError(f"{what} {name}: found a number that is too large", file=source)
+                    raise ProgramError(f"{kind} {name}: found a number that is too large", file=source)
     if missing:
-        option, (words, use) = next(iter(missing.items()))
+        option, (title, use) = next(iter(missing.items()))
         more = f" (also: {', '.join(list(missing)[1:])})" if len(missing) > 1 else ""
-        message = f"{use.instruction} uses the {words}, which the program does not define: give it with {option}…{more}"
+        message = f"{use.instruction} uses the {title}, which the program does not define: give it with {option}…{more}"
         raise ProgramError(message, file=source, line=use.line)
-    return found
+    return needed
 
 
 def _check_ends(maker: Maker, arm: Arm, setup: ControllerSetup, source: str) -> None:
     """Refuse poses where it is not known in which frames the controller counts them."""
     missing = [
         name
-        for name, needed, there in (
+        for name, needed, present in (
             ("base (the controller's world)", maker.world, setup.controller.base_known),
             ("tool0 (its flange)", arm.tip_link != "tool0", setup.controller.flange_known),
         )
-        if needed and not there
+        if needed and not present
     ]
     if missing:
         raise ProgramError(

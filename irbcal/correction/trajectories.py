@@ -88,69 +88,75 @@ def follow(
         Limits that the commands pass, at the points or between them.
     """
     ((batch, fake),) = corrections
-    given = program.trajectory
+    wanted_motion = program.trajectory
     if not fake.ok.all():
-        others = np.where(fake.ok, OTHERS, fake.reason).astype(object)
-        none = replace(fake, q=np.full(fake.q.shape, np.nan), ok=np.zeros(len(fake.ok), dtype=bool), reason=others)
+        reasons = np.where(fake.ok, OTHERS, fake.reason).astype(object)
+        none = replace(fake, q=np.full(fake.q.shape, np.nan), ok=np.zeros(len(fake.ok), dtype=bool), reason=reasons)
         return [(batch, none)], None, []
     computing = controller or nominal
-    q, lean = fake.q, lean_along(robot.joint_map, given)
+    q, lean = fake.q, lean_along(robot.joint_map, wanted_motion)
     if lean is not None:
         q = robot.joint_map.commanded(robot.joint_map.effective(q) - lean.lean)
-    commands = _moving(robot, computing, given, q, lean)
+    commands = _moving(robot, computing, wanted_motion, q, lean)
     limits = Limits(nominal.lower, nominal.upper, speeds)
-    already = {one[:2]: one for one in check(given, limits).exceeded}
+    already = {excess[:2]: excess for excess in check(wanted_motion, limits).exceeded}
     checked = check(commands, limits)
-    left = [_left(one, already.get(one[:2]), batch, given, checked.slower) for one in checked.exceeded]
-    return [(batch, replace(fake, q=q, T_fake=computing.forward(q)))], commands, left
+    unchanged = [
+        _left(excess, already.get(excess[:2]), batch, wanted_motion, checked.slower) for excess in checked.exceeded
+    ]
+    return [(batch, replace(fake, q=q, T_fake=computing.forward(q)))], commands, unchanged
 
 
-def _left(one: Exceeded, before: Exceeded | None, batch: WantedTargets, given: Trajectory, slower: float) -> Left:
-    row = min(int(np.searchsorted(given.times, one.time, side="right")) - 1, len(batch.lines) - 1)
-    words = one.in_words
-    if before is not None:
-        words += f", and so does the file at {before.time:.4g} s"
-    if one.kind != "position":
-        words += f"; times {np.ceil(slower * 1e4) / 1e4:.4f} times as long would hold it"
-    return Left(f"{batch.names[row]} and what follows", int(batch.lines[row]), words)
+def _left(
+    excess: Exceeded, excess_before: Exceeded | None, batch: WantedTargets, wanted_motion: Trajectory, slower: float
+) -> Left:
+    row = min(int(np.searchsorted(wanted_motion.times, excess.time, side="right")) - 1, len(batch.lines) - 1)
+    sentence = excess.in_words
+    if excess_before is not None:
+        sentence += f", and so does the file at {excess_before.time:.4g} s"
+    if excess.kind != "position":
+        sentence += f"; times {np.ceil(slower * 1e4) / 1e4:.4f} times as long would hold it"
+    return Left(f"{batch.names[row]} and what follows", int(batch.lines[row]), sentence)
 
 
-def _moving(robot: Robot, computing: Arm, given: Trajectory, q: FloatArray, lean: Lean | None) -> Trajectory:
+def _moving(robot: Robot, computing: Arm, wanted_motion: Trajectory, q: FloatArray, lean: Lean | None) -> Trajectory:
     """Commands ``q`` with the speeds and accelerations with which the tip follows; those that the file has."""
-    commands = replace(given, q=q, dq=None, ddq=None, lean=lean)
-    if given.dq is None:
+    commands = replace(wanted_motion, q=q, dq=None, ddq=None, lean=lean)
+    if wanted_motion.dq is None:
         return commands
-    bend = np.zeros(q.shape) if given.ddq is None else given.ddq
+    bend = np.zeros(q.shape) if wanted_motion.ddq is None else wanted_motion.ddq
     lean = lean or Lean(*np.zeros((3, *q.shape)))
-    rate = lean.second if given.ddq is not None else np.zeros(q.shape)
-    fastest = np.maximum(np.abs(given.dq), np.sqrt(STRIDE * np.abs(bend))).max(axis=1)
+    rate = lean.second if wanted_motion.ddq is not None else np.zeros(q.shape)
+    fastest = np.maximum(np.abs(wanted_motion.dq), np.sqrt(STRIDE * np.abs(bend))).max(axis=1)
     step = (STRIDE / np.maximum(fastest, STRIDE))[:, None]
 
     def along(p: FloatArray, v: FloatArray, a: FloatArray, k: int) -> FloatArray:
         return p + k * step * v + 0.5 * (k * step) ** 2 * a
 
-    wanted = {k: pose_columns(computing.forward(along(given.q, given.dq, bend, k))) for k in range(-2, 3)}
-    line = newton.CalibratedChain(robot, 1.0)
-    inverse = np.linalg.pinv(line.linearised(wanted[0], q.T)[0])
+    T_columns = {
+        k: pose_columns(computing.forward(along(wanted_motion.q, wanted_motion.dq, bend, k))) for k in range(-2, 3)
+    }
+    calibrated = newton.CalibratedChain(robot, 1.0)
+    inverse = np.linalg.pinv(calibrated.linearised(T_columns[0], q.T)[0])
 
     def lacks(dq: FloatArray, ddq: FloatArray) -> Callable[[int], FloatArray]:
-        found: dict[int, FloatArray] = {}
+        errors_at: dict[int, FloatArray] = {}
 
         def lack(k: int) -> FloatArray:
-            if k not in found:
+            if k not in errors_at:
                 tip = _tip(robot, along(q, dq, ddq, k), along(lean.lean, lean.rate, rate, k))
-                turn = newton.rotation_vector(tip, wanted[k])
-                found[k] = np.concatenate([wanted[k][3] - tip[3], turn]).T
-            return found[k]
+                turn = newton.rotation_vector(tip, T_columns[k])
+                errors_at[k] = np.concatenate([T_columns[k][3] - tip[3], turn]).T
+            return errors_at[k]
 
         return lack
 
-    dq, ddq = np.array(given.dq), np.array(bend)
+    dq, ddq = np.array(wanted_motion.dq), np.array(bend)
     for _ in range(STEPS):
         lack = lacks(dq, ddq)
         speed = (8.0 * (lack(1) - lack(-1)) - (lack(2) - lack(-2))) / (12.0 * step)
         dq = dq + np.einsum("nij,nj->ni", inverse, speed)
-    if given.ddq is None:
+    if wanted_motion.ddq is None:
         return replace(commands, dq=dq)
     for _ in range(STEPS):
         lack = lacks(dq, ddq)

@@ -137,14 +137,14 @@ class UnknownFrames:
 
     def in_words(self) -> str:
         """What may go wrong, by how much, and what to do."""
-        what = [
+        origins = [
             f"{noun}{'s' if len(names) > 1 else ''} {', '.join(names)}"
             for noun, names in (("tool", self.tools), ("work object", self.work_objects))
             if names
         ]
         several = "are" if len(self.tools) + len(self.work_objects) > 1 else "is"
         return (
-            f"{' and '.join(what)} {several} of unknown origin. If taught with the robot, the correction makes the "
+            f"{' and '.join(origins)} {several} of unknown origin. If taught with the robot, the correction makes the "
             f"part worse: at these {self.targets} targets the nominal and the calibrated robot differ by "
             f"{self.mean / MM:.3f} mm on average and {self.largest / MM:.3f} mm at most. Compute them with irbcal cell "
             "and give --cell; if they were measured independently of the robot (CAD, tracker), say --frames-measured"
@@ -214,10 +214,10 @@ class TargetFrames:
         controller: Arm,
         corrections: Corrections,
         at: Sequence[TargetFrames],
-        known: TrueFrames,
+        true_frames: TrueFrames,
     ) -> TargetFrames | None:
         """Of the targets that were corrected, ``at`` being those of all; None of none."""
-        parts = []
+        parts_of_batch = []
         for (batch, fake), every in zip(corrections, at, strict=True):
             ok, q = fake.ok, fake.q_nominal[fake.ok]
             off = np.zeros((len(q), 3))
@@ -225,20 +225,26 @@ class TargetFrames:
                 apart = robot.forward(q) - controller.forward(q)
                 off = np.einsum("nij,nj->ni", apart[:, :3, :3], every.tcp[ok]) + apart[:, :3, 3]
             rows: dict[str, Any] = {name: getattr(every, name)[ok] for name in _OF_FRAMES}
-            rows["points"] = np.where(known.points.are_taught(batch.names), "taught", "offline").astype(object)[ok]
+            rows["points"] = np.where(true_frames.points.are_taught(batch.names), "taught", "offline").astype(object)[
+                ok
+            ]
             rows["at_stake"] = np.linalg.norm(off, axis=1)
-            rows["part_error"] = part_errors(robot, known.cell, fake.q, every)[ok]
-            parts.append(replace(every, **rows, numbers=known.numbers, re_expressed=known.points.re_express))
-        return TargetFrames.joined(parts)
+            rows["part_error"] = part_errors(robot, true_frames.cell, fake.q, every)[ok]
+            parts_of_batch.append(
+                replace(every, **rows, numbers=true_frames.numbers, re_expressed=true_frames.points.re_express)
+            )
+        return TargetFrames.joined(parts_of_batch)
 
     @staticmethod
-    def joined(parts: Sequence[TargetFrames]) -> TargetFrames | None:
+    def joined(sets: Sequence[TargetFrames]) -> TargetFrames | None:
         """Of several programs; None of none."""
-        if not parts:
+        if not sets:
             return None
         names = (*_OF_FRAMES, "points", "at_stake", "part_error")
-        arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        return replace(parts[0], **arrays)
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(frames_of_program, name) for frames_of_program in sets]) for name in names
+        }
+        return replace(sets[0], **arrays)
 
     @property
     def origins(self) -> NameArray:
@@ -277,30 +283,30 @@ class TargetFrames:
                 f"{len(self.tools)} taught points are re-expressed as offline points of the true frames, {unchanged} "
                 "stay as they are; nothing is corrected: filter the new program"
             ]
-        told: list[Told] = []
+        sentences: list[Told] = []
         in_cell = self.origins == CELL
         if in_cell.any():
             ours = "its own numbers" if self.numbers == "same" else "the cell file's numbers"
-            told.append(
+            sentences.append(
                 f"{in_cell.sum()} targets stand for the cell file's tools and work objects; the controller must "
                 f"compute with {ours} of them"
             )
         if (in_cell & (self.points == "offline")).any():
-            told.append(
+            sentences.append(
                 "All of them are taken for offline points: name those that were shown on the robot with --points"
             )
         expected = self.part_error[np.isfinite(self.part_error).all(axis=1)] / MM
         if len(expected):
-            told.append(
+            sentences.append(
                 f"Expected error of the part: {expected[:, 0].mean():.3f} mm mean, at the worst target within "
                 f"{expected[:, 1].max():.3f} mm with 95 % (robot, tools and work objects together)"
             )
         if unchanged:
-            told.append(f"{unchanged} targets need no change")
-        return told
+            sentences.append(f"{unchanged} targets need no change")
+        return sentences
 
 
-_OF_FRAMES = tuple(one.name for one in fields(TargetFrames))[:9]
+_OF_FRAMES = tuple(column.name for column in fields(TargetFrames))[:9]
 """Arrays that tell of tools and work objects."""
 
 
@@ -373,11 +379,11 @@ class TrueFrames:
 
     def _true(self, kind: str, name: str, T: FloatArray, T_null: FloatArray) -> tuple[FloatArray, str]:
         """The true frame of a name, and its origin; ``T`` is what the controller has."""
-        for one in () if self.cell is None else getattr(self.cell, kind).values():
-            if one.name.lower() == name:
+        for cell_frame in () if self.cell is None else getattr(self.cell, kind).values():
+            if cell_frame.name.lower() == name:
                 # a tip alone tells no axes: they are the controller's
-                R = T[:3, :3] if one.position_only else one.T_true[:3, :3]
-                return frames.transform(R, one.T_true[:3, 3]), CELL
+                R = T[:3, :3] if cell_frame.position_only else cell_frame.T_true[:3, :3]
+                return frames.transform(R, cell_frame.T_true[:3, 3]), CELL
         if min(np.abs(T - T_null).max(), np.abs(T - np.eye(4)).max()) < ROUNDING or name == "null":
             return T, NULL
         return T, MEASURED if self.measured else UNKNOWN
@@ -459,12 +465,14 @@ def _derivatives(
     for n, row in enumerate(rows):
         if at.tool_origins[row] == CELL:
             name = tools[at.tools[row]]
-            here = cell.rows(TOOL, name)
+            columns = cell.rows(TOOL, name)
             R = cell.tools[name].T_true[:3, :3]
-            F[n, :, here.start + 3 : here.stop] = to_object[n] @ T[n, :3, :3] @ R
+            F[n, :, columns.start + 3 : columns.stop] = to_object[n] @ T[n, :3, :3] @ R
         if at.object_origins[row] == CELL:
-            here = cell.rows(WORK_OBJECT, work_objects[at.work_objects[row]])
+            columns = cell.rows(WORK_OBJECT, work_objects[at.work_objects[row]])
             x, y, z = p[n]
-            F[n, :, here.start : here.start + 3] = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # -(w x p) = p x w
-            F[n, :, here.start + 3 : here.stop] = -np.eye(3)
+            F[n, :, columns.start : columns.start + 3] = np.array(
+                [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+            )  # -(w x p) = p x w
+            F[n, :, columns.start + 3 : columns.stop] = -np.eye(3)
     return to_object @ J, F, left_over

@@ -201,9 +201,9 @@ def urdf_of(arm: MakerArm) -> bytes:
 
     robot = etree.Element("robot", name=f"{arm.folder}_like_arm_of_no_maker")
     etree.SubElement(robot, "link", name="base_link")
-    for k, (place, axis) in enumerate(arm.joints, start=1):
+    for k, (xyz, axis) in enumerate(arm.joints, start=1):
         parent = "base_link" if k == 1 else f"link_{k - 1}"
-        joint = _joint(robot, f"joint_{k}", parent, f"link_{k}", (*place, 0, 0, 0))
+        joint = _joint(robot, f"joint_{k}", parent, f"link_{k}", (*xyz, 0, 0, 0))
         joint.set("type", "revolute")
         etree.SubElement(joint, "axis", xyz=axis)
         limit = np.radians(170.0 if k in (1, 4, 6) else 130.0)
@@ -219,7 +219,7 @@ def _joint(robot: Any, name: str, parent: str, child: str, at: tuple[float, ...]
 
     etree.SubElement(robot, "link", name=child)
     joint = etree.SubElement(robot, "joint", name=name, type="fixed")
-    xyz, rpy = (" ".join(f"{value:.12g}" for value in part) for part in (at[:3], at[3:]))
+    xyz, rpy = (" ".join(f"{value:.12g}" for value in triple) for triple in (at[:3], at[3:]))
     etree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
     etree.SubElement(joint, "parent", link=parent)
     etree.SubElement(joint, "child", link=child)
@@ -230,22 +230,22 @@ def files() -> Iterator[Sample]:
     """Folders of all makers."""
     for arm in ARMS:
         data = urdf_of(arm) if arm.joints else robots.robot_file(arm.named).read_bytes()
-        found = urdf.from_bytes(data, arm.folder)
+        robot = urdf.from_bytes(data, arm.folder)
         if arm.named == ROBOT:
-            yield from _programs(arm, data, found, "my-robot")
+            yield from _programs(arm, data, robot, "my-robot")
             continue
         name = arm.named or f"{arm.folder}/arm.urdf"
         calibration = f"my-{arm.folder}"
         if arm.joints:
             yield Sample(name, data, f"an arm like those of {arm.folder.upper()}, of invented size")
-        cell = shipped_cell(found.arm, weights.bodies(found)).with_targets(TARGETS)
+        cell = shipped_cell(robot.arm, weights.bodies(robot)).with_targets(TARGETS)
         table = measured_table(cell, random_list(cell, POSES, 1))
-        line = f"irbcal calibrate {arm.folder}/measured.csv --robot {name} --out {calibration}"
-        yield Sample(f"{arm.folder}/measured.csv", csv(table), f"{POSES} poses", line)
-        yield from _programs(arm, data, found, calibration)
+        command = f"irbcal calibrate {arm.folder}/measured.csv --robot {name} --out {calibration}"
+        yield Sample(f"{arm.folder}/measured.csv", csv(table), f"{POSES} poses", command)
+        yield from _programs(arm, data, robot, calibration)
 
 
-def _programs(arm: MakerArm, data: bytes, found: urdf.UrdfArm, calibration: str) -> Iterator[Sample]:
+def _programs(arm: MakerArm, data: bytes, robot: urdf.UrdfArm, calibration: str) -> Iterator[Sample]:
     """The maker's templates, filled in; a line that names a folder goes with the last file in it."""
     import jinja2
 
@@ -255,10 +255,10 @@ def _programs(arm: MakerArm, data: bytes, found: urdf.UrdfArm, calibration: str)
         keep_trailing_newline=True,
         undefined=jinja2.StrictUndefined,
     )
-    context = stops(arm, data, found)
+    context = stops(arm, data, robot)
     lines = {
-        name: f"irbcal filter {calibration} {arm.folder}/{name} {rest.format(**context)}"
-        for name, rest in arm.tried.items()
+        name: f"irbcal filter {calibration} {arm.folder}/{name} {options.format(**context)}"
+        for name, options in arm.tried.items()
     }
     for name in sorted(environment.list_templates(extensions=("j2",)), reverse=True):
         file = name.removesuffix(".j2")
@@ -267,20 +267,20 @@ def _programs(arm: MakerArm, data: bytes, found: urdf.UrdfArm, calibration: str)
         yield Sample(f"{arm.folder}/{file}", text.encode(), "a program" if tried else "goes with a program", tried)
 
 
-def stops(arm: MakerArm, data: bytes, found: urdf.UrdfArm) -> dict[str, Any]:
+def stops(arm: MakerArm, data: bytes, robot: urdf.UrdfArm) -> dict[str, Any]:
     """Joints and poses of the stops as a program has them."""
-    at = controller_frames(data, arm.folder, found.arm.base_link, found.arm.tip_link)
+    at = controller_frames(data, arm.folder, robot.arm.base_link, robot.arm.tip_link)
     program = np.array(arm.stops, dtype=float) * DEG
     q = program if arm.maker is None else arm.maker.joints(program)
     tool, frame = (_frame(arm.maker, numbers) for numbers in (arm.tool, arm.frame))
-    T_world_flange = frames.inverse(at.T_base_world) @ found.arm.forward(q) @ at.T_tip_flange
-    shown = _numbers(arm.maker, T_world_flange[:1])[0]
+    T_world_flange = frames.inverse(at.T_base_world) @ robot.arm.forward(q) @ at.T_tip_flange
+    pose = _numbers(arm.maker, T_world_flange[:1])[0]
     return {
         "joints": np.degrees(program),
         "radians": program,
         "poses": _numbers(arm.maker, frames.inverse(frame) @ T_world_flange @ tool),
         "pulses": np.rint(np.degrees(program) * PULSES),
-        "where": "=".join(",".join(f"{value:.6g}" for value in row) for row in (arm.stops[0], shown)),
+        "where": "=".join(",".join(f"{value:.6g}" for value in row) for row in (arm.stops[0], pose)),
     }
 
 

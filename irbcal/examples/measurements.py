@@ -89,25 +89,25 @@ def measured_table(cell: VirtualCell, poses: PoseList) -> pd.DataFrame:
 def one_joint_moves(joints: int) -> PoseList:
     """Every joint moved alone, there and back."""
     angles = np.concatenate([MOVES, MOVES[::-1]]) * DEG
-    rest = np.zeros(joints)
-    rest[4] = 30 * DEG
-    q = np.vstack([_moved(rest, joint, angles) for joint in range(joints)])
+    home = np.zeros(joints)
+    home[4] = 30 * DEG
+    q = np.vstack([_moved(home, joint, angles) for joint in range(joints)])
     group = np.repeat([f"axis{joint + 1}" for joint in range(joints)], len(angles)).astype(object)
     return PoseList(q, numbered(len(q)), None, np.full(len(q), 4.0), {"group": group}, "moves of one joint")
 
 
-def _moved(rest: FloatArray, joint: int, angles: FloatArray) -> FloatArray:
-    q = np.tile(rest, (len(angles), 1))
+def _moved(home: FloatArray, joint: int, angles: FloatArray) -> FloatArray:
+    q = np.tile(home, (len(angles), 1))
     q[:, joint] = angles * (0.5 if joint in (1, 2) else 1.0)
     return q
 
 
 def seen_from_elsewhere(table: pd.DataFrame) -> pd.DataFrame:
     """The same points in the frame of the moved tracker."""
-    away = frames.inverse(MOVED)
+    T_moved = frames.inverse(MOVED)
     xyz = table[list(POSITION)].to_numpy(dtype=float) * MM
     moved = table.copy()
-    moved[list(POSITION)] = np.round((xyz @ away[:3, :3].T + away[:3, 3]) / MM, 4)
+    moved[list(POSITION)] = np.round((xyz @ T_moved[:3, :3].T + T_moved[:3, 3]) / MM, 4)
     return moved
 
 
@@ -125,37 +125,37 @@ def _main(cell: VirtualCell, table: pd.DataFrame) -> Iterator[Sample]:
     """What the first steps need."""
     data = robots.robot_file(ROBOT).read_bytes()
     yield Sample("my_robot.urdf", data, "the nominal robot", "irbcal view my_robot.urdf")
-    line = "irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot"
-    yield Sample("measured.csv", csv(table), f"{POSES} poses, three reflectors, three references", line)
-    other = example_cell(1)
-    proof = measured_table(other, random_list(other, VERIFICATION, 2))
+    command = "irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot"
+    yield Sample("measured.csv", csv(table), f"{POSES} poses, three reflectors, three references", command)
+    other_cell = example_cell(1)
+    proof = measured_table(other_cell, random_list(other_cell, VERIFICATION, 2))
     yield Sample("verification.csv", csv(proof), "other poses", "irbcal evaluate my-robot verification.csv")
     moves = measured_table(example_cell(3), one_joint_moves(len(cell.arm.joint_names)))
     yield Sample("moves.csv", csv(moves), "moves of one joint, there and back", "irbcal joints moves.csv")
     drawn_places = pd.DataFrame(cell.tool.cad / MM, columns=list(POSITION))
     drawn_places.insert(0, "target", cell.tool.names)
-    line = "irbcal circles moves.csv --robot irb1600 --random_list cad.csv"
-    yield Sample("cad.csv", csv(drawn_places), "the tool as it was random_list", line)
+    command = "irbcal circles moves.csv --robot irb1600 --drawn cad.csv"
+    yield Sample("cad.csv", csv(drawn_places), "the tool as it was drawn", command)
 
 
 def _other_days(table: pd.DataFrame) -> Iterator[Sample]:
     """Measured later: the tracker, or the reflectors, stood elsewhere."""
     later = example_cell(2)
     new = seen_from_elsewhere(measured_table(later, random_list(later, LATER, 3)))
-    line = "irbcal calibrate new.csv --with my-robot --out my-robot-2"
-    yield Sample("new.csv", csv(new), "more poses, from another place of the tracker", line)
-    both = pd.concat([table.assign(session="Monday"), new.assign(session="Tuesday")])
-    both["pose"] = both["session"].str[0] + both["pose"].astype(str)
-    line = "irbcal calibrate two_days.csv --robot my_robot.urdf --out two-days"
-    yield Sample("two_days.csv", csv(both), "two sessions in one file", line)
+    command = "irbcal calibrate new.csv --with my-robot --out my-robot-2"
+    yield Sample("new.csv", csv(new), "more poses, from another place of the tracker", command)
+    two_days = pd.concat([table.assign(session="Monday"), new.assign(session="Tuesday")])
+    two_days["pose"] = two_days["session"].str[0] + two_days["pose"].astype(str)
+    command = "irbcal calibrate two_days.csv --robot my_robot.urdf --out two-days"
+    yield Sample("two_days.csv", csv(two_days), "two sessions in one file", command)
     cell = open_cell(ROBOT, seed=6).without("visibility")
     names = dict(zip(cell.tool.names[3:6], TARGETS, strict=True))
     cell = cell.with_targets(tuple(names)).replace(references=example_cell().references)
     remounted = measured_table(cell, random_list(cell, LATER, 7)).replace({"target": names})
-    line = "irbcal evaluate my-robot remounted.csv --refit-tool"
-    yield Sample("remounted.csv", csv(remounted), "the reflectors mounted anew", line)
-    line = "irbcal evaluate my-robot all_anew.csv --refit-base --refit-tool --refit-from 10"
-    yield Sample("all_anew.csv", csv(seen_from_elsewhere(remounted)), "reflectors and tracker anew", line)
+    command = "irbcal evaluate my-robot remounted.csv --refit-tool"
+    yield Sample("remounted.csv", csv(remounted), "the reflectors mounted anew", command)
+    command = "irbcal evaluate my-robot all_anew.csv --refit-base --refit-tool --refit-from 10"
+    yield Sample("all_anew.csv", csv(seen_from_elsewhere(remounted)), "reflectors and tracker anew", command)
 
 
 def _loads() -> Iterator[Sample]:
@@ -166,8 +166,8 @@ def _loads() -> Iterator[Sample]:
         table = measured_table(cell, random_list(cell, LATER, seed))
         table["pose"] = [f"L{load}_{pose}" for pose in table["pose"]]
         tables.append(table)
-    line = "irbcal calibrate two_loads.csv --robot my_robot.urdf --same-tool --out two-loads"
-    yield Sample("two_loads.csv", csv(pd.concat(tables[:2])), "the same robot with 1 and with 5 kg", line)
+    command = "irbcal calibrate two_loads.csv --robot my_robot.urdf --same-tool --out two-loads"
+    yield Sample("two_loads.csv", csv(pd.concat(tables[:2])), "the same robot with 1 and with 5 kg", command)
     yield Sample("third_load.csv", csv(tables[2]), "and with 3 kg", "irbcal evaluate two-loads third_load.csv")
 
 
@@ -184,8 +184,8 @@ def _lists(cell: VirtualCell) -> Iterator[Sample]:
     numbers = np.round(np.column_stack([T[:, :3, 3] / MM, quaternions]), 9)
     poses = pd.DataFrame(numbers, columns=[*POSITION, "qw", "qx", "qy", "qz"])
     yield Sample("poses.csv", csv(poses), "poses of the tip", "irbcal ik my-robot --poses poses.csv")
-    line = "irbcal urdf --dh table.csv --convention modified --out arm.urdf"
-    yield Sample("table.csv", DH_TABLE.encode(), "Denavit-Hartenberg parameters", line)
+    command = "irbcal urdf --dh table.csv --convention modified --out arm.urdf"
+    yield Sample("table.csv", DH_TABLE.encode(), "Denavit-Hartenberg parameters", command)
 
 
 DH_TABLE = """joint,alpha_deg,a_mm,theta_deg,d_mm,lower_deg,upper_deg
@@ -204,17 +204,17 @@ def _trajectory(arm: Arm, q: FloatArray) -> Iterator[Sample]:
     t = np.array([0.1 * k for k in range(30 * (len(q) - 1) + 1)])
     motion = Trajectory(t, through(t), names=arm.joint_names, prismatic=arm.table.prismatic)
     motion = replace(motion, dq=through(t, 1), ddq=through(t, 2))
-    line = "irbcal filter my-robot trajectory.yaml --out trajectory-sent.yaml"
-    yield Sample("trajectory.yaml", ros.to_yaml(motion).encode(), "a motion as a ROS JointTrajectory", line)
-    line = "irbcal filter my-robot trajectory.csv --out trajectory-sent.csv"
-    yield Sample("trajectory.csv", csv(motion.to_frame(), float_format="%.9f"), "the same motion as CSV", line)
+    command = "irbcal filter my-robot trajectory.yaml --out trajectory-sent.yaml"
+    yield Sample("trajectory.yaml", ros.to_yaml(motion).encode(), "a motion as a ROS JointTrajectory", command)
+    command = "irbcal filter my-robot trajectory.csv --out trajectory-sent.csv"
+    yield Sample("trajectory.csv", csv(motion.to_frame(), float_format="%.9f"), "the same motion as CSV", command)
 
 
 FOREIGN_POSES = 40
 
 
 def foreign_files() -> Iterator[Sample]:
-    """A file or a set of foreign_files for each preset."""
+    """A file or a set of files for each preset."""
     cell = example_cell(4).without("lost", "visibility")
     poses = random_list(cell, FOREIGN_POSES, 4)
     run = cell.measure(poses.q, None, poses.wait_s)
@@ -228,19 +228,19 @@ def foreign_files() -> Iterator[Sample]:
 def _by_joints(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> Iterator[Sample]:
     rows = [(*q, *p, k) for q, points in zip(joints, xyz, strict=True) for k, p in enumerate(points, start=1)]
     columns = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z", "TCP"]
-    line = "irbcal import robodk.csv --as robodk --out from_robodk.csv"
-    yield Sample("robodk.csv", csv(pd.DataFrame(rows, columns=columns)), "as RoboDK takes measurements", line)
+    command = "irbcal import robodk.csv --as robodk --out from_robodk.csv"
+    yield Sample("robodk.csv", csv(pd.DataFrame(rows, columns=columns)), "as RoboDK takes measurements", command)
     points = [f"{axis}{k}" for k in range(1, len(names) + 1) for axis in "XYZ"]
     wide = pd.DataFrame(np.hstack([joints, xyz.reshape(len(joints), -1)]), columns=[*columns[:6], *points])
     mapped = ", ".join(f"{name}: [X{k}, Y{k}, Z{k}]" for k, name in enumerate(names, start=1))
-    line = (
+    command = (
         "irbcal import wide.csv --as table --set 'columns.joints=[J1, J2, J3, J4, J5, J6]' "
         f"--set 'columns.position={{{mapped}}}' --set units.joints=deg --set units.lengths=mm --out from_wide.csv"
     )
-    yield Sample("wide.csv", csv(wide, sep=";"), "a row a pose, all points in it", line)
+    yield Sample("wide.csv", csv(wide, sep=";"), "a row a pose, all points in it", command)
     turned = csv(_own(joints * np.array([1, 1, -1, 1, 1, 1]), xyz, names))
-    line = "irbcal import turned.csv --as irbcal --set 'joints.signs=[1, 1, -1, 1, 1, 1]' --out mended.csv"
-    yield Sample("turned.csv", turned, "irbcal's own format with the sign of joint 3 turned", line)
+    command = "irbcal import turned.csv --as irbcal --set 'joints.signs=[1, 1, -1, 1, 1, 1]' --out mended.csv"
+    yield Sample("turned.csv", turned, "irbcal's own format with the sign of joint 3 turned", command)
 
 
 def _own(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> pd.DataFrame:
@@ -254,7 +254,7 @@ def _own(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> pd.Data
 
 
 def _apart(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> Iterator[Sample]:
-    """Points in foreign_files of their own, joints in another."""
+    """Points in files of their own, joints in another."""
     table = pd.DataFrame(joints, columns=[f"q{k}_deg" for k in range(1, 7)])
     table.insert(0, "pose", [f"P{k}" for k in range(1, len(joints) + 1)])
     yield Sample("measured_joints.csv", csv(table), "joints of the poses measured below")
@@ -262,15 +262,15 @@ def _apart(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> Itera
     for pose, points in zip(table["pose"], xyz, strict=True):
         lines += [f"{pose}_{name}, {x:.4f}, {y:.4f}, {z:.4f}" for name, (x, y, z) in zip(names, points, strict=True)]
     text = ("\n".join(lines) + "\n").encode()
-    line = (
+    command = (
         "irbcal import points.txt --as spatial-analyzer --set units.lengths=mm --joints measured_joints.csv "
         "--out from_points.csv"
     )
-    yield Sample("points.txt", text, "as SpatialAnalyzer exports points", line)
-    line = "irbcal import smr*.csv ref*.csv --as per-target --set units.lengths=mm --joints measured_joints.csv "
+    yield Sample("points.txt", text, "as SpatialAnalyzer exports points", command)
+    command = "irbcal import smr*.csv ref*.csv --as per-target --set units.lengths=mm --joints measured_joints.csv "
     for k, name in enumerate(names):
         log = pd.DataFrame(xyz[:, k], columns=["x", "y", "z"])
-        tried = line + "--out from_logs.csv" if k == 0 else ""
+        tried = command + "--out from_logs.csv" if k == 0 else ""
         yield Sample(f"{name}.csv", csv(log, sep=";", decimal=","), f"a log of {name}, a row a pose", tried)
 
 
@@ -278,18 +278,18 @@ def _full_poses(q: FloatArray, T: FloatArray) -> Iterator[Sample]:
     """Files of trackers that measure orientations: the tip in the tracker's frame, exactly."""
     from scipy.spatial.transform import Rotation
 
-    place = np.round(T[:, :3, 3] / MM, 4)
-    numbers = np.hstack([place, np.round(frames.quaternion_from_matrix(T[:, :3, :3]), 9)])
+    xyz = np.round(T[:, :3, 3] / MM, 4)
+    numbers = np.hstack([xyz, np.round(frames.quaternion_from_matrix(T[:, :3, :3]), 9)])
     table = pd.DataFrame(numbers, columns=["X", "Y", "Z", "Q0", "Q1", "Q2", "Q3"])
-    line = "irbcal import tmac.csv --as leica-tmac --joints measured_joints.csv --out from_tmac.csv"
-    yield Sample("tmac.csv", csv(table, sep=";", decimal=","), "poses of a Leica T-Mac", line)
+    command = "irbcal import tmac.csv --as leica-tmac --joints measured_joints.csv --out from_tmac.csv"
+    yield Sample("tmac.csv", csv(table, sep=";", decimal=","), "poses of a Leica T-Mac", command)
     names = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
     angles = Rotation.from_matrix(T[:, :3, :3]).as_euler("XYZ", degrees=True)
     columns = [*(f"{name}_joint" for name in names), *(f"measurement_{c}" for c in ("x", "y", "z", "rx", "ry", "rz"))]
-    table = pd.DataFrame(np.round(np.hstack([q, place, angles]), 9), columns=columns)
+    table = pd.DataFrame(np.round(np.hstack([q, xyz, angles]), 9), columns=columns)
     table["measurement_temperature"] = 21.0
-    line = "irbcal import export.csv --as ur10-lab --out from_lab.csv"
-    yield Sample("export.csv", csv(table, sep=";", decimal=","), "a lab's export with decimal commas", line)
+    command = "irbcal import export.csv --as ur10-lab --out from_lab.csv"
+    yield Sample("export.csv", csv(table, sep=";", decimal=","), "a lab's export with decimal commas", command)
 
 
 CYCLES = 30
@@ -322,13 +322,13 @@ def _iso9283(cell: VirtualCell, rng: np.random.Generator) -> Iterator[Sample]:
         "cycles",
     )
     table = measured_table(cell, poses)
-    line = "irbcal iso9283 iso9283.csv --calibration my-robot"
-    yield Sample("iso9283.csv", csv(table), f"the five test poses, {CYCLES} cycles", line)
+    command = "irbcal iso9283 iso9283.csv --calibration my-robot"
+    yield Sample("iso9283.csv", csv(table), f"the five test poses, {CYCLES} cycles", command)
     t = np.arange(0, 14, 0.1)
     settling = np.concatenate([_series(t, run, 0.4 * np.exp(-1.5 * t), rng) for run in (1, 2, 3)])
     columns = ["run", "time_s", *POSITION]
-    line = "irbcal iso9283 iso9283.csv --calibration my-robot --approaches approaches.csv"
-    yield Sample("approaches.csv", csv(pd.DataFrame(settling, columns=columns)), "the robot coming to rest", line)
+    command = "irbcal iso9283 iso9283.csv --calibration my-robot --approaches approaches.csv"
+    yield Sample("approaches.csv", csv(pd.DataFrame(settling, columns=columns)), "the robot coming to rest", command)
     yield from _paths(rng)
     yield from _moves_and_forces(rng)
 
@@ -346,8 +346,10 @@ def _paths(rng: np.random.Generator) -> Iterator[Sample]:
         xyz += 0.01 * rng.standard_normal(xyz.shape)
         tables.append(np.column_stack([np.full(len(s), cycle), np.arange(len(s)) * 0.01, xyz]))
     table = pd.DataFrame(np.round(np.vstack(tables), 4), columns=["cycle", "time_s", *POSITION])
-    line = "irbcal iso9283 --path path.csv --commanded-path commanded_path.csv --velocity 250 --window 0.05"
-    yield Sample("path.csv", csv(table.astype({"cycle": int}).assign(simulated="yes")), "ten cycles of that path", line)
+    command = "irbcal iso9283 --path path.csv --commanded-path commanded_path.csv --velocity 250 --window 0.05"
+    yield Sample(
+        "path.csv", csv(table.astype({"cycle": int}).assign(simulated="yes")), "ten cycles of that path", command
+    )
 
 
 def _moves_and_forces(rng: np.random.Generator) -> Iterator[Sample]:
@@ -361,8 +363,8 @@ def _moves_and_forces(rng: np.random.Generator) -> Iterator[Sample]:
             xyz = np.column_stack([x, 0 * x, 500 + 0 * x]) + 0.002 * rng.standard_normal((len(t), 3))
             rows += [(f"{length:g} mm", cycle, *row) for row in np.round(np.column_stack([t, xyz]), 4)]
     table = pd.DataFrame(rows, columns=["move", "cycle", "time_s", *POSITION]).assign(simulated="yes")
-    line = "irbcal iso9283 --moves posing.csv --band 0.1"
-    yield Sample("posing.csv", csv(table), "moves from rest to rest", line)
+    command = "irbcal iso9283 --moves posing.csv --band 0.1"
+    yield Sample("posing.csv", csv(table), "moves from rest to rest", command)
     rows = []
     for k, axis in enumerate("xyz"):
         for sign in (1, -1):
@@ -376,8 +378,10 @@ def _moves_and_forces(rng: np.random.Generator) -> Iterator[Sample]:
     yield Sample("forces.csv", data, "places under load", "irbcal iso9283 --forces forces.csv")
 
 
-def _series(t: FloatArray, run: int, away: FloatArray, rng: np.random.Generator) -> FloatArray:
-    xyz = np.array([800.0, 50.0, 900.0]) + away[:, None] * [0.6, 0.0, 0.8] + 0.002 * rng.standard_normal((len(t), 3))
+def _series(t: FloatArray, run: int, distance: FloatArray, rng: np.random.Generator) -> FloatArray:
+    xyz = (
+        np.array([800.0, 50.0, 900.0]) + distance[:, None] * [0.6, 0.0, 0.8] + 0.002 * rng.standard_normal((len(t), 3))
+    )
     return np.round(np.column_stack([np.full(len(t), run), t, xyz]), 4)
 
 
@@ -427,8 +431,8 @@ def _controller(q: FloatArray, cell: VirtualCell) -> Iterator[Sample]:
     wxyz = frames.quaternion_from_matrix(T[:, :3, :3])
     numbers = np.round(np.column_stack([q / DEG, T[:, :3, 3] / MM, wxyz]), 6)
     columns = [*(f"q{k}_deg" for k in range(1, 7)), *POSITION, "qw", "qx", "qy", "qz"]
-    line = "irbcal controller reported.csv --robot my_robot.urdf --out controller.urdf"
-    yield Sample("reported.csv", csv(pd.DataFrame(numbers, columns=columns)), "what the controller shows", line)
+    command = "irbcal controller reported.csv --robot my_robot.urdf --out controller.urdf"
+    yield Sample("reported.csv", csv(pd.DataFrame(numbers, columns=columns)), "what the controller shows", command)
 
 
 RAIL_POSES = 60
@@ -447,11 +451,13 @@ def rail_files() -> Iterator[Sample]:
     """A small arm on a rail."""
     text = robots.robot_file("irb120").read_text(encoding="utf-8").replace("</robot>", RAIL)
     yield Sample("cell.urdf", text.encode(), "an arm on a rail")
-    found = urdf.from_bytes(text.encode(), "cell.urdf", "rail_base", "tool0")
-    cell = shipped_cell(found.arm, weights.bodies(found)).without("visibility").with_targets(TARGETS)
+    robot = urdf.from_bytes(text.encode(), "cell.urdf", "rail_base", "tool0")
+    cell = shipped_cell(robot.arm, weights.bodies(robot)).without("visibility").with_targets(TARGETS)
     table = measured_table(cell, random_list(cell, RAIL_POSES, 1))
-    line = "irbcal calibrate rail.csv --robot cell.urdf --base-link rail_base --tip-link tool0 --out rail-calibration"
-    yield Sample("rail.csv", csv(table), f"{RAIL_POSES} poses of the arm on its rail", line)
+    command = (
+        "irbcal calibrate rail.csv --robot cell.urdf --base-link rail_base --tip-link tool0 --out rail-calibration"
+    )
+    yield Sample("rail.csv", csv(table), f"{RAIL_POSES} poses of the arm on its rail", command)
 
 
 TOUCHED_POSES = 80
@@ -476,34 +482,34 @@ BY_EYE = 0.05 * MM
 
 def touched_files() -> Iterator[Sample]:
     """Rows at four balls, what is known of these, and touches of a tool and a work object."""
-    found = simulate_device("irb1600", "balls", TOUCHED_POSES, seed=11)
-    line = "irbcal calibrate touched.csv --features balls.csv --robot my_robot.urdf --out touched"
-    yield Sample("touched.csv", csv(found.to_frame()), "four balls touched, no tracker", line)
-    yield Sample("balls.csv", csv(found.features()), "what is known of the balls", line)
-    line = "irbcal cell my-robot touches.csv --out cell.json"
-    yield Sample("touches.csv", csv(touches(example_cell())), "a tool and a work object touched", line)
+    touched = simulate_device("irb1600", "balls", TOUCHED_POSES, seed=11)
+    command = "irbcal calibrate touched.csv --features balls.csv --robot my_robot.urdf --out touched"
+    yield Sample("touched.csv", csv(touched.to_frame()), "four balls touched, no tracker", command)
+    yield Sample("balls.csv", csv(touched.features()), "what is known of the balls", command)
+    command = "irbcal cell my-robot touches.csv --out cell.json"
+    yield Sample("touches.csv", csv(touches(example_cell())), "a tool and a work object touched", command)
 
 
 def touches(cell: VirtualCell) -> pd.DataFrame:
     """A table of touches: the tip at one place from several sides, three points of a fixture."""
     fixture = frames.apply(T_BASE_FIXTURE, np.array([*FIXTURE_POINTS.values()]))
-    places = np.vstack([np.tile(SOCKET, (len(SIDES), 1)), fixture])
-    places = places + np.random.default_rng(7).normal(scale=BY_EYE, size=places.shape)
-    joints = np.round(_reached(cell, np.radians([*SIDES, *SIDES[: len(FIXTURE_POINTS)]]), places) / DEG, 6)
+    xyz = np.vstack([np.tile(SOCKET, (len(SIDES), 1)), fixture])
+    xyz = xyz + np.random.default_rng(7).normal(scale=BY_EYE, size=xyz.shape)
+    joints = np.round(_reached(cell, np.radians([*SIDES, *SIDES[: len(FIXTURE_POINTS)]]), xyz) / DEG, 6)
     head = {
         "frame": ["tool"] * len(SIDES) + ["work_object"] * len(FIXTURE_POINTS),
-        "name": ["1"] * len(places),
+        "name": ["1"] * len(xyz),
         "point": ["socket"] * len(SIDES) + [*FIXTURE_POINTS],
-        "tool": ["1"] * len(places),
+        "tool": ["1"] * len(xyz),
     }
     return pd.DataFrame(head | {name: joints[:, k] for k, name in enumerate(cell.arm.joint_columns)})
 
 
-def _reached(cell: VirtualCell, q: FloatArray, places: FloatArray) -> FloatArray:
+def _reached(cell: VirtualCell, q: FloatArray, xyz: FloatArray) -> FloatArray:
     """Joints next to others at which the true tip is at places: steps by the nominal robot's derivative."""
     tip, step = np.append(TOUCHING_TIP, 1.0), 1e-6
     for _ in range(12):
-        off = places - cell.measure(q).T_base_tip[:, :3] @ tip
+        off = xyz - cell.measure(q).T_base_tip[:, :3] @ tip
         for k, joints in enumerate(q):
             T = cell.arm.forward(joints + step * np.vstack([np.zeros(6), np.eye(6)]))[:, :3] @ tip
             q[k] += np.linalg.lstsq((T[1:] - T[0]).T / step, off[k], rcond=None)[0]
@@ -529,8 +535,8 @@ def fleet_files() -> Iterator[Sample]:
             )
             rows.append((name, f"1600-1012{k + 1}", path, ROBOT, day, OPTIONS))
         table = pd.DataFrame(rows, columns=["id", "serial", "measurements", "robot", "date", "options"])
-        line = f"irbcal fleet calibrate fleet/{month}.csv --out {month}"
-        yield Sample(f"fleet/{month}.csv", csv(table), f"a list of robots, measured in {month}", line)
+        command = f"irbcal fleet calibrate fleet/{month}.csv --out {month}"
+        yield Sample(f"fleet/{month}.csv", csv(table), f"a list of robots, measured in {month}", command)
 
 
 def _measured_later(robot: int, seed: int, moved_deg: float) -> pd.DataFrame:

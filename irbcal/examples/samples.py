@@ -69,15 +69,15 @@ def samples(folder: str | Path) -> Samples:
     folder = Path(folder)
     if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
         raise CalibrationError("expected a new or empty folder for the samples", file=folder)
-    parts = (of.tracker_files, of.foreign_files, of.check_files, of.rail_files, of.touched_files, makers.files)
-    found = [sample for part in (*parts, of.fleet_files) for sample in part()]
-    contents = {folder / sample.path: sample.content for sample in found}
-    contents[folder / "README.txt"] = _readme({sample.tried: sample.about for sample in found if sample.tried})
+    sources = (of.tracker_files, of.foreign_files, of.check_files, of.rail_files, of.touched_files, makers.files)
+    written = [sample for make in (*sources, of.fleet_files) for sample in make()]
+    contents = {folder / sample.path: sample.content for sample in written}
+    contents[folder / "README.txt"] = _readme({sample.tried: sample.about for sample in written if sample.tried})
     atomic.write_set(contents)
-    return Samples(folder, {s.path: s.about for s in found}, {s.path: s.tried for s in found})
+    return Samples(folder, {s.path: s.about for s in written}, {s.path: s.tried for s in written})
 
 
 def _readme(lines: dict[str, str]) -> bytes:
     head = "Examples for irbcal. All data are SIMULATED: no robot was measured.\n"
     head += "The lines work in this folder, in this order.\n\n"
-    return (head + "".join(f"# {about}\n{line}\n\n" for line, about in lines.items())).encode()
+    return (head + "".join(f"# {about}\n{command}\n\n" for command, about in lines.items())).encode()

@@ -66,10 +66,10 @@ class Batch(SimpleNamespace):
             np.asarray(self.PAYLOAD_KG if payload_kg is None else payload_kg, dtype=float), q.shape[:1]
         )
         kg = np.where(np.isfinite(kg), kg, self.PAYLOAD_KG)
-        place = np.asarray(self.PAYLOAD_PLACE if payload_place is None else payload_place, dtype=float)
-        place = np.broadcast_to(place, (len(q), 3))
-        place = np.where(np.isfinite(place).all(axis=1, keepdims=True), place, self.PAYLOAD_PLACE)
-        return q, moves, kg, place, None if torques is None else np.nan_to_num(np.asarray(torques, dtype=float))
+        payload_at = np.asarray(self.PAYLOAD_PLACE if payload_place is None else payload_place, dtype=float)
+        payload_at = np.broadcast_to(payload_at, (len(q), 3))
+        payload_at = np.where(np.isfinite(payload_at).all(axis=1, keepdims=True), payload_at, self.PAYLOAD_PLACE)
+        return q, moves, kg, payload_at, None if torques is None else np.nan_to_num(np.asarray(torques, dtype=float))
 
     def _walk(self, chain: Mapping[str, Any], q: Array) -> tuple[Array, Array, Array, Array]:
         """Attitudes (joints, n, 3, 3) and origins (joints, n, 3) of the links, and the tip's."""
@@ -90,7 +90,7 @@ class Batch(SimpleNamespace):
         return attitudes, origins, R @ np.array(chain["tip_R"]), o + R @ np.array(chain["tip_p"])
 
     def _shift(
-        self, q: Array, moves: Array | None, kg: Array, place: Array, torques: Array | None, slopes: bool
+        self, q: Array, moves: Array | None, kg: Array, payload_at: Array, torques: Array | None, slopes: bool
     ) -> tuple[Any, Any]:
         """What effective joints are more than commanded ones (n, joints), and its derivative or None."""
         n = len(q)
@@ -119,20 +119,20 @@ class Batch(SimpleNamespace):
             f[:, i] += cosine * c + sine * s
             if slopes:
                 J[:, i, i] += cycles * (sine * c - cosine * s)
-        for coefficient, phase, of, to in self.BENDS:
-            x = q[:, list(of)].sum(axis=1) + phase
+        for coefficient, phase, joints, to in self.BENDS:
+            x = q[:, list(joints)].sum(axis=1) + phase
             f[:, list(to)] += coefficient * np.sin(x)[:, None]
             if slopes:
-                J[np.ix_(range(n), to, of)] += coefficient * np.cos(x)[:, None, None]
+                J[np.ix_(range(n), to, joints)] += coefficient * np.cos(x)[:, None, None]
         if self.LEVERS or any(self.COMPLIANCE):
-            self._weights(q, kg, place, f, J)
+            self._weights(q, kg, payload_at, f, J)
         if torques is not None:
             f += np.array(self.TORQUE) * torques
         if moves is not None:
             self._history(moves, f, J)
         return f, J
 
-    def _weights(self, q: Array, kg: Array, place: Array, f: Array, J: Any) -> None:
+    def _weights(self, q: Array, kg: Array, payload_at: Array, f: Array, J: Any) -> None:
         """Gravity by levers, and the payload, both at the nominal attitudes of the links."""
         n = len(q)
         R, o, tip_R, p = self._walk(self.NOMINAL, q)
@@ -152,7 +152,7 @@ class Batch(SimpleNamespace):
                         by = by + _dot(np.cross(turning[i], z[joint]), torque)
                     J[:, list(to), i] += by[:, None]
         if any(self.COMPLIANCE):
-            p = p + np.einsum("nij,nj->ni", tip_R, place)
+            p = p + np.einsum("nij,nj->ni", tip_R, payload_at)
             for j in range(self.JOINTS):
                 arm, gz = p - o[j], np.cross(g, z[j])
                 f[:, j] += self.COMPLIANCE[j] * kg * _dot(arm, gz)
@@ -169,8 +169,8 @@ class Batch(SimpleNamespace):
 
     def _history(self, moves: Array, f: Array, J: Any) -> None:
         """What the last move does; nothing where it is not known."""
-        known = np.isfinite(moves[:, :1])
-        moves = np.where(known, moves, 0.0)
+        has_move = np.isfinite(moves[:, :1])
+        moves = np.where(has_move, moves, 0.0)
         rows, every = np.arange(len(moves)), range(self.JOINTS)
         top = np.abs(moves).argmax(axis=1)
         signed = moves[rows, top]
@@ -180,8 +180,8 @@ class Batch(SimpleNamespace):
             np.array(self.DIRECTION) * side + np.array(self.MOVE) * moves + np.array(self.SHARE) * moves / size[:, None]
         )
         if J is not None:
-            own = np.array(self.DIRECTION) * (1.0 - side**2) / np.array(self.WIDTH) + np.array(self.MOVE)
-            J[:, every, every] += known * own + np.array(self.SHARE) / size[:, None]
+            diagonal = np.array(self.DIRECTION) * (1.0 - side**2) / np.array(self.WIDTH) + np.array(self.MOVE)
+            J[:, every, every] += has_move * diagonal + np.array(self.SHARE) / size[:, None]
             for j in every:
                 J[rows, j, top] -= self.SHARE[j] * moves[:, j] * np.sign(signed) / size**2
 
@@ -288,7 +288,7 @@ class Batch(SimpleNamespace):
         situation = (previous, payload_kg, payload_place, torques)
         seed = np.broadcast_to(np.asarray(seed, dtype=float), (len(T), self.JOINTS))
         theta = self.effective(seed, *situation)
-        best, damping, found = np.full(len(T), inf), np.full(len(T), 1e-6), np.zeros(len(T), dtype=bool)
+        best, damping, converged = np.full(len(T), inf), np.full(len(T), 1e-6), np.zeros(len(T), dtype=bool)
         trial, J, e = theta, np.zeros((len(T), 6, self.JOINTS)), np.zeros((len(T), 6))
         weights = np.array([1 / self.REACH] * 3 + [1.0] * 3)
         for _ in range(60):
@@ -306,8 +306,8 @@ class Batch(SimpleNamespace):
             good = (np.linalg.norm(lack[:, :3], axis=1) <= tolerance) & (
                 np.linalg.norm(lack[:, 3:], axis=1) <= tolerance
             )
-            found |= better & good
-            if found.all():
+            converged |= better & good
+            if converged.all():
                 break
             small = damping * np.minimum(np.sqrt(best), 1.0) + 1e-15
             if self.JOINTS > 6:
@@ -317,14 +317,14 @@ class Batch(SimpleNamespace):
                 A = J.transpose(0, 2, 1) @ J + small[:, None, None] * np.eye(self.JOINTS)
                 step = np.linalg.solve(A, J.transpose(0, 2, 1) @ e[:, :, None])[..., 0]
             step *= 0.5 / np.maximum(np.abs(step).max(axis=1, keepdims=True), 0.5)
-            trial = np.where(found[:, None], theta, theta + step)
-        return self.commanded(theta, *situation), found
+            trial = np.where(converged[:, None], theta, theta + step)
+        return self.commanded(theta, *situation), converged
 
     def check(self) -> float:
         """The largest difference from the test vectors, radians or metres."""
         t = {name: np.array(value) for name, value in self.TESTS.items()}
         situation = (t["previous"], t["payload_kg"], t["payload_place"], t["torques"])
         theta, T = self.effective(t["q"], *situation), self.forward(t["q"], *situation)
-        back = self.commanded(theta, *situation)
-        misses = (theta - t["effective"], T[:, :3] - t["tip"], back - t["q"])
+        commanded = self.commanded(theta, *situation)
+        misses = (theta - t["effective"], T[:, :3] - t["tip"], commanded - t["q"])
         return float(max(np.abs(miss).max() for miss in misses))

@@ -26,25 +26,25 @@ def files(source: Source) -> ExportFiles:
     """Saved Functions, C code, and a module that loads and checks them."""
     ca = needed("casadi", "casadi")
     parts = source.parts
-    made = functions(parts, source.vectors)
+    by_name = functions(parts, source.vectors)
     word = f"{parts.identifier}_casadi"
     out = {}
-    with TemporaryDirectory() as place:
+    with TemporaryDirectory() as folder:
         generator = ca.CodeGenerator(f"{word}.c", {"with_header": True})
-        for name, function in made.items():
-            function.save(f"{place}/{name}.casadi")
-            out[f"{name}.casadi"] = Path(place, f"{name}.casadi").read_bytes()
+        for name, function in by_name.items():
+            function.save(f"{folder}/{name}.casadi")
+            out[f"{name}.casadi"] = Path(folder, f"{name}.casadi").read_bytes()
             generator.add(function)
-        generator.generate(f"{place}/")
+        generator.generate(f"{folder}/")
         for ending in ("c", "h"):
             head = f"/* {literals.comment(f'{parts.name}, {parts.version}, calibration {parts.fingerprint}')} */\n"
-            out[f"{word}.{ending}"] = head.encode() + Path(place, f"{word}.{ending}").read_bytes()
-    words = {
+            out[f"{word}.{ending}"] = head.encode() + Path(folder, f"{word}.{ending}").read_bytes()
+    values = {
         "constants": python.constants(parts, source.vectors),
-        "names": list(made),
+        "names": list(by_name),
         "inputs": list(_inputs(parts)),
     }
-    return ExportFiles(out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **words)})
+    return ExportFiles(out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **values)})
 
 
 def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
@@ -66,17 +66,17 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
     robot: Any = Plain(**python.constants(parts, vectors), functions=ca, _size=_size)
     sizes = _inputs(parts)
     q = ca.SX.sym("q", len(parts.joint_names))
-    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    moves = ca.vertsplit(given["known"] * (q - given["previous"])) if parts.has_history else None
-    torques = ca.vertsplit(given["torques"]) if "torques" in given else None
-    load = given["payload_kg"], ca.vertsplit(given["payload_place"]), torques
+    symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    moves = ca.vertsplit(symbols["known"] * (q - symbols["previous"])) if parts.has_history else None
+    torques = ca.vertsplit(symbols["torques"]) if "torques" in symbols else None
+    load = symbols["payload_kg"], ca.vertsplit(symbols["payload_place"]), torques
     theta = q + ca.vertcat(*robot._shift(ca.vertsplit(q), moves, *load))
     R, p, columns = robot._geometric(ca.vertsplit(theta))
     T = ca.vertcat(ca.horzcat(*(ca.vertcat(*column) for column in (*R, p))), ca.SX([[0, 0, 0, 1]]))
     map_jacobian = ca.jacobian(theta, q)
     J = ca.horzcat(*(ca.vertcat(*column) for column in columns)) @ map_jacobian
-    inputs, names = [q, *given.values()], ["q", *given]
-    made = {
+    inputs, names = [q, *symbols.values()], ["q", *symbols]
+    by_name = {
         name: ca.Function(name, inputs, [value], names, [said])
         for name, value, said in (
             ("effective", theta, "theta"),
@@ -87,11 +87,11 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
     }
     wanted = ca.MX.sym("theta", len(parts.joint_names))
     situation = [ca.MX.sym(name, size) for name, size in sizes.items()]
-    found = wanted
+    q_symbol = wanted
     for _ in range(STEPS):
-        found = found + (wanted - made["effective"](found, *situation))
-    made["commanded"] = ca.Function("commanded", [wanted, *situation], [found], ["theta", *sizes], ["q"])
-    return made
+        q_symbol = q_symbol + (wanted - by_name["effective"](q_symbol, *situation))
+    by_name["commanded"] = ca.Function("commanded", [wanted, *situation], [q_symbol], ["theta", *sizes], ["q"])
+    return by_name
 
 
 def _inputs(parts: Parts) -> dict[str, int]:

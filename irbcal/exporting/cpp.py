@@ -25,7 +25,7 @@ def files(source: Source) -> ExportFiles:
     for lever in parts.levers:
         spans.append((first, first + len(lever.links) - 1))
         first += len(lever.links)
-    words = {
+    values = {
         "space": literals.word(f"{word}_calibrated"),
         "guard": literals.word(f"IRBCAL_{word.upper()}_CALIBRATED_HPP"),
         "header": literals.word(header),
@@ -53,8 +53,8 @@ def files(source: Source) -> ExportFiles:
         "uncoupling": np.linalg.inv(parts.coupling),
         "reach": parts.reach,
     }
-    made = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
-    return ExportFiles({name: render(template, parts, vectors, **words) for name, template in made.items()})
+    templates = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
+    return ExportFiles({name: render(template, parts, vectors, **values) for name, template in templates.items()})
 
 
 def _even(rows: FloatArray) -> FloatArray:

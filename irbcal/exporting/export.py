@@ -93,8 +93,8 @@ class Exported(Speaks):
             f"in it are met to {self.miss:.1g}"
         )
         listed = [name for name in self.files if not name.startswith("meshes/")]
-        others = len(self.files) - len(listed)
-        rows = [(name,) for name in listed] + ([(f"{others} meshes",)] if others else [])
+        meshes = len(self.files) - len(listed)
+        rows = [(name,) for name in listed] + ([(f"{meshes} meshes",)] if meshes else [])
         return [headline, *(f"Note: {note}" for note in self.notes), Table("files", ("file",), tuple(rows)), self.next]
 
     def to_dict(self) -> dict[str, Any]:
@@ -168,11 +168,13 @@ def export(
         mesh_paths=mesh_paths,
     )
     module: ExportModule = import_module(f"irbcal.exporting.{target}")
-    made = module.files(source)
-    write_set({folder / name: content for name, content in made.files.items()})
+    exported = module.files(source)
+    write_set({folder / name: content for name, content in exported.files.items()})
     parts = source.parts
-    words = module.NEXT.format(
+    next_step = module.NEXT.format(
         folder=shlex.quote(str(folder)), package=str(folder / "package.xml"), word=parts.identifier
     )
-    notes = (*parts.notes, *made.notes)
-    return Exported(target, folder, tuple(made.files), parts.fingerprint, parts.simulated, source.miss, words, notes)
+    notes = (*parts.notes, *exported.notes)
+    return Exported(
+        target, folder, tuple(exported.files), parts.fingerprint, parts.simulated, source.miss, next_step, notes
+    )

@@ -81,23 +81,23 @@ def gathered(source: Source, convert: Convert) -> Gathered:
     """
     tree = urdf_xml.parse(urdf_of(source), "calibrated.urdf")
     root = tree.getroot()
-    places = MeshFolders(source.folder, robots.package_dirs())
+    finder = MeshFolders(source.folder, robots.package_dirs())
     taken: dict[Path, str | None] = {}
     meshes: dict[str, bytes] = {}
     left_out = []
     for mesh in list(root.iter("mesh")):
         try:
-            path = places.find(mesh.get("filename", ""), MESH_ENDINGS)
+            path = finder.find(mesh.get("filename", ""), MESH_ENDINGS)
         except MeshProblem as problem:
             raise RobotError(f"{problem.which}: {problem.reason}", file="calibrated.urdf", parameter="as") from None
         if path not in taken:
-            found = convert(path)
-            if found is None:
+            converted = convert(path)
+            if converted is None:
                 left_out.append(path.name)
                 taken[path] = None
             else:
-                taken[path] = _free(meshes, path.stem, found[0])
-                meshes[str(taken[path])] = found[1]
+                taken[path] = _free(meshes, path.stem, converted[0])
+                meshes[str(taken[path])] = converted[1]
         name = taken[path]
         if name is None:
             shape = mesh.getparent().getparent()
@@ -140,7 +140,7 @@ def beside(source: Source) -> dict[str, bytes]:
     return {f"{source.parts.identifier}_calibrated.py": text}
 
 
-def _free(taken: dict[str, bytes], stem: str, ending: str) -> str:
+def _free(used: dict[str, bytes], stem: str, ending: str) -> str:
     word = "".join(char if char.isalnum() or char in "-_" else "_" for char in stem)
     names = (f"{FOLDER}/{word}{mark}{ending}" for mark in ("", *(f"_{k}" for k in range(2, 10_000))))
-    return next(name for name in names if name not in taken)
+    return next(name for name in names if name not in used)

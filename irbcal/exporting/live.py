@@ -186,14 +186,14 @@ class Live:
             self._credit = min(self._credit + (t - self._time), GAP_S)
         self._time = t
 
-    def _numbers(self, kind: str, given: Any) -> list[float]:
+    def _numbers(self, kind: str, values_given: Any) -> list[float]:
         count = 7 if kind == "pose" else len(self._units)
-        if not isinstance(given, list) or len(given) != count:
+        if not isinstance(values_given, list) or len(values_given) != count:
             raise Refused(f"{kind}: expected {count} numbers")
-        if not all(type(value) in (int, float) for value in given):
+        if not all(type(value) in (int, float) for value in values_given):
             raise Refused(f"{kind}: expected {count} numbers")
         try:
-            values = [float(value) for value in given]
+            values = [float(value) for value in values_given]
         except OverflowError:
             raise Refused(f"{kind}: not a finite number") from None
         if kind == "pose":
@@ -233,14 +233,14 @@ class Live:
         kind = kinds[0]
         if self._motion is not None and "at" in content:
             raise Refused("at: the arm's joints are known")
-        wanted = self._numbers(kind, content[kind])
+        values = self._numbers(kind, content[kind])
         t = float(content["t"]) if "t" in content else self._clock()
         if self._motion is None:
             self._motion = self._begin(content, t)
         if "t" not in content:
             self._pass(t)
         robot = self._robot
-        T, theta = self._effective(kind, wanted)
+        T, theta = self._effective(kind, values)
         moves = robot.lean(self._moves, [a - b for a, b in zip(theta, self._theta, strict=True)])
         start = [a + b - c for a, b, c in zip(theta, self._goal, self._theta, strict=True)]
         q = robot.commanded_moving(theta, moves, start)
@@ -251,13 +251,13 @@ class Live:
                 raise Refused(f"{robot.JOINT_NAMES[i]} would leave its limits")
         self._spend(q, t)
         if kind == "joints":
-            self._shift = [a - b for a, b in zip(theta, wanted, strict=True)]
+            self._shift = [a - b for a, b in zip(theta, values, strict=True)]
         self._goal, self._theta, self._moves, self._resting = q, theta, moves, None
         self._command = self._motion.follow(t, q)
-        there = robot.forward_effective([a + b - c for a, b, c in zip(theta, self._command, q, strict=True)])
-        place, turn = _apart(T, there)
+        T_command = robot.forward_effective([a + b - c for a, b, c in zip(theta, self._command, q, strict=True)])
+        distance, turn = _apart(T, T_command)
         unit = ("m", "rad") if self._radians else ("mm", "deg")
-        return {f"error_{unit[0]}": place / self._length, f"error_{unit[1]}": turn / self._angle}
+        return {f"error_{unit[0]}": distance / self._length, f"error_{unit[1]}": turn / self._angle}
 
     def _spend(self, q: list[float], t: float) -> None:
         """Refuse a target that is farther than the time that passed allows.
@@ -265,9 +265,9 @@ class Live:
         Where targets went on without a jump, only faster than the arm can, it catches up once they are slow again.
         """
 
-        def seconds(other: Sequence[float]) -> tuple[float, int]:
+        def seconds(from_joints: Sequence[float]) -> tuple[float, int]:
             """How long the way to there takes at the largest speed, and the joint that takes so long."""
-            each = [abs(a - b) / (SLACK * v) for a, b, v in zip(q, other, self.speed, strict=True)]
+            each = [abs(a - b) / (SLACK * v) for a, b, v in zip(q, from_joints, self.speed, strict=True)]
             return max(each), each.index(max(each))
 
         need, slowest = seconds(self._goal)
@@ -292,32 +292,32 @@ class Live:
             self._pass(self._clock())
         if self._resting is None:
             robot = self._robot
-            rest = zip(self._motion.rest(), robot.LOWER, robot.UPPER, strict=True)
-            self._resting = [min(max(x, lower), upper) for x, lower, upper in rest]
+            end = zip(self._motion.rest(), robot.LOWER, robot.UPPER, strict=True)
+            self._resting = [min(max(x, lower), upper) for x, lower, upper in end]
         assert self._time is not None
         self._command = self._motion.follow(self._time, self._resting, moving=False)
         return self._shown(self._command)
 
-    def _effective(self, kind: str, wanted: list[float]) -> tuple[list[list[float]], list[float]]:
+    def _effective(self, kind: str, values: list[float]) -> tuple[list[list[float]], list[float]]:
         """The wanted tip, and the joints of calibrated.urdf that come as near to it as they safely can."""
         robot = self._robot
         if kind == "model":
-            return robot.forward_effective(wanted), wanted
+            return robot.forward_effective(values), values
         if len(self._units) < 6:
             raise Refused(f"{kind}: an arm with fewer than six joints takes model only")
         if kind == "joints":
-            T, middle, most = robot.forward_nominal(wanted), wanted, self._correction
-            seed = [a + b for a, b in zip(wanted, self._shift, strict=True)]
+            T, middle, range_ = robot.forward_nominal(values), values, self._correction
+            seed = [a + b for a, b in zip(values, self._shift, strict=True)]
         else:
-            T, middle, seed, most = _matrix(wanted), self._theta, self._theta, [GAP_S * v for v in self.speed]
-        theta, place, turn = robot.nearest_effective(
+            T, middle, seed, range_ = _matrix(values), self._theta, self._theta, [GAP_S * v for v in self.speed]
+        theta, distance, turn = robot.nearest_effective(
             T,
             seed,
             1e-10,
-            [a - b for a, b in zip(middle, most, strict=True)],
-            [a + b for a, b in zip(middle, most, strict=True)],
+            [a - b for a, b in zip(middle, range_, strict=True)],
+            [a + b for a, b in zip(middle, range_, strict=True)],
         )
-        if not (place < np.inf and (kind == "joints" or (place <= LARGEST_LEFT[0] and turn <= LARGEST_LEFT[1]))):
+        if not (distance < np.inf and (kind == "joints" or (distance <= LARGEST_LEFT[0] and turn <= LARGEST_LEFT[1]))):
             raise Refused(f"{kind}: no solution near the last command")
         return T, theta
 
@@ -341,11 +341,11 @@ def _parsed(line: str | bytes) -> dict[str, Any]:
     return content
 
 
-def _apart(one: Sequence[Sequence[float]], other: Sequence[Sequence[float]]) -> tuple[float, float]:
+def _apart(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> tuple[float, float]:
     """Distance (m) and angle (rad) between two poses of three rows."""
-    place = sqrt(sum((a[3] - b[3]) ** 2 for a, b in zip(one, other, strict=True)))
-    chord = sqrt(sum((a[k] - b[k]) ** 2 for a, b in zip(one, other, strict=True) for k in range(3)))
-    return place, 2.0 * asin(min(chord / sqrt(8.0), 1.0))
+    distance = sqrt(sum((a[3] - b[3]) ** 2 for a, b in zip(first, second, strict=True)))
+    chord = sqrt(sum((a[k] - b[k]) ** 2 for a, b in zip(first, second, strict=True) for k in range(3)))
+    return distance, 2.0 * asin(min(chord / sqrt(8.0), 1.0))
 
 
 def _matrix(pose: Sequence[float]) -> list[list[float]]:

@@ -35,20 +35,20 @@ def stop(x: float, v: float, a: float, acceleration: float, jerk: float) -> floa
     side = 1.0 if v + 0.5 * a * abs(a) / jerk >= 0.0 else -1.0
     v, a = side * v, side * a
     top = max(v + 0.5 * a * a / jerk, 0.0)  # the speed with no acceleration on the same way
-    way = (
+    distance = (
         top * sqrt(top / jerk)
         if top * jerk <= acceleration * acceleration
         else 0.5 * top * (top / acceleration + acceleration / jerk)
     )
-    return x + side * (way + v * a / jerk + a * a * a / (3.0 * jerk * jerk))
+    return x + side * (distance + v * a / jerk + a * a * a / (3.0 * jerk * jerk))
 
 
-def derivatives(x: float, t: float, before: Sequence[float], times: Sequence[float]) -> tuple[float, float, float]:
+def derivatives(x: float, t: float, previous: Sequence[float], times: Sequence[float]) -> tuple[float, float, float]:
     """Three derivatives at time t of the cubic through x and what was before at three times, the last first."""
     first, second, third = t - times[0], t - times[1], t - times[2]
-    d1, e1 = (x - before[0]) / first, (before[0] - before[1]) / (times[0] - times[1])
+    d1, e1 = (x - previous[0]) / first, (previous[0] - previous[1]) / (times[0] - times[1])
     d2 = (d1 - e1) / second
-    e2 = (e1 - (before[1] - before[2]) / (times[1] - times[2])) / (times[0] - times[2])
+    e2 = (e1 - (previous[1] - previous[2]) / (times[1] - times[2])) / (times[0] - times[2])
     d3 = (d2 - e2) / third
     return d1 + first * (d2 + second * d3), 2.0 * (d2 + (first + second) * d3), 6.0 * d3
 
@@ -90,9 +90,9 @@ class Joint:
             w = b = c = 0.0
         self.goals = (goal, self.goals[0], self.goals[1])
         if not self._exactly(goal, times, t):
-            parts = ceil(dt / PART_S)
-            h = dt / parts
-            for k in range(parts - 1, -1, -1):
+            steps = ceil(dt / PART_S)
+            h = dt / steps
+            for k in range(steps - 1, -1, -1):
                 s = k * h  # until t
                 self._part(h, goal - s * (w - s * (b / 2.0 - s * c / 6.0)), w - s * (b - s * c / 2.0), b - s * c, c)
         self.past = (self.x, self.past[0], self.past[1])
@@ -102,12 +102,12 @@ class Joint:
     def _exactly(self, goal: float, times: Sequence[float], t: float) -> bool:
         """Go to the goal at time t, where the limits allow to be there."""
         (t1, t2, t3), (x1, x2, x3) = times, self.past
-        least = min(t - t1, t1 - t2, t2 - t3)
-        if max(3.0 * self.missed[0], self.missed[1]) > SHARE * self.jerk * least**3:
+        shortest = min(t - t1, t1 - t2, t2 - t3)
+        if max(3.0 * self.missed[0], self.missed[1]) > SHARE * self.jerk * shortest**3:
             return False  # there now, but not on with the goal
-        v, before = (goal - x1) / (t - t1), (x1 - x2) / (t1 - t2)
-        a = 2.0 * (v - before) / (t - t2)
-        j = 3.0 * (a - 2.0 * (before - (x2 - x3) / (t2 - t3)) / (t1 - t3)) / (t - t3)
+        v, v_before = (goal - x1) / (t - t1), (x1 - x2) / (t1 - t2)
+        a = 2.0 * (v - v_before) / (t - t2)
+        j = 3.0 * (a - 2.0 * (v_before - (x2 - x3) / (t2 - t3)) / (t1 - t3)) / (t - t3)
         if abs(v) > self.speed or abs(a) > self.acceleration or abs(j) > self.jerk:
             return False
         v += 0.5 * a * (t - t1)
@@ -128,11 +128,11 @@ class Joint:
         """Move for h seconds with one jerk, towards rest beside a goal: where it is at their end, and derivatives."""
         x, v, a, jerk, acceleration = self.x, self.v, self.a, self.jerk, self.acceleration
         low, high = max(-jerk, (-acceleration - a) / h), min(jerk, (acceleration - a) / h)
-        least = max(acceleration - abs(b), LEAST * acceleration)
+        braking = max(acceleration - abs(b), LEAST * acceleration)
         lower, upper = self.lower + ROUNDING, self.upper - ROUNDING
         near = x - self.room < lower or x + self.room > upper
 
-        def after(j: float) -> tuple[float, float, float]:
+        def moved(j: float) -> tuple[float, float, float]:
             return x + h * (v + h * (a / 2.0 + h * j / 6.0)), v + h * (a + h * j / 2.0), a + h * j
 
         def breaks(x1: float, v1: float, a1: float) -> int:
@@ -143,18 +143,18 @@ class Joint:
             return self._beyond_limits(x1, v1, a1, lower, upper) if near else 0
 
         def beyond(j: float) -> bool:
-            x1, v1, a1 = after(j)
+            x1, v1, a1 = moved(j)
             broken = breaks(x1, v1, a1)
-            return broken > 0 or (broken == 0 and stop(x1 - goal, v1 - w, a1 - b, least, SHARE * jerk) > 0.0)
+            return broken > 0 or (broken == 0 and stop(x1 - goal, v1 - w, a1 - b, braking, SHARE * jerk) > 0.0)
 
-        parts = (
+        taylor = (
             (goal - h * (w - h * (b / 2.0 - h * c / 6.0)) - x) / CLOSE_S**3,
             3.0 * (w - h * (b - h * c / 2.0) - v) / CLOSE_S**2,
             3.0 * (b - h * c - a) / CLOSE_S,
         )
-        close = c + parts[0] + parts[1] + parts[2]
+        close = c + taylor[0] + taylor[1] + taylor[2]
         j = low
-        if max(abs(y) for y in parts) < SHARE * jerk and low <= close <= high and breaks(*after(close)) == 0:
+        if max(abs(y) for y in taylor) < SHARE * jerk and low <= close <= high and breaks(*moved(close)) == 0:
             j = close
         elif not beyond(high):
             j = high
@@ -165,7 +165,7 @@ class Joint:
                     high = middle
                 else:
                     j = middle
-        self.x, self.v, self.a = after(j)
+        self.x, self.v, self.a = moved(j)
 
 
 def _stood(t: float) -> tuple[float, float, float]:

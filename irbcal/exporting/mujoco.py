@@ -31,16 +31,16 @@ LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-12
 
 def files(source: Source) -> ExportFiles:
     """The model, its meshes and the joint map."""
-    found = gathered(source, _taken)
-    made = {f"{source.parts.identifier}.xml": mjcf(source, found)}
-    return ExportFiles(made | found.meshes | beside(source), found.notes)
+    package = gathered(source, _taken)
+    made = {f"{source.parts.identifier}.xml": mjcf(source, package)}
+    return ExportFiles(made | package.meshes | beside(source), package.notes)
 
 
 def _taken(path: Path) -> tuple[str, bytes] | None:
     return (path.suffix.lower(), path.read_bytes()) if path.suffix.lower() in READS else None
 
 
-def mjcf(source: Source, found: Gathered) -> bytes:
+def mjcf(source: Source, package: Gathered) -> bytes:
     """The model as MJCF.
 
     Raises
@@ -50,11 +50,11 @@ def mjcf(source: Source, found: Gathered) -> bytes:
     """
     from lxml import etree
 
-    parts, root = source.parts, found.tree.getroot()
+    parts, root = source.parts, package.tree.getroot()
     top = etree.Element("mujoco", model=parts.identifier)
     simulated = " from SIMULATED measurements" if parts.simulated else ""
-    words = f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
-    top.append(etree.Comment(literals.xml_comment("; ".join([words, *found.notes]))))
+    title = f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
+    top.append(etree.Comment(literals.xml_comment("; ".join([title, *package.notes]))))
     bounds = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
     etree.SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", **bounds)
     asset, world = etree.SubElement(top, "asset"), etree.SubElement(top, "worldbody")
@@ -80,10 +80,10 @@ def mjcf(source: Source, found: Gathered) -> bytes:
             for shape in links[name].findall(kind):
                 _geom(body, shape, kind, group, assets)
         if name == parts.tip_link:
-            for target, place in source.robot.targets.items():
+            for target, point in source.robot.targets.items():
                 if f"target_{target}" not in links:
-                    etree.SubElement(body, "site", name=f"target_{target}", pos=_text(place), size="0.005")
-        todo += [(body, item.find("child").get("link"), item) for item in below[name]]
+                    etree.SubElement(body, "site", name=f"target_{target}", pos=_text(point), size="0.005")
+        todo += [(body, child.find("child").get("link"), child) for child in below[name]]
     for (file, scale), name in assets.items():
         etree.SubElement(asset, "mesh", name=name, file=file, **({"scale": scale} if scale else {}))
     _mimics(top, joints)
@@ -133,7 +133,7 @@ def _inertial(body: XmlElement, link: XmlElement) -> None:
     inertial = link.find("inertial")
     if inertial is None or inertial.find("mass") is None:
         return
-    place, tensor = _place(inertial), inertial.find("inertia")
+    origin, tensor = _place(inertial), inertial.find("inertia")
     ixx, ixy, ixz, iyy, iyz, izz = (
         0.0 if tensor is None else float(tensor.get(name, "0")) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
@@ -144,7 +144,7 @@ def _inertial(body: XmlElement, link: XmlElement) -> None:
     R = frames.matrix_from_rpy(_numbers(inertial.find("origin"), "rpy", "0 0 0")) @ axes
     mass = max(float(inertial.find("mass").get("value", "0")), LEAST_MASS)
     quat = _text(np.asarray(frames.quaternion_from_matrix(R)))
-    etree.SubElement(body, "inertial", pos=place["pos"], quat=quat, mass=repr(mass), diaginertia=_text(principal))
+    etree.SubElement(body, "inertial", pos=origin["pos"], quat=quat, mass=repr(mass), diaginertia=_text(principal))
 
 
 def _geom(body: XmlElement, shape: XmlElement, kind: str, group: str, assets: dict[tuple[str, str], str]) -> None:
@@ -154,21 +154,21 @@ def _geom(body: XmlElement, shape: XmlElement, kind: str, group: str, assets: di
     if geometry is None or not len(geometry):
         return
     form = geometry[0]
-    words = {"group": group, **_place(shape)}
+    attributes = {"group": group, **_place(shape)}
     if kind == "visual":
-        words |= {"contype": "0", "conaffinity": "0"}
+        attributes |= {"contype": "0", "conaffinity": "0"}
         colour = shape.find("material/color")
         if colour is not None:
-            words["rgba"] = colour.get("rgba")
+            attributes["rgba"] = colour.get("rgba")
     if form.tag == "mesh":
         scale = form.get("scale", "")
         key = (form.get("filename"), "" if scale in ("1 1 1", "1.0 1.0 1.0") else scale)
-        words |= {"type": "mesh", "mesh": assets.setdefault(key, f"mesh_{len(assets) + 1}")}
+        attributes |= {"type": "mesh", "mesh": assets.setdefault(key, f"mesh_{len(assets) + 1}")}
     elif form.tag in SHAPES:
-        words |= {"type": form.tag, "size": _size(form)}
+        attributes |= {"type": form.tag, "size": _size(form)}
     else:
         return
-    etree.SubElement(body, "geom", **words)
+    etree.SubElement(body, "geom", **attributes)
 
 
 def _size(form: XmlElement) -> str:

@@ -256,24 +256,24 @@ class Parts:
         empty |= {"cosine": np.zeros((0, n)), "sine": np.zeros((0, n)), "width": np.ones(n)}
         empty |= {"waves": (), "bends": (), "levers": (), "gravity": np.array(GRAVITY)}
         empty |= {"payload_kg": 0.0, "payload_place": np.zeros(3), "nominal": Chain.of(nominal or arm)}
-        told = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
-        return Parts(**(common | empty | _of_terms(robot.joint_map, n) | told))
+        source = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
+        return Parts(**(common | empty | _of_terms(robot.joint_map, n) | source))
 
-    def carrying(self, payload_kg: float, place: FloatArray | None = None) -> Parts:
+    def carrying(self, payload_kg: float, payload_at: FloatArray | None = None) -> Parts:
         """The same with another load where none is told."""
-        where = self.payload_place if place is None else place
+        where = self.payload_place if payload_at is None else payload_at
         return replace(self, payload_kg=payload_kg, payload_place=np.asarray(where, dtype=float))
 
 
 def _of_terms(joint_map: JointMap, n: int) -> dict[str, Any]:
     terms = joint_map.terms
-    found: dict[str, Any] = {
+    values: dict[str, Any] = {
         name: np.zeros(n) for name in ("gain", "offset", "compliance", "torque", "direction", "move", "share")
     }
     simple = {"q": "gain", "constant": "offset", "payload": "compliance", "torque": "torque"}
     simple |= {"move": "move", "share_of_move": "share", "direction": "direction"}
     widths: dict[int, float] = {}
-    places = set()
+    payload_points = set()
     waves: dict[tuple[int, float], list[float]] = {}
     levers: dict[tuple[int, tuple[int, ...]], dict[int, FloatArray]] = {}
     bends: list[Bend] = []
@@ -301,14 +301,16 @@ def _of_terms(joint_map: JointMap, n: int) -> dict[str, Any]:
                 if widths.setdefault(term.joint, width) != width:
                     raise _unknown(term)
             if term.basis == "payload":
-                places.add(tuple(np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float).tolist()))
-            found[simple[term.basis]][term.joint] += coefficient
+                payload_points.add(
+                    tuple(np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float).tolist())
+                )
+            values[simple[term.basis]][term.joint] += coefficient
         else:
             raise _unknown(term)
-    if len(places) > 1:
+    if len(payload_points) > 1:
         raise CalibrationError("payload terms with several places cannot be exported")
     cosine, sine, single = _series(waves, n)
-    return found | {
+    return values | {
         "nominal": Chain.of(terms.arm),
         "cosine": cosine,
         "sine": sine,
@@ -319,9 +321,9 @@ def _of_terms(joint_map: JointMap, n: int) -> dict[str, Any]:
             for (joint, targets), v in levers.items()
         ),
         "gravity": np.array(terms.gravity, dtype=float),
-        "compliance": STANDARD_GRAVITY * found["compliance"],
+        "compliance": STANDARD_GRAVITY * values["compliance"],
         "payload_kg": joint_map.payload_kg or 0.0,
-        "payload_place": np.array(next(iter(places), (0.0, 0.0, 0.0))),
+        "payload_place": np.array(next(iter(payload_points), (0.0, 0.0, 0.0))),
         "width": np.array([widths.get(j, 1.0) for j in range(n)]),
     }
 
@@ -347,8 +349,8 @@ def _series(waves: dict[tuple[int, float], list[float]], n: int) -> tuple[FloatA
     cosine, sine = np.zeros((orders, n)), np.zeros((orders, n))
     for (joint, cycles), pair in dense.items():
         cosine[int(cycles) - 1, joint], sine[int(cycles) - 1, joint] = pair
-    rest = tuple(Wave(j, cycles, *pair) for (j, cycles), pair in waves.items() if (j, cycles) not in dense)
-    return cosine, sine, rest
+    sparse = tuple(Wave(j, cycles, *pair) for (j, cycles), pair in waves.items() if (j, cycles) not in dense)
+    return cosine, sine, sparse
 
 
 def _vector(term: Term) -> FloatArray:
@@ -407,16 +409,16 @@ def vectors_of(robot: Robot, parts: Parts, n: int = TESTS, seed: int = 1) -> Vec
     Vectors
     """
     rng = np.random.default_rng(seed)
-    q, before = robot.arm.random_joints(n, seed), robot.arm.random_joints(n, seed + 1)
-    before[::4] = np.nan
-    before[1::4] = q[1::4] - 0.01 * before[1::4]  # short moves
-    load, place = np.full(n, parts.payload_kg), np.tile(parts.payload_place, (n, 1))
+    q, previous = robot.arm.random_joints(n, seed), robot.arm.random_joints(n, seed + 1)
+    previous[::4] = np.nan
+    previous[1::4] = q[1::4] - 0.01 * previous[1::4]  # short moves
+    load, payload_at = np.full(n, parts.payload_kg), np.tile(parts.payload_place, (n, 1))
     torques = np.zeros(q.shape)
     if parts.compliance.any():
-        load, place = load + np.arange(n) % 5, place + 0.1 * rng.uniform(-1, 1, (n, 3))
+        load, payload_at = load + np.arange(n) % 5, payload_at + 0.1 * rng.uniform(-1, 1, (n, 3))
     if parts.torque.any():
         torques = rng.normal(0.0, 50.0, q.shape)
-    situation = (before, load, place, torques)
+    situation = (previous, load, payload_at, torques)
     effective = np.array(robot.joint_map.effective(q, *situation), dtype=float)
     tip = robot.replace(frame_terms=None).forward(q, *situation)[:, :3]
-    return Vectors(q, before, load, place, torques, effective, tip)
+    return Vectors(q, previous, load, payload_at, torques, effective, tip)

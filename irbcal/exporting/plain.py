@@ -87,7 +87,13 @@ class Plain(SimpleNamespace):
         return _step(attitudes[-1], origins[-1], chain["tip_R"], chain["tip_p"])
 
     def _shift(
-        self, q: Floats, moves: Floats | None, kg: Any, place: Floats, torques: Floats | None, size: Any | None = None
+        self,
+        q: Floats,
+        moves: Floats | None,
+        kg: Any,
+        payload_at: Floats,
+        torques: Floats | None,
+        size: Any | None = None,
     ) -> list[Any]:
         """What effective joints are more than commanded ones; size: the largest part of the move unless given."""
         trigonometry = self._trigonometry(q)
@@ -104,8 +110,8 @@ class Plain(SimpleNamespace):
             f[i] += u * c - u1 + v * s
         for i, cycles, cosine, sine in self.WAVES:
             f[i] += cosine * self.functions.cos(cycles * q[i]) + sine * self.functions.sin(cycles * q[i])
-        for coefficient, phase, of, to in self.BENDS:
-            value = coefficient * self.functions.sin(sum(q[i] for i in of) + phase)
+        for coefficient, phase, joints, to in self.BENDS:
+            value = coefficient * self.functions.sin(sum(q[i] for i in joints) + phase)
             for t in to:
                 f[t] += value
         if self.LEVERS or any(self.COMPLIANCE):
@@ -120,7 +126,7 @@ class Plain(SimpleNamespace):
                     f[t] += value
             if any(self.COMPLIANCE):
                 R, p = self._tip(self.NOMINAL, attitudes, origins)
-                p = _step(R, p, R, place)[1]
+                p = _step(R, p, R, payload_at)[1]
                 for j, compliance in enumerate(self.COMPLIANCE):
                     if compliance:
                         gz = _cross(self.GRAVITY, attitudes[j][2])
@@ -178,7 +184,7 @@ class Plain(SimpleNamespace):
         torques: Floats | None = None,
     ) -> list[list[float]]:
         """Derivative of the effective by the commanded joints, row by row."""
-        moves, kg, place, _ = self._situation(q, previous, payload_kg, payload_place, torques)
+        moves, kg, payload_at, _ = self._situation(q, previous, payload_kg, payload_place, torques)
         J = [[(1.0 + self.GAIN[i]) * (i == j) for j in range(self.JOINTS)] for i in range(self.JOINTS)]
         trigonometry = self._trigonometry(q)
         for i, series in enumerate(self.SERIES):
@@ -191,13 +197,13 @@ class Plain(SimpleNamespace):
             J[i][i] += u * c - u1 - v * s
         for i, cycles, cosine, sine in self.WAVES:
             J[i][i] += cycles * (sine * self.functions.cos(cycles * q[i]) - cosine * self.functions.sin(cycles * q[i]))
-        for coefficient, phase, of, to in self.BENDS:
-            rate = coefficient * self.functions.cos(sum(q[i] for i in of) + phase)
+        for coefficient, phase, joints, to in self.BENDS:
+            rate = coefficient * self.functions.cos(sum(q[i] for i in joints) + phase)
             for t in to:
-                for i in of:
+                for i in joints:
                     J[t][i] += rate
         if self.LEVERS or any(self.COMPLIANCE):
-            self._weight_slopes(J, *self._walk(self.NOMINAL, q, trigonometry), kg, place)
+            self._weight_slopes(J, *self._walk(self.NOMINAL, q, trigonometry), kg, payload_at)
         if moves is not None:
             top = max(range(self.JOINTS), key=lambda i: abs(moves[i]))
             size, sign = abs(moves[top]), 1.0 if moves[top] > 0.0 else -1.0
@@ -209,7 +215,9 @@ class Plain(SimpleNamespace):
                     J[j][top] -= self.SHARE[j] * moves[j] * sign / (size * size)
         return J
 
-    def _weight_slopes(self, J: list[list[float]], attitudes: Floats, origins: Floats, kg: Any, place: Floats) -> None:
+    def _weight_slopes(
+        self, J: list[list[float]], attitudes: Floats, origins: Floats, kg: Any, payload_at: Floats
+    ) -> None:
         """Derivatives of gravity's levers and of the payload."""
         turning = [(0.0, 0.0, 0.0) if slides else R[2] for slides, R in zip(self.SLIDES, attitudes, strict=True)]
         for joint, to, vectors in self.LEVERS:
@@ -228,7 +236,7 @@ class Plain(SimpleNamespace):
                     J[t][i] += by
         if any(self.COMPLIANCE):
             R, p = self._tip(self.NOMINAL, attitudes, origins)
-            p = _step(R, p, R, place)[1]
+            p = _step(R, p, R, payload_at)[1]
             for j, compliance in enumerate(self.COMPLIANCE):
                 z, arm = attitudes[j][2], _minus(p, origins[j])
                 gz, torque = _cross(self.GRAVITY, z), _cross(arm, self.GRAVITY)
@@ -355,11 +363,11 @@ class Plain(SimpleNamespace):
         lower = [-inf] * self.JOINTS if lower is None else lower
         upper = [inf] * self.JOINTS if upper is None else upper
         theta = trial = [min(max(x, low), high) for x, low, high in zip(seed, lower, upper, strict=True)]
-        left = (inf, inf)
+        remaining = (inf, inf)
         columns: list[Floats] = []
         e: Floats = ()
         for _ in range(60):
-            R, p, found = self._geometric(trial)
+            R, p, jacobian = self._geometric(trial)
             E = [[sum(T[i][k] * R[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
             w = (0.5 * (E[2][1] - E[1][2]), 0.5 * (E[0][2] - E[2][0]), 0.5 * (E[1][0] - E[0][1]))
             s = sqrt(_dot(w, w))
@@ -371,11 +379,11 @@ class Plain(SimpleNamespace):
                 break
             if cost < best:
                 best, theta, e = cost, trial, lack
-                left = sqrt(position) * self.REACH, sqrt(rotation)
-                if max(left) <= tolerance:
+                remaining = sqrt(position) * self.REACH, sqrt(rotation)
+                if max(remaining) <= tolerance:
                     break
                 damping = max(damping * 0.2, 1e-8)
-                columns = [(a / self.REACH, b / self.REACH, c / self.REACH, d, e_, f) for a, b, c, d, e_, f in found]
+                columns = [(a / self.REACH, b / self.REACH, c / self.REACH, d, e_, f) for a, b, c, d, e_, f in jacobian]
                 for i, column in enumerate(columns):  # a joint at a bound that less error would lead beyond it
                     slope = sum(x * y for x, y in zip(column, e, strict=True))
                     if (theta[i] <= lower[i] and slope < 0.0) or (theta[i] >= upper[i] and slope > 0.0):
@@ -394,7 +402,7 @@ class Plain(SimpleNamespace):
                 min(max(a + b * 0.5 / longest, low), high)
                 for a, b, low, high in zip(theta, step, lower, upper, strict=True)
             ]
-        return theta, *left
+        return theta, *remaining
 
     def _damped(self, columns: Floats, e: Floats, damping: float) -> list[float]:
         """A damped least-squares step, by Cholesky's factors of the smaller one of the two normal equations."""
@@ -407,8 +415,8 @@ class Plain(SimpleNamespace):
             row = A[i]
             row[i] += damping
             for j in range(i):
-                other = A[j]
-                row[j] = (row[j] - sum(row[k] * other[k] for k in range(j))) * other[j]
+                row_j = A[j]
+                row[j] = (row[j] - sum(row[k] * row_j[k] for k in range(j))) * row_j[j]
                 b[i] -= row[j] * b[j]
             row[i] = 1.0 / sqrt(max(row[i] - sum(row[k] * row[k] for k in range(i)), 1e-30))
             b[i] *= row[i]
@@ -439,15 +447,15 @@ class Plain(SimpleNamespace):
     def check(self) -> float:
         """The largest difference from the test vectors, radians or metres; infinite where the way back is not found."""
         worst = 0.0
-        for q, previous, kg, place, torques, theta, tip in zip(*self.TESTS.values(), strict=True):
-            situation = (previous, kg, place, torques)
-            found, T = self.effective(q, *situation), self.forward(q, *situation)
-            back = self.commanded(found, *situation)
-            if back is None:
+        for q, previous, kg, payload_at, torques, theta, tip in zip(*self.TESTS.values(), strict=True):
+            situation = (previous, kg, payload_at, torques)
+            effective, T = self.effective(q, *situation), self.forward(q, *situation)
+            commanded = self.commanded(effective, *situation)
+            if commanded is None:
                 return inf
             pairs = [
-                *zip(found, theta, strict=True),
-                *zip(back, q, strict=False),
+                *zip(effective, theta, strict=True),
+                *zip(commanded, q, strict=False),
                 *((T[i][j], tip[i][j]) for i in range(3) for j in range(4)),
             ]
             worst = max(worst, *(abs(a - b) for a, b in pairs))

@@ -44,13 +44,13 @@ def files(source: Source) -> ExportFiles:
 
 def text(parts: Parts, vectors: Vectors, code: ModuleType = batch) -> bytes:
     """A module: `batch` or `plain` with the constants of a calibration."""
-    words = {
+    values = {
         "code": Markup(inspect.getsource(code)),
         "needs": {batch: "numpy alone", plain: "nothing but Python itself"}[code],
         "robot": {batch: "Batch", plain: "Plain"}[code],
         "constants": constants(parts, vectors),
     }
-    return render("python.py.j2", parts, vectors, **words)
+    return render("python.py.j2", parts, vectors, **values)
 
 
 def constants(parts: Parts, vectors: Vectors) -> dict[str, Any]:
@@ -89,7 +89,9 @@ def constants(parts: Parts, vectors: Vectors) -> dict[str, Any]:
         "SERIES": [_pairs(parts.cosine[:, j], parts.sine[:, j]) for j in range(len(parts.joint_names))],
         "WAVES": [(w.joint, w.cycles, w.cosine, w.sine) for w in parts.waves],
         "BENDS": [(b.coefficient, b.phase, b.joints, b.targets) for b in parts.bends],
-        "LEVERS": [(item.joint, item.targets, [*zip(item.links, item.vectors, strict=True)]) for item in parts.levers],
+        "LEVERS": [
+            (lever.joint, lever.targets, [*zip(lever.links, lever.vectors, strict=True)]) for lever in parts.levers
+        ],
         "PAYLOAD_KG": parts.payload_kg,
         "PAYLOAD_PLACE": parts.payload_place.tolist(),
         "HAS_HISTORY": parts.has_history,

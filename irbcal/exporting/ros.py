@@ -62,12 +62,12 @@ def files(source: Source) -> ExportFiles:
 
     from lxml import etree
 
-    found = gathered(source, lambda path: (path.suffix, path.read_bytes()))
+    package = gathered(source, lambda path: (path.suffix, path.read_bytes()))
     name = f"{source.parts.identifier}_calibrated"
-    root = found.in_package(name)
+    root = package.in_package(name)
     said = in_words(source)
-    words = {"name": name, "what": escape(said), "comment": xml_comment(xacro(said)), "xacro": XACRO}
-    made = {f"urdf/{name}.urdf": urdf_xml.serialised(found.tree)}
+    values = {"name": name, "what": escape(said), "comment": xml_comment(xacro(said)), "xacro": XACRO}
+    made = {f"urdf/{name}.urdf": urdf_xml.serialised(package.tree)}
     for element in list(root.iter()):
         if isinstance(element.tag, str) and element.tag.startswith(f"{{{XACRO}}}"):
             raise RobotError(f"xacro would carry out {element.tag.rpartition('}')[2]}", file="calibrated.urdf")
@@ -79,16 +79,16 @@ def files(source: Source) -> ExportFiles:
                 if element.get(attribute) is not None:
                     element.set(attribute, "${prefix}" + element.get(attribute))
     elements = [etree.tostring(element, encoding="unicode", with_tail=False) for element in root]
-    macro = MACRO.format(**words, elements="\n".join(f"  {element}" for element in elements))
-    folders = ["urdf", *(["meshes"] if found.meshes else []), *(["config"] if source.record else [])]
+    macro = MACRO.format(**values, elements="\n".join(f"  {element}" for element in elements))
+    folders = ["urdf", *(["meshes"] if package.meshes else []), *(["config"] if source.record else [])]
     made |= {
-        "package.xml": PACKAGE.format(**words).encode(),
+        "package.xml": PACKAGE.format(**values).encode(),
         "CMakeLists.txt": CMAKE.format(name=name, folders=" ".join(folders)).encode(),
         f"urdf/{name}_macro.xacro": macro.encode(),
         f"urdf/{name}.urdf.xacro": TOP.format(
-            **words, robot=escape(xacro(root.get("name", name)), {'"': "&quot;"})
+            **values, robot=escape(xacro(root.get("name", name)), {'"': "&quot;"})
         ).encode(),
     }
     if source.record is not None:
         made["config/joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
-    return ExportFiles(made | found.meshes | beside(source), found.notes)
+    return ExportFiles(made | package.meshes | beside(source), package.notes)

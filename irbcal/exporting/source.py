@@ -118,8 +118,8 @@ class Source:
         CalibrationError
             If what would be exported does not compute what irbcal computes.
         """
-        told = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
-        parts = Parts.of(robot, nominal=nominal, speed=speed, notes=notes, **told)  # type: ignore[arg-type]
+        source = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
+        parts = Parts.of(robot, nominal=nominal, speed=speed, notes=notes, **source)  # type: ignore[arg-type]
         vectors = vectors_of(robot, parts)
         miss = Plain(**python.constants(parts, vectors)).check()
         if not miss < EXACT:

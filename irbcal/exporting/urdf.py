@@ -14,9 +14,9 @@ NEXT = "check_urdf {folder}/{word}_calibrated.urdf     # its joints are effectiv
 
 def files(source: Source) -> ExportFiles:
     """The URDF, ``joint_origins.yaml`` and the joint map."""
-    places = MeshFolders(source.folder, robots.package_dirs())
+    finder = MeshFolders(source.folder, robots.package_dirs())
     name = f"{source.parts.identifier}_calibrated.urdf"
-    made = {name: with_mesh_paths(urdf_of(source), source.mesh_paths, source.out, places, "calibrated.urdf")}
+    made = {name: with_mesh_paths(urdf_of(source), source.mesh_paths, source.out, finder, "calibrated.urdf")}
     if source.record is not None:
         made["joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
     return ExportFiles(made | beside(source))

@@ -14,15 +14,15 @@ NAMES = ("pose", "target", "group", "session", "cycle")
 
 
 def beside(
-    given: pd.DataFrame | None, found: pd.DataFrame, as_written: bool = False, row: IntArray | None = None
+    inputs: pd.DataFrame | None, computed: pd.DataFrame, as_written: bool = False, row: IntArray | None = None
 ) -> pd.DataFrame:
     """Columns of an input, then those computed for its rows.
 
     Parameters
     ----------
-    given : DataFrame or None
+    inputs : DataFrame or None
         The input's cells, texts as they stand in a file; None: there are none.
-    found : DataFrame
+    computed : DataFrame
         What was computed.
     as_written : bool
         Leave the texts as they are; else columns in which nothing but numbers stands are numbers.
@@ -34,20 +34,20 @@ def beside(
     DataFrame
         Columns of the input whose names are taken are called ``given_NAME``.
     """
-    if given is None:
-        return found
-    kept = (given if as_written else _as_numbers(given)).reset_index(drop=True)
+    if inputs is None:
+        return computed
+    columns_in = (inputs if as_written else _as_numbers(inputs)).reset_index(drop=True)
     if row is not None:
-        kept = kept.iloc[row].reset_index(drop=True)
-    taken = {*map(str, given.columns), *map(str, found.columns)}
+        columns_in = columns_in.iloc[row].reset_index(drop=True)
+    names_used = {*map(str, inputs.columns), *map(str, computed.columns)}
     names: dict[str, str] = {}
-    for name in map(str, kept.columns):
+    for name in map(str, columns_in.columns):
         new = name
-        while (new != name and new in taken) or new in found.columns:
+        while (new != name and new in names_used) or new in computed.columns:
             new = GIVEN + new
-        taken.add(new)
+        names_used.add(new)
         names[name] = new
-    return pd.concat([kept.rename(columns=names), found.reset_index(drop=True)], axis=1)
+    return pd.concat([columns_in.rename(columns=names), computed.reset_index(drop=True)], axis=1)
 
 
 def _as_numbers(cells: pd.DataFrame) -> pd.DataFrame:

@@ -36,8 +36,8 @@ def own_targets(points: PointSet, blocks: NameArray, plain: str) -> PointSet:
         Targets are sorted by name, those with plain names first.
     """
     of_point = np.asarray(blocks, dtype=object)[points.pose]
-    named = zip(points.names(), of_point, strict=True)
-    called = [name if block == plain else f"{name}{MARK}{block}" for name, block in named]
+    name_and_block = zip(points.names(), of_point, strict=True)
+    called = [name if block == plain else f"{name}{MARK}{block}" for name, block in name_and_block]
     names = sorted(set(called), key=lambda name: (MARK in name, name))
     number = {name: k for k, name in enumerate(names)}
     target = np.array([number[name] for name in called], dtype=int)

@@ -63,12 +63,12 @@ class FoundCorners(Speaks):
 
     def told(self) -> Sequence[Told]:
         """How many corners in how many images, and which images were left out."""
-        told = [f"{len(self.table)} corners in {self.images} images"]
+        lines = [f"{len(self.table)} corners in {self.images} images"]
         if self.missed:
             names = ", ".join(f"{name} ({count})" for name, count in self.missed[:10])
             more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
-            told.append(f"Note: left out, with fewer than {imaging.FEWEST} corners: {names}{more}")
-        return told
+            lines.append(f"Note: left out, with fewer than {imaging.FEWEST} corners: {names}{more}")
+        return lines
 
     def save(self, out: str | Path) -> Path:
         """Write the rows as CSV.
@@ -125,16 +125,16 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
     for name in columns.joint_columns(cells.columns):
         columns.numbers(cells, name, source, "a joint")
     name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
-    known = _boards(cv2, features, name_of, legacy, cells, source)
+    boards = _boards(cv2, features, name_of, legacy, cells, source)
     folder = Path(images)
-    parts, missed = [], []
+    tables, missed = [], []
     for k, (row, cell) in enumerate(zip(cells.index, cells.to_dict("records"), strict=True)):
         picture = str(cell[IMAGE]).strip()
-        feature = str(cell.get("feature", "")).strip() or (next(iter(known)) if len(known) == 1 else "")
-        one = next((board for name, board in known.items() if feature in (name, board.names[k])), None)
+        feature = str(cell.get("feature", "")).strip() or (next(iter(boards)) if len(boards) == 1 else "")
+        one = next((board for name, board in boards.items() if feature in (name, board.names[k])), None)
         if one is None:
             raise MeasurementError(
-                f"expected the board in this picture, one of {', '.join(known)}; found {feature or 'nothing'}",
+                f"expected the board in this picture, one of {', '.join(boards)}; found {feature or 'nothing'}",
                 file=source,
                 row=int(row),
                 column="feature",
@@ -144,27 +144,27 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
         with libraries_silent():
             grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None  # a pipe would wait for ever
         if grey is None:
-            words = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
-            raise MeasurementError(words, file=source, row=int(row), column=IMAGE)
+            message = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
+            raise MeasurementError(message, file=source, row=int(row), column=IMAGE)
         if size is not None and grey.shape[::-1] != size:
-            words = f"{picture} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}"
-            raise MeasurementError(words, file=source, row=int(row), column=IMAGE)
+            message = f"{picture} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}"
+            raise MeasurementError(message, file=source, row=int(row), column=IMAGE)
         uv, number, _, _ = one.detector.detectBoard(grey)
-        found = 0 if number is None else len(number)
-        if found < imaging.FEWEST:
-            missed.append((picture, found))
+        count = 0 if number is None else len(number)
+        if count < imaging.FEWEST:
+            missed.append((picture, count))
             continue
         more = {"corner": np.ravel(number)} | dict(zip(("u_px", "v_px"), np.reshape(uv, (-1, 2)).T, strict=True))
-        parts.append(pd.DataFrame({"pose": picture} | cell | {"feature": one.names[k]} | more))
-    if not parts:
+        tables.append(pd.DataFrame({"pose": picture} | cell | {"feature": one.names[k]} | more))
+    if not tables:
         raise MeasurementError(
             f"no picture shows {imaging.FEWEST} corners of its board: are squares_x, squares_y and dictionary right, "
             "or was the board drawn before OpenCV 4.6 (--legacy)?",
             file=name_of,
         )
-    table = pd.concat(parts, ignore_index=True)
+    table = pd.concat(tables, ignore_index=True)
     table[["u_px", "v_px"]] = table[["u_px", "v_px"]].astype(float).round(4)
-    return FoundCorners(table, len(parts), tuple(missed))
+    return FoundCorners(table, len(tables), tuple(missed))
 
 
 def _opencv() -> Any:
@@ -180,57 +180,57 @@ def _boards(
     cv2: Any, features: TableLike, name_of: str, legacy: bool, cells: pd.DataFrame, source: str
 ) -> dict[str, _Board]:
     """Boards by their names; those of patterns such as ``board {place}`` have another one at each place."""
-    given = given_rows(features)
-    imaging.shared(given)
+    rows = given_rows(features)
+    imaging.shared(rows)
     out: dict[str, _Board] = {}
-    for one in [one for one in given if one["kind"] in imaging.TARGETS]:
-        known = imaging.imaging_of(one)
-        if known.squares is None or known.square is None:
+    for row in [one for one in rows if one["kind"] in imaging.TARGETS]:
+        view = imaging.imaging_of(row)
+        if view.squares is None or view.square is None:
             raise MeasurementError(
                 f"expected {', '.join(imaging.BOARD)} of the board",
                 file=name_of,
-                row=int(one["row"]),
+                row=int(row["row"]),
                 column="squares_x",
             )
-        marker = float(one["marker_mm"]) * MM if one.get("marker_mm") else MARKER * known.square
-        if not 0.0 < marker < known.square:
+        marker = float(row["marker_mm"]) * MM if row.get("marker_mm") else MARKER * view.square
+        if not 0.0 < marker < view.square:
             raise MeasurementError(
                 f"expected a marker smaller than its square, found {marker / MM:g} mm",
                 file=name_of,
-                row=int(one["row"]),
+                row=int(row["row"]),
                 column="marker_mm",
             )
-        dictionary = _dictionary(cv2, one, name_of)
+        dictionary = _dictionary(cv2, row, name_of)
         try:
-            board = cv2.aruco.CharucoBoard(known.squares, known.square, marker, dictionary)
+            board = cv2.aruco.CharucoBoard(view.squares, view.square, marker, dictionary)
         except (cv2.error, SystemError):  # sizes that are equal in its single precision
-            across, along = known.squares
+            across, along = view.squares
             raise MeasurementError(
-                f"OpenCV makes no board of {across} × {along} squares of {known.square / MM:g} mm with markers of "
+                f"OpenCV makes no board of {across} × {along} squares of {view.square / MM:g} mm with markers of "
                 f"{marker / MM:g} mm",
                 file=name_of,
-                row=int(one["row"]),
+                row=int(row["row"]),
                 column="squares_x",
             ) from None
         board.setLegacyPattern(legacy)
-        size = None if known.size is None else (int(known.size[0]), int(known.size[1]))
-        names = filled(one["feature"], cells, one, source)
-        out[one["feature"]] = _Board(cv2.aruco.CharucoDetector(board), size, names)
+        size = None if view.size is None else (int(view.size[0]), int(view.size[1]))
+        names = filled(row["feature"], cells, row, source)
+        out[row["feature"]] = _Board(cv2.aruco.CharucoDetector(board), size, names)
     if not out:
         kinds = " or ".join(imaging.TARGETS)
         raise MeasurementError(f"there is no feature of kind {kinds}", file=name_of)
     return out
 
 
-def _dictionary(cv2: Any, one: Mapping[str, str], name_of: str) -> Any:
-    name = one.get(imaging.DICTIONARY, "").upper()
+def _dictionary(cv2: Any, row: Mapping[str, str], name_of: str) -> Any:
+    name = row.get(imaging.DICTIONARY, "").upper()
     name = name if name.startswith("DICT_") else f"DICT_{name}"
     if not hasattr(cv2.aruco, name):
         raise MeasurementError(
             f"expected one of OpenCV's dictionaries of markers, such as DICT_5X5_100, found "
-            f"{one.get(imaging.DICTIONARY) or 'nothing'}",
+            f"{row.get(imaging.DICTIONARY) or 'nothing'}",
             file=name_of,
-            row=int(one["row"]),
+            row=int(row["row"]),
             column=imaging.DICTIONARY,
         )
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))

@@ -70,13 +70,13 @@ class LeftOut(Protocol):
         ...
 
 
-def left_out(excluded: Sequence[LeftOut], most: int | None = 8) -> list[str]:
+def left_out(excluded: Sequence[LeftOut], limit: int | None = 8) -> list[str]:
     """Lines that count the points left out by reason and name the first of each.
 
     Parameters
     ----------
     excluded : sequence of Exclusion
-    most : int or None
+    limit : int or None
         Points that are named for each reason; None for all.
 
     Returns
@@ -84,13 +84,13 @@ def left_out(excluded: Sequence[LeftOut], most: int | None = 8) -> list[str]:
     list of str
     """
     by_reason: dict[str, list[str]] = {}
-    for item in excluded:
-        by_reason.setdefault(item.reason.split(":")[0], []).append(f"{item.pose}/{item.target}")
+    for point in excluded:
+        by_reason.setdefault(point.reason.split(":")[0], []).append(f"{point.pose}/{point.target}")
     lines = []
-    for reason, places in by_reason.items():
-        named = places[:most]
-        more = f" … and {len(places) - len(named)} more" if len(places) > len(named) else ""
-        lines.append(f"  {len(places)} × {reason} (pose/target {', '.join(named)}{more})")
+    for reason, names in by_reason.items():
+        listed = names[:limit]
+        more = f" … and {len(names) - len(listed)} more" if len(names) > len(listed) else ""
+        lines.append(f"  {len(names)} × {reason} (pose/target {', '.join(listed)}{more})")
     return lines
 
 
@@ -119,23 +119,23 @@ class Cleaned(Speaks):
         """The points that were left out: ``pose``, ``target``, ``reason``."""
         import pandas as pd
 
-        return pd.DataFrame([vars(item) for item in self.excluded], columns=["pose", "target", "reason"])
+        return pd.DataFrame([vars(point) for point in self.excluded], columns=["pose", "target", "reason"])
 
     def told(self) -> Sequence[Told]:
         """Counts and notes; a table of the reasons for which points were left out."""
-        told: list[Told] = [
+        lines: list[Told] = [
             f"{len(self.points)} points of {self.points.poses} poses can be used, {len(self.excluded)} are left out",
             *self.notes,
         ]
         if self.excluded:
             by_reason: dict[str, list[Exclusion]] = {}
-            for item in self.excluded:
-                by_reason.setdefault(item.reason.split(":")[0], []).append(item)
+            for point in self.excluded:
+                by_reason.setdefault(point.reason.split(":")[0], []).append(point)
             rows = tuple(
-                (reason, len(items), f"{items[0].pose}/{items[0].target}") for reason, items in by_reason.items()
+                (reason, len(points), f"{points[0].pose}/{points[0].target}") for reason, points in by_reason.items()
             )
-            told.append(Table("Left out", ("reason", "points", "first (pose/target)"), rows))
-        return told
+            lines.append(Table("Left out", ("reason", "points", "first (pose/target)"), rows))
+        return lines
 
 
 @dataclass(eq=False)
@@ -177,7 +177,7 @@ class _Rows:
 
 def clean(
     measurements: MeasurementSet,
-    places: Mapping[str, FloatArray] | None = None,
+    references: Mapping[str, FloatArray] | None = None,
     only_targets: Sequence[str] | Mapping[str, FloatArray] | None = None,
 ) -> Cleaned:
     """Leave out lost points, wrong references and distances that do not fit; register the rest.
@@ -185,7 +185,7 @@ def clean(
     Parameters
     ----------
     measurements : MeasurementSet
-    places : dict of str to ndarray, optional
+    references : dict of str to ndarray, optional
         References of an earlier calibration to register to, metres.
     only_targets : sequence of str, optional
         Targets to use, in this order; other targets are left out with that reason. By default all, sorted.
@@ -200,7 +200,7 @@ def clean(
         If nothing is left.
     """
     rows = _Rows.of(measurements)
-    registration, notes = _registered(rows, places, measurements.source)
+    registration, notes = _registered(rows, references, measurements.source)
     names = sorted(set(rows.target[rows.tool])) if only_targets is None else list(only_targets)
     rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = "target unknown to the calibration"
     swaps = _mark_swapped(rows, names, measurements)
@@ -222,22 +222,22 @@ def clean(
 
 
 def _registered(
-    rows: _Rows, places: Mapping[str, FloatArray] | None, source: str
+    rows: _Rows, references: Mapping[str, FloatArray] | None, source: str
 ) -> tuple[Registration | None, list[str]]:
     """Register the rows in place by their references; what the user should know of it."""
     names = sorted(set(rows.target[rows.reference]))
-    seen = by_pose(rows.pose, rows.target, rows.xyz, rows.reference & rows.good, names)
-    _mark_wrong_references(seen, names, rows)
+    measured = by_pose(rows.pose, rows.target, rows.xyz, rows.reference & rows.good, names)
+    _mark_wrong_references(measured, names, rows)
     notes, registration = _moved_references(rows), None
     if names:
-        seen = by_pose(rows.pose, rows.target, rows.xyz, rows.reference & rows.good, names)
-        registration = register(seen, names, source, places)
+        measured = by_pose(rows.pose, rows.target, rows.xyz, rows.reference & rows.good, names)
+        registration = register(measured, names, source, references)
         if registration is None:
             notes.append(
                 f"The references {', '.join(names)} were not used: registration needs three in a pose"
-                + (" that the calibration knows." if places is not None else ".")
+                + (" that the calibration knows." if references is not None else ".")
             )
-    elif places:
+    elif references:
         notes.append("There are no reference points: the points are taken to be in the calibration's frame.")
     if registration is not None:
         T = registration.T_frame_pose[rows.pose]
@@ -257,24 +257,24 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
     table, u95 = shared(measurements), measurements.uncertainties()
     names = [name for name in names if (keep & (rows.target == name)).any()]
     groups = table["group"].to_numpy(dtype=object) if "group" in table.columns else np.full(len(table), "", object)
-    kept = np.flatnonzero(keep)
-    kept = kept[np.argsort(rows.pose[kept], kind="stable")]
-    used, number = np.unique(rows.pose[kept], return_inverse=True)
+    rows_kept = np.flatnonzero(keep)
+    rows_kept = rows_kept[np.argsort(rows.pose[rows_kept], kind="stable")]
+    used, number = np.unique(rows.pose[rows_kept], return_inverse=True)
     first = np.unique(rows.pose, return_index=True)[1]
-    load, place, torques = measurements.payloads(), measurements.payload_places(), measurements.torques()
+    load, centre, torques = measurements.payloads(), measurements.payload_places(), measurements.torques()
     return PointSet(
         measurements.joints()[used],
         number,
-        _numbers(rows.target[kept], names),
-        rows.xyz[kept],
+        _numbers(rows.target[rows_kept], names),
+        rows.xyz[rows_kept],
         tuple(names),
         table["pose"].to_numpy(dtype=object)[first][used],
         groups[first][used],
-        None if rows.rotation is None else rows.rotation[kept],
-        None if u95 is None else u95[kept],
+        None if rows.rotation is None else rows.rotation[rows_kept],
+        None if u95 is None else u95[rows_kept],
         previous_stops(measurements.joints(), rows.pose, groups)[used],
         payload_kg=None if load is None else load[used],
-        payload_place=None if place is None else place[used],
+        payload_place=None if centre is None else centre[used],
         torques=None if torques is None else torques[used],
     )
 
@@ -300,12 +300,12 @@ def by_pose(pose: IntArray, target: NameArray, xyz: FloatArray, use: BoolArray, 
         return total / np.where(count > 0, count, np.nan)
 
 
-def _wrong_points(seen: FloatArray) -> tuple[BoolArray, FloatArray]:
+def _wrong_points(measured: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Which points of each pose do not keep their distances to the others, and by how much.
 
     Parameters
     ----------
-    seen : ndarray, shape (n, k, 3)
+    measured : ndarray, shape (n, k, 3)
 
     Returns
     -------
@@ -313,11 +313,11 @@ def _wrong_points(seen: FloatArray) -> tuple[BoolArray, FloatArray]:
     deviation : ndarray, shape (n, k)
         Largest deviation of a wrong point's distances from their median, metres.
     """
-    n, k, _ = seen.shape
+    n, k, _ = measured.shape
     deviation = np.zeros((n, k, k))
     for i in range(k):
         for j in range(i):
-            distance = np.linalg.norm(seen[:, i] - seen[:, j], axis=1)
+            distance = np.linalg.norm(measured[:, i] - measured[:, j], axis=1)
             have = np.isfinite(distance)
             if have.sum() < 3:
                 continue
@@ -337,11 +337,11 @@ def _wrong_points(seen: FloatArray) -> tuple[BoolArray, FloatArray]:
     return wrong, np.where(wrong, worst, 0.0)
 
 
-def _mark_wrong_references(seen: FloatArray, names: Sequence[str], rows: _Rows) -> None:
+def _mark_wrong_references(measured: FloatArray, names: Sequence[str], rows: _Rows) -> None:
     """A reference that contradicts the others puts its whole pose in doubt: all its points are left out."""
     if len(names) < 2:
         return
-    wrong, deviation = _wrong_points(seen)
+    wrong, deviation = _wrong_points(measured)
     for p in np.flatnonzero(wrong.any(axis=1)):
         bad = [names[k] for k in np.flatnonzero(wrong[p]).tolist()]
         off = deviation[p].max() / MM
@@ -369,22 +369,22 @@ def _moved_references(rows: _Rows) -> list[str]:
 
 def _mark_swapped(rows: _Rows, names: Sequence[str], measurements: MeasurementSet) -> list[str]:
     """Targets that have the tool's shape by other names are left out; what is swapped, in sentences."""
-    seen = by_pose(rows.pose, rows.target, rows.xyz, rows.tool & rows.good, names)
-    found = swapped.by_shape(seen)
-    for p, order in found:
+    measured = by_pose(rows.pose, rows.target, rows.xyz, rows.tool & rows.good, names)
+    swaps = swapped.by_shape(measured)
+    for p, order in swaps:
         for k in np.flatnonzero(order != np.arange(len(names))).tolist():
-            mine = (rows.pose == p) & (rows.target == names[k]) & rows.good
-            rows.reason[mine] = f"swapped: this is {names[order[k]]}, by its distances to the others"
+            mask = (rows.pose == p) & (rows.target == names[k]) & rows.good
+            rows.reason[mask] = f"swapped: this is {names[order[k]]}, by its distances to the others"
     pose_names = shared(measurements).groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
-    return swapped.in_words([(pose_names[p], order) for p, order in found], names)
+    return swapped.in_words([(pose_names[p], order) for p, order in swaps], names)
 
 
 def _mark_wrong_distances(rows: _Rows, names: Sequence[str]) -> None:
     """A target that does not keep its distances to the others on the rigid tool is left out."""
     if len(names) < 2:
         return
-    seen = by_pose(rows.pose, rows.target, rows.xyz, rows.tool & rows.good, names)
-    wrong, deviation = _wrong_points(seen)
+    measured = by_pose(rows.pose, rows.target, rows.xyz, rows.tool & rows.good, names)
+    wrong, deviation = _wrong_points(measured)
     for p, k in np.argwhere(wrong).tolist():
-        mine = (rows.pose == p) & (rows.target == names[k]) & rows.good
-        rows.reason[mine] = f"wrong distance: off by {deviation[p, k] / MM:.3g} mm to another target on the rigid tool"
+        mask = (rows.pose == p) & (rows.target == names[k]) & rows.good
+        rows.reason[mask] = f"wrong distance: off by {deviation[p, k] / MM:.3g} mm to another target on the rigid tool"

@@ -140,10 +140,10 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
         If it is no such table.
     """
     text = _decoded(data, source)
-    header = next(line[0] for line in re.finditer(r"[^\r\n]+", text) if line[0].strip())  # as pandas ends lines
+    header = next(match[0] for match in re.finditer(r"[^\r\n]+", text) if match[0].strip())  # as pandas ends lines
     if "," not in header and (";" in header or "\t" in header):
-        found = "semicolons" if ";" in header else "tabs"
-        raise MeasurementError(f"expected commas between the columns, found {found}", file=source, row=1)
+        separators = "semicolons" if ";" in header else "tabs"
+        raise MeasurementError(f"expected commas between the columns, found {separators}", file=source, row=1)
     try:
         names = [name.strip() for name in next(csv.reader([header]), [])]
     except csv.Error as error:  # a cell beyond 131,072 characters
@@ -204,8 +204,8 @@ def check_header(names: Sequence[str], required: Sequence[str], source: str) -> 
             raise MeasurementError(f"joint {twice[0]} stands there in degrees and in mm", file=source, row=row)
         last = numbered[-1] if numbered else len(JOINTS)
         joints = [f"q{k}_deg" for k in range(1, last + 1) if f"q{k}_mm" not in names]
-        place = required.index(ALL_JOINTS)
-        required = [*required[:place], *joints, *required[place + 1 :]]
+        position = required.index(ALL_JOINTS)
+        required = [*required[:position], *joints, *required[position + 1 :]]
     missing = [name for name in required if name not in names]
     if missing:
         hint = ""
@@ -267,16 +267,16 @@ def programmed_columns(names: Iterable[str], source: str) -> list[str]:
         If they are not those of the joint columns.
     """
     names = list(names)
-    found = [name for name in names if _PROGRAMMED.fullmatch(name)]
+    present = [name for name in names if _PROGRAMMED.fullmatch(name)]
     expected = [f"c{name[1:]}" for name in joint_columns(names)]
-    if not found or set(found) == set(expected):
-        return expected if found else []
-    missing = [name for name in expected if name not in found]
-    strange = [name for name in found if name not in expected]
+    if not present or set(present) == set(expected):
+        return expected if present else []
+    missing = [name for name in expected if name not in present]
+    strange = [name for name in present if name not in expected]
     which = f"missing column {', '.join(missing)}" if missing else f"there is a column {strange[0]}"
-    of = f"({expected[0]} … {expected[-1]})" if expected else "(there are no joint columns)"
+    joints_text = f"({expected[0]} … {expected[-1]})" if expected else "(there are no joint columns)"
     raise MeasurementError(
-        f"{which}: programmed joints are for all joints {of} or for none, found {listed(found)}",
+        f"{which}: programmed joints are for all joints {joints_text} or for none, found {listed(present)}",
         file=source,
         row=header_row(source),
     )
@@ -331,8 +331,8 @@ def numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bo
         bad |= absent
     if bad.any():
         row = bad.index[bad][0]
-        found = repr(text[row]) if text[row] else "nothing"
-        raise MeasurementError(f"expected {expected}, found {found}", file=source, row=int(row), column=name)
+        cell = repr(text[row]) if text[row] else "nothing"
+        raise MeasurementError(f"expected {expected}, found {cell}", file=source, row=int(row), column=name)
     return values.to_numpy(dtype=float)
 
 
@@ -411,7 +411,10 @@ def check_sizes(table: pd.DataFrame, source: str) -> None:
 def check_joint_sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> None:
     """Refuse joints that no robot reaches; as `check_sizes`, for the joint columns ``names``."""
     largest = [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG for name in names]
-    bounds = [(name, -most, most, expected_joint(name)) for name, most in zip(names, largest, strict=True)]
+    bounds = [
+        (name, -largest_value, largest_value, expected_joint(name))
+        for name, largest_value in zip(names, largest, strict=True)
+    ]
     refuse_outside(table, bounds, source)
 
 
@@ -478,6 +481,6 @@ def _digest(data: bytes) -> str:
 
 def _with_rows(cells: pd.DataFrame, source: str) -> pd.DataFrame:
     if cells.empty:
-        what = "table" if source == FRAME else "file"
-        raise MeasurementError(f"the {what} has a header but no rows", file=source)
+        source_kind = "table" if source == FRAME else "file"
+        raise MeasurementError(f"the {source_kind} has a header but no rows", file=source)
     return cells

@@ -22,43 +22,43 @@ def payloads(cells: pd.DataFrame, source: str) -> tuple[FloatArray | None, Float
     MeasurementError
         If there is something that is no mass or place, or it is not told which of several masses a row has.
     """
-    there = load_columns.place_columns(cells.columns, source)
+    columns = load_columns.place_columns(cells.columns, source)
     if MASS not in cells.columns:
         return None, None
     load = _column(cells, MASS, 0.0, LARGEST_PAYLOAD_KG, f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg", source)
-    told = np.unique(load[np.isfinite(load)])
+    known = np.unique(load[np.isfinite(load)])
     gaps = np.flatnonzero(~np.isfinite(load))
-    if not len(told):
+    if not len(known):
         return None, None
-    if len(gaps) and len(told) > 1:
+    if len(gaps) and len(known) > 1:
         raise MeasurementError(
-            f"expected a mass, others carry {told[0]:g} to {told[-1]:g} kg: write 0 for a bare flange; found nothing",
+            f"expected a mass, others carry {known[0]:g} to {known[-1]:g} kg: write 0 for a bare flange; found nothing",
             file=source,
             row=int(cells.index[gaps[0]]),
             column=MASS,
         )
-    load[gaps] = told[0]
-    if not there:
+    load[gaps] = known[0]
+    if not columns:
         return load, None
     expected = "a place in the tip link in mm"
-    place = [_column(cells, name, -LARGEST_PLACE_MM, LARGEST_PLACE_MM, expected, source) * MM for name in PLACE]
-    found = np.column_stack(place)
-    lost: BoolArray = np.asarray(~np.isfinite(found).all(axis=1))
+    coordinates = [_column(cells, name, -LARGEST_PLACE_MM, LARGEST_PLACE_MM, expected, source) * MM for name in PLACE]
+    centres = np.column_stack(coordinates)
+    lost: BoolArray = np.asarray(~np.isfinite(centres).all(axis=1))
     bad = np.flatnonzero(lost & (load > 0.0))
     if len(bad):
         row = int(cells.index[bad[0]])
         raise MeasurementError(
             "expected the place of the payload, found nothing", file=source, row=row, column=PLACE[0]
         )
-    return load, np.where(lost[:, None], 0.0, found)
+    return load, np.where(lost[:, None], 0.0, centres)
 
 
-def usual_place(load: FloatArray, place: FloatArray | None, usual_kg: float | None) -> tuple[float, float, float]:
+def usual_place(load: FloatArray, centre: FloatArray | None, usual_kg: float | None) -> tuple[float, float, float]:
     """Centre of the payload that counts where none is told: that of the usual load, else of the heaviest."""
-    if place is None:
+    if centre is None:
         return 0.0, 0.0, 0.0
     usual = np.flatnonzero((load == usual_kg) & (load > 0.0))
-    x, y, z = place[usual[-1] if len(usual) else int(np.argmax(load))].tolist()
+    x, y, z = centre[usual[-1] if len(usual) else int(np.argmax(load))].tolist()
     return x, y, z
 
 

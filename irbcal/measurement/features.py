@@ -144,20 +144,20 @@ class FeatureSet(Speaks):
             corners=_some(self.corners, rows),
             payload_kg=_some(self.payload_kg, rows),
             payload_place=_some(self.payload_place, rows),
-            features={name: one for name, one in self.features.items() if name in names},
-            lengths=tuple(one for one in self.lengths if one.first in names and one.second in names),
+            features={name: feature for name, feature in self.features.items() if name in names},
+            lengths=tuple(length for length in self.lengths if length.first in names and length.second in names),
         )
 
     def motion(self) -> Motion:
         """Joints and load of each row; with the last move and the order of its pose where joints are a program's."""
-        load, place = self.payload_kg, self.payload_place
+        load, centre = self.payload_kg, self.payload_place
         if not self.programmed:
-            return Motion(self.q, payload_kg=load, payload_place=place)
+            return Motion(self.q, payload_kg=load, payload_place=centre)
         index, first, pose = np.unique(self.pose_index, return_index=True, return_inverse=True)
-        whole = Motion.in_order(self.q[first])
-        assert whole.move is not None
-        move = np.where((np.diff(index, prepend=index[0]) == 1)[:, None], whole.move, 0.0)
-        return Motion(self.q, move[pose], index[pose].astype(float), load, payload_place=place)
+        in_order = Motion.in_order(self.q[first])
+        assert in_order.move is not None
+        move = np.where((np.diff(index, prepend=index[0]) == 1)[:, None], in_order.move, 0.0)
+        return Motion(self.q, move[pose], index[pose].astype(float), load, payload_place=centre)
 
     def as_measurements(self) -> MeasurementSet:
         """The rows as a table of measurements without places, with the joints that models take."""
@@ -206,8 +206,8 @@ class FeatureSet(Speaks):
                 name = parent[name]
             return name
 
-        for one in self.lengths if lengths else ():
-            parent[root(one.second)] = root(one.first)
+        for length in self.lengths if lengths else ():
+            parent[root(length.second)] = root(length.first)
         first: dict[int, str] = {}
         for number, name in zip(self.pose_index.tolist(), self.feature, strict=True):
             if name:
@@ -230,8 +230,8 @@ class FeatureSet(Speaks):
         lengths = f", {len(self.lengths)} known lengths" if self.lengths else ""
         if self.corners is not None:
             rows += f", {int(np.isfinite(self.corners[:, :, 2]).sum())} corners in all"
-        made = "SIMULATED " if self.simulated else ""
-        return [f"{made}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{lengths}"]
+        prefix = "SIMULATED " if self.simulated else ""
+        return [f"{prefix}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{lengths}"]
 
 
 def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
@@ -254,33 +254,33 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         If a file does not keep the format, or a row's feature is not known.
     """
     cells, source, sha256 = columns.read(rows, ["pose"])
-    given = [] if features is None else given_rows(features)
+    feature_rows = [] if features is None else given_rows(features)
     name_of = "<features>" if not isinstance(features, (str, PathLike)) else str(features)
-    names, named = _names(cells, given, source)
-    known, lengths = known_features(given, cells, names, source, name_of)
+    names, name_pattern = _names(cells, feature_rows, source)
+    by_name, lengths = known_features(feature_rows, cells, names, source, name_of)
     kind, target = (_text(cells, column, len(cells)) for column in ("kind", "target"))
     for k, name in enumerate(names):
-        one = known.get(name)
-        if name and one is None and not kind[k]:
+        feature = by_name.get(name)
+        if name and feature is None and not kind[k]:
             raise MeasurementError(
                 f"nothing is known of the feature {name}: name it with its kind in {name_of}, or give the row a kind",
                 file=source,
                 row=int(cells.index[k]),
                 column="feature",
             )
-        kind[k] = kind[k] or (POINT if one is None else one.kind)
-        target[k] = target[k] or (TARGET if one is None else one.target)
-        if name and one is None:
-            known[name] = Feature(name, kind[k], target[k])
+        kind[k] = kind[k] or (POINT if feature is None else feature.kind)
+        target[k] = target[k] or (TARGET if feature is None else feature.target)
+        if name and feature is None:
+            by_name[name] = Feature(name, kind[k], target[k])
     q, programmed = _joints(cells, arm, source)
     u95 = _number(cells, {"u95_mm": MM, "u95_deg": DEG}, source)
-    own = np.array([np.nan if not n or known[n].u95 is None else known[n].u95 for n in names], dtype=float)
+    stated_u95 = np.array([np.nan if not n or by_name[n].u95 is None else by_name[n].u95 for n in names], dtype=float)
     xyz = np.column_stack([_number(cells, {f"{axis}_mm": MM}, source) for axis in "xyz"])
     pose = np.asarray(columns.names(cells, "pose", source), dtype=object)
     simulated = "simulated" in cells.columns and bool(
         (~cells["simulated"].astype(str).str.lower().isin(["", "no", "0", "false"])).any()
     )
-    whole = FeatureSet(
+    features_read = FeatureSet(
         q,
         pose,
         _poses(cells, pose),
@@ -288,42 +288,42 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         kind,
         names,
         _number(cells, {"value_mm": MM, "value_deg": DEG}, source),
-        np.where(np.isfinite(u95), u95, own),
+        np.where(np.isfinite(u95), u95, stated_u95),
         xyz,
         _rotations(cells, source),
         np.asarray(cells.index, dtype=int),
         cells,
-        {name: one for name, one in known.items() if name in set(names)},
+        {name: feature for name, feature in by_name.items() if name in set(names)},
         lengths,
         tuple(arm.joint_columns),
         source,
         sha256,
         simulated,
         programmed,
-        named,
+        name_pattern,
     )
-    load, place = payloads(cells, source)
-    return _with_images(replace(whole, payload_kg=load, payload_place=place), known)
+    load, centre = payloads(cells, source)
+    return _with_images(replace(features_read, payload_kg=load, payload_place=centre), by_name)
 
 
-def _with_images(whole: FeatureSet, known: Mapping[str, Feature]) -> FeatureSet:
+def _with_images(rows: FeatureSet, features: Mapping[str, Feature]) -> FeatureSet:
     """Rows that are corners, gathered to images."""
-    source = whole.source
-    number, u, v, u95 = (_number(whole.cells, {name: 1.0}, source) for name in ("corner", "u_px", "v_px", "u95_px"))
-    keys = [whole.pose_index.astype(str), whole.feature, whole.target]
+    source = rows.source
+    number, u, v, u95 = (_number(rows.cells, {name: 1.0}, source) for name in ("corner", "u_px", "v_px", "u95_px"))
+    keys = [rows.pose_index.astype(str), rows.feature, rows.target]
     image = pd.factorize(pd.Series([" | ".join(map(str, key)) for key in zip(*keys, strict=True)]))[0]
-    corners = imaging.Corners(image, whole.kind, whole.feature, whole.target, number, u, v, u95, whole.xyz, whole.row)
-    views = {name: one.imaging for name, one in known.items()}
-    images = imaging.gathered(corners, views, {name: one.target for name, one in known.items()}, source)
+    corners = imaging.Corners(image, rows.kind, rows.feature, rows.target, number, u, v, u95, rows.xyz, rows.row)
+    views = {name: feature.imaging for name, feature in features.items()}
+    images = imaging.gathered(corners, views, {name: feature.target for name, feature in features.items()}, source)
     if images is None:
-        return whole
-    kept = whole.select(images.keep)
-    mine = np.isfinite(images.corners[:, 0, 2])
+        return rows
+    selected = rows.select(images.keep)
+    is_image = np.isfinite(images.corners[:, 0, 2])
     return replace(
-        kept,
+        selected,
         corners=images.corners,
-        u95=np.where(mine, imaging.u95_of(images.corners), kept.u95),
-        xyz=np.where(mine[:, None], np.nan, kept.xyz),
+        u95=np.where(is_image, imaging.u95_of(images.corners), selected.u95),
+        xyz=np.where(is_image[:, None], np.nan, selected.xyz),
     )
 
 
@@ -332,18 +332,18 @@ def _some(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
 
 
 def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
-    found = cells[name].astype(str).str.strip() if name in cells.columns else [""] * rows
-    return np.array(found, dtype=object)  # a copy: a column of pandas cannot be written to
+    texts = cells[name].astype(str).str.strip() if name in cells.columns else [""] * rows
+    return np.array(texts, dtype=object)  # a copy: a column of pandas cannot be written to
 
 
-def _names(cells: pd.DataFrame, given: list[dict[str, str]], source: str) -> tuple[NameArray, str]:
+def _names(cells: pd.DataFrame, feature_rows: list[dict[str, str]], source: str) -> tuple[NameArray, str]:
     """Feature of each row, and how columns name it."""
     if "feature" in cells.columns:
         return _text(cells, "feature", len(cells)), ""
-    patterns = [one for one in given if BRACES.search(one["feature"]) and one["kind"] != DISTANCE]
+    patterns = [row for row in feature_rows if BRACES.search(row["feature"]) and row["kind"] != DISTANCE]
     if len(patterns) == 1:
         return filled(patterns[0]["feature"], cells, patterns[0], source), patterns[0]["feature"]
-    if not given and all(name in cells.columns for name in columns.POSITION):
+    if not feature_rows and all(name in cells.columns for name in columns.POSITION):
         return np.full(len(cells), "", dtype=object), ""
     raise MeasurementError(
         "missing column feature: expected the name of the feature that each row is at, or one name made of columns, "
@@ -365,11 +365,11 @@ def _number(cells: pd.DataFrame, units: Mapping[str, float], source: str) -> Flo
 
 def _rotations(cells: pd.DataFrame, source: str) -> FloatArray:
     """Measured orientations, shape (m, 3, 3); NaN where there is none."""
-    own = [name for name in columns.QUATERNION if name in cells.columns]
-    table = pd.DataFrame({"row": cells.index} | {name: _number(cells, {name: 1.0}, source) for name in own})
+    present = [name for name in columns.QUATERNION if name in cells.columns]
+    table = pd.DataFrame({"row": cells.index} | {name: _number(cells, {name: 1.0}, source) for name in present})
     quaternion_columns.check(table, source)
-    found = quaternion_columns.rotations(table)
-    return np.full((len(cells), 3, 3), np.nan) if found is None else found
+    rotations = quaternion_columns.rotations(table)
+    return np.full((len(cells), 3, 3), np.nan) if rotations is None else rotations
 
 
 def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, bool]:

@@ -41,8 +41,8 @@ def with_fitted_load(points: PointSet, fit: PointSet) -> BoolArray:
     """Which poses carry a load that the fit has seen, shape (n,); all where one of them does not tell the load."""
     if points.payload_kg is None or fit.payload_kg is None:
         return np.ones(points.poses, dtype=bool)
-    known: FloatArray = np.unique(fit.payload_kg[np.isfinite(fit.payload_kg)])
-    if not len(known):
+    loads: FloatArray = np.unique(fit.payload_kg[np.isfinite(fit.payload_kg)])
+    if not len(loads):
         return np.ones(points.poses, dtype=bool)
-    differs = np.abs(points.payload_kg[:, None] - known).min(axis=1) > SAME_LOAD
+    differs = np.abs(points.payload_kg[:, None] - loads).min(axis=1) > SAME_LOAD
     return ~(np.isfinite(points.payload_kg) & differs)

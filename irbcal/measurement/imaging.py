@@ -97,13 +97,13 @@ class Imaging:
         return out | {"u95_px": repr(self.u95)}
 
 
-def camera_and_board(one: Mapping[str, str]) -> tuple[str, str]:
+def camera_and_board(row: Mapping[str, str]) -> tuple[str, str]:
     """Names of camera and board of a feature: one is the target, the other the feature."""
-    pair = one["target"], one["feature"]
-    return pair if TARGETS[one["kind"]] == "camera" else pair[::-1]
+    pair = row["target"], row["feature"]
+    return pair if TARGETS[row["kind"]] == "camera" else pair[::-1]
 
 
-def shared(given: Sequence[dict[str, str]]) -> None:
+def shared(rows: Sequence[dict[str, str]]) -> None:
     """Fill in what other features say of the same camera or board.
 
     Raises
@@ -111,10 +111,10 @@ def shared(given: Sequence[dict[str, str]]) -> None:
     MeasurementError
         If two say different things.
     """
-    known: dict[tuple[str, str, str], str] = {}
-    mine = [one for one in given if one["kind"] in TARGETS]
+    values: dict[tuple[str, str, str], str] = {}
+    with_images = [row for row in rows if row["kind"] in TARGETS]
     for again in (False, True):
-        for one in mine:
+        for one in with_images:
             one["target"] = one.get("target") or TARGETS[one["kind"]]
             camera, board = camera_and_board(one)
             owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [
@@ -123,17 +123,17 @@ def shared(given: Sequence[dict[str, str]]) -> None:
             for key in owner:
                 value = one.get(key[2], "")
                 if again:
-                    one[key[2]] = value or known.get(key, "")
-                elif value and known.setdefault(key, value) != value:
+                    one[key[2]] = value or values.get(key, "")
+                elif value and values.setdefault(key, value) != value:
                     raise MeasurementError(
-                        f"{key[0]} {key[1]} has {key[2]} {known[key]} in one row and {value} in another",
+                        f"{key[0]} {key[1]} has {key[2]} {values[key]} in one row and {value} in another",
                         file=one["source"],
                         row=int(one["row"]),
                         column=key[2],
                     )
 
 
-def imaging_of(one: Mapping[str, str]) -> Imaging:
+def imaging_of(row: Mapping[str, str]) -> Imaging:
     """What a row of the features' file says of camera and board.
 
     Raises
@@ -142,11 +142,11 @@ def imaging_of(one: Mapping[str, str]) -> Imaging:
         If something is missing or cannot be.
     """
 
-    def refuse(words: str, column: str) -> MeasurementError:
-        return MeasurementError(words, file=one["source"], row=int(one["row"]), column=column)
+    def refuse(message: str, column: str) -> MeasurementError:
+        return MeasurementError(message, file=row["source"], row=int(row["row"]), column=column)
 
-    camera = camera_and_board(one)[0]
-    value = {name: float(one[name]) for name in NUMBERS if one.get(name)}
+    camera = camera_and_board(row)[0]
+    value = {name: float(row[name]) for name in NUMBERS if row.get(name)}
     for name in ("fx_px", "cx_px", "cy_px"):
         if name not in value:
             raise refuse(
@@ -160,7 +160,7 @@ def imaging_of(one: Mapping[str, str]) -> Imaging:
         missing = [name for name in names if name not in value]
         if 0 < len(missing) < len(names):
             raise refuse(f"expected {', '.join(names)}, all or none", missing[0])
-    fit = tuple(one.get(FIT, "").split())
+    fit = tuple(row.get(FIT, "").split())
     strange = [name for name in fit if name not in FITTED]
     if strange:
         raise refuse(f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted", FIT)
@@ -249,14 +249,14 @@ class Corners:
 
 
 def gathered(
-    seen: Corners, known: Mapping[str, Imaging | None], targets: Mapping[str, str], source: str
+    corners: Corners, imagings: Mapping[str, Imaging | None], targets: Mapping[str, str], source: str
 ) -> Images | None:
     """Images of corners; None where no row is a corner.
 
     Parameters
     ----------
-    seen : Corners
-    known : dict of str to Imaging or None
+    corners : Corners
+    imagings : dict of str to Imaging or None
         By feature.
     targets : dict of str to str
         Target of each feature.
@@ -268,90 +268,101 @@ def gathered(
     MeasurementError
         If a corner is not on its board, or an image has too few.
     """
-    mine = np.isin(seen.kind.astype(str), list(TARGETS))
-    if not mine.any():
+    is_corner = np.isin(corners.kind.astype(str), list(TARGETS))
+    if not is_corner.any():
         return None
-    rows = np.flatnonzero(mine)
+    rows = np.flatnonzero(is_corner)
 
-    def refuse(k: int, words: str, column: str) -> MeasurementError:
-        return MeasurementError(words, file=source, row=int(seen.row[k]), column=column)
+    def refuse(k: int, message: str, column: str) -> MeasurementError:
+        return MeasurementError(message, file=source, row=int(corners.row[k]), column=column)
 
-    lost = rows[~(np.isfinite(seen.u[rows]) & np.isfinite(seen.v[rows]))]
+    lost = rows[~(np.isfinite(corners.u[rows]) & np.isfinite(corners.v[rows]))]
     if len(lost):
         k = int(lost[0])
-        name = "u_px" if not np.isfinite(seen.u[k]) else "v_px"
-        raise refuse(k, f"a row of kind {seen.kind[k]} needs u_px and v_px, where the corner is in the image", name)
-    xy, u95 = seen.xyz[:, :2].copy(), seen.u95.copy()
-    for name in dict.fromkeys(seen.feature[rows]):
-        of = rows[seen.feature[rows] == name]
-        one = known.get(str(name))
-        if one is None:
-            raise refuse(int(of[0]), f"a row of kind {seen.kind[of[0]]} needs fx_px … of its camera", "feature")
-        other = of[seen.target[of] != targets[str(name)]]
-        if len(other):
-            k, what = int(other[0]), TARGETS[str(seen.kind[other[0]])]
-            raise refuse(k, f"unknown {what} {seen.target[k]}: {name} is seen with {targets[str(name)]}", "target")
-        xy[of] = _on_board(seen, one, of, refuse)
-        u95[of] = np.where(np.isfinite(u95[of]), u95[of], one.u95)
-        if one.size is not None:
-            far = [(seen.u[of], one.size[0], "u_px"), (seen.v[of], one.size[1], "v_px")]
-            for value, most, column in far:
-                out = of[(value < -OUTSIDE) | (value > most + OUTSIDE)]
+        name = "u_px" if not np.isfinite(corners.u[k]) else "v_px"
+        raise refuse(k, f"a row of kind {corners.kind[k]} needs u_px and v_px, where the corner is in the image", name)
+    xy, u95 = corners.xyz[:, :2].copy(), corners.u95.copy()
+    for name in dict.fromkeys(corners.feature[rows]):
+        rows_of_feature = rows[corners.feature[rows] == name]
+        imaging = imagings.get(str(name))
+        if imaging is None:
+            raise refuse(
+                int(rows_of_feature[0]),
+                f"a row of kind {corners.kind[rows_of_feature[0]]} needs fx_px … of its camera",
+                "feature",
+            )
+        strange = rows_of_feature[corners.target[rows_of_feature] != targets[str(name)]]
+        if len(strange):
+            k, device = int(strange[0]), TARGETS[str(corners.kind[strange[0]])]
+            raise refuse(k, f"unknown {device} {corners.target[k]}: {name} is seen with {targets[str(name)]}", "target")
+        xy[rows_of_feature] = _on_board(corners, imaging, rows_of_feature, refuse)
+        u95[rows_of_feature] = np.where(np.isfinite(u95[rows_of_feature]), u95[rows_of_feature], imaging.u95)
+        if imaging.size is not None:
+            far = [
+                (corners.u[rows_of_feature], imaging.size[0], "u_px"),
+                (corners.v[rows_of_feature], imaging.size[1], "v_px"),
+            ]
+            for value, limit, column in far:
+                out = rows_of_feature[(value < -OUTSIDE) | (value > limit + OUTSIDE)]
                 if len(out):
                     k = int(out[0])
-                    found = (seen.u if column == "u_px" else seen.v)[k]
-                    raise refuse(k, f"expected a place within the image of {most:g} pixels, found {found:g}", column)
-    return _by_image(seen, rows, np.column_stack([xy, seen.u, seen.v, u95]), mine, refuse)
+                    found = (corners.u if column == "u_px" else corners.v)[k]
+                    raise refuse(k, f"expected a place within the image of {limit:g} pixels, found {found:g}", column)
+    return _by_image(corners, rows, np.column_stack([xy, corners.u, corners.v, u95]), is_corner, refuse)
 
 
-def _on_board(seen: Corners, one: Imaging, of: IntArray, refuse: Callable[..., MeasurementError]) -> FloatArray:
+def _on_board(
+    corners: Corners, imaging: Imaging, rows: IntArray, refuse: Callable[..., MeasurementError]
+) -> FloatArray:
     """Places of corners on their board, (rows, 2), metres."""
-    numbered, places = np.isfinite(seen.number[of]), seen.xyz[of]
-    out: FloatArray = places[:, :2].copy()
-    there = one.corners
+    numbered, xyz = np.isfinite(corners.number[rows]), corners.xyz[rows]
+    out: FloatArray = xyz[:, :2].copy()
+    board_corners = imaging.corners
     if numbered.any():
-        if not len(there):
-            k = int(of[numbered][0])
-            raise refuse(k, f"the feature {seen.feature[k]} needs {', '.join(BOARD)} to number its corners", "corner")
-        number = seen.number[of]
-        off = numbered & ((number < 0) | (number >= len(there)) | (number != np.floor(number)))
+        if not len(board_corners):
+            k = int(rows[numbered][0])
+            raise refuse(
+                k, f"the feature {corners.feature[k]} needs {', '.join(BOARD)} to number its corners", "corner"
+            )
+        number = corners.number[rows]
+        off = numbered & ((number < 0) | (number >= len(board_corners)) | (number != np.floor(number)))
         if off.any():
-            k = int(of[off][0])
-            assert one.squares is not None
+            k = int(rows[off][0])
+            assert imaging.squares is not None
             raise refuse(
                 k,
-                f"corner {seen.number[k]:g} is not on the board: {seen.feature[k]} has {one.squares[0]} × "
-                f"{one.squares[1]} squares, so corners 0 to {len(there) - 1}",
+                f"corner {corners.number[k]:g} is not on the board: {corners.feature[k]} has {imaging.squares[0]} × "
+                f"{imaging.squares[1]} squares, so corners 0 to {len(board_corners) - 1}",
                 "corner",
             )
-        out[numbered] = there[number[numbered].astype(int)]
+        out[numbered] = board_corners[number[numbered].astype(int)]
     nowhere = ~np.isfinite(out).all(axis=1)
     if nowhere.any():
-        raise refuse(int(of[nowhere][0]), "a corner needs its number, or x_mm and y_mm on the board", "corner")
-    high = ~numbered & (np.nan_to_num(places[:, 2]) != 0.0)
+        raise refuse(int(rows[nowhere][0]), "a corner needs its number, or x_mm and y_mm on the board", "corner")
+    high = ~numbered & (np.nan_to_num(xyz[:, 2]) != 0.0)
     if high.any():
-        raise refuse(int(of[high][0]), "boards are flat: expected z_mm 0 or nothing", "z_mm")
+        raise refuse(int(rows[high][0]), "boards are flat: expected z_mm 0 or nothing", "z_mm")
     return out
 
 
 def _by_image(
-    seen: Corners, rows: IntArray, values: FloatArray, mine: BoolArray, refuse: Callable[..., MeasurementError]
+    seen: Corners, rows: IntArray, values: FloatArray, is_corner: BoolArray, refuse: Callable[..., MeasurementError]
 ) -> Images:
     """Rows of corners by their image; checked."""
     order = rows[np.argsort(seen.image[rows], kind="stable")]
     _, first, counts = np.unique(seen.image[order], return_index=True, return_counts=True)
     heads = np.array([order[a : a + n].min() for a, n in zip(first, counts, strict=True)])
-    keep = ~mine
+    keep = ~is_corner
     keep[heads] = True
-    place = np.cumsum(keep) - 1
+    position = np.cumsum(keep) - 1
     corners = np.full((int(keep.sum()), int(counts.max()), 5), np.nan)
     for head, a, n in zip(heads, first, counts, strict=True):
-        own = order[a : a + n]
-        corners[place[head], :n] = values[own]
-        xy = values[own, :2]
+        of_image = order[a : a + n]
+        corners[position[head], :n] = values[of_image]
+        xy = values[of_image, :2]
         twice = pd.DataFrame(np.round(xy, 9)).duplicated().to_numpy()
         if twice.any():
-            raise refuse(int(own[twice][0]), "this corner is in its image twice", "corner")
+            raise refuse(int(of_image[twice][0]), "this corner is in its image twice", "corner")
         flat = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
         if n < FEWEST or flat[1] < 1e-3 * flat[0]:
             raise refuse(

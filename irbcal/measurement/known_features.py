@@ -84,12 +84,12 @@ def given_rows(features: TableLike) -> list[dict[str, str]]:
 
         source = str(features)
         try:
-            found = yaml.safe_load(read_bytes(features, MeasurementError).decode("utf-8"))
+            content = yaml.safe_load(read_bytes(features, MeasurementError).decode("utf-8"))
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise MeasurementError(f"expected YAML, found {str(error).splitlines()[0]}", file=source) from None
-        if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
+        if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
             raise MeasurementError("expected a list of features, each with feature and kind", file=source)
-        table = pd.DataFrame([{k: "" if v is None else str(v) for k, v in one.items()} for one in found]).fillna("")
+        table = pd.DataFrame([{k: "" if v is None else str(v) for k, v in row.items()} for row in content]).fillna("")
         return _rows_of(table, source)
     return _rows_of(*columns.read(features, ["feature", "kind"])[:2])
 
@@ -98,9 +98,9 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
     strange = [str(name) for name in cells.columns if name not in (*TEXT, *LENGTHS, *imaging.NUMBERS)]
     missing = [name for name in ("feature", "kind") if name not in cells.columns]
     if strange or missing:
-        what = f"there is a column {strange[0]}" if strange else f"missing column {missing[0]}"
+        problem = f"there is a column {strange[0]}" if strange else f"missing column {missing[0]}"
         raise MeasurementError(
-            f"{what}: features have the columns {', '.join((*TEXT, *LENGTHS, *imaging.NUMBERS))}",
+            f"{problem}: features have the columns {', '.join((*TEXT, *LENGTHS, *imaging.NUMBERS))}",
             file=source,
             row=columns.header_row(source),
         )
@@ -114,7 +114,7 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
     ]
 
 
-def filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: str) -> NameArray:
+def filled(pattern: str, cells: pd.DataFrame, row: Mapping[str, str], source: str) -> NameArray:
     """A name for each row of the measurements, from a pattern with columns in braces."""
     out = np.full(len(cells), pattern, dtype=object)
     for column in dict.fromkeys(BRACES.findall(pattern)):
@@ -122,8 +122,8 @@ def filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: st
             raise MeasurementError(
                 f"{pattern} asks for the column {column}, which {source} does not have: it has "
                 f"{columns.listed(list(cells.columns))}",
-                file=one["source"],
-                row=int(one["row"]),
+                file=row["source"],
+                row=int(row["row"]),
                 column="feature",
             )
         values = columns.names(cells, column, source)
@@ -132,59 +132,59 @@ def filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: st
 
 
 def known_features(
-    given: list[dict[str, str]], cells: pd.DataFrame, names: NameArray, source: str, name_of: str
+    rows: list[dict[str, str]], cells: pd.DataFrame, names: NameArray, source: str, name_of: str
 ) -> tuple[dict[str, Feature], tuple[Length, ...]]:
     """Features and lengths with all names filled in."""
-    known: dict[str, Feature] = {}
+    by_name: dict[str, Feature] = {}
     lengths: dict[str, Length] = {}
-    seen = set(names)
-    imaging.shared(given)
-    for one in given:
-        value = {name: float(one[name]) * MM if one.get(name) else None for name in LENGTHS}
-        if not one["feature"] or not one["kind"]:
-            raise MeasurementError("expected a feature and its kind", file=one["source"], row=int(one["row"]))
-        labels = filled(one["feature"], cells, one, source) if BRACES.search(one["feature"]) else [one["feature"]]
-        ends = [filled(one.get(name, ""), cells, one, source) for name in ("first", "second")]
-        if one["kind"] == DISTANCE:
+    measured = set(names)
+    imaging.shared(rows)
+    for row in rows:
+        value = {name: float(row[name]) * MM if row.get(name) else None for name in LENGTHS}
+        if not row["feature"] or not row["kind"]:
+            raise MeasurementError("expected a feature and its kind", file=row["source"], row=int(row["row"]))
+        labels = filled(row["feature"], cells, row, source) if BRACES.search(row["feature"]) else [row["feature"]]
+        ends = [filled(row.get(name, ""), cells, row, source) for name in ("first", "second")]
+        if row["kind"] == DISTANCE:
             length = value["length_mm"]
-            if length is None or length <= 0.0 or not one.get("first") or not one.get("second"):
+            if length is None or length <= 0.0 or not row.get("first") or not row.get("second"):
                 raise MeasurementError(
-                    "a distance needs first, second and length_mm", file=one["source"], row=int(one["row"])
+                    "a distance needs first, second and length_mm", file=row["source"], row=int(row["row"])
                 )
             triples = set(zip(labels if len(labels) > 1 else labels * len(cells), *ends, strict=True))
-            there = sorted(triple for triple in triples if triple[1] in seen and triple[2] in seen)
-            if not there and not any(BRACES.search(one[key]) for key in ("first", "second")):
-                lost = one["first"] if one["first"] not in seen else one["second"]
+            present = sorted(triple for triple in triples if triple[1] in measured and triple[2] in measured)
+            if not present and not any(BRACES.search(row[key]) for key in ("first", "second")):
+                lost = row["first"] if row["first"] not in measured else row["second"]
                 raise MeasurementError(
-                    f"no row is at {lost}, between which and another {one['feature']} is known",
-                    file=one["source"],
-                    row=int(one["row"]),
+                    f"no row is at {lost}, between which and another {row['feature']} is known",
+                    file=row["source"],
+                    row=int(row["row"]),
                 )
-            for label, first, second in there:
+            for label, first, second in present:
                 lengths[label] = Length(label, first, second, length, value["u95_mm"] or LENGTH_U95)
             continue
-        place = [value[f"{axis}_mm"] for axis in "xyz"]
-        if any(x is None for x in place) and any(x is not None for x in place):
-            raise MeasurementError("expected x_mm, y_mm and z_mm, all or none", file=one["source"], row=int(one["row"]))
-        centre = None if place[0] is None else np.array(place, dtype=float)
+        xyz = [value[f"{axis}_mm"] for axis in "xyz"]
+        if any(x is None for x in xyz) and any(x is not None for x in xyz):
+            raise MeasurementError("expected x_mm, y_mm and z_mm, all or none", file=row["source"], row=int(row["row"]))
+        centre = None if xyz[0] is None else np.array(xyz, dtype=float)
         for label in dict.fromkeys(labels):
-            known[label] = Feature(
+            by_name[label] = Feature(
                 label,
-                one["kind"],
-                one.get("target") or TARGET,
+                row["kind"],
+                row.get("target") or TARGET,
                 value["radius_mm"],
                 value["offset_mm"],
                 centre,
                 value["u95_mm"],
-                imaging.imaging_of(one) if one["kind"] in imaging.TARGETS else None,
+                imaging.imaging_of(row) if row["kind"] in imaging.TARGETS else None,
             )
-    return known, tuple(lengths.values())
+    return by_name, tuple(lengths.values())
 
 
 def numbers_of(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
     """A column as numbers that a robot cell can hold."""
     values = columns.numbers(cells, name, source, expected, lost)
-    most = columns.LARGEST_ANGLE_DEG if name.endswith("_deg") else columns.LARGEST_POSITION_MM
-    bounds = (name, -most, most, f"a number within ±{most:g}")
+    bound = columns.LARGEST_ANGLE_DEG if name.endswith("_deg") else columns.LARGEST_POSITION_MM
+    bounds = (name, -bound, bound, f"a number within ±{bound:g}")
     columns.refuse_outside(pd.DataFrame({"row": cells.index, name: values}), [bounds], source)
     return values

@@ -31,8 +31,8 @@ def last_moves(q: ArrayLike, groups: NameArray | None = None) -> FloatArray:
     change = np.vstack([np.full((min(len(q), 1), q.shape[1]), np.nan), np.diff(q, axis=0)])
     if groups is not None and len(q):
         change[np.r_[True, groups[1:] != groups[:-1]]] = np.nan
-    told = ~(np.abs(change) <= STILL)
-    last = np.maximum.accumulate(np.where(told, np.arange(len(q))[:, None], 0), axis=0)
+    moves_seen = ~(np.abs(change) <= STILL)
+    last = np.maximum.accumulate(np.where(moves_seen, np.arange(len(q))[:, None], 0), axis=0)
     return np.take_along_axis(change, last, axis=0)
 
 
@@ -58,14 +58,14 @@ def previous_stops(q: FloatArray, pose: IntArray, groups: NameArray) -> FloatArr
         that stand in several places of the file behind different poses.
     """
     first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])  # of each stretch of rows of one pose
-    stops, of = pose[first], groups[first]
-    before = np.full((len(stops), q.shape[1]), np.nan)
-    same = np.r_[False, of[1:] == of[:-1]]
-    before[same] = q[stops[np.flatnonzero(same) - 1]]
-    repeat = same & (np.abs(before - q[stops]) <= STILL).all(axis=1)
-    before = before[np.maximum.accumulate(np.where(repeat, 0, np.arange(len(stops))))]
+    stops, stop_groups = pose[first], groups[first]
+    previous = np.full((len(stops), q.shape[1]), np.nan)
+    same_group = np.r_[False, stop_groups[1:] == stop_groups[:-1]]
+    previous[same_group] = q[stops[np.flatnonzero(same_group) - 1]]
+    repeat = same_group & (np.abs(previous - q[stops]) <= STILL).all(axis=1)
+    previous = previous[np.maximum.accumulate(np.where(repeat, 0, np.arange(len(stops))))]
     out = np.full(q.shape, np.nan)
-    out[stops[::-1]] = before[::-1]  # the first stretch of each pose
-    unlike = (before != out[stops]).any(axis=1)
+    out[stops[::-1]] = previous[::-1]  # the first stretch of each pose
+    unlike = (previous != out[stops]).any(axis=1)
     out[stops[unlike]] = np.nan
     return out

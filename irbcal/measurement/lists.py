@@ -78,9 +78,9 @@ def first_rows(cells: pd.DataFrame, joints: Sequence[str], source: str) -> BoolA
     by_pose = cells[keys].apply(lambda column: column.str.strip())
     firsts = cells[list(joints)].groupby([by_pose[name] for name in keys], sort=False).transform("first")
     for name in joints:
-        other = (cells[name] != firsts[name]).to_numpy()
-        if other.any():
-            k = int(np.argmax(other))
+        differs = (cells[name] != firsts[name]).to_numpy()
+        if differs.any():
+            k = int(np.argmax(differs))
             raise MeasurementError(
                 f"expected the joints of the pose's first row ({firsts[name].iloc[k]}), found {cells[name].iloc[k]!r}",
                 file=source,

@@ -33,14 +33,14 @@ def torque_columns(names: Iterable[str], source: str) -> list[str]:
         If they are not for the joints of the joint columns.
     """
     names = list(names)
-    found = [name for name in names if _TORQUE.fullmatch(name)]
+    present = [name for name in names if _TORQUE.fullmatch(name)]
     expected = [f"tau{k}_nm" for k in range(1, len(joint_columns(names)) + 1)]
-    if not found or set(found) == set(expected):
-        return expected if found else []
-    wrong = [name for name in expected if name not in found] or [name for name in found if name not in expected]
+    if not present or set(present) == set(expected):
+        return expected if present else []
+    wrong = [name for name in expected if name not in present] or [name for name in present if name not in expected]
     raise MeasurementError(
         f"column {wrong[0]}: torques are for all joints (tau1_nm … tau{len(expected)}_nm) or for none, found "
-        f"{listed(found)}",
+        f"{listed(present)}",
         file=source,
         row=header_row(source),
     )
@@ -55,15 +55,15 @@ def place_columns(names: Iterable[str], source: str) -> list[str]:
         If some are missing, or there is no column payload_kg.
     """
     names = list(names)
-    found = [name for name in PLACE if name in names]
+    present = [name for name in PLACE if name in names]
     missing = [name for name in (MASS, *PLACE) if name not in names]
-    if found and missing:
+    if present and missing:
         raise MeasurementError(
             f"missing column {missing[0]}: a payload has a mass and all three of {', '.join(PLACE)}",
             file=source,
             row=header_row(source),
         )
-    return found
+    return present
 
 
 def check(table: pd.DataFrame, source: str) -> None:

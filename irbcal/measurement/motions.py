@@ -40,39 +40,39 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
         If several loads were carried and it is not told where which.
     """
     first = shared(measurements).groupby("pose_index", sort=True)["pose"].first().astype(str)
-    stop, mine = near.numbered((first.to_numpy(), measurements.joints()), (points.pose_ids.astype(str), points.q))
-    size = max(stop.max(initial=-1), mine.max(initial=-1)) + 1
-    known = np.bincount(stop, minlength=size)
-    elapsed = (np.bincount(stop, np.arange(len(stop)), minlength=size) / np.maximum(known, 1))[mine]
-    load, place = payload_of(points, measurements.source)
-    return Motion(points.q, points.moves(), elapsed, load, not measurements.programmed, place, points.torques)
+    stop, number = near.numbered((first.to_numpy(), measurements.joints()), (points.pose_ids.astype(str), points.q))
+    size = max(stop.max(initial=-1), number.max(initial=-1)) + 1
+    count = np.bincount(stop, minlength=size)
+    elapsed = (np.bincount(stop, np.arange(len(stop)), minlength=size) / np.maximum(count, 1))[number]
+    load, centre = payload_of(points, measurements.source)
+    return Motion(points.q, points.moves(), elapsed, load, not measurements.programmed, centre, points.torques)
 
 
-def times_of(whole: Sequence[PointSet], known: Sequence[tuple[PointSet, Motion]]) -> list[FloatArray | None]:
+def times_of(sets: Sequence[PointSet], timed: Sequence[tuple[PointSet, Motion]]) -> list[FloatArray | None]:
     """When poses were measured, from those of which it is known.
 
     Parameters
     ----------
-    whole : sequence of PointSet
+    sets : sequence of PointSet
         In the order of measuring.
-    known : sequence of (PointSet, Motion)
+    timed : sequence of (PointSet, Motion)
         Poses with their times.
 
     Returns
     -------
     list of ndarray, shape (n,), or None
-        One for each of ``whole``: poses that are not known lie between their neighbours; None where none is known.
+        One for each of ``sets``: poses that are not known lie between their neighbours; None where none is known.
     """
-    told_of = [(points, motion.elapsed) for points, motion in known if motion.elapsed is not None]
-    number = near.numbered(*(_identities(points) for points in (*whole, *(points for points, _ in told_of))))
-    times = np.full(1 + max((part.max(initial=-1) for part in number), default=-1), np.nan)
-    for part, (_, elapsed) in zip(number[len(whole) :], told_of, strict=True):
-        times[part] = elapsed
+    told_of = [(points, motion.elapsed) for points, motion in timed if motion.elapsed is not None]
+    number = near.numbered(*(_identities(points) for points in (*sets, *(points for points, _ in told_of))))
+    times = np.full(1 + max((numbers_of_set.max(initial=-1) for numbers_of_set in number), default=-1), np.nan)
+    for numbers, (_, elapsed) in zip(number[len(sets) :], told_of, strict=True):
+        times[numbers] = elapsed
     out: list[FloatArray | None] = []
-    for part in number[: len(whole)]:
-        found = times[part]
-        told = np.flatnonzero(np.isfinite(found))
-        out.append(np.interp(np.arange(len(found)), told, found[told]) if len(told) else None)
+    for numbers in number[: len(sets)]:
+        time = times[numbers]
+        rows = np.flatnonzero(np.isfinite(time))
+        out.append(np.interp(np.arange(len(time)), rows, time[rows]) if len(rows) else None)
     return out
 
 
@@ -92,10 +92,10 @@ def usual_load(loads: FloatArray | None) -> float | None:
     """
     if loads is None or not np.isfinite(loads).any():
         return None
-    told = loads[np.isfinite(loads)]
-    values, count = np.unique(told, return_counts=True)
+    finite = loads[np.isfinite(loads)]
+    values, count = np.unique(finite, return_counts=True)
     often = values[count == count.max()]
-    return float(next(load for load in told[::-1] if load in often))
+    return float(next(load for load in finite[::-1] if load in often))
 
 
 def payload_of(points: PointSet, source: str) -> tuple[FloatArray | None, FloatArray | None]:
@@ -112,7 +112,7 @@ def payload_of(points: PointSet, source: str) -> tuple[FloatArray | None, FloatA
     MeasurementError
         If several loads were carried and it is not told where which.
     """
-    load, place = points.payload_kg, points.payload_place
+    load, centre = points.payload_kg, points.payload_place
     if load is None:
         return None, None
     gaps = ~np.isfinite(load)
@@ -126,13 +126,13 @@ def payload_of(points: PointSet, source: str) -> tuple[FloatArray | None, FloatA
                 column="payload_kg",
             )
         load = np.full(len(load), loads[0]) if len(loads) else None
-    if load is None or place is None:
+    if load is None or centre is None:
         return load, None
-    gaps = np.asarray(~np.isfinite(place).all(axis=1))
+    gaps = np.asarray(~np.isfinite(centre).all(axis=1))
     if (gaps & (load > 0.0)).any():
         raise MeasurementError(
             f"pose {points.pose_ids[gaps & (load > 0.0)][0]} has a payload without a place",
             file=source,
             column=tuple(PLACE),
         )
-    return load, np.where(gaps[:, None], 0.0, place)
+    return load, np.where(gaps[:, None], 0.0, centre)

@@ -111,8 +111,8 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     if points.poses < FEWEST:
         return None
     if points.poses > MOST_POSES:
-        some = np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
-        return moved(points.select(some), residuals[some[points.pose]], R_world_base, seed)
+        sample = np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
+        return moved(points.select(sample), residuals[sample[points.pose]], R_world_base, seed)
     starts = np.flatnonzero(np.diff(places(points), prepend=-1))  # repeats in a row show one error of the robot
     if len(starts) < FEWEST:
         return None
@@ -121,16 +121,16 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     H, g, yy = _sums(stop, points.xyz - middle, residuals, len(starts))
     jump, k = _jump(H, g, yy)
     drift, motion = _drift(H, g, yy)
-    rss, alone = min(jump, drift), yy.sum() - _explained(H.sum(axis=0)[None], g.sum(axis=0)[None])[0]
-    if not alone > 0.0 or rss > SMALLER**2 * alone or _by_chance(H, g, yy, rss / alone, seed):
+    rss, constant = min(jump, drift), yy.sum() - _explained(H.sum(axis=0)[None], g.sum(axis=0)[None])[0]
+    if not constant > 0.0 or rss > SMALLER**2 * constant or _by_chance(H, g, yy, rss / constant, seed):
         return None
     count = 3 * len(residuals)
-    sizes = float(np.sqrt(3.0 * alone / count)), float(np.sqrt(3.0 * rss / count))
+    sizes = float(np.sqrt(3.0 * constant / count)), float(np.sqrt(3.0 * rss / count))
     # a drift is a row of small jumps: it is called so unless a jump explains clearly more
     if drift <= 1.1 * jump:
         shift = motion[:3]
         return Moved("drift", "", shift, R_world_base.T @ shift, float(np.linalg.norm(motion[3:])), *sizes)
-    first, second = (np.linalg.solve(_firm(H[part].sum(axis=0)), g[part].sum(axis=0)) for part in _parts(k))
+    first, second = (np.linalg.solve(_firm(H[half].sum(axis=0)), g[half].sum(axis=0)) for half in _parts(k))
     change = second - first
     turn = float(np.linalg.norm(change[3:]))
     return Moved("jump", str(points.pose_ids[starts[k]]), change[:3], R_world_base.T @ change[:3], turn, *sizes)
@@ -152,9 +152,9 @@ def moved_notes(points: PointSet, robot: Robot, warmth: FloatArray | None = None
     residuals = residuals if warmth is None else residuals - warmth
     sessions = np.zeros(points.poses) if points.session is None else np.asarray(points.session)
     for session in dict.fromkeys(sessions.tolist()):
-        mine = sessions == session
-        found = moved(points.select(mine), residuals[mine[points.pose]], robot.T_world_base[:3, :3])
-        out += [] if found is None else [str(sentence) for sentence in found.told()]
+        of_session = sessions == session
+        change = moved(points.select(of_session), residuals[of_session[points.pose]], robot.T_world_base[:3, :3])
+        out += [] if change is None else [str(sentence) for sentence in change.told()]
     return out
 
 
@@ -170,12 +170,12 @@ def _sums(pose: IntArray, arm: FloatArray, residuals: FloatArray, n: int) -> tup
         i, j = (axis + 1) % 3, (axis + 2) % 3
         A[:, j, 3 + axis], A[:, i, 3 + axis] = arm[:, i], -arm[:, j]
     order = np.argsort(pose, kind="stable")
-    seen, first = np.unique(pose[order], return_index=True)
+    poses, first = np.unique(pose[order], return_index=True)
     H, g, yy = np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n)
     A, residuals = A[order], residuals[order]
-    H[seen] = np.add.reduceat(A.transpose(0, 2, 1) @ A, first)
-    g[seen] = np.add.reduceat(np.einsum("mca,mc->ma", A, residuals), first)
-    yy[seen] = np.add.reduceat((residuals**2).sum(axis=1), first)
+    H[poses] = np.add.reduceat(A.transpose(0, 2, 1) @ A, first)
+    g[poses] = np.add.reduceat(np.einsum("mca,mc->ma", A, residuals), first)
+    yy[poses] = np.add.reduceat((residuals**2).sum(axis=1), first)
     return H, g, yy
 
 
@@ -202,9 +202,9 @@ def _drift(H: FloatArray, g: FloatArray, yy: FloatArray) -> tuple[float, FloatAr
     """Sum of squares with a motion that grows evenly, and that motion from the first to the last pose."""
     t = np.linspace(-0.5, 0.5, len(H))
     with_time = np.einsum("n,nab->ab", t, H)
-    both = np.block([[H.sum(axis=0), with_time], [with_time, np.einsum("n,nab->ab", t * t, H)]])
+    normal = np.block([[H.sum(axis=0), with_time], [with_time, np.einsum("n,nab->ab", t * t, H)]])
     right = np.concatenate([g.sum(axis=0), t @ g])
-    motion = np.linalg.solve(_firm(both), right)
+    motion = np.linalg.solve(_firm(normal), right)
     return float(yy.sum() - right @ motion), motion[6:]
 
 

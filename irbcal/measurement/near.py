@@ -29,9 +29,9 @@ def pairs(x: FloatArray, radius: float) -> IntArray:
     if len(x) ** 2 <= FEW:
         close = np.all(np.abs(x[:, None] - x) <= radius, axis=2)
         return np.argwhere(np.triu(close, 1))
-    found = _in_order(x, radius)
-    if found is not None:
-        return found
+    pairs_found = _in_order(x, radius)
+    if pairs_found is not None:
+        return pairs_found
     from scipy.spatial import cKDTree
 
     return cKDTree(x).query_pairs(radius, p=np.inf, output_type="ndarray")
@@ -46,21 +46,21 @@ def _in_order(x: FloatArray, radius: float) -> IntArray | None:
     if count.sum() > NEIGHBOURS * len(x):
         return None
     second = x[order, columns[1 % len(columns)]]
-    found, row, step = [np.zeros((0, 2), dtype=int)], np.flatnonzero(count), 1
+    blocks, row, step = [np.zeros((0, 2), dtype=int)], np.flatnonzero(count), 1
     while len(row):  # each row with the one so many places behind it
         close = row[np.abs(second[row + step] - second[row]) <= radius]
-        one, other = order[close], order[close + step]
-        close = np.all(np.abs(x[one] - x[other]) <= radius, axis=1)
-        found.append(np.column_stack([one[close], other[close]]))
+        first, other = order[close], order[close + step]
+        close = np.all(np.abs(x[first] - x[other]) <= radius, axis=1)
+        blocks.append(np.column_stack([first[close], other[close]]))
         step += 1
         row = row[count[row] >= step]
-    return np.concatenate(found)
+    return np.concatenate(blocks)
 
 
 def _telling(x: FloatArray) -> list[int]:
     """Columns, those first whose values tell most rows apart."""
-    some = x[:: max(1, len(x) // LOOKED_AT)]
-    return sorted(range(x.shape[1]), key=lambda k: -len(np.unique(some[:, k])))
+    sample = x[:: max(1, len(x) // LOOKED_AT)]
+    return sorted(range(x.shape[1]), key=lambda k: -len(np.unique(sample[:, k])))
 
 
 def numbered(*tables: tuple[NameArray, FloatArray]) -> list[IntArray]:
@@ -81,8 +81,8 @@ def numbered(*tables: tuple[NameArray, FloatArray]) -> list[IntArray]:
     names = np.concatenate([np.asarray(name, dtype=object) for name, _ in tables])
     values = np.concatenate([np.asarray(value, dtype=float) for _, value in tables])
     number = pd.factorize(names)[0].astype(np.int64)
-    whole = _by_key(values)
-    for column in values.T if whole is None else [whole]:
+    key = _by_key(values)
+    for column in values.T if key is None else [key]:
         codes, uniques = pd.factorize(column, use_na_sentinel=False)
         number = pd.factorize(number * np.int64(len(uniques)) + codes)[0]
     ends = np.cumsum([len(name) for name, _ in tables])[:-1]
@@ -144,14 +144,14 @@ def within(x: FloatArray, to: FloatArray, period: FloatArray) -> BoolArray:
 def connected(n: int, edges: IntArray) -> IntArray:
     """Which of n things hang together by edges (m, 2): the number of each thing's part."""
     if len(edges) * 8 <= FEW:
-        part = np.arange(n)
+        label = np.arange(n)
         while True:
-            smaller = np.minimum(part[edges[:, 0]], part[edges[:, 1]])
-            before = part.copy()
-            np.minimum.at(part, edges.ravel(), np.repeat(smaller, 2))
-            part = part[part]
-            if np.array_equal(part, before):
-                return part
+            smaller = np.minimum(label[edges[:, 0]], label[edges[:, 1]])
+            previous = label.copy()
+            np.minimum.at(label, edges.ravel(), np.repeat(smaller, 2))
+            label = label[label]
+            if np.array_equal(label, previous):
+                return label
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

@@ -39,8 +39,8 @@ def shown_share(robot: Robot, points: PointSet) -> tuple[float, float]:
     if not size > 0.0:
         return 0.0, np.inf
     share = float(np.sum(d * e)) / size
-    left = np.bincount(points.pose, np.sum(d * (e - share * d), axis=1), points.poses)
-    return share, float(np.linalg.norm(left)) / size
+    residual = np.bincount(points.pose, np.sum(d * (e - share * d), axis=1), points.poses)
+    return share, float(np.linalg.norm(residual)) / size
 
 
 def with_last_moves(robot: Robot, points: PointSet) -> tuple[PointSet, list[str]]:
@@ -62,8 +62,8 @@ def with_last_moves(robot: Robot, points: PointSet) -> tuple[PointSet, list[str]
     """
     if not robot.joint_map.has_history or not len(points):
         return points, []
-    known = points.known_moves
-    if not known:
+    count = points.known_moves
+    if not count:
         return points, [
             "The calibration knows what the last move of each joint changes, but the moves before these poses are "
             "not known: errors are those of unknown last moves."
@@ -77,6 +77,6 @@ def with_last_moves(robot: Robot, points: PointSet) -> tuple[PointSet, list[str]
         ]
     means = [np.linalg.norm(p.xyz - p.predicted(robot), axis=1).mean() / MM for p in (points, without)]
     return points, [
-        f"The order of the file tells the last move before {known} of {points.poses} poses, and the calibrated robot's "
+        f"The order of the file tells the last move before {count} of {points.poses} poses, and the calibrated robot's "
         f"errors are those with it: {means[0]:.3f} mm mean; with last moves unknown it would be {means[1]:.3f} mm."
     ]

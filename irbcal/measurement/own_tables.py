@@ -16,19 +16,19 @@ class OwnTables:
     """
 
     def __post_init__(self) -> None:
-        own: dict[str, Any] = {}
+        tables: dict[str, Any] = {}
         for field in fields(self):  # type: ignore[arg-type]  # those who inherit are dataclasses
             if isinstance(self.__dict__[field.name], pd.DataFrame):
-                own[field.name] = self.__dict__.pop(field.name).copy()
-        self.__dict__["_own"] = own
+                tables[field.name] = self.__dict__.pop(field.name).copy()
+        self.__dict__["_own"] = tables
 
     if not TYPE_CHECKING:  # the fields are declared by those who inherit
 
         def __getattr__(self, name: str) -> pd.DataFrame:
             """Tables are kept under another name, so each access to one ends here."""
-            own = self.__dict__.get("_own", {})
-            if name in own:
-                return own[name].copy()
+            tables = self.__dict__.get("_own", {})
+            if name in tables:
+                return tables[name].copy()
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
 

@@ -58,8 +58,8 @@ def of_joints(q: FloatArray, names: np.ndarray | None = None) -> IntArray:
     between = between[between[:, 0] != between[:, 1]]
     if not len(between) and len(single) == n:
         return np.arange(n)
-    found = near.connected(len(single), between)[copy_of]
-    _, first, number = np.unique(found, return_index=True, return_inverse=True)
+    label = near.connected(len(single), between)[copy_of]
+    _, first, number = np.unique(label, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=int)
     rank[np.argsort(first)] = np.arange(len(first))
     return rank[number.ravel()]
@@ -90,15 +90,15 @@ def copies(points: PointSet) -> int:
     alike = np.flatnonzero((target[1:] == target[:-1]) & (xyz[1:] == xyz[:-1]).all(axis=1))
     if not len(alike):
         return 0
-    mine = np.unique([alike, alike + 1])
-    rows = np.column_stack([points.q[pose[mine]], target[mine], xyz[mine]])
+    candidates = np.unique([alike, alike + 1])
+    rows = np.column_stack([points.q[pose[candidates]], target[candidates], xyz[candidates]])
     return len(rows) - len(np.unique(rows, axis=0))
 
 
 def notes(points: PointSet) -> list[str]:
     """What the user should know of repeats and of copied rows, in sentences."""
-    found = places(points)
-    count = int(found.max(initial=-1)) + 1
+    label = places(points)
+    count = int(label.max(initial=-1)) + 1
     out = []
     if count < points.poses:
         out.append(

@@ -81,12 +81,12 @@ def parse(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd
 
 def floats(text: pd.Series) -> FloatArray | None:
     """Numbers of a column of text that pyarrow holds; None where it does not, or a cell is no plain number."""
-    held = getattr(text.array, "__arrow_array__", None)
-    if held is None or not isinstance(text.dtype, pd.StringDtype) or text.dtype.storage != "pyarrow":
+    to_arrow = getattr(text.array, "__arrow_array__", None)
+    if to_arrow is None or not isinstance(text.dtype, pd.StringDtype) or text.dtype.storage != "pyarrow":
         return None
     import pyarrow as pa
 
     try:
-        return np.asarray(held().cast(pa.float64()))
+        return np.asarray(to_arrow().cast(pa.float64()))
     except pa.ArrowInvalid:
         return None

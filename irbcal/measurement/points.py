@@ -168,13 +168,13 @@ class PointSet(Speaks):
     def select(self, keep: BoolArray) -> PointSet:
         """The poses that a mask of shape (n,) keeps, with their points."""
         keep = np.asarray(keep, dtype=bool)
-        rest = self.take(keep[self.pose])
+        points = self.take(keep[self.pose])
         number = np.cumsum(keep) - 1
         load: dict[str, Any] = {k: None if value is None else value[keep] for k, value in self.load().items()}
         return replace(
-            rest,
+            points,
             q=self.q[keep],
-            pose=number[rest.pose],
+            pose=number[points.pose],
             pose_ids=self.pose_ids[keep],
             groups=self.groups[keep],
             previous=None if self.previous is None else self.previous[keep],
@@ -197,9 +197,9 @@ class PointSet(Speaks):
 
     def with_seen_targets(self) -> PointSet:
         """The same points without names of targets that none of them has."""
-        seen = np.unique(self.target)
-        names = tuple(self.target_names[k] for k in seen)
-        return replace(self, target=np.searchsorted(seen, self.target), target_names=names)
+        used = np.unique(self.target)
+        names = tuple(self.target_names[k] for k in used)
+        return replace(self, target=np.searchsorted(used, self.target), target_names=names)
 
     def without_empty_poses(self) -> PointSet:
         """The same points without poses that have none."""
@@ -237,13 +237,13 @@ class PointSet(Speaks):
         counts = np.bincount(self.target, minlength=len(self.target_names))
         targets = ", ".join(f"{name} {count}" for name, count in zip(self.target_names, counts, strict=True))
         turned = f", {int(self.oriented().sum())} of them with orientation" if self.rotation is not None else ""
-        told: list[Told] = [f"{len(self)} points of {self.poses} poses{turned}; targets: {targets}"]
+        lines: list[Told] = [f"{len(self)} points of {self.poses} poses{turned}; targets: {targets}"]
         groups = [str(name) for name in self.groups]
         if any(groups):
             of_points = [groups[k] for k in self.pose]
             rows = tuple((name, groups.count(name), of_points.count(name)) for name in dict.fromkeys(groups))
-            told.append(Table("Groups", ("group", "poses", "points"), rows))
-        return told
+            lines.append(Table("Groups", ("group", "poses", "points"), rows))
+        return lines
 
 
 def distances(robot: Robot, points: PointSet) -> FloatArray:
@@ -281,8 +281,8 @@ def rotation_distances(robot: Robot, points: PointSet) -> FloatArray:
     ndarray, shape (o,)
         Radians, for the points that carry an orientation and whose target frame the robot knows.
     """
-    known = np.isin(points.names().astype(str), list(robot.target_rotations))
-    rows = np.flatnonzero(points.oriented() & known)
+    has_R = np.isin(points.names().astype(str), list(robot.target_rotations))
+    rows = np.flatnonzero(points.oriented() & has_R)
     if points.rotation is None or not len(rows):
         return np.zeros(0)
     return frames.rotation_distance(points.predicted_rotations(robot)[rows], points.rotation[rows])

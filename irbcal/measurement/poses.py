@@ -51,16 +51,16 @@ def as_poses(
             f"a full pose needs three targets on the tool, found {', '.join(points.target_names)}", file=source
         )
     every = np.ones(len(points), dtype=bool)
-    seen = by_pose(points.pose, points.names(), points.xyz, every, points.target_names)
-    found = register(seen, points.target_names, source, shape, what="targets")
-    if found is None:
+    measured = by_pose(points.pose, points.names(), points.xyz, every, points.target_names)
+    registration = register(measured, points.target_names, source, shape, plural="targets")
+    if registration is None:
         raise MeasurementError("a full pose needs three targets on the tool; no pose saw three at a time", file=source)
-    T_world_shape = frames.inverse(found.T_frame_pose[found.own])
-    centre = np.mean(list(found.references.values()), axis=0)
-    n = int(found.own.sum())
-    rest = points.select(found.own)
+    T_world_shape = frames.inverse(registration.T_frame_pose[registration.own])
+    centre = np.mean(list(registration.references.values()), axis=0)
+    n = int(registration.own.sum())
+    registered = points.select(registration.own)
     poses = replace(
-        rest,
+        registered,
         pose=np.arange(n),
         target=np.zeros(n, dtype=int),
         xyz=T_world_shape[:, :3, :3] @ centre + T_world_shape[:, :3, 3],
@@ -68,7 +68,7 @@ def as_poses(
         rotation=T_world_shape[:, :3, :3],
         u95=None,
     )
-    return poses, found.references
+    return poses, registration.references
 
 
 def in_frame_of(
@@ -108,5 +108,5 @@ def in_frame_of(
     except ValueError as error:
         raise MeasurementError(f"{', '.join(names)}: {error}", file=source) from None
     rotation = None if points.rotation is None else T[:3, :3] @ points.rotation
-    places = {name: frames.apply(T, place[None])[0] for name, place in references.items()}
-    return replace(points, xyz=frames.apply(T, points.xyz), rotation=rotation), places
+    references_moved = {name: frames.apply(T, xyz[None])[0] for name, xyz in references.items()}
+    return replace(points, xyz=frames.apply(T, points.xyz), rotation=rotation), references_moved

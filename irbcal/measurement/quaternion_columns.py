@@ -40,9 +40,9 @@ def check(table: pd.DataFrame, source: str) -> None:
     bad = (given.any(axis=1) & ~given.all(axis=1)) | (given.all(axis=1) & (np.abs(norm - 1) > 1e-3))
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
-        found = ", ".join(f"{value:g}" for value in q[k])
+        numbers = ", ".join(f"{value:g}" for value in q[k])
         raise MeasurementError(
-            f"expected a unit quaternion or nothing, found {found}",
+            f"expected a unit quaternion or nothing, found {numbers}",
             file=source,
             row=int(table["row"].iloc[k]),
             column=QUATERNION,

@@ -87,8 +87,8 @@ class ReadingLag(Speaks):
         The rule: at least `ENOUGH` poses with a factor, half of them or more with readings behind the command (none
         ahead), and the other joints foretell at least the share `SHOWN` of the variance.
         """
-        known = self.factor[np.isfinite(self.factor)]
-        return len(known) >= ENOUGH and float(np.median(known)) > 0.0 and self.foretold_by_others >= SHOWN
+        finite = self.factor[np.isfinite(self.factor)]
+        return len(finite) >= ENOUGH and float(np.median(finite)) > 0.0 and self.foretold_by_others >= SHOWN
 
     def notes(self, source: str) -> list[str]:
         """What the user of a file should know, in sentences.
@@ -106,12 +106,12 @@ class ReadingLag(Speaks):
         if not self.difference.any():
             return [f"{takes}; its joint readings are equal to them."]
         size = np.abs(self.difference) / joint_units(self.columns)
-        parts = []
+        sizes = []
         for unit, ending in (("degrees", "_deg"), ("mm", "_mm")):
-            mine = [name.endswith(ending) for name in self.columns]
-            if any(mine):
-                parts.append(f"{size[:, mine].max():.2g} {unit} (median {np.median(size[:, mine]):.2g})")
-        notes = [f"{takes}; its joint readings differ by up to {' and '.join(parts)}."]
+            columns = [name.endswith(ending) for name in self.columns]
+            if any(columns):
+                sizes.append(f"{size[:, columns].max():.2g} {unit} (median {np.median(size[:, columns]):.2g})")
+        notes = [f"{takes}; its joint readings differ by up to {' and '.join(sizes)}."]
         if np.isfinite(self.foretold_by_others):
             shares = ", ".join("–" if np.isnan(share) else f"{100 * share:.0f}" for share in self.explained)
             verdict = VERDICT if self.before_standstill else f"it is not shown that {VERDICT}"
@@ -195,22 +195,22 @@ def reading_lag(
     fresh = np.r_[True, np.zeros(len(commands) - 1, dtype=bool) if groups is None else groups[1:] != groups[:-1]]
     D = np.diff(commands, axis=0, prepend=commands[:1]) / units
     e = difference / units
-    known = ~fresh & D.any(axis=1)
+    lagging = ~fresh & D.any(axis=1)
     factor = np.full(len(e), np.nan)
-    e, D = e[known], D[known]
+    e, D = e[lagging], D[lagging]
     squares, product = D**2, e * D
-    factor[known] = -product.sum(axis=1) / squares.sum(axis=1)
-    left = e + factor[known][:, None] * D
-    others = squares.sum(axis=1, keepdims=True) - squares
-    counts: BoolArray = (others > 0.0) & (others >= BESIDE**2 * squares)
-    foretold = (product.sum(axis=1, keepdims=True) - product) / np.where(counts, others, 1.0) * D
+    factor[lagging] = -product.sum(axis=1) / squares.sum(axis=1)
+    residual = e + factor[lagging][:, None] * D
+    rest_squares = squares.sum(axis=1, keepdims=True) - squares
+    counts: BoolArray = (rest_squares > 0.0) & (rest_squares >= BESIDE**2 * squares)
+    foretold = (product.sum(axis=1, keepdims=True) - product) / np.where(counts, rest_squares, 1.0) * D
     slope, interval = _slopes(e, foretold, counts)
     return ReadingLag(
         tuple(columns),
         difference,
         factor,
-        np.array([_share(e[:, j], left[:, j]) for j in range(e.shape[1])]),
-        _share(e, left),
+        np.array([_share(e[:, j], residual[:, j]) for j in range(e.shape[1])]),
+        _share(e, residual),
         np.array([_share(e[m, j], (e - foretold)[m, j]) for j, m in enumerate(counts.T)]),
         _share(e[counts], (e - foretold)[counts]),
         slope,
@@ -248,10 +248,10 @@ def mixed_use(made_from_programmed: bool, programmed: bool, source: str) -> list
     return []
 
 
-def _share(values: FloatArray, left: FloatArray) -> float:
+def _share(values: FloatArray, residual: FloatArray) -> float:
     """Share of the values' variance about zero that is not left; NaN without any."""
     total = float((values**2).sum())
-    return 1.0 - float((left**2).sum()) / total if total > 0.0 else float("nan")
+    return 1.0 - float((residual**2).sum()) / total if total > 0.0 else float("nan")
 
 
 def _slopes(e: FloatArray, foretold: FloatArray, counts: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -268,8 +268,8 @@ def _slopes(e: FloatArray, foretold: FloatArray, counts: BoolArray) -> tuple[Flo
 
 
 def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else float("nan")
 
 
 def _known(value: float) -> float | None:

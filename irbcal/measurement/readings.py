@@ -59,12 +59,12 @@ def read(
 def _refuse_absurd(table: pd.DataFrame, source: str) -> None:
     """Refuse numbers whose squares cannot be computed with."""
     for name in [name for name in table.columns if name != "row" and table[name].dtype.kind == "f"]:
-        most = columns.LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_NUMBER
-        bad = (table[name].abs() > most).to_numpy()
+        bound = columns.LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_NUMBER
+        bad = (table[name].abs() > bound).to_numpy()
         if bad.any():
             row, value = int(table["row"][bad].iloc[0]), table[name][bad].iloc[0]
             raise MeasurementError(
-                f"expected a number within ±{most:g}, found {value:g}", file=source, row=row, column=name
+                f"expected a number within ±{bound:g}, found {value:g}", file=source, row=row, column=name
             )
 
 
@@ -83,19 +83,19 @@ def read_points(
     MeasurementError
         As `read`, or if all points are lost.
     """
-    found = read(table, numbers, labels, (*POSITION, *optional))
-    source = found.attrs["source"]
-    missing = [name for name in POSITION if name not in found.columns]
+    readings_ = read(table, numbers, labels, (*POSITION, *optional))
+    source = readings_.attrs["source"]
+    missing = [name for name in POSITION if name not in readings_.columns]
     if missing:
         row = columns.header_row(source)
         raise MeasurementError(f"missing column {', '.join(missing)}", file=source, row=row)
-    lost = columns.lost_points(found[POSITION].to_numpy())
+    lost = columns.lost_points(readings_[POSITION].to_numpy())
     if lost.all():
         raise MeasurementError("every point is lost", file=source)
-    attrs = found.attrs | {"lost": int(lost.sum())}
-    found = found[~lost].reset_index(drop=True)
-    found.attrs.update(attrs)
-    return found
+    attrs = readings_.attrs | {"lost": int(lost.sum())}
+    readings_ = readings_[~lost].reset_index(drop=True)
+    readings_.attrs.update(attrs)
+    return readings_
 
 
 def rotations(table: pd.DataFrame) -> FloatArray | None:

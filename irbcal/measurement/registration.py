@@ -74,7 +74,7 @@ class Registration(Speaks):
 
     def told(self) -> Sequence[Told]:
         """How well the references agree, and their places."""
-        rows = tuple((name, *(place / MM).tolist()) for name, place in self.references.items())
+        rows = tuple((name, *(xyz / MM).tolist()) for name, xyz in self.references.items())
         return [
             f"{int(self.own.sum())} of {len(self.own)} poses saw three of {len(self.references)} references; residual "
             f"{self.residual / MM:.4f} mm rms, largest shift {self.largest_shift / MM:.4f} mm",
@@ -83,25 +83,25 @@ class Registration(Speaks):
 
 
 def register(
-    seen: FloatArray,
+    measured: FloatArray,
     names: Sequence[str],
     source: str,
-    places: Mapping[str, FloatArray] | None = None,
-    what: str = "reference points",
+    references: Mapping[str, FloatArray] | None = None,
+    plural: str = "reference points",
 ) -> Registration | None:
     """Rigid motion of every pose from its reference points (Nubiola 2011, section 7.1: the arbitrary base).
 
     Parameters
     ----------
-    seen : ndarray, shape (n, k, 3)
+    measured : ndarray, shape (n, k, 3)
         References as measured in each pose, metres; NaN where not seen.
     names : sequence of str, length k
     source : str
         File name for messages.
-    places : dict of str to ndarray, optional
+    references : dict of str to ndarray, optional
         Places of the references in an earlier calibration, to register to; by default the common places in
         these data.
-    what : str
+    plural : str
         What the points are called in messages.
 
     Returns
@@ -114,53 +114,57 @@ def register(
     MeasurementError
         If the references lie on a line: the rotation about it would be unknown.
     """
-    if places is not None:
-        use = [k for k, name in enumerate(names) if name in places]
-        seen, names = seen[:, use], [names[k] for k in use]
-    visible = np.asarray(np.isfinite(seen).all(axis=2))
-    own = visible.sum(axis=1) >= 3
-    if not own.any():
+    if references is not None:
+        use = [k for k, name in enumerate(names) if name in references]
+        measured, names = measured[:, use], [names[k] for k in use]
+    visible = np.asarray(np.isfinite(measured).all(axis=2))
+    registered = visible.sum(axis=1) >= 3
+    if not registered.any():
         return None
-    common = _common_places(seen, visible, own) if places is None else np.array([places[name] for name in names])
-    known = np.isfinite(common).all(axis=1)
-    visible = visible & known
-    own = visible.sum(axis=1) >= 3
-    spread = np.linalg.svd(common[known] - common[known].mean(axis=0), compute_uv=False)
+    common = (
+        _common_places(measured, visible, registered)
+        if references is None
+        else np.array([references[name] for name in names])
+    )
+    seen_often = np.isfinite(common).all(axis=1)
+    visible = visible & seen_often
+    registered = visible.sum(axis=1) >= 3
+    spread = np.linalg.svd(common[seen_often] - common[seen_often].mean(axis=0), compute_uv=False)
     if spread[1] < 0.02 * spread[0]:
         raise MeasurementError(
-            f"the {what} {', '.join(names)} lie on a line: the rotation about it is unknown", file=source
+            f"the {plural} {', '.join(names)} lie on a line: the rotation about it is unknown", file=source
         )
-    T = _motions(seen, visible, own, common)
-    error = _moved(T[own], seen[own]) - common
+    T = _motions(measured, visible, registered, common)
+    error = _moved(T[registered], measured[registered]) - common
     residual = float(np.sqrt(np.nanmean(np.sum(error**2, axis=2))))
-    places = {name: place for name, place, ok in zip(names, common, known, strict=True) if ok}
-    return Registration(places, _interpolated(T, own), own, residual)
+    references = {name: xyz for name, xyz, ok in zip(names, common, seen_often, strict=True) if ok}
+    return Registration(references, _interpolated(T, registered), registered, residual)
 
 
 def _moved(T: FloatArray, points: FloatArray) -> FloatArray:
     return np.einsum("nij,nkj->nki", T[:, :3, :3], points) + T[:, None, :3, 3]
 
 
-def _common_places(seen: FloatArray, visible: BoolArray, own: BoolArray) -> FloatArray:
+def _common_places(measured: FloatArray, visible: BoolArray, registered: BoolArray) -> FloatArray:
     """Mean place of each reference once all poses are laid over one another (generalised Procrustes).
 
     The iteration starts from the middle of the poses as measured; where the tracker changed its station, so
     that there is no such middle, from the pose that saw most references. References that no registered pose
     saw stay NaN.
     """
-    fullest = np.flatnonzero(own)[np.argmax(visible[own].sum(axis=1))]
-    middle = np.full(seen.shape[1:], np.nan)
-    for k in np.flatnonzero(visible[own].any(axis=0)):
-        middle[k] = np.median(seen[own & visible[:, k], k], axis=0)
-    common = middle.copy() if _same_shape(middle, seen[fullest]) else seen[fullest].copy()
+    fullest = np.flatnonzero(registered)[np.argmax(visible[registered].sum(axis=1))]
+    middle = np.full(measured.shape[1:], np.nan)
+    for k in np.flatnonzero(visible[registered].any(axis=0)):
+        middle[k] = np.median(measured[registered & visible[:, k], k], axis=0)
+    common = middle.copy() if _same_shape(middle, measured[fullest]) else measured[fullest].copy()
     # converges at once where every pose saw every reference, slowly where each saw different ones
-    for _ in range(min(1000, max(50, 2_000_000 // len(seen)))):
+    for _ in range(min(1000, max(50, 2_000_000 // len(measured)))):
         usable = visible & np.isfinite(common).all(axis=1)
         enough = usable.sum(axis=1) >= 3
-        places = _moved(_motions(seen, usable, enough, common), seen)
-        found = np.isfinite(places).all(axis=2).any(axis=0)
+        points = _moved(_motions(measured, usable, enough, common), measured)
+        usual = np.isfinite(points).all(axis=2).any(axis=0)
         new = np.full_like(common, np.nan)
-        new[found] = np.nanmean(places[:, found], axis=0)
+        new[usual] = np.nanmean(points[:, usual], axis=0)
         change = np.nanmax(np.abs(new - common)) if np.array_equal(np.isnan(new), np.isnan(common)) else np.inf
         common = new
         if change < 1e-12:
@@ -169,35 +173,35 @@ def _common_places(seen: FloatArray, visible: BoolArray, own: BoolArray) -> Floa
     return frames.apply(frames.rigid_fit(common[ok], middle[ok]), common)
 
 
-def _same_shape(places: FloatArray, other: FloatArray, tolerance: float = 5e-3) -> bool:
+def _same_shape(first: FloatArray, second: FloatArray, tolerance: float = 5e-3) -> bool:
     """Whether two sets of points have the same distances, within 5 mm, where both are known."""
-    both = np.isfinite(places).all(axis=1) & np.isfinite(other).all(axis=1)
-    distances = [np.linalg.norm(p[both][:, None] - p[both], axis=2) for p in (places, other)]
+    common = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
+    distances = [np.linalg.norm(p[common][:, None] - p[common], axis=2) for p in (first, second)]
     return bool(np.abs(distances[0] - distances[1]).max() < tolerance)
 
 
-def _motions(seen: FloatArray, visible: BoolArray, own: BoolArray, common: FloatArray) -> FloatArray:
+def _motions(measured: FloatArray, visible: BoolArray, registered: BoolArray, common: FloatArray) -> FloatArray:
     """Rigid motions of the poses with three references, one batch for each pattern of visibility."""
-    T = np.full((len(seen), 4, 4), np.nan)
+    T = np.full((len(measured), 4, 4), np.nan)
     patterns, which = np.unique(visible, axis=0, return_inverse=True)
     which = which.ravel()
     for k, pattern in enumerate(patterns):
-        rows = np.flatnonzero((which == k) & own)
+        rows = np.flatnonzero((which == k) & registered)
         if len(rows):
             target = np.broadcast_to(common[pattern], (len(rows), pattern.sum(), 3))
-            T[rows] = frames.rigid_fit(seen[rows][:, pattern], target)
+            T[rows] = frames.rigid_fit(measured[rows][:, pattern], target)
     return T
 
 
-def _interpolated(T: FloatArray, own: BoolArray) -> FloatArray:
+def _interpolated(T: FloatArray, registered: BoolArray) -> FloatArray:
     """Fill poses without their own registration linearly between their neighbours in time."""
-    if own.all():
+    if registered.all():
         return T
-    at, have = np.arange(len(T)), np.flatnonzero(own)
-    vectors = np.column_stack([frames.vector_from_rotation(T[own, :3, :3]), T[own, :3, 3]])
-    filled = np.column_stack([np.interp(at[~own], have, column) for column in vectors.T])
+    at, have = np.arange(len(T)), np.flatnonzero(registered)
+    vectors = np.column_stack([frames.vector_from_rotation(T[registered, :3, :3]), T[registered, :3, 3]])
+    filled = np.column_stack([np.interp(at[~registered], have, column) for column in vectors.T])
     T = T.copy()
-    T[~own] = np.eye(4)
-    T[~own, :3, :3] = frames.rotation_from_vector(filled[:, :3])
-    T[~own, :3, 3] = filled[:, 3:]
+    T[~registered] = np.eye(4)
+    T[~registered, :3, :3] = frames.rotation_from_vector(filled[:, :3])
+    T[~registered, :3, 3] = filled[:, 3:]
     return T

@@ -24,9 +24,9 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 
 OF_POSES = tuple(
-    item.name
-    for item in fields(PointSet)
-    if item.name
+    column.name
+    for column in fields(PointSet)
+    if column.name
     not in ("q", "pose", "target", "xyz", "target_names", "pose_ids", "groups", "rotation", "u95", "session")
 )
 """Optional fields of a point set with a row for each pose."""
@@ -69,9 +69,9 @@ def sessions_of(measurements: MeasurementSet, by: str | None = None) -> list[tup
     if (label == "").all():
         return [("", measurements)]
     for k in np.flatnonzero((label == "") | label.str.contains(MARK, regex=False)):
-        found = repr(label.iloc[k]) if label.iloc[k] else "nothing"
+        label_found = repr(label.iloc[k]) if label.iloc[k] else "nothing"
         raise MeasurementError(
-            f"expected the name of a session without {MARK}, found {found}",
+            f"expected the name of a session without {MARK}, found {label_found}",
             file=measurements.source,
             row=int(table["row"].iloc[k]),
             column=name,
@@ -84,45 +84,45 @@ def sessions_of(measurements: MeasurementSet, by: str | None = None) -> list[tup
             row=int(table["row"].iloc[k]),
             column=name,
         )
-    parts = []
+    sets = []
     for session in dict.fromkeys(label):
-        mine = table[label == session].reset_index(drop=True)
-        mine["pose_index"] = pd.factorize(mine["pose_index"])[0]
-        parts.append((str(session), replace(measurements, table=mine)))
-    return parts
+        rows = table[label == session].reset_index(drop=True)
+        rows["pose_index"] = pd.factorize(rows["pose_index"])[0]
+        sets.append((str(session), replace(measurements, table=rows)))
+    return sets
 
 
-def joined(parts: Sequence[tuple[str, PointSet]]) -> PointSet:
+def joined(sessions: Sequence[tuple[str, PointSet]]) -> PointSet:
     """Points of several sessions as one set: each in its own frame, targets by names of their own.
 
     Parameters
     ----------
-    parts : sequence of (name, PointSet)
+    sessions : sequence of (name, PointSet)
         The last one's targets keep their names. A single one is returned as it is.
 
     Returns
     -------
     PointSet
     """
-    if len(parts) == 1:
-        return parts[0][1]
-    names = list(dict.fromkeys(name for _, points in parts for name in points.target_names))
-    sets = [points for _, points in parts]
-    before = np.cumsum([0, *(points.poses for points in sets)])
+    if len(sessions) == 1:
+        return sessions[0][1]
+    names = list(dict.fromkeys(name for _, points in sessions for name in points.target_names))
+    sets = [points for _, points in sessions]
+    first_pose = np.cumsum([0, *(points.poses for points in sets)])
     whole = PointSet(
         np.concatenate([points.q for points in sets]),
-        np.concatenate([points.pose + start for points, start in zip(sets, before, strict=False)]),
+        np.concatenate([points.pose + start for points, start in zip(sets, first_pose, strict=False)]),
         np.concatenate([np.array([names.index(n) for n in p.target_names], dtype=int)[p.target] for p in sets]),
         np.concatenate([points.xyz for points in sets]),
         tuple(names),
         np.concatenate([np.asarray(points.pose_ids, dtype=object) for points in sets]),
         np.concatenate([points.groups for points in sets]),
-        session=_labels([(name, points.poses) for name, points in parts]),
+        session=_labels([(name, points.poses) for name, points in sessions]),
         **{name: _stacked([(getattr(p, name), len(p)) for p in sets]) for name in ("rotation", "u95")},
         **{name: _stacked([(getattr(p, name), p.poses) for p in sets]) for name in OF_POSES},
     )
     assert whole.session is not None
-    return own_targets(whole, whole.session, parts[-1][0])
+    return own_targets(whole, whole.session, sessions[-1][0])
 
 
 def _labels(counts: Sequence[tuple[str, int]]) -> NameArray:
@@ -131,14 +131,14 @@ def _labels(counts: Sequence[tuple[str, int]]) -> NameArray:
 
 def _stacked(values: Sequence[tuple[FloatArray | None, int]]) -> Any:
     """Arrays with their lengths one behind the other, NaN for those that are absent; None if all are."""
-    known = [value for value, _ in values if value is not None]
-    if not known:
+    present = [value for value, _ in values if value is not None]
+    if not present:
         return None
-    tail = known[0].shape[1:]
+    tail = present[0].shape[1:]
     return np.concatenate([np.full((n, *tail), np.nan) if value is None else value for value, n in values])
 
 
-def into_one_frame(points: PointSet, T_world_base: FloatArray, others: Mapping[str, FloatArray]) -> PointSet:
+def into_one_frame(points: PointSet, T_world_base: FloatArray, bases: Mapping[str, FloatArray]) -> PointSet:
     """Points of all sessions in the measuring frame of the last one.
 
     Parameters
@@ -147,7 +147,7 @@ def into_one_frame(points: PointSet, T_world_base: FloatArray, others: Mapping[s
         Each pose in its session's own measuring frame.
     T_world_base : ndarray, shape (4, 4)
         Base in the measuring frame of the last session.
-    others : dict of str to ndarray, shape (4, 4)
+    bases : dict of str to ndarray, shape (4, 4)
         Base in the measuring frame of each other session.
 
     Returns
@@ -158,7 +158,7 @@ def into_one_frame(points: PointSet, T_world_base: FloatArray, others: Mapping[s
     if points.session is None:
         return points
     T = np.tile(np.eye(4), (points.poses, 1, 1))
-    for name, base in others.items():
+    for name, base in bases.items():
         T[points.session == name] = T_world_base @ frames.inverse(base)
     T = T[points.pose]
     xyz = np.einsum("mij,mj->mi", T[:, :3, :3], points.xyz) + T[:, :3, 3]

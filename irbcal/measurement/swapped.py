@@ -26,12 +26,12 @@ CLOSER = 0.2
 """Share of that distance to which an exchange must bring it."""
 
 
-def by_shape(seen: FloatArray) -> list[tuple[int, IntArray]]:
+def by_shape(measured: FloatArray) -> list[tuple[int, IntArray]]:
     """Poses whose targets have the distances of most other poses once their names are exchanged.
 
     Parameters
     ----------
-    seen : ndarray, shape (n, k, 3)
+    measured : ndarray, shape (n, k, 3)
         Targets on a rigid tool as measured in each pose, metres; NaN where not seen.
 
     Returns
@@ -39,11 +39,11 @@ def by_shape(seen: FloatArray) -> list[tuple[int, IntArray]]:
     list of (pose, order)
         ``order[k]`` is the target that is called ``k`` in this pose.
     """
-    n, k, _ = seen.shape
+    n, k, _ = measured.shape
     if not 3 <= k <= MOST_TARGETS or n < 3:
         return []
     i, j = np.triu_indices(k, 1)
-    D = np.stack([np.linalg.norm(seen[:, a] - seen[:, b], axis=1) for a, b in zip(i, j, strict=True)])
+    D = np.stack([np.linalg.norm(measured[:, a] - measured[:, b], axis=1) for a, b in zip(i, j, strict=True)])
     full = np.flatnonzero(np.isfinite(D).all(axis=0))
     if len(full) < 3:
         return []
@@ -55,13 +55,13 @@ def by_shape(seen: FloatArray) -> list[tuple[int, IntArray]]:
     tried = np.unique(np.linspace(0, len(full) - 1, CANDIDATES).astype(int))
     alike = np.array([np.count_nonzero(off_from(D[:, c]) < SAME) for c in tried])
     shape = np.median(D[:, off_from(D[:, tried[np.argmax(alike)]]) < SAME], axis=1)
-    whole = np.zeros((k, k))
-    whole[i, j] = whole[j, i] = shape
+    distances = np.zeros((k, k))
+    distances[i, j] = distances[j, i] = shape
     out = []
     for row in np.flatnonzero(off_from(shape) > OTHER):
         p = full[row]
         orders = [np.array(order) for order in permutations(range(k))]
-        off = [np.abs(D[:, row] - whole[np.ix_(order, order)][i, j]).max() for order in orders]
+        off = [np.abs(D[:, row] - distances[np.ix_(order, order)][i, j]).max() for order in orders]
         if min(off) < SAME:
             out.append((int(p), orders[int(np.argmin(off))]))
     return out
@@ -78,39 +78,39 @@ def by_robot(robot: Robot, points: PointSet) -> list[tuple[int, IntArray]]:
     far = np.flatnonzero(worst > FAR)
     if not len(far):
         return []
-    part = points.select(np.isin(np.arange(points.poses), far))
+    far_points = points.select(np.isin(np.arange(points.poses), far))
     # where each pose's points would be expected, were they any of the targets: (poses, targets, 3)
-    n = part.poses
+    n = far_points.poses
     every = PointSet(
-        part.q,
+        far_points.q,
         np.repeat(np.arange(n), k),
         np.tile(np.arange(k), n),
         np.zeros((n * k, 3)),
-        part.target_names,
-        part.pose_ids,
-        part.groups,
-        previous=part.previous,
+        far_points.target_names,
+        far_points.pose_ids,
+        far_points.groups,
+        previous=far_points.previous,
     )
     expected = every.predicted(robot).reshape(n, k, 3)
     measured = np.full((n, k, 3), np.nan)
-    measured[part.pose, part.target] = part.xyz
+    measured[far_points.pose, far_points.target] = far_points.xyz
     best = worst[far] * CLOSER
-    found = np.full((n, k), -1)
-    for other in permutations(range(k)):
-        off = np.linalg.norm(measured - expected[:, other], axis=2)
+    best_order = np.full((n, k), -1)
+    for permutation in permutations(range(k)):
+        off = np.linalg.norm(measured - expected[:, permutation], axis=2)
         largest: FloatArray = np.where(np.isfinite(off), off, 0.0).max(axis=1)
-        mine = largest < best
-        best[mine] = largest[mine]
-        found[mine] = other
-    return [(int(far[row]), found[row]) for row in np.flatnonzero(found[:, 0] >= 0)]
+        improved = largest < best
+        best[improved] = largest[improved]
+        best_order[improved] = permutation
+    return [(int(far[row]), best_order[row]) for row in np.flatnonzero(best_order[:, 0] >= 0)]
 
 
-def in_words(found: Sequence[tuple[object, IntArray]], names: Sequence[str]) -> list[str]:
+def in_words(swaps: Sequence[tuple[object, IntArray]], names: Sequence[str]) -> list[str]:
     """Sentences on exchanged names.
 
     Parameters
     ----------
-    found : sequence of (pose, order)
+    swaps : sequence of (pose, order)
         Names of the poses, and as `by_shape`.
     names : sequence of str
         Of the targets.
@@ -121,15 +121,15 @@ def in_words(found: Sequence[tuple[object, IntArray]], names: Sequence[str]) -> 
         One for each exchange.
     """
     by_order: dict[tuple[int, ...], list[str]] = {}
-    for pose, order in found:
+    for pose, order in swaps:
         by_order.setdefault(tuple(order.tolist()), []).append(str(pose))
     out = []
     for change, poses in by_order.items():
-        moved = [k for k, other in enumerate(change) if other != k]
+        moved = [k for k, target in enumerate(change) if target != k]
         if len(moved) == 2:
-            what = f"{names[moved[0]]} and {names[moved[1]]} are swapped"
+            mixed = f"{names[moved[0]]} and {names[moved[1]]} are swapped"
         else:
-            what = f"{', '.join(names[k] for k in moved)} are in truth {', '.join(names[change[k]] for k in moved)}"
+            mixed = f"{', '.join(names[k] for k in moved)} are in truth {', '.join(names[change[k]] for k in moved)}"
         first = f"pose {poses[0]}" if len(poses) == 1 else f"{len(poses)} poses ({poses[0]} to {poses[-1]})"
-        out.append(f"{what} in {first}: correct their names in the file.")
+        out.append(f"{mixed} in {first}: correct their names in the file.")
     return out

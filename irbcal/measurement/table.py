@@ -152,13 +152,13 @@ class MeasurementSet(OwnTables, Speaks):
         MeasurementError
             The sentence names the columns.
         """
-        expected, found = arm.joint_columns, self.joint_columns
-        if expected != found:
-            missing = [name for name in expected if name not in found]
-            which = f"missing column {', '.join(missing)}" if missing else f"there is a column {found[len(expected)]}"
+        expected, actual = arm.joint_columns, self.joint_columns
+        if expected != actual:
+            missing = [name for name in expected if name not in actual]
+            which = f"missing column {', '.join(missing)}" if missing else f"there is a column {actual[len(expected)]}"
             raise MeasurementError(
                 f"{which}: {arm.name} has {len(expected)} joints between the links {arm.base_link} and {arm.tip_link} "
-                f"(--base-link, --tip-link) with the columns {expected[0]} … {expected[-1]}, found {', '.join(found)}",
+                f"(--base-link, --tip-link) with the columns {expected[0]} … {expected[-1]}, found {', '.join(actual)}",
                 file=self.source,
                 row=columns.header_row(self.source),
             )
@@ -167,16 +167,16 @@ class MeasurementSet(OwnTables, Speaks):
         """Mass carried at each pose, shape (n,), kg, NaN where not given; None without a column payload_kg."""
         if "payload_kg" not in self._rows.columns:
             return None
-        found = self._rows.groupby("pose_index", sort=True)["payload_kg"].first().to_numpy(dtype=float)
-        return found if np.isfinite(found).any() else None
+        loads = self._rows.groupby("pose_index", sort=True)["payload_kg"].first().to_numpy(dtype=float)
+        return loads if np.isfinite(loads).any() else None
 
     def payload_places(self) -> FloatArray | None:
         """Centre of the payload in the tip link at each pose, shape (n, 3), metres; None without columns."""
         names = load_columns.place_columns(self._rows.columns, self.source)
         if not names:
             return None
-        found = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy(dtype=float) * MM
-        return found if np.isfinite(found).any() else None
+        centres = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy(dtype=float) * MM
+        return centres if np.isfinite(centres).any() else None
 
     def torques(self) -> FloatArray | None:
         """Measured torques of the joints at each pose, shape (n, joints), N m; None without columns tau1_nm …."""
@@ -204,25 +204,25 @@ class MeasurementSet(OwnTables, Speaks):
     def to_frame(self) -> pd.DataFrame:
         """The table in the columns of a measurement file (degrees and millimetres), for `read` or ``to_csv``."""
         first = ["pose", *self.joint_columns, *self.programmed_columns, "target", *POSITION]
-        rest = [name for name in self._rows.columns if name not in (*first, "row", "pose_index")]
-        return self._rows[[*first, *rest]].copy()
+        others = [name for name in self._rows.columns if name not in (*first, "row", "pose_index")]
+        return self._rows[[*first, *others]].copy()
 
     def told(self) -> Sequence[Told]:
         """Counts of rows, poses and lost points; tables of targets, of groups and of programmed joints."""
         lost = np.isnan(self.positions()).any(axis=1)
         counts = f"{len(self)} rows, {self.poses} poses, {int(lost.sum())} lost points"
         text = f"{self.source}: {counts}{', SIMULATED' if self.simulated else ''}"
-        seen = pd.DataFrame({"target": self._rows["target"], "reference": self.is_reference(), "lost": lost})
+        rows = pd.DataFrame({"target": self._rows["target"], "reference": self.is_reference(), "lost": lost})
         targets = tuple(
-            (str(name), "reference" if mine["reference"].any() else "tool", len(mine), int(mine["lost"].sum()))
-            for name, mine in seen.groupby("target", sort=True)
+            (str(name), "reference" if group["reference"].any() else "tool", len(group), int(group["lost"].sum()))
+            for name, group in rows.groupby("target", sort=True)
         )
-        told: list[Told] = [text, Table("Targets", ("target", "fixed to", "rows", "lost"), targets)]
+        lines: list[Told] = [text, Table("Targets", ("target", "fixed to", "rows", "lost"), targets)]
         if "group" in self._rows.columns:
             counted = self._rows.groupby("group", sort=False)["pose_index"].nunique()
-            told.append(Table("Groups", ("group", "poses"), tuple((str(name), int(n)) for name, n in counted.items())))
+            lines.append(Table("Groups", ("group", "poses"), tuple((str(name), int(n)) for name, n in counted.items())))
         lag = self.reading_lag()
-        return told if lag is None else [*told, *lag.told()]
+        return lines if lag is None else [*lines, *lag.told()]
 
 
 @runtime_checkable
@@ -281,12 +281,12 @@ def _with_proposal(error: MeasurementError, source: TableLike) -> MeasurementErr
 
     if isinstance(source, pd.DataFrame) or error.row != 1 or Path(source).suffix == ".parquet":
         return error
-    line = proposed(Path(source).read_bytes(), str(source))
-    if line is None:
+    command = proposed(Path(source).read_bytes(), str(source))
+    if command is None:
         return error
-    words = str(error).removeprefix(str(MeasurementError("", file=error.file, row=error.row, column=error.column)))
+    message = str(error).removeprefix(str(MeasurementError("", file=error.file, row=error.row, column=error.column)))
     return MeasurementError(
-        f"{words.removeprefix(': ')}; a file of another program is imported, check names and units: {line}",
+        f"{message.removeprefix(': ')}; a file of another program is imported, check names and units: {command}",
         file=error.file,
         row=error.row,
         column=error.column,
@@ -354,16 +354,16 @@ def _pose_index(table: pd.DataFrame, source: str) -> IntArray:
     index = pd.factorize(key)[0]
     first = np.unique(index, return_index=True)[1]
     programmed = columns.programmed_columns(table.columns, source)
-    for names, what in ((columns.joint_columns(table.columns), "joints"), (programmed, "programmed joints")):
+    for names, kind in ((columns.joint_columns(table.columns), "joints"), (programmed, "programmed joints")):
         if names:
-            _check_same(table, names, what, first[index], source)
+            _check_same(table, names, kind, first[index], source)
     for name in ("payload_kg", *load_columns.PLACE):
         if name in table.columns:
             _check_same(table, [name], "payload", first[index], source)
     return index
 
 
-def _check_same(table: pd.DataFrame, names: list[str], what: str, first: IntArray, source: str) -> None:
+def _check_same(table: pd.DataFrame, names: list[str], kind: str, first: IntArray, source: str) -> None:
     """Refuse a row whose joints are not those of its pose's first row."""
     joints = table[names].to_numpy()
     differ = np.abs(joints - joints[first]).max(axis=1) > 1e-6
@@ -371,7 +371,7 @@ def _check_same(table: pd.DataFrame, names: list[str], what: str, first: IntArra
         k = int(np.flatnonzero(differ)[0])
         joint = int(np.argmax(np.abs(joints[k] - joints[first[k]])))
         raise MeasurementError(
-            f"expected the {what} of pose {table['pose'][k]} as in row {table['row'][first[k]]}, "
+            f"expected the {kind} of pose {table['pose'][k]} as in row {table['row'][first[k]]}, "
             f"found {joints[k, joint]:g}",
             file=source,
             row=int(table["row"][k]),

@@ -79,13 +79,13 @@ def as_calibrated(
         If no reflector's place is known.
     """
     rows = _loads(measurements)
-    own = {name.rpartition("@")[2] for name in targets if "@" in name and name.endswith("kg")}
-    if rows is None or not own:
+    loads_named = {name.rpartition("@")[2] for name in targets if "@" in name and name.endswith("kg")}
+    if rows is None or not loads_named:
         return measurements, []
-    known = np.array([f"{load:g}kg" in own for load in rows])
-    strange = np.isfinite(rows) & ~known
+    in_calibration = np.array([f"{load:g}kg" in loads_named for load in rows])
+    strange = np.isfinite(rows) & ~in_calibration
     strange &= (rows != usual_kg) if usual_kg is not None else False
-    out = _renamed(measurements, rows, known if same_tool else known | strange)
+    out = _renamed(measurements, rows, in_calibration if same_tool else in_calibration | strange)
     loads = ", ".join(f"{load:g}" for load in np.unique(rows[strange]))
     if not loads or any_target:
         return out, []
@@ -143,8 +143,8 @@ def check(measurements: MeasurementSet, averaged: bool, options: LoadOptions) ->
     IrbcalError
         The sentence names the option.
     """
-    for name, given in (("payload_place", options.payload_place is not None), ("torques", options.torques)):
-        if given and not averaged:
+    for name, is_set in (("payload_place", options.payload_place is not None), ("torques", options.torques)):
+        if is_set and not averaged:
             raise OptionError(f"{name}: only model auto knows the load: leave it out", parameter=name)
     if options.torques and measurements.torques() is None:
         raise MeasurementError(
@@ -184,11 +184,11 @@ def _loads(measurements: MeasurementSet) -> FloatArray | None:
     return None if loads is None else loads[shared(measurements)["pose_index"].to_numpy()]
 
 
-def _renamed(measurements: MeasurementSet, loads: FloatArray, mine: np.ndarray) -> MeasurementSet:
+def _renamed(measurements: MeasurementSet, loads: FloatArray, rows: np.ndarray) -> MeasurementSet:
     table = measurements.table
-    mine = mine & ~measurements.is_reference()
+    rows = rows & ~measurements.is_reference()
     names = table["target"].to_numpy(dtype=object)
     table["target"] = [
-        of_load(str(name), load) if new else name for name, load, new in zip(names, loads, mine, strict=True)
+        of_load(str(name), load) if new else name for name, load, new in zip(names, loads, rows, strict=True)
     ]
     return replace(measurements, table=table)

@@ -211,10 +211,10 @@ class Arm:
         if far.any():
             row, joint = np.argwhere(far)[0]
             slides = self.table.prismatic[joint]
-            found, wanted = ("millimetres", "metres") if slides else ("degrees", "radians")
+            unit, unit_expected = ("millimetres", "metres") if slides else ("degrees", "radians")
             raise RobotError(
-                f"joints of {self.name} are expected in {wanted}, found {q[row, joint]:.6g} for "
-                f"{self.joint_names[joint]}: these look like {found}",
+                f"joints of {self.name} are expected in {unit_expected}, found {q[row, joint]:.6g} for "
+                f"{self.joint_names[joint]}: these look like {unit}",
                 parameter="q",
             )
         return q

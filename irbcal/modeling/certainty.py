@@ -138,21 +138,21 @@ class Certainty:
         """Which poses have a joint outside the ranges of the fit, shape (n,)."""
         return np.asarray(self.beyond(q).any(axis=1))
 
-    def outside_in_words(self, q: FloatArray, what: str = "poses") -> str:
+    def outside_in_words(self, q: FloatArray, noun: str = "poses") -> str:
         """How many poses lie outside, in which joints and by how much; an empty text where none does."""
         beyond = self.beyond(q)
         count = int(beyond.any(axis=1).sum())
         if not count:
             return ""
         units, slides = self.nominal.joint_units, self.nominal.table.prismatic
-        words = [
+        ranges = [
             f"{self.nominal.joint_names[j]} in {n} by up to {beyond[:, j].max() / units[j]:.1f} "
             f"{'mm' if slides[j] else 'degrees'}"
             for j, n in enumerate((beyond > 0.0).sum(axis=0))
             if n
         ]
         return (
-            f"{count} of {len(q)} {what} lie outside the joint ranges of the calibration's fit ({', '.join(words)}): "
+            f"{count} of {len(q)} {noun} lie outside the joint ranges of the calibration's fit ({', '.join(ranges)}): "
             "the calibration is extrapolated there, and errors can be far larger."
         )
 
@@ -184,7 +184,7 @@ class Certainty:
         return loo
 
     def spread(
-        self, path: chain.Walk, p: FloatArray, motion: Motion, known: BoolArray, target: str | None
+        self, path: chain.Walk, p: FloatArray, motion: Motion, has_move: BoolArray, target: str | None
     ) -> FloatArray:
         """Covariance of points of the tool, one a pose, from that of the parameters.
 
@@ -195,7 +195,7 @@ class Certainty:
         p : ndarray, shape (3, n)
             In the base link, metres.
         motion : Motion
-        known : ndarray of bool, shape (n,)
+        has_move : ndarray of bool, shape (n,)
             Where the last move is known.
         target : str or None
             The reflector; None for points of the tip in the base link, which neither base nor targets move.
@@ -205,17 +205,17 @@ class Certainty:
         ndarray, shape (n, 3, 3)
             In the base link, m^2.
         """
-        J = self.jacobian(path, p, motion, known, target)
+        J = self.jacobian(path, p, motion, has_move, target)
         CJ = (self.covariance @ J.reshape(len(J), -1)).reshape(J.shape)
         spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
         history = np.flatnonzero([t.basis in HISTORY for t in self.terms])
-        if len(history) and not known.all():
-            H = J[len(J) - len(self.terms) + history][..., ~known] * self.coefficients[history, None, None]
-            spread[~known] += np.einsum("kin,kjn->nij", H, H)
+        if len(history) and not has_move.all():
+            H = J[len(J) - len(self.terms) + history][..., ~has_move] * self.coefficients[history, None, None]
+            spread[~has_move] += np.einsum("kin,kjn->nij", H, H)
         return spread
 
     def jacobian(
-        self, path: chain.Walk, p: FloatArray, motion: Motion, known: BoolArray, target: str | None
+        self, path: chain.Walk, p: FloatArray, motion: Motion, has_move: BoolArray, target: str | None
     ) -> FloatArray:
         """Derivative of points of the tool, one a pose, by the robot's parameters; arguments as for `spread`.
 
@@ -235,11 +235,11 @@ class Certainty:
                 J[slot : slot + 3] = path.tip[:3]
         values = basis_values(self.terms, Situation(self.nominal, motion, self.gravity))
         history = np.array([t.basis in HISTORY for t in self.terms], dtype=bool)
-        values[np.ix_(history, ~known)] = 1.0
+        values[np.ix_(history, ~has_move)] = 1.0
         constant = np.array([t.basis == "constant" for t in self.terms], dtype=bool)
-        for part in (True, False):
-            rows = np.flatnonzero(constant == part)
-            columns = chain.point_columns(path, p, np.arange(n), part)
+        for is_constant in (True, False):
+            rows = np.flatnonzero(constant == is_constant)
+            columns = chain.point_columns(path, p, np.arange(n), is_constant)
             J[flat + rows] = term_columns([self.terms[k] for k in rows], columns, values[rows], np.arange(n))
         return J
 
@@ -248,7 +248,7 @@ class Certainty:
         walk: Callable[[Motion], chain.Walk],
         q: ArrayLike,
         previous: ArrayLike | None,
-        place: FloatArray,
+        point: FloatArray,
         target: str | None,
         T_world_base: FloatArray,
         in_order: bool = False,
@@ -264,7 +264,7 @@ class Certainty:
             Commanded joints, radians (metres for prismatic joints).
         previous : array_like, shape (n, joints), optional
             The stop before each; rows with NaN are not known.
-        place : ndarray, shape (3,)
+        point : ndarray, shape (3,)
             In the tip link, metres.
         target : str or None
             Which reflector it is; None for a point of the tip, which is predicted in the base link.
@@ -284,7 +284,7 @@ class Certainty:
             If leave-one-out residuals are not known or not determined.
         """
         loo = self.determined_left_out(target, in_order)
-        position, covariance, outside = self.positions(walk, q, previous, place, target, T_world_base, load)
+        position, covariance, outside = self.positions(walk, q, previous, point, target, T_world_base, load)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         return Prediction(position, covariance, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0), outside)
 
@@ -293,13 +293,13 @@ class Certainty:
         walk: Callable[[Motion], chain.Walk],
         q: ArrayLike,
         previous: ArrayLike | None,
-        place: FloatArray,
+        point: FloatArray,
         target: str | None,
         T_world_base: FloatArray,
         load: Mapping[str, FloatArray | None] | None = None,
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Positions (n, 3), their covariance (n, 3, 3) and which poses are outside; parameters as `predict`."""
-        motion, known = _motion(q, previous)
+        motion, has_move = _motion(q, previous)
         loaded: dict[str, Any] = dict(load or {})
         motion = replace(motion, **loaded)
         T = np.eye(4) if target is None else T_world_base
@@ -307,11 +307,11 @@ class Certainty:
         position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
         for start in range(0, len(motion), BLOCK):
             rows = slice(start, start + BLOCK)
-            part = motion.select(rows)
-            path = walk(part)
-            p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], place)
+            block = motion.select(rows)
+            path = walk(block)
+            p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], point)
             position[rows] = p.T @ R.T + T[:3, 3]
-            covariance[rows] = R @ self.spread(path, p, part, known[rows], target) @ R.T
+            covariance[rows] = R @ self.spread(path, p, block, has_move[rows], target) @ R.T
         return position, covariance, self.outside(motion.q)
 
 
@@ -321,5 +321,5 @@ def _motion(q: ArrayLike, previous: ArrayLike | None) -> tuple[Motion, BoolArray
     if previous is None:
         return Motion(q), np.zeros(len(q), dtype=bool)
     move = q - np.asarray(previous, dtype=float)
-    known = np.asarray(np.isfinite(move).all(axis=1))
-    return Motion(q, np.where(known[:, None], move, 0.0)), known
+    has_move = np.asarray(np.isfinite(move).all(axis=1))
+    return Motion(q, np.where(has_move[:, None], move, 0.0)), has_move

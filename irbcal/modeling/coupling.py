@@ -23,12 +23,12 @@ LARGEST = 10.0
 EXPECTED = "expected terms such as 3+2 (joint 2 is added to the controller's joint 3), 6-0.5*5, or a matrix"
 
 
-def matrix(given: object, joints: int, source: str | None = None) -> FloatArray | None:
+def matrix(value: object, joints: int, source: str | None = None) -> FloatArray | None:
     """The matrix of a coupling, as people write it.
 
     Parameters
     ----------
-    given : str, array_like of shape (joints, joints), or None
+    value : str, array_like of shape (joints, joints), or None
         ``3+2``; several terms with commas between them, each with a factor at will: ``3+2, 6-0.5*5``.
     joints : int
         Of the arm.
@@ -45,39 +45,39 @@ def matrix(given: object, joints: int, source: str | None = None) -> FloatArray 
     RobotError
         If it is not understood, or cannot be turned around.
     """
-    if given is None:
+    if value is None:
         return None
-    C = _of_terms(given, joints, source) if isinstance(given, str) else _of_rows(given, joints, source)
+    C = _of_terms(value, joints, source) if isinstance(value, str) else _of_rows(value, joints, source)
     if np.linalg.cond(C) > 1e3:
         raise RobotError("coupling: the matrix cannot be inverted", file=source, parameter="coupling")
     return None if np.array_equal(C, np.eye(joints)) else C
 
 
-def _of_terms(given: str, joints: int, source: str | None) -> FloatArray:
+def _of_terms(text: str, joints: int, source: str | None) -> FloatArray:
     C: FloatArray = np.eye(joints)
-    for term in filter(None, (part.strip() for part in given.split(","))):
-        found = re.fullmatch(r"(\d{1,2})\s*([+-])\s*(?:(\d{1,2}(?:\.\d{1,9})?)\s*\*\s*)?(\d{1,2})", term)
-        if found is None:
+    for term in filter(None, (term_text.strip() for term_text in text.split(","))):
+        match = re.fullmatch(r"(\d{1,2})\s*([+-])\s*(?:(\d{1,2}(?:\.\d{1,9})?)\s*\*\s*)?(\d{1,2})", term)
+        if match is None:
             raise RobotError(f"coupling: {EXPECTED}, found {shown(term)}", file=source, parameter="coupling")
-        to, by = int(found[1]), int(found[4])
+        to, by = int(match[1]), int(match[4])
         if not (1 <= to <= joints and 1 <= by <= joints and to != by):
             raise RobotError(
                 f"coupling: expected two different joints from 1 to {joints}, found {term}",
                 file=source,
                 parameter="coupling",
             )
-        C[to - 1, by - 1] += float(found[3] or 1.0) * (1.0 if found[2] == "+" else -1.0)
+        C[to - 1, by - 1] += float(match[3] or 1.0) * (1.0 if match[2] == "+" else -1.0)
     return C
 
 
-def _of_rows(given: object, joints: int, source: str | None) -> FloatArray:
+def _of_rows(rows: object, joints: int, source: str | None) -> FloatArray:
     try:
-        C = np.array(given, dtype=float)
+        C = np.array(rows, dtype=float)
     except (TypeError, ValueError):
         C = np.zeros(0)
     if C.shape != (joints, joints) or not np.isfinite(C).all() or np.abs(C).max() > LARGEST:
         raise RobotError(
-            f"coupling: {EXPECTED} of {joints} by {joints} numbers, found {shown(given)}",
+            f"coupling: {EXPECTED} of {joints} by {joints} numbers, found {shown(rows)}",
             file=source,
             parameter="coupling",
         )

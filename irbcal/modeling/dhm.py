@@ -108,10 +108,10 @@ class DHMTable:
         It is the product of Nubiola 2011, eq. 5.1, multiplied out in eq. 5.2.
         """
         angle, travel = (0.0, value) if self.prismatic[i] else (value, 0.0)
-        before = frames.transform(frames.rot_x(self.alpha[i])) @ frames.transform(None, [self.a[i], 0.0, 0.0])
+        turn_x = frames.transform(frames.rot_x(self.alpha[i])) @ frames.transform(None, [self.a[i], 0.0, 0.0])
         tilt = frames.transform(frames.rot_y(self.beta[i]), [0.0, self.b[i], 0.0])
         turn = frames.transform(frames.rot_z(self.theta[i] + angle))
-        return before @ tilt @ turn @ frames.transform(None, [0.0, 0.0, self.d[i] + travel])
+        return turn_x @ tilt @ turn @ frames.transform(None, [0.0, 0.0, self.d[i] + travel])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -187,13 +187,13 @@ def _zxz(R: FloatArray) -> tuple[float, float, float]:
 
 
 @lru_cache(maxsize=256)
-def _places(rows: tuple[Row, ...], before: tuple[float, float, float]) -> list[int]:
+def _places(rows: tuple[Row, ...], tilts: tuple[float, float, float]) -> list[int]:
     """Where x, y and z have to be behind the last joint for quarter turns, which exchange them, to end in order."""
     axes = [0, 1, 2]
     turns = list[tuple[int, int, float]]()
     for alpha, _, theta, _, beta, _, slides in reversed(rows):
         turns += [(0, 1, theta if slides else 0.0), (0, 2, beta), (1, 2, alpha)]
-    turns += [(0, 1, before[2]), (1, 2, before[1]), (0, 1, before[0])]
+    turns += [(0, 1, tilts[2]), (1, 2, tilts[1]), (0, 1, tilts[0])]
     for i, j, angle in turns:
         if _quarter(angle):
             axes[i], axes[j] = axes[j], axes[i]
@@ -217,9 +217,9 @@ def _spread(
             if along:
                 np.multiply(cosine, along, out=row)
             if across:
-                other = np.multiply(sine, across, out=spare[0, 0] if along else row)
+                product = np.multiply(sine, across, out=spare[0, 0] if along else row)
                 if along:
-                    np.add(row, other, out=row)
+                    np.add(row, product, out=row)
 
 
 def _walk(
@@ -242,10 +242,10 @@ def _walk(
         columns[:] = (T_base_0 if T_last_tip is None else T_base_0 @ T_last_tip)[:3].T[:, :, None]
         return
     cosines, sines = cos_sin(joints, turns)
-    before = _zxz(T_base_0[:3, :3])
+    tilts = _zxz(T_base_0[:3, :3])
     n = joints.shape[1]
     # elements x, y, z of the vectors: rows without gaps are worth a copy where they are short
-    seen = np.empty((3, 3, n)) if n <= FEW else columns[1:].swapaxes(0, 1)
+    vectors = np.empty((3, 3, n)) if n <= FEW else columns[1:].swapaxes(0, 1)
     small = (np.eye(4)[:3] if T_last_tip is None else T_last_tip[:3].copy())[:, 1:, None]
     x, y, z = small
     room = np.empty((2, 3, 1))
@@ -256,7 +256,7 @@ def _walk(
             np.add(z[-1], d, out=z[-1])
         if i == len(rows) - 1:
             room = spare
-            x, y, z = (seen[place] for place in _places(rows, before))
+            x, y, z = (vectors[k] for k in _places(rows, tilts))
             _spread(small, None if slides else (cosines[i], sines[i]), (x, y, z), room)
         elif not slides:
             _turn(y, x, cosines[i], sines[i], room)
@@ -269,12 +269,12 @@ def _walk(
         if a:
             np.add(x[-1], a, out=x[-1])
         z, y = _tilt(z, y, alpha, room)
-    y, x = _tilt(y, x, before[2], room)
-    z, y = _tilt(z, y, before[1], room)
-    _tilt(y, x, before[0], room)
-    np.add(seen[:, -1], T_base_0[:3, 3:], out=seen[:, -1])
+    y, x = _tilt(y, x, tilts[2], room)
+    z, y = _tilt(z, y, tilts[1], room)
+    _tilt(y, x, tilts[0], room)
+    np.add(vectors[:, -1], T_base_0[:3, 3:], out=vectors[:, -1])
     if n <= FEW:
-        columns[1:] = seen.swapaxes(0, 1)
+        columns[1:] = vectors.swapaxes(0, 1)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.multiply(columns[1, i], columns[2, j], out=columns[0, k])
         np.multiply(columns[1, j], columns[2, i], out=spare[0, 0])
@@ -381,10 +381,10 @@ def forward(
             block = slice(start, min(start + BLOCK, n))
             part = slice(0, block.stop - start)
             np.add(theta[block].T, offsets, out=angles[:, part])
-            here = elements[:, :, part]
-            columns = here[:3].swapaxes(0, 1)
+            block_rows = elements[:, :, part]
+            columns = block_rows[:3].swapaxes(0, 1)
             _walk(table, angles[:, part], T_base_0, T_last_tip, columns, turns[..., part], spare[..., part])
-            out[block].reshape(-1, 16)[:] = here.reshape(16, -1).T
+            out[block].reshape(-1, 16)[:] = block_rows.reshape(16, -1).T
     return out
 
 

@@ -128,22 +128,24 @@ def elsewhere(robot: Robot, nominal: Robot, q: FloatArray, proof: FloatArray | N
         None where nothing is known of the robot's certainty, or the poses of the proof are all over the limits: their
         errors were measured, and need not be expected.
     """
-    known = robot.certainty
-    target = next((name for name in robot.targets if known is not None and known.left_out(name) is not None), None)
-    if known is None or known.ranges is None or target is None:
+    certainty = robot.certainty
+    target = next(
+        (name for name in robot.targets if certainty is not None and certainty.left_out(name) is not None), None
+    )
+    if certainty is None or certainty.ranges is None or target is None:
         return None
-    lower, upper = _limits(robot.arm, known.ranges)
+    lower, upper = _limits(robot.arm, certainty.ranges)
     if proof is not None and (even_width(proof, np.array([lower, upper])) >= COVERED * (upper - lower)).all():
         return None
     anywhere = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(lower)))
-    went = np.minimum(known.ranges[1], upper) - np.maximum(known.ranges[0], lower)
+    went = np.minimum(certainty.ranges[1], upper) - np.maximum(certainty.ranges[0], lower)
     moved = robot.points(anywhere, target) - nominal.points(anywhere, target)
-    here = _expected(robot, q[:: max(1, len(q) // POSES)], target)
+    expected_here = _expected(robot, q[:: max(1, len(q) // POSES)], target)
     difference = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
     return Elsewhere(
         shares=np.clip(went / (upper - lower), 0.0, 1.0),
-        here=here,
-        there=min(_expected(robot, anywhere, target), here + MOST * difference),
+        here=expected_here,
+        there=min(_expected(robot, anywhere, target), expected_here + MOST * difference),
         difference=difference,
     )
 

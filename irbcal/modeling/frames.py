@@ -146,9 +146,9 @@ def to_xyz_angles(T: FloatArray) -> FloatArray:
     cos_beta = np.hypot(R[0, 0], R[0, 1])
     alpha = np.arctan2(-R[1, 2], R[2, 2]) if cos_beta > 1e-12 else 0.0
     # with alpha undone the remaining rotation is Rot(y) Rot(z): its middle row gives gamma without division
-    rest = rot_x(-alpha) @ R
-    gamma = np.arctan2(rest[1, 0], rest[1, 1])
-    beta = np.arctan2(R[0, 2], rest[2, 2])
+    R_rest = rot_x(-alpha) @ R
+    gamma = np.arctan2(R_rest[1, 0], R_rest[1, 1])
+    beta = np.arctan2(R[0, 2], R_rest[2, 2])
     return np.array([*T[:3, 3], alpha, beta, gamma])
 
 
@@ -172,8 +172,8 @@ def angles_derivative(R: FloatArray, outside: bool = False, step: float = 1e-6) 
         turn = rotation_from_vector(v)
         return to_xyz_angles(transform(turn @ R if outside else R @ turn))[3:]
 
-    both = [(angles(v), angles(-v)) for v in step * np.eye(3)]
-    return np.array([(plus - minus + np.pi) % (2 * np.pi) - np.pi for plus, minus in both]).T / (2 * step)
+    pairs = [(angles(v), angles(-v)) for v in step * np.eye(3)]
+    return np.array([(plus - minus + np.pi) % (2 * np.pi) - np.pi for plus, minus in pairs]).T / (2 * step)
 
 
 def from_three_points(p_1: ArrayLike, p_2: ArrayLike, p_3: ArrayLike) -> FloatArray:
@@ -225,8 +225,8 @@ def rpy_from_matrix(R: FloatArray) -> FloatArray:
         Radians.
     """
     yaw = np.arctan2(R[1, 0], R[0, 0])
-    rest = rot_z(-yaw) @ R
-    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
+    R_rest = rot_z(-yaw) @ R
+    return np.array([np.arctan2(-R_rest[1, 2], R_rest[1, 1]), np.arctan2(-R_rest[2, 0], R_rest[0, 0]), yaw])
 
 
 def matrix_from_rpy(rpy: ArrayLike) -> FloatArray:

@@ -107,17 +107,17 @@ class JointMap:
         """Centre of the payload in the tip link, metres; None without terms of the payload."""
         if not self.knows_loads:
             return None
-        own = next(term.parameters.get("place") for term in self.terms.terms if term.basis == "payload")
-        return np.array(own if isinstance(own, tuple) else (0.0, 0.0, 0.0))
+        centre = next(term.parameters.get("place") for term in self.terms.terms if term.basis == "payload")
+        return np.array(centre if isinstance(centre, tuple) else (0.0, 0.0, 0.0))
 
-    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> JointMap:
+    def carrying(self, payload_kg: float, centre: ArrayLike | None = None) -> JointMap:
         """The same map with another mass on the tool.
 
         Parameters
         ----------
         payload_kg : float
             Mass in the unit and by the reckoning of the measurements (with or without the tool, as there).
-        place : array_like, shape (3,), optional
+        centre : array_like, shape (3,), optional
             Its centre in the tip link, metres; that of the fit unless given.
 
         Returns
@@ -133,20 +133,22 @@ class JointMap:
         if not np.isfinite(payload_kg) or payload_kg < 0.0:
             raise RobotError(f"payload: expected a mass in kg, found {payload_kg:g}", parameter="payload_kg")
         if not self.knows_loads:
-            if payload_kg == self.payload_kg and place is None:
+            if payload_kg == self.payload_kg and centre is None:
                 return self
-            known = "a load that was not told" if self.payload_kg is None else f"{self.payload_kg:g} kg only"
+            measured = "a load that was not told" if self.payload_kg is None else f"{self.payload_kg:g} kg only"
             raise RobotError(
-                f"this calibration was measured with {known}, which does not tell how the joints give way under "
+                f"this calibration was measured with {measured}, which does not tell how the joints give way under "
                 f"{payload_kg:g} kg: measure some poses with another load, too (column payload_kg)",
                 parameter="payload_kg",
             )
         terms = self.terms
-        if place is not None:
-            there = np.asarray(place, dtype=float)
-            if there.shape != (3,) or not np.isfinite(there).all():
-                raise RobotError(f"payload's place: expected three numbers, found {place!r}", parameter="payload_place")
-            terms = replace(terms, terms=tuple(_placed(term, there) for term in terms.terms))
+        if centre is not None:
+            xyz = np.asarray(centre, dtype=float)
+            if xyz.shape != (3,) or not np.isfinite(xyz).all():
+                raise RobotError(
+                    f"payload's place: expected three numbers, found {centre!r}", parameter="payload_place"
+                )
+            terms = replace(terms, terms=tuple(_placed(term, xyz) for term in terms.terms))
         return replace(self, terms=terms, payload_kg=payload_kg)
 
     # -------------------------------------------------------------- what the terms come to
@@ -177,17 +179,19 @@ class JointMap:
     def _expanded(self, terms: TermMap) -> tuple[Waves, TermMap]:
         """Terms as waves, and those that are none."""
         weights: dict[tuple[int, Turns], complex] = {}
-        rest = []
+        sliding = []
         for k, (term, coefficient) in enumerate(zip(terms.terms, terms.coefficients.tolist(), strict=True)):
             expansion = self._expansion(term)
             if expansion is None:
-                rest.append(k)
+                sliding.append(k)
                 continue
             for joint in (term.joint, *term.also):
                 for turns, weight in expansion.items():
                     weights[joint, turns] = weights.get((joint, turns), 0.0) + coefficient * weight
-        others = TermMap(terms.arm, tuple(terms.terms[k] for k in rest), terms.coefficients[rest], None, terms.gravity)
-        return Waves(len(terms.arm.joint_names), weights), others
+        remaining = TermMap(
+            terms.arm, tuple(terms.terms[k] for k in sliding), terms.coefficients[sliding], None, terms.gravity
+        )
+        return Waves(len(terms.arm.joint_names), weights), remaining
 
     def _expansion(self, term: Term) -> Expansion | None:
         return bases()[term.basis].expansion(term, self.terms.arm, self.terms.gravity)
@@ -215,24 +219,24 @@ class JointMap:
         at_tip = self._expanded(replace(terms, terms=tuple(_placed(term, none) for term in terms.terms)))[0]
         out = []
         for axis in np.eye(3):
-            there = self._expanded(replace(terms, terms=tuple(_placed(term, axis) for term in terms.terms)))[0]
-            weights = dict(there.weights)
+            expanded = self._expanded(replace(terms, terms=tuple(_placed(term, axis) for term in terms.terms)))[0]
+            weights = dict(expanded.weights)
             for key, weight in at_tip.weights.items():
                 weights[key] = weights.get(key, 0.0) - weight
-            out.append(Waves(there.joints, weights))
+            out.append(Waves(expanded.joints, weights))
         return tuple(out)
 
     @cached_property
     def _usual(self) -> tuple[Waves, TermMap]:
         """`_unloaded` with the payload that is carried."""
-        (waves, rest), (of_payload, sliding) = self._unloaded, self._payload
+        (waves, remaining), (of_payload, sliding) = self._unloaded, self._payload
         if not self.payload_kg or not (of_payload or sliding.terms):
-            return waves, rest
+            return waves, remaining
         weights = dict(waves.weights)
         for key, weight in of_payload.weights.items():
             weights[key] = weights.get(key, 0.0) + self.payload_kg * weight
-        both = (*rest.terms, *sliding.terms), np.concatenate([rest.coefficients, sliding.coefficients])
-        return Waves(waves.joints, weights), TermMap(rest.arm, *both, None, rest.gravity)
+        terms = (*remaining.terms, *sliding.terms), np.concatenate([remaining.coefficients, sliding.coefficients])
+        return Waves(waves.joints, weights), TermMap(remaining.arm, *terms, None, remaining.gravity)
 
     def motion(
         self,
@@ -243,8 +247,8 @@ class JointMap:
         torques: ArrayLike | None = None,
     ) -> Motion:
         """The motion that the terms are functions of, with what is assumed where nothing is given; see `effective`."""
-        own = np.zeros(3) if self.payload_place is None else self.payload_place
-        return motion_at_use(q, previous, payload_kg, payload_place, torques, self.payload_kg, own)
+        centre = np.zeros(3) if self.payload_place is None else self.payload_place
+        return motion_at_use(q, previous, payload_kg, payload_place, torques, self.payload_kg, centre)
 
     def load(self, n: int, *given: ArrayLike | None) -> dict[str, FloatArray | None]:
         """What the motion of n stops says of the load: mass, place, torques as given, or as usual; see `effective`."""
@@ -283,9 +287,9 @@ class JointMap:
             return q
         theta = q * (1.0 + self._gain)
         if payload_kg is None and payload_place is None:
-            waves, rest = self._usual
+            waves, remaining = self._usual
             waves.add(q, theta)
-            self._add_rest(rest, self.motion(q) if rest.terms else None, theta)
+            self._add_rest(remaining, self.motion(q) if remaining.terms else None, theta)
         else:
             self._add_loaded(self.motion(q, None, payload_kg, payload_place), theta, payload_place is not None)
         if previous is not None:
@@ -302,12 +306,12 @@ class JointMap:
 
     def _add_loaded(self, motion: Motion, theta: FloatArray, placed: bool) -> None:
         """Add what depends on the joints and the load of a motion, its places among them where ``placed``."""
-        for waves, rest in (self._unloaded, self._payload):
-            self._add_rest(rest, motion, theta)
+        for waves, remaining in (self._unloaded, self._payload):
+            self._add_rest(remaining, motion, theta)
             waves.add(motion.q, theta, motion.payload_kg if waves is self._payload[0] else None)
-        own, mass, place = self.payload_place, motion.payload_kg, motion.payload_place
-        if placed and own is not None and mass is not None and place is not None:
-            for waves, shift in zip(self._payload_along, (place - own).T, strict=True):
+        usual_centre, mass, centre = self.payload_place, motion.payload_kg, motion.payload_place
+        if placed and usual_centre is not None and mass is not None and centre is not None:
+            for waves, shift in zip(self._payload_along, (centre - usual_centre).T, strict=True):
                 waves.add(motion.q, theta, mass * shift)
 
     def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
@@ -327,10 +331,10 @@ class JointMap:
         joints = q.shape[1]
         out = np.zeros((len(q), joints, joints))
         out[:, range(joints), range(joints)] = 1.0 + self._gain
-        waves, rest = self._usual
+        waves, remaining = self._usual
         waves.add_slopes(q, out)
-        if rest.terms and len(q):
-            out += rest.jacobian(self.motion(q)) - np.eye(joints)
+        if remaining.terms and len(q):
+            out += remaining.jacobian(self.motion(q)) - np.eye(joints)
         if self.history.terms and len(q) and previous is not None:
             out += self.history.jacobian(Motion.after(q, previous)) - np.eye(joints)
         return out
@@ -349,10 +353,10 @@ class JointMap:
         """
         q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
         out = np.zeros((len(q), q.shape[1], q.shape[1]))
-        waves, rest = self._usual
+        waves, remaining = self._usual
         waves.add_slope_rates(q, dq, out)
-        if rest.terms and len(q):
-            out += rest.jacobian_derivative(self.motion(q), dq)
+        if remaining.terms and len(q):
+            out += remaining.jacobian_derivative(self.motion(q), dq)
         return out
 
     def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -371,13 +375,13 @@ class JointMap:
         lower, upper : ndarray, shape (joints,)
             Limits of the effective joints.
         """
-        waves, rest = self._usual
+        waves, remaining = self._usual
         slack = waves.bound
-        for term, coefficient in zip(rest.terms, rest.coefficients, strict=True):
-            most = float(np.linalg.norm(np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)))
+        for term, coefficient in zip(remaining.terms, remaining.coefficients, strict=True):
+            largest = float(np.linalg.norm(np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)))
             if term.basis == "payload":
-                most = float(self.payload_kg or 0.0) * largest_torque(term, self.terms.arm, lower, upper)
-            slack[[term.joint, *term.also]] += abs(coefficient) * most
+                largest = float(self.payload_kg or 0.0) * largest_torque(term, self.terms.arm, lower, upper)
+            slack[[term.joint, *term.also]] += abs(coefficient) * largest
         longest = np.subtract(upper, lower)
         longest = np.where(np.isfinite(longest), longest, 0.0)
         for term, coefficient in zip(self.history.terms, self.history.coefficients, strict=True):
@@ -443,8 +447,8 @@ class JointMap:
         RobotError
             If there are terms that are no waves.
         """
-        waves, rest = self._usual
-        if rest.terms:
+        waves, remaining = self._usual
+        if remaining.terms:
             raise RobotError("this joint map has terms that cannot be written in other languages")
         return {
             "gain": self._gain.tolist(),
@@ -462,7 +466,7 @@ class JointMap:
         return np.maximum(q - self.ranges[1], 0.0) + np.minimum(q - self.ranges[0], 0.0)
 
 
-def _placed(term: Term, place: FloatArray) -> Term:
+def _placed(term: Term, centre: FloatArray) -> Term:
     if term.basis != "payload":
         return term
-    return replace(term, parameters={**term.parameters, "place": tuple(float(x) for x in place)})
+    return replace(term, parameters={**term.parameters, "place": tuple(float(x) for x in centre)})

@@ -73,12 +73,12 @@ def lean_along(joint_map: JointMap, trajectory: Trajectory, previous: ArrayLike 
     stride = strides(trajectory.slides)
     first = d.dq[0] / (np.abs(d.dq[0] / stride).max() or 1.0)
     if previous is not None:
-        before = np.asarray(previous, dtype=float)
-        if before.shape != stride.shape:
+        q_before = np.asarray(previous, dtype=float)
+        if q_before.shape != stride.shape:
             raise RobotError(
-                f"previous: expected {len(stride)} joints, found shape {before.shape}", parameter="previous"
+                f"previous: expected {len(stride)} joints, found shape {q_before.shape}", parameter="previous"
             )
-        first = trajectory.q[0] - before if np.isfinite(before).all() else first
+        first = trajectory.q[0] - q_before if np.isfinite(q_before).all() else first
     way = np.abs(np.diff(trajectory.q, axis=0) / stride).max(initial=0.0)
     steps = STEPS + int(np.ceil(way / LONGEST))
     fine = trajectory.pieces(trajectory.times_between(steps)) if len(trajectory) > 1 else trajectory.q
@@ -95,8 +95,8 @@ def lean_along(joint_map: JointMap, trajectory: Trajectory, previous: ArrayLike 
             all_joints = share if term.basis == "share_of_move" else longest
             signal = all_joints[0][:, j], all_joints[1][:, j], all_joints[2][:, j]
         for joint in (j, *term.also):
-            for total, part in zip(lean, signal, strict=True):
-                total[:, joint] += coefficient * part
+            for total, added in zip(lean, signal, strict=True):
+                total[:, joint] += coefficient * added
     return Lean(*lean)
 
 
@@ -119,9 +119,9 @@ def _faded(step: FloatArray, stride: FloatArray, first: FloatArray) -> FloatArra
     return np.column_stack([_relaxed(t, size, f) for t, f in zip(towards.T, first, strict=True)])
 
 
-def _relaxed(towards: FloatArray, way: FloatArray, first: float) -> FloatArray:
+def _relaxed(towards: FloatArray, decay: FloatArray, first: float) -> FloatArray:
     """``z <- towards + (z - towards) exp(-way)``, step by step: (m + 1,) from (m,)."""
-    fade, out = np.exp(-way).tolist(), [float(first)]
+    fade, out = np.exp(-decay).tolist(), [float(first)]
     for aim, keep in zip(towards.tolist(), fade, strict=True):
         out.append(aim + (out[-1] - aim) * keep)
     return np.array(out)
@@ -141,8 +141,8 @@ def _move(d: Trajectory, move: FloatArray, stride: FloatArray) -> _Signal:
 def _share(move: _Signal) -> _Signal:
     """Each joint's share of the longest move."""
     D, D_1, D_2 = move
-    most = np.maximum(np.abs(D).max(axis=1, keepdims=True), LEAST)
-    R = most * (((D / most) ** POWER).sum(axis=1, keepdims=True) + (LEAST / most) ** POWER) ** (1.0 / POWER)
+    largest = np.maximum(np.abs(D).max(axis=1, keepdims=True), LEAST)
+    R = largest * (((D / largest) ** POWER).sum(axis=1, keepdims=True) + (LEAST / largest) ** POWER) ** (1.0 / POWER)
     u = D / R
     R_1 = (u ** (POWER - 1) * D_1).sum(axis=1, keepdims=True)
     R_2 = (POWER - 1) / R * ((u ** (POWER - 2) * D_1**2).sum(axis=1, keepdims=True) - R_1**2)

@@ -204,7 +204,7 @@ def selected_parameters(
     IdentificationError
         If there is no such level, or a pattern matches nothing.
     """
-    names = [item.name for item in level_parameters(level, arm)]
+    names = [parameter.name for parameter in level_parameters(level, arm)]
     existing = all_names(arm)
     for pattern in (*free, *hold):
         if not fnmatch.filter(existing, pattern):
@@ -275,8 +275,8 @@ def apply(
     """
     columns: dict[str, FloatArray] = {kind: getattr(table, kind).copy() for kind in GEOMETRIC}
     columns |= {kind: getattr(joint_map, kind).copy() for kind in ("gain", "stiffness", "fourier")}
-    for item, value in zip(parameters, np.asarray(values, dtype=float), strict=True):
-        columns[item.kind][item.index] += value
+    for parameter, value in zip(parameters, np.asarray(values, dtype=float), strict=True):
+        columns[parameter.kind][parameter.index] += value
     alpha, a, theta, d, beta, b = (columns[kind] for kind in GEOMETRIC)
     return (
         replace(table, alpha=alpha, a=a, theta=theta, d=d, beta=beta, b=b),

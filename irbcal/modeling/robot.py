@@ -67,14 +67,14 @@ class Robot:
             raise RobotError("terms about the joints' own axes belong to the joint map, not to the frame terms")
         object.__setattr__(self, "T_world_base", np.asarray(self.T_world_base, dtype=float))
         for name in ("targets", "target_rotations"):
-            given = getattr(self, name)
-            object.__setattr__(self, name, {key: np.asarray(value, dtype=float) for key, value in given.items()})
+            points = getattr(self, name)
+            object.__setattr__(self, name, {key: np.asarray(value, dtype=float) for key, value in points.items()})
         lock(self)
 
     def __repr__(self) -> str:
         names = list(self.targets)
-        shown = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
-        targets = f"{len(names)} target{'s' if len(names) > 1 else ''} ({shown})" if names else "no targets"
+        listed = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
+        targets = f"{len(names)} target{'s' if len(names) > 1 else ''} ({listed})" if names else "no targets"
         frames = "" if self.frame_terms is None else f", {len(self.frame_terms.terms)} frame terms"
         return f"<Robot {self.arm.name}: {self.arm.joints_in_words}, {self.joint_map.in_words}{frames}, {targets}>"
 
@@ -116,9 +116,9 @@ class Robot:
         if self.frame_terms is None:
             return self.arm.forward(self.joint_map.effective(q, previous, payload_kg, payload_place, torques))
         q = np.asarray(q, dtype=float)
-        before = None if previous is None else np.broadcast_to(previous, q.shape)
+        q_before = None if previous is None else np.broadcast_to(previous, q.shape)
         load: dict[str, Any] = {**self.joint_map.load(len(q), payload_kg, payload_place, torques)}
-        motion = replace(Motion.after(q, before), **load)
+        motion = replace(Motion.after(q, q_before), **load)
         out = np.empty((len(q), 4, 4))
         for start in range(0, len(q), BLOCK):
             rows = slice(start, start + BLOCK)
@@ -130,18 +130,18 @@ class Robot:
 
         This is what URDF and joint map alone miss: shape (n,), metres.
         """
-        place = np.append(next(iter(self.targets.values()), np.zeros(3)), 1.0)
-        difference = (self.forward(q) - self.replace(frame_terms=None).forward(q))[:, :3] @ place
+        point = np.append(next(iter(self.targets.values()), np.zeros(3)), 1.0)
+        difference = (self.forward(q) - self.replace(frame_terms=None).forward(q))[:, :3] @ point
         return np.linalg.norm(difference, axis=1)
 
-    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> Robot:
+    def carrying(self, payload_kg: float, payload_place: ArrayLike | None = None) -> Robot:
         """The robot with another mass on its tool, where its calibration was measured with several.
 
         Parameters
         ----------
         payload_kg : float
             By the reckoning of the measurements: with or without the tool, as there.
-        place : array_like, shape (3,), optional
+        payload_place : array_like, shape (3,), optional
             Its centre in the tip link, metres; that of the calibration unless given.
 
         Returns
@@ -154,7 +154,7 @@ class Robot:
         RobotError
             If the joint map does not know how the joints give way under another load.
         """
-        return self.replace(joint_map=self.joint_map.carrying(payload_kg, place))
+        return self.replace(joint_map=self.joint_map.carrying(payload_kg, payload_place))
 
     def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.
@@ -250,8 +250,8 @@ class Robot:
             )
         q = self.arm.check_joints(q)
         load = self.joint_map.load(len(q), payload_kg, payload_place, torques)
-        place = self.targets[name]
-        return self.certainty.predict(self.walk, q, previous, place, name, self.T_world_base, in_order, load)
+        point = self.targets[name]
+        return self.certainty.predict(self.walk, q, previous, point, name, self.T_world_base, in_order, load)
 
     def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None) -> Prediction:
         """As `predict` for the origin of the tip in the base link: base and tool do not matter."""

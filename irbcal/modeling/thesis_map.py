@@ -60,8 +60,8 @@ class ThesisMap:
     fourier: FloatArray = field(default_factory=lambda: np.zeros(4))
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            object.__setattr__(self, item.name, np.asarray(getattr(self, item.name), dtype=float))
+        for array in fields(self):
+            object.__setattr__(self, array.name, np.asarray(getattr(self, array.name), dtype=float))
         lock(self)
 
     @staticmethod
@@ -92,13 +92,13 @@ class ThesisMap:
         """
         terms: list[Term] = []
         values: list[float] = []
-        for made, numbers in (
+        for new_terms, numbers in (
             (GAIN.terms(nominal) if self.gain.any() else [], self.gain),
             (stiffness_of(nominal, self.phases) if self.stiffness.any() else [], self.stiffness),
             (fourier_of() if self.fourier.any() else [], self.fourier),
         ):
-            terms += made
-            values += numbers[: len(made)].tolist()
+            terms += new_terms
+            values += numbers[: len(new_terms)].tolist()
         return JointMap(TermMap(nominal, tuple(terms), np.array(values)))
 
     def effective(self, q: ArrayLike) -> FloatArray:

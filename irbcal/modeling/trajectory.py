@@ -83,11 +83,11 @@ class Trajectory(Speaks):
             raise RobotError(f"a trajectory needs times (n,) and joints (n, joints), found {times.shape} and {q.shape}")
         if self.ddq is not None and self.dq is None:
             raise RobotError("a trajectory with accelerations needs speeds, too")
-        found: dict[str, FloatArray | None] = {"times": times, "q": q}
+        arrays: dict[str, FloatArray | None] = {"times": times, "q": q}
         for name in ("dq", "ddq"):
             value = getattr(self, name)
-            found[name] = None if value is None else np.asarray(value, dtype=float)
-        for name, value in found.items():
+            arrays[name] = None if value is None else np.asarray(value, dtype=float)
+        for name, value in arrays.items():
             if value is None:
                 continue
             if name != "times" and value.shape != q.shape:
@@ -151,8 +151,8 @@ class Trajectory(Speaks):
         t = np.asarray(times, dtype=float)
         outside = t[(t < self.times[0]) | (t > self.times[-1])]
         if len(outside):
-            words = f"the trajectory lasts from {self.times[0]:g} s to {self.times[-1]:g} s, found {outside[0]:g} s"
-            raise RobotError(words, parameter="times")
+            message = f"the trajectory lasts from {self.times[0]:g} s to {self.times[-1]:g} s, found {outside[0]:g} s"
+            raise RobotError(message, parameter="times")
         p = self.pieces
         return replace(self, times=t, q=p(t), dq=p(t, 1), ddq=p(t, 2), lean=None)
 
@@ -219,13 +219,13 @@ class Trajectory(Speaks):
 
     def told(self) -> Sequence[Told]:
         """How many points in how many seconds, and what is known at them."""
-        known = (
+        columns = (
             "positions"
             + (", speeds" if self.dq is not None else "")
             + (", accelerations" if self.ddq is not None else "")
         )
         lasts = f"{self.times[-1] - self.times[0]:g} s"
-        return [f"trajectory of {len(self)} points in {lasts}: {known} of {', '.join(self.names)}"]
+        return [f"trajectory of {len(self)} points in {lasts}: {columns} of {', '.join(self.names)}"]
 
 
 ENDS = (("q", ""), ("v", "_s"), ("a", "_s2"))

@@ -69,15 +69,15 @@ class Limits:
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.lower))
         for name in ("lower", "upper", "speed", "acceleration"):
-            given = getattr(self, name)
-            if given is None:
+            values = getattr(self, name)
+            if values is None:
                 continue
             try:
-                value = np.broadcast_to(np.asarray(given, dtype=float), (n,))
+                value = np.broadcast_to(np.asarray(values, dtype=float), (n,))
             except ValueError:
-                raise RobotError(f"{name}: expected {n} limits, found {given!r}", parameter=name) from None
+                raise RobotError(f"{name}: expected {n} limits, found {values!r}", parameter=name) from None
             if np.isnan(value).any() or (name in ("speed", "acceleration") and not (value > 0.0).all()):
-                raise RobotError(f"{name}: expected {n} limits above zero, found {given!r}", parameter=name)
+                raise RobotError(f"{name}: expected {n} limits above zero, found {values!r}", parameter=name)
             object.__setattr__(self, name, value)
         lock(self)
 
@@ -115,9 +115,9 @@ class Checked(Speaks):
         RobotError
             If a position is beyond its limit: no time mends that.
         """
-        for one in self.exceeded:
-            if one.kind == "position":
-                raise RobotError(f"{one.in_words}: going slower does not help", parameter=one.joint)
+        for excess in self.exceeded:
+            if excess.kind == "position":
+                raise RobotError(f"{excess.in_words}: going slower does not help", parameter=excess.joint)
         return self.trajectory if self.slower == 1.0 else self.trajectory.slowed(self.slower)
 
     def to_frame(self) -> pd.DataFrame:
@@ -125,17 +125,17 @@ class Checked(Speaks):
         import pandas as pd
 
         names = ["joint", "kind", "time_s", "value", "limit", "start_s", "end_s", "in_words"]
-        return pd.DataFrame([tuple(one) for one in self.exceeded], columns=names)
+        return pd.DataFrame([tuple(excess) for excess in self.exceeded], columns=names)
 
     def told(self) -> Sequence[Told]:
         """The trajectory, each limit that is passed, and how much slower would hold them."""
-        told = [*self.trajectory.told()]
+        lines = [*self.trajectory.told()]
         if self.within:
-            return [*told, "all limits hold between its points, too"]
-        told += [one.in_words for one in self.exceeded]
+            return [*lines, "all limits hold between its points, too"]
+        lines += [excess.in_words for excess in self.exceeded]
         if self.slower > 1.0:
-            told.append(f"stretched in time by {self.slower:.4f} or more its speeds and accelerations hold")
-        return told
+            lines.append(f"stretched in time by {self.slower:.4f} or more its speeds and accelerations hold")
+        return lines
 
 
 def check(trajectory: Trajectory, limits: Limits, largest: int = 2_000_000) -> Checked:
@@ -156,7 +156,7 @@ def check(trajectory: Trajectory, limits: Limits, largest: int = 2_000_000) -> C
     d = trajectory.dense(pieces)
     assert d.dq is not None
     assert d.ddq is not None
-    found, slower = list[Exceeded](), 1.0
+    exceeded, slower = list[Exceeded](), 1.0
     for kind, values, lower, upper in (
         ("position", d.q, limits.lower, limits.upper),
         ("speed", d.dq, None, limits.speed),
@@ -172,11 +172,11 @@ def check(trajectory: Trajectory, limits: Limits, largest: int = 2_000_000) -> C
             k = int(np.argmax(beyond[:, j]))
             limit = float(upper[j] if values[k, j] > upper[j] else lower[j])
             when = d.times[k], float(values[k, j]), limit, d.times[out[0]], d.times[out[-1]]
-            found.append(_exceeded(trajectory, int(j), kind, *map(float, when)))
+            exceeded.append(_exceeded(trajectory, int(j), kind, *map(float, when)))
             if kind != "position":
                 ratio = float(np.abs(values[:, j]).max() / upper[j])
                 slower = max(slower, ratio if kind == "speed" else ratio**0.5)
-    return Checked(trajectory, tuple(found), slower)
+    return Checked(trajectory, tuple(exceeded), slower)
 
 
 def _exceeded(
@@ -184,12 +184,12 @@ def _exceeded(
 ) -> Exceeded:
     unit = ("mm" if trajectory.slides[j] else "degrees") + {"position": "", "speed": "/s", "acceleration": "/s²"}[kind]
     size = float(trajectory.units[j])
-    shown, most, by = value / size, limit / size, abs(value - limit) / size
-    words = (
-        f"{trajectory.names[j]} passes its limit of {kind} at {time:.4g} s: {shown:.6g} {unit}, {by:.3g} beyond "
-        f"{most:.6g}"
+    shown_value, limit_in_unit, by = value / size, limit / size, abs(value - limit) / size
+    text = (
+        f"{trajectory.names[j]} passes its limit of {kind} at {time:.4g} s: {shown_value:.6g} {unit}, {by:.3g} beyond "
+        f"{limit_in_unit:.6g}"
     )
-    return Exceeded(trajectory.names[j], kind, time, value, limit, start, end, words)
+    return Exceeded(trajectory.names[j], kind, time, value, limit, start, end, text)
 
 
 def limits_in_order(

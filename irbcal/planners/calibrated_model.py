@@ -99,22 +99,22 @@ class CalibratedModel(AlongTime, Speaks):
                 model = pin.buildModelFromXML(self.urdf.decode("utf-8"))
         except (ValueError, RuntimeError) as error:
             raise CalibrationError(f"Pinocchio cannot read this robot's URDF: {' '.join(str(error).split())}") from None
-        place = ArmInModel(model, self.arm)
-        rest = np.array(pin.neutral(model) if self.rest is None else self.rest, dtype=float)
-        if rest.shape != (model.nq,):
+        arm_in_model = ArmInModel(model, self.arm)
+        q_rest = np.array(pin.neutral(model) if self.rest is None else self.rest, dtype=float)
+        if q_rest.shape != (model.nq,):
             raise CalibrationError(
-                f"the configuration at rest needs shape ({model.nq},), found {rest.shape}", parameter="rest"
+                f"the configuration at rest needs shape ({model.nq},), found {q_rest.shape}", parameter="rest"
             )
         data = model.createData()
-        pin.framesForwardKinematics(model, data, rest)
-        places = {name: np.asarray(T_tip_frame, dtype=float) for name, T_tip_frame in self.tip_frames.items()}
+        pin.framesForwardKinematics(model, data, q_rest)
+        tip_frames = {name: np.asarray(T_tip_frame, dtype=float) for name, T_tip_frame in self.tip_frames.items()}
         derived: dict[str, Any] = {
-            "tip_frames": places,
+            "tip_frames": tip_frames,
             "model": model,
-            "rest": rest,
-            "_rest": rest,
-            "T_universe_base": np.array(data.oMf[place.base].homogeneous),
-            "_place": place,
+            "rest": q_rest,
+            "_rest": q_rest,
+            "T_universe_base": np.array(data.oMf[arm_in_model.base].homogeneous),
+            "_place": arm_in_model,
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
@@ -130,7 +130,7 @@ class CalibratedModel(AlongTime, Speaks):
     def told(self) -> Sequence[Told]:
         """The arm, its joint map, the frames on its tool, and the joints' limits."""
         arm, names = self.arm, list(self.tip_frames)
-        shown = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
+        listed = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
         headline = f"{arm.name}, {arm.joints_in_words}, {arm.tip_link} in {arm.base_link}; {self.joint_map.in_words}"
         units = arm.joint_units
         limits = np.array([arm.lower, arm.upper, *self.joint_map.effective_limits(arm.lower, arm.upper)]) / units
@@ -141,7 +141,7 @@ class CalibratedModel(AlongTime, Speaks):
         columns = ("joint", "unit", "lower", "upper", "lower in the model", "upper in the model")
         return [
             headline,
-            f"frames on the tool: {shown}" if names else "no frames on the tool",
+            f"frames on the tool: {listed}" if names else "no frames on the tool",
             Table("Limits of commanded joints, and of effective joints in the model", columns, rows),
         ]
 
@@ -174,8 +174,8 @@ class CalibratedModel(AlongTime, Speaks):
             calibration = calibration_folder.read(calibration)
         record, urdf = open_calibration(calibration), open_robot(calibration).urdf_bytes
         if urdf is None:
-            words = f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder instead"
-            raise CalibrationError(words, parameter="calibration")
+            message = f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder instead"
+            raise CalibrationError(message, parameter="calibration")
         if record.frame_terms is not None and not without_frame_terms:
             record.frame_terms.refuse()
         robot = record.robot_calibrated()
@@ -325,11 +325,11 @@ class CalibratedModel(AlongTime, Speaks):
                 parameter=self.arm.joint_names[joint],
             )
 
-    def _check_columns(self, values: ArrayLike, columns: int, what: str) -> FloatArray:
+    def _check_columns(self, values: ArrayLike, columns: int, quantity: str) -> FloatArray:
         values = np.atleast_2d(np.asarray(values, dtype=float))
         if values.ndim != 2 or values.shape[1] != columns:
             raise CalibrationError(
-                f"{what} of {self.arm.name} need shape (n, {columns}), found {values.shape}", parameter=what
+                f"{quantity} of {self.arm.name} need shape (n, {columns}), found {values.shape}", parameter=quantity
             )
         return values
 
@@ -458,7 +458,7 @@ class CalibratedModel(AlongTime, Speaks):
     def with_payload(
         self,
         delta_kg: float,
-        place: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
         wrist: ArrayLike | None = None,
         masses: tuple[float, float] | None = None,
     ) -> CalibratedModel:
@@ -472,7 +472,7 @@ class CalibratedModel(AlongTime, Speaks):
         ----------
         delta_kg : float
             Mass added; negative if it carries less.
-        place : array_like, shape (3,), optional
+        payload_place : array_like, shape (3,), optional
             Centre of the added mass in the tip link, metres; the tip's origin (``auto``: that of the fit) unless given.
         wrist : array_like, optional
             Joints behind joint 3 at which the mass's lever is taken, radians; zero unless given. The stiffness terms
@@ -498,6 +498,6 @@ class CalibratedModel(AlongTime, Speaks):
         mm (simulated demo, estimated masses) to 0.24 mm (Nubiola 2011, section 5.3), where 0.3 mm was measured (Table
         4.3).
         """
-        whole = self.model, self._place, self._rest
-        changed = payload.with_payload(self.joint_map, self.arm, *whole, delta_kg, place, wrist, masses)
+        state = self.model, self._place, self._rest
+        changed = payload.with_payload(self.joint_map, self.arm, *state, delta_kg, payload_place, wrist, masses)
         return replace(self, joint_map=changed)

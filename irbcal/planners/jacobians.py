@@ -60,23 +60,23 @@ def along_chain(arm: Arm, T_universe_base: FloatArray, theta: FloatArray, dtheta
 
 def by_pinocchio(
     model: pin.Model,
-    place: ArmInModel,
+    arm_in_model: ArmInModel,
     frame: int,
     theta: FloatArray,
     dtheta: FloatArray | None,
-    rest: FloatArray,
+    q_rest: FloatArray,
 ) -> JacobianAndRate:
     """World Jacobians of any link by Pinocchio, pose by pose.
 
     Parameters
     ----------
     model : pinocchio.Model
-    place : ArmInModel
+    arm_in_model : ArmInModel
     frame : int
         Pinocchio's number of a frame of the link.
     theta, dtheta
         See `along_chain`.
-    rest : ndarray, shape (nq,)
+    q_rest : ndarray, shape (nq,)
         Configuration of the joints outside the arm.
 
     Returns
@@ -89,25 +89,27 @@ def by_pinocchio(
     data = model.createData()
     speeds = np.zeros((len(theta), model.nv))
     if dtheta is not None:
-        speeds[:, place.columns] = dtheta
-    J, dJ = np.empty((2, len(theta), 6, len(place.joint_ids)))
-    for k, configuration in enumerate(place.configurations(theta, rest)):
+        speeds[:, arm_in_model.columns] = dtheta
+    J, dJ = np.empty((2, len(theta), 6, len(arm_in_model.joint_ids)))
+    for k, configuration in enumerate(arm_in_model.configurations(theta, q_rest)):
         pin.computeJointJacobiansTimeVariation(model, data, configuration, speeds[k])
-        J[k], dJ[k] = data.J[:, place.columns], data.dJ[:, place.columns]
+        J[k], dJ[k] = data.J[:, arm_in_model.columns], data.dJ[:, arm_in_model.columns]
     carries = set(model.supports[model.frames[frame].parentJoint])
-    moves = np.array([joint in carries for joint in place.joint_ids])
+    moves = np.array([joint in carries for joint in arm_in_model.joint_ids])
     return J * moves, None if dtheta is None else dJ * moves
 
 
-def placements(model: pin.Model, place: ArmInModel, frame: int, theta: FloatArray, rest: FloatArray) -> FloatArray:
+def placements(
+    model: pin.Model, arm_in_model: ArmInModel, frame: int, theta: FloatArray, q_rest: FloatArray
+) -> FloatArray:
     """``T_base_frame`` of any frame by Pinocchio, pose by pose, (n, 4, 4); parameters as `by_pinocchio`."""
     import pinocchio as pin
 
     data = model.createData()
     out = np.empty((len(theta), 4, 4))
-    for k, configuration in enumerate(place.configurations(theta, rest)):
+    for k, configuration in enumerate(arm_in_model.configurations(theta, q_rest)):
         pin.framesForwardKinematics(model, data, configuration)
-        out[k] = data.oMf[place.base].actInv(data.oMf[frame]).homogeneous
+        out[k] = data.oMf[arm_in_model.base].actInv(data.oMf[frame]).homogeneous
     return out
 
 

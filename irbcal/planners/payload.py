@@ -27,9 +27,9 @@ def with_payload(
     arm: Arm,
     model: pin.Model,
     arm_in_model: ArmInModel,
-    rest: FloatArray,
+    q_rest: FloatArray,
     delta_kg: float,
-    place: ArrayLike | None = None,
+    payload_place: ArrayLike | None = None,
     wrist: ArrayLike | None = None,
     masses: tuple[float, float] | None = None,
 ) -> JointMap:
@@ -46,7 +46,7 @@ def with_payload(
     model : pinocchio.Model
         With the bodies of the URDF.
     arm_in_model : ArmInModel
-    rest : ndarray, shape (nq,)
+    q_rest : ndarray, shape (nq,)
         Configuration of the joints outside the arm.
     delta_kg, place, wrist, masses
         See `irbcal.planners.calibrated_model.CalibratedModel.with_payload`.
@@ -63,9 +63,9 @@ def with_payload(
     """
     thesis = ThesisMap.of(joint_map)
     if thesis is None:
-        return _with_more(joint_map, delta_kg, place)
-    whole = model, arm_in_model, rest
-    return _of_the_thesis(thesis, arm, *whole, delta_kg, place, wrist, masses).joint_map(joint_map.terms.arm)
+        return _with_more(joint_map, delta_kg, payload_place)
+    state = model, arm_in_model, q_rest
+    return _of_the_thesis(thesis, arm, *state, delta_kg, payload_place, wrist, masses).joint_map(joint_map.terms.arm)
 
 
 def _of_the_thesis(
@@ -73,9 +73,9 @@ def _of_the_thesis(
     arm: Arm,
     model: pin.Model,
     arm_in_model: ArmInModel,
-    rest: FloatArray,
+    q_rest: FloatArray,
     delta_kg: float,
-    place: ArrayLike | None,
+    payload_place: ArrayLike | None,
     wrist: ArrayLike | None,
     masses: tuple[float, float] | None,
 ) -> ThesisMap:
@@ -88,7 +88,7 @@ def _of_the_thesis(
     if wrist is not None:
         theta[3:] = wrist
     data = model.createData()
-    pin.framesForwardKinematics(model, data, arm_in_model.configurations(theta[None], rest)[0])
+    pin.framesForwardKinematics(model, data, arm_in_model.configurations(theta[None], q_rest)[0])
     pin.centerOfMass(model, data)
     second, third, fifth = (arm_in_model.joint_ids[k] for k in (1, 2, 4))
     base = data.oMf[arm_in_model.base]
@@ -105,32 +105,36 @@ def _of_the_thesis(
     L_1 = float(along_upper @ from_joint(second, data.oMi[third].translation))
     L_2 = float(along_fore @ from_joint(third, data.oMi[fifth].translation))
     if masses is None:
-        whole, fore = data.mass[second], data.mass[third]
-        upper = whole - fore
+        total, fore = data.mass[second], data.mass[third]
+        upper = total - fore
         if not (upper > 0.0 and fore > 0.0):
             raise RobotError(
                 f"the URDF of {arm.name} gives no masses of upper arm and forearm: give `masses`", parameter="masses"
             )
-        moment = whole * (data.oMi[second] * data.com[second]) - fore * (data.oMi[third] * data.com[third])
+        moment = total * (data.oMi[second] * data.com[second]) - fore * (data.oMi[third] * data.com[third])
         L_G1 = float(along_upper @ from_joint(second, moment / upper))
     else:
         (upper, fore), L_G1 = masses, L_1 / 2
     tip = data.oMf[arm_in_model.tip]
-    payload = from_joint(third, tip * np.array([0.0, 0.0, 0.0] if place is None else place, dtype=float))
+    payload = from_joint(
+        third, tip * np.array([0.0, 0.0, 0.0] if payload_place is None else payload_place, dtype=float)
+    )
     guess = replace(Stiffness.guess(L_1, L_2), L_G1=L_G1, m=fore / upper)
     lever = float(along_fore @ payload), float(across_fore @ payload)
     return joint_map.with_payload(guess, delta_kg, upper, *lever)
 
 
-def _with_more(joint_map: JointMap, delta_kg: float, place: ArrayLike | None) -> JointMap:
+def _with_more(joint_map: JointMap, delta_kg: float, payload_place: ArrayLike | None) -> JointMap:
     """A sum of terms with some mass added to what it carries."""
-    before, own = joint_map.payload_kg or 0.0, joint_map.payload_place
-    load = before + float(delta_kg)
+    load_before, place_before = joint_map.payload_kg or 0.0, joint_map.payload_place
+    load = load_before + float(delta_kg)
     if load < 0.0:
         raise RobotError(
-            f"a payload {-delta_kg:g} kg smaller is impossible: the robot was measured with {before:g} kg",
+            f"a payload {-delta_kg:g} kg smaller is impossible: the robot was measured with {load_before:g} kg",
             parameter="delta_kg",
         )
-    if place is None or load == 0.0 or own is None:
+    if payload_place is None or load == 0.0 or place_before is None:
         return joint_map.carrying(load)
-    return joint_map.carrying(load, (before * own + delta_kg * np.asarray(place, dtype=float)) / load)
+    return joint_map.carrying(
+        load, (load_before * place_before + delta_kg * np.asarray(payload_place, dtype=float)) / load
+    )

@@ -85,14 +85,14 @@ class AlongTime:
         configurations : ndarray, shape (n, nq)
         velocities, accelerations : ndarray, shape (n, nv), or None
         """
-        mine = trajectory.in_order_of(self.arm.joint_names)
+        ordered = trajectory.in_order_of(self.arm.joint_names)
         derivatives: list[FloatArray | None] = []
-        for values in (mine.dq, mine.ddq):
-            wide = None if values is None else np.zeros((len(mine), self.model.nv))
+        for values in (ordered.dq, ordered.ddq):
+            wide = None if values is None else np.zeros((len(ordered), self.model.nv))
             if wide is not None:
                 wide[:, self._place.columns] = values
             derivatives.append(wide)
-        return self._place.configurations(mine.q, self._rest), derivatives[0], derivatives[1]
+        return self._place.configurations(ordered.q, self._rest), derivatives[0], derivatives[1]
 
     def model_trajectory(self, commands: Trajectory, previous: ArrayLike | None = None) -> Trajectory:
         """What the robot really does when it follows commands.
@@ -111,9 +111,9 @@ class AlongTime:
         Trajectory
             Effective joints, for `configurations`.
         """
-        mine = self._leaning(commands, previous)
-        self.arm.check_joints(mine.q)
-        return moves_along.to_effective(self.joint_map, mine)
+        ordered = self._leaning(commands, previous)
+        self.arm.check_joints(ordered.q)
+        return moves_along.to_effective(self.joint_map, ordered)
 
     def command_trajectory(
         self,
@@ -158,10 +158,10 @@ class AlongTime:
         return np.where(speeds > 0.0, speeds, np.inf)
 
     def _leaning(self, trajectory: Trajectory, previous: ArrayLike | None) -> Trajectory:
-        mine = replace(trajectory.in_order_of(self.arm.joint_names), prismatic=self.arm.table.prismatic)
-        if mine.lean is not None and previous is None:
-            return mine
-        return replace(mine, lean=moves_along.lean_along(self.joint_map, mine, previous))
+        ordered = replace(trajectory.in_order_of(self.arm.joint_names), prismatic=self.arm.table.prismatic)
+        if ordered.lean is not None and previous is None:
+            return ordered
+        return replace(ordered, lean=moves_along.lean_along(self.joint_map, ordered, previous))
 
     def gravity_torques(
         self,
@@ -207,15 +207,15 @@ class AlongTime:
             out[k] = pin.computeGeneralizedGravity(model, data, configuration)[self._place.columns]
         if payload_kg:
             J = jacobians.along_chain(self.arm, self.T_universe_base, theta, None)[0]
-            place = np.append(np.asarray(payload_place, dtype=float), 1.0)
-            p = (self.T_universe_base @ self.arm.forward(theta) @ place)[:, :3, None]
+            point = np.append(np.asarray(payload_place, dtype=float), 1.0)
+            p = (self.T_universe_base @ self.arm.forward(theta) @ point)[:, :3, None]
             weight = payload_kg * STANDARD_GRAVITY * model.gravity.linear / np.linalg.norm(model.gravity.linear)
             out -= np.einsum("i,nij->nj", weight, J[:, :3] + np.cross(J[:, 3:], p, axis=1))
         return out
 
 
-def _table(values: ArrayLike, columns: int, what: str) -> FloatArray:
-    found: FloatArray = np.atleast_2d(np.asarray(values, dtype=float))
-    if found.ndim != 2 or found.shape[1] != columns:
-        raise CalibrationError(f"{what} need shape (n, {columns}), found {found.shape}", parameter=what)
-    return found
+def _table(values: ArrayLike, columns: int, quantity: str) -> FloatArray:
+    table: FloatArray = np.atleast_2d(np.asarray(values, dtype=float))
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise CalibrationError(f"{quantity} need shape (n, {columns}), found {table.shape}", parameter=quantity)
+    return table

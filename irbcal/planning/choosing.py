@@ -42,9 +42,9 @@ def ordered(setting: Setting, poses: Poses, start: FloatArray, speed: FloatArray
     """
     rows, bad = route.shortest_order(poses.q, start, speed, lambda a, b: blocked_moves(setting, a, b))
     poses = poses.take(rows)
-    places = np.concatenate([start[None], poses.q])
+    q_route = np.concatenate([start[None], poses.q])
     home = np.broadcast_to(home_joints(setting.arm), (len(bad), len(start)))
-    stuck = blocked_moves(setting, places[bad], home) | blocked_moves(setting, home, places[bad + 1])
+    stuck = blocked_moves(setting, q_route[bad], home) | blocked_moves(setting, home, q_route[bad + 1])
     over_home, blocked = np.zeros((2, len(poses.q)), dtype=bool)
     over_home[bad[~stuck]], blocked[bad[stuck]] = True, True
     return poses, over_home, blocked
@@ -58,9 +58,9 @@ def blocked_moves(setting: Setting, q_from: FloatArray, q_to: FloatArray) -> Boo
     bad = np.zeros(len(q), dtype=bool)
     if "height" in setting.conditions:
         tip, points, _ = setting.places(q)
-        own = setting.high(*setting.places(q_from)[:2]) & setting.high(*setting.places(q_to)[:2])
+        both_high = setting.high(*setting.places(q_from)[:2]) & setting.high(*setting.places(q_to)[:2])
         move = np.repeat(np.arange(len(starts)), np.diff([*starts, len(q)]))
-        bad |= ~setting.high(tip, points) & own[move]  # ends that are low themselves are known to be
+        bad |= ~setting.high(tip, points) & both_high[move]  # ends that are low themselves are known to be
     bad = np.logical_or.reduceat(bad, starts)
     return bad | touching_on(setting, q, starts) if "collision" in setting.conditions else bad
 
@@ -88,8 +88,8 @@ def optimal(
     scene: Scene,
     wish: Wish,
     model: Model,
-    given: Sequence[Poses],
-    there: Mapping[str, FloatArray],
+    fixed_poses: Sequence[Poses],
+    samples_of: Mapping[str, FloatArray],
     seeds: Sequence[int],
     step: Step,
 ) -> tuple[Poses, DesignComparison, dict[str, Tally]]:
@@ -100,9 +100,9 @@ def optimal(
     scene : Scene
     wish : Wish
     model : Model
-    given : sequence of Poses
+    fixed_poses : sequence of Poses
         Those that are measured anyway.
-    there : mapping of str to ndarray
+    samples_of : mapping of str to ndarray
         Where predicted positions are looked at, see `samples`.
     seeds : sequence of int
         For the candidates of the cube and of the range.
@@ -127,23 +127,24 @@ def optimal(
         pools.append(random_poses(scene.setting, count, group, seed, region))
         tallies[f"candidates, {group}"] = pools[-1].tally
     pool = joined(pools)
-    asked = first_seen(pool.seen, MOST_REFLECTORS)
+    measured = first_seen(pool.seen, MOST_REFLECTORS)
     step(f"{wish.optimal} poses of {len(pool.q)} candidates")
     imagined = wish.imagined if wish.criterion == "position" else 0.0
-    cared_for = np.concatenate([there[name] for name in there if wish.volume in ("both", name)])
-    most = int(np.argmax(asked.sum(axis=0)))
-    aim = model.aim(wish.criterion, cared_for, most, imagined)
-    for part in given:
-        aim = aim.with_given(model.candidates(part.q, first_seen(part.seen, MOST_REFLECTORS), imagined))
-    rated = model.candidates(pool.q, asked, imagined)
-    found = exchange(rated, wish.optimal, aim)
+    cared_for = np.concatenate([samples_of[name] for name in samples_of if wish.volume in ("both", name)])
+    most_seen = int(np.argmax(measured.sum(axis=0)))
+    aim = model.aim(wish.criterion, cared_for, most_seen, imagined)
+    for poses in fixed_poses:
+        aim = aim.with_given(model.candidates(poses.q, first_seen(poses.seen, MOST_REFLECTORS), imagined))
+    rated = model.candidates(pool.q, measured, imagined)
+    exchanged = exchange(rated, wish.optimal, aim)
     step("random plans to compare with")
-    comparison = compare(rated, found, aim, seeds[0])
+    comparison = compare(rated, exchanged, aim, seeds[0])
     if imagined:
         comparison = replace(
-            comparison, scatter=_by_scatter(model, pool, asked, given, (cared_for, most), found, seeds)
+            comparison,
+            scatter=_by_scatter(model, pool, measured, fixed_poses, (cared_for, most_seen), exchanged, seeds),
         )
-    chosen = pool.take(found.rows)
+    chosen = pool.take(exchanged.rows)
     groups = np.array([f"optimal_{group}" for group in chosen.groups], dtype=object)
     return Poses(chosen.q, chosen.seen, groups, Tally()), comparison, tallies
 
@@ -151,23 +152,23 @@ def optimal(
 def _by_scatter(
     model: Model,
     pool: Poses,
-    asked: BoolArray,
-    given: Sequence[Poses],
+    measured: BoolArray,
+    fixed_poses: Sequence[Poses],
     where: tuple[FloatArray, int],
-    found: Chosen,
+    exchanged: Chosen,
     seeds: Sequence[int],
 ) -> DesignComparison:
     """The comparison of chosen with random poses as if the model described all but the scatter of the points."""
     aim = model.aim("position", *where)
-    for part in given:
-        aim = aim.with_given(model.candidates(part.q, first_seen(part.seen, MOST_REFLECTORS)))
-    rated = model.candidates(pool.q, asked)
-    value = aim.value(rated.rows[found.rows], rated.errors[found.rows])
-    return compare(rated, replace(found, value=value), aim, seeds[0])
+    for poses in fixed_poses:
+        aim = aim.with_given(model.candidates(poses.q, first_seen(poses.seen, MOST_REFLECTORS)))
+    rated = model.candidates(pool.q, measured)
+    value = aim.value(rated.rows[exchanged.rows], rated.errors[exchanged.rows])
+    return compare(rated, replace(exchanged, value=value), aim, seeds[0])
 
 
 def in_order(
-    scene: Scene, axis: Sequence[Poses], others: Sequence[Poses], start: FloatArray
+    scene: Scene, axis: Sequence[Poses], movable: Sequence[Poses], start: FloatArray
 ) -> tuple[Poses, BoolArray, list[str]]:
     """Axis moves first, as they are; then all others on a short way.
 
@@ -183,10 +184,12 @@ def in_order(
     done = list(axis)
     if axis:
         notes += _axis_notes(setting, axis[0])
-    over_home: BoolArray = np.zeros(sum(len(part.q) for part in axis), dtype=bool)
-    if others:
-        rest, over, blocked = ordered(setting, joined(others), axis[0].q[-1] if axis else start, scene.joint_speed)
-        done.append(rest)
+    over_home: BoolArray = np.zeros(sum(len(poses.q) for poses in axis), dtype=bool)
+    if movable:
+        sorted_poses, over, blocked = ordered(
+            setting, joined(movable), axis[0].q[-1] if axis else start, scene.joint_speed
+        )
+        done.append(sorted_poses)
         if over.any():
             notes.append(f"to {int(over.sum())} poses the robot goes over its home joints: the direct way is not free")
         if blocked.any():
@@ -201,8 +204,8 @@ def _axis_notes(setting: Setting, axis: Poses) -> list[str]:
     notes: list[str] = []
     _, points, looks = setting.places(axis.q)
     if looks is not None:
-        away = turned_away(points, looks, setting.place, setting.acceptance)
-        count = int(np.any(axis.seen & away, axis=1).sum())
+        turned = turned_away(points, looks, setting.place, setting.acceptance)
+        count = int(np.any(axis.seen & turned, axis=1).sum())
         if count:
             notes.append(f"in {count} of {len(axis.q)} axis moves a reflector must be turned to the tracker by hand")
     if setting.heights is not None:

@@ -95,18 +95,18 @@ class CollisionModel:
         # what Pinocchio and coal hold cannot be pickled: the model is made again from the files
         return _made_again, (*self._made_from, self._obstacles)
 
-    def add_obstacle(self, place: ArrayLike, radius: float) -> None:
+    def add_obstacle(self, centre: ArrayLike, radius: float) -> None:
         """A ball that stands still, such as the tracker; the moving links are checked against it from now on.
 
         Parameters
         ----------
-        place : array_like, shape (3,)
+        centre : array_like, shape (3,)
             Its middle in the base link, metres.
         radius : float
             Metres.
         """
         T = np.eye(4)
-        T[:3, 3] = place
+        T[:3, 3] = centre
         self._add_obstacle(T, (float(radius),))
 
     def add_box(self, T_base_box: FloatArray, edges: Sequence[float]) -> None:
@@ -193,7 +193,7 @@ class CollisionModel:
         return np.array([pin.computeCollisions(*things, row, True) for row in self._configurations(theta)], dtype=bool)
 
     def blocked(
-        self, theta: FloatArray, points: FloatArray, place: FloatArray, asked: BoolArray | None = None
+        self, theta: FloatArray, points: FloatArray, tracker: FloatArray, needed: BoolArray | None = None
     ) -> BoolArray:
         """Whether solids of the robot stand in the beam between tracker and reflectors.
 
@@ -206,9 +206,9 @@ class CollisionModel:
             Effective joints.
         points : ndarray, shape (n, k, 3)
             Reflectors in the base link, metres.
-        place : ndarray, shape (3,)
+        tracker : ndarray, shape (3,)
             The tracker in the base link, metres.
-        asked : ndarray of bool, shape (n, k), optional
+        needed : ndarray of bool, shape (n, k), optional
             Which beams are looked at; the others count as blocked. All unless given.
 
         Returns
@@ -220,10 +220,10 @@ class CollisionModel:
 
         points = np.asarray(points, dtype=float)
         n, k = points.shape[:2]
-        asked = np.ones((n, k), dtype=bool) if asked is None else np.asarray(asked, dtype=bool)
+        needed = np.ones((n, k), dtype=bool) if needed is None else np.asarray(needed, dtype=bool)
         scene = pin.GeometryModel(self.geometry)
         scene.removeAllCollisionPairs()
-        beam = place - points
+        beam = tracker - points
         length = np.linalg.norm(beam, axis=-1)
         # one capsule as long as the longest beam; it begins at the reflector's end and may reach behind the tracker
         longest = float(length.max(initial=1.0))
@@ -233,9 +233,9 @@ class CollisionModel:
         for i in looked:
             scene.addCollisionPair(pin.CollisionPair(i, number))
         data = scene.createData()
-        out = ~asked
-        starts = np.concatenate([[0], np.cumsum(asked.sum(axis=1))])
-        rows, columns = np.nonzero(asked)
+        out = ~needed
+        starts = np.concatenate([[0], np.cumsum(needed.sum(axis=1))])
+        rows, columns = np.nonzero(needed)
         along = beam[rows, columns] / length[rows, columns, None]
         middle = points[rows, columns] + along * (BEAM_GAP + longest / 2)
         R_base, p_base = self.T_universe_base[:3, :3], self.T_universe_base[:3, 3]
@@ -295,8 +295,8 @@ def _with_found_meshes(urdf_bytes: bytes, folders: Sequence[Path]) -> str:
 
 
 def _find(uri: str, folders: Sequence[Path], link: str | None) -> Path:
-    shown = uri if len(uri) < 120 else uri[:120] + "…"
-    where = f"collision mesh {shown!r} of link {link!r}"
+    name = uri if len(uri) < 120 else uri[:120] + "…"
+    where = f"collision mesh {name!r} of link {link!r}"
     if uri.startswith("file://"):
         uri = uri.removeprefix("file://")
     elif uri.startswith("package://"):

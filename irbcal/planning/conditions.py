@@ -50,7 +50,7 @@ class Solids(Protocol):
         """Whether the robot touches itself at effective joints (n, joints), shape (n,)."""
 
     def blocked(
-        self, theta: FloatArray, points: FloatArray, place: FloatArray, asked: BoolArray | None = None
+        self, theta: FloatArray, points: FloatArray, tracker: FloatArray, needed: BoolArray | None = None
     ) -> BoolArray:
         """Whether solids stand between the tracker and points (n, k, 3) in the base link, shape (n, k)."""
 
@@ -137,9 +137,9 @@ class Setting:
         """Whether the robot touches itself at commanded joints, shape (n,)."""
         return self._solid().touching(self.effective(q))
 
-    def blocked(self, q: FloatArray, points: FloatArray, asked: BoolArray) -> BoolArray:
+    def blocked(self, q: FloatArray, points: FloatArray, needed: BoolArray) -> BoolArray:
         """Whether the robot stands between the tracker and its reflectors, shape (n, k)."""
-        return self._solid().blocked(self.effective(q), points, self.place, asked)
+        return self._solid().blocked(self.effective(q), points, self.place, needed)
 
     def _solid(self) -> Solids:
         if self.solids is None:
@@ -163,8 +163,8 @@ def check(setting: Setting, q: FloatArray, conditions: Collection[str] | None = 
     seen : ndarray of bool, shape (n, k)
         Reflectors that the tracker sees; none where the pose is not kept.
     """
-    keep, seen, _ = counted(setting, q, conditions)
-    return keep, seen
+    keep, visible, _ = counted(setting, q, conditions)
+    return keep, visible
 
 
 def counted(
@@ -174,7 +174,7 @@ def counted(
     on = [name for name in setting.conditions if conditions is None or name in conditions]
     keep = np.ones(len(q), dtype=bool)
     tip, points, looks = setting.places(q)
-    seen = np.ones(points.shape[:2], dtype=bool)
+    visible = np.ones(points.shape[:2], dtype=bool)
     removed: dict[str, int] = {}
 
     def drop(name: str, good: BoolArray) -> None:
@@ -187,23 +187,23 @@ def counted(
     if "height" in on:
         drop("height", setting.high(tip, points))
     if "acceptance" in on and looks is not None:
-        seen &= ~turned_away(points, looks, setting.place, setting.acceptance)
-        drop("acceptance", np.any(seen, axis=1))
+        visible &= ~turned_away(points, looks, setting.place, setting.acceptance)
+        drop("acceptance", np.any(visible, axis=1))
     if "collision" in on:
         good, rows = np.ones(len(q), dtype=bool), np.flatnonzero(keep)
         good[rows] = ~setting.touching(q[rows])
         drop("collision", good)
     if "sight" in on:
         rows = np.flatnonzero(keep)
-        seen[rows] &= ~setting.blocked(q[rows], points[rows], seen[rows])
-        drop("sight", ~keep | np.any(seen, axis=1))
+        visible[rows] &= ~setting.blocked(q[rows], points[rows], visible[rows])
+        drop("sight", ~keep | np.any(visible, axis=1))
     if "way" in on:
         good, rows = np.ones(len(q), dtype=bool), np.flatnonzero(keep)
         home = np.broadcast_to(home_joints(setting.arm), (len(rows), q.shape[1]))
         good[rows] = ~touching_on(setting, *route.between(home, q[rows], setting.arm.table.prismatic, WAY_STEP))
         drop("way", good)
-    seen[~keep] = False
-    return keep, seen, removed
+    visible[~keep] = False
+    return keep, visible, removed
 
 
 def touching_on(setting: Setting, q: FloatArray, starts: IntArray) -> BoolArray:

@@ -82,19 +82,25 @@ class DeviceComparison(Speaks):
         """A row for each device, a column for each number of poses."""
         counts = sorted({row.poses for row in self.rows})
         devices = list(dict.fromkeys((row.device, row.words, row.noise) for row in self.rows))
-        left = {(row.device, row.poses): row.left / MM for row in self.rows}
+        remaining = {(row.device, row.poses): row.left / MM for row in self.rows}
         last = {row.device: row.left_with_joints / MM for row in self.rows if row.poses == counts[-1]}
         cells = tuple(
-            (device, words, noise / MM, *(left.get((device, count)) for count in counts), last.get(device))
-            for device, words, noise in devices
+            (device, label, noise / MM, *(remaining.get((device, count)) for count in counts), last.get(device))
+            for device, label, noise in devices
         )
-        before = ("before", "no measurement", None, *(self.before / MM for _ in counts), self.before_with_joints / MM)
+        unmeasured = (
+            "before",
+            "no measurement",
+            None,
+            *(self.before / MM for _ in counts),
+            self.before_with_joints / MM,
+        )
         columns = ("device", "what it is", "noise", *(f"{count} poses" for count in counts), f"{counts[-1]}, joints")
         return [
             f"{self.robot}: position error before calibration {self.before / MM:.2f} mm from the geometry, "
             f"{self.before_with_joints / MM:.2f} mm with what joints err beyond it (root mean square over the whole "
             "range; gain, gravity and harmonics in their natural sizes)",
-            Table("Predicted position error that each device leaves, mm", columns, (before, *cells)),
+            Table("Predicted position error that each device leaves, mm", columns, (unmeasured, *cells)),
             f"Columns with poses alone: as if the geometry were all that errs. {counts[-1]}, joints: the joints err "
             "beyond it, as those of real robots do; a device that keeps the arm in one place does not tell them all.",
             "Calculated, not measured: what no error model describes is not in it, and remains.",
@@ -177,14 +183,14 @@ def compare_devices(
             spread = TRACKER_NOISE if name == TRACKER else DEVICES[name].noise
             spread = spread if noise is None else number("noise", noise, 1e-7, 0.01)
             try:
-                left = [_left(model, name, count, spread) for model in models]
+                errors = [_left(model, name, count, spread) for model in models]
             except IdentificationError as error:
                 missing.append(str(error))
                 continue
-            words = "laser tracker, one reflector" if name == TRACKER else DEVICES[name].words
-            rows.append(RemainingError(name, words, count, spread, *left))
-    most = {row.device: row.left_with_joints for row in rows}
-    rows.sort(key=lambda row: most[row.device])
+            label = "laser tracker, one reflector" if name == TRACKER else DEVICES[name].words
+            rows.append(RemainingError(name, label, count, spread, *errors))
+    with_joints = {row.device: row.left_with_joints for row in rows}
+    rows.sort(key=lambda row: with_joints[row.device])
     return DeviceComparison(arm.name, models[0].before, models[1].before, tuple(rows), tuple(missing))
 
 
@@ -192,5 +198,5 @@ def _left(model: DeviceModel, name: str, count: int, noise: float) -> float:
     """What random poses leave."""
     if name == TRACKER:
         return model.tracked(count, noise).left()
-    found = placed(model.arm, DEVICES[name])
-    return model.at(found, *device_poses(model.arm, found, count, model.seed), noise).left()
+    features = placed(model.arm, DEVICES[name])
+    return model.at(features, *device_poses(model.arm, features, count, model.seed), noise).left()

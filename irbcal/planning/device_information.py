@@ -103,16 +103,16 @@ class DeviceModel:
         q = self.arm.random_joints(SAMPLES, self.seed + 7)
         path = chain.walk(self.arm, q)
         p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], np.array(BALL))
-        pose, here = np.arange(SAMPLES), Situation(self.arm, Motion(q))
+        pose, situation = np.arange(SAMPLES), Situation(self.arm, Motion(q))
         J = np.zeros((3 + len(self.terms), 3, SAMPLES))
         J[:3] = path.tip[:3] * FREE * MM
         for constant in (True, False):
-            mine = np.flatnonzero([(term.family == "geometry") == constant for term in self.terms])
-            terms = [self.terms[k] for k in mine]
+            rows = np.flatnonzero([(term.family == "geometry") == constant for term in self.terms])
+            terms = [self.terms[k] for k in rows]
             if terms:
-                by = np.ones((len(terms), SAMPLES)) if constant else basis_values(terms, here)
+                by = np.ones((len(terms), SAMPLES)) if constant else basis_values(terms, situation)
                 columns = chain.point_columns(path, p, pose, constant=constant)
-                J[3 + mine] = term_columns(terms, columns, by, pose) * self.sizes[mine][:, None, None]
+                J[3 + rows] = term_columns(terms, columns, by, pose) * self.sizes[rows][:, None, None]
         B = np.concatenate([-cross(p.T), np.broadcast_to(np.eye(3), (SAMPLES, 3, 3))], axis=2).reshape(-1, 6)
         across = J.transpose(0, 2, 1).reshape(len(J), -1)
         across = across - (across @ B) @ np.linalg.pinv(B)
@@ -132,11 +132,11 @@ class DeviceModel:
         table = rows_table(self.arm, found, q, which, values(self.arm, found, q, which))
         return self._rated(features.read(table, found.table(), self.arm), found.unknowns(), noise)
 
-    def _rated(self, seen: FeatureSet, own: Mapping[Key, FloatArray], noise: float) -> Rated:
+    def _rated(self, seen: FeatureSet, unknowns: Mapping[Key, FloatArray], noise: float) -> Rated:
         seen = replace(seen, u95=np.full(len(seen), 1.96 * noise))
         problem = FeatureProblem(self.arm, seen, self.terms)
         target = str(seen.target[0])
-        state = FeatureState({**own, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))
+        state = FeatureState({**unknowns, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))
         blocks = list(problem.dense(state))
         J = np.concatenate([block.J for block in blocks], axis=1)
         row = np.concatenate([block.row for block in blocks])
@@ -149,8 +149,8 @@ class DeviceModel:
         at = problem.layout[TOOL, target][1]
         columns = np.r_[at : at + 3, problem.flat : len(J)]
         G[np.ix_(columns, columns)] = self.G
-        known = J[:, row < 0]
-        aim = Aim(problem.flat, G, np.zeros((len(J), 0)), 0.0, (known @ known.T, 0.0))
+        nuisance = J[:, row < 0]
+        aim = Aim(problem.flat, G, np.zeros((len(J), 0)), 0.0, (nuisance @ nuisance.T, 0.0))
         return Rated(Candidates.without_errors(rows), aim)
 
 

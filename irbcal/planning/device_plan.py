@@ -106,16 +106,19 @@ class Access:
         if not self.touched:
             end = "the board" if self.found.device.sees else "the anchor"
             return [angle, *([f"the line to {end} free of the arm"] if self.setting.solids else [])]
-        way = f"the last {self.approach / MM:.0f} mm along the tool axis reached"
-        return [angle, f"{way}, free of the arm and of what carries the features" if self.setting.solids else way]
+        last_part = f"the last {self.approach / MM:.0f} mm along the tool axis reached"
+        return [
+            angle,
+            f"{last_part}, free of the arm and of what carries the features" if self.setting.solids else last_part,
+        ]
 
     def keep(self, feature: str, q: FloatArray) -> tuple[BoolArray, dict[str, int]]:
         """Which poses (n, joints) at a feature can be used, and how many each condition removed."""
         good = self._turned(feature, q)
         removed = {"cone": int((~good).sum())}
         rows = np.flatnonzero(good)
-        free, _, others = counted(self.setting, q[rows])
-        removed |= others
+        free, _, removed_here = counted(self.setting, q[rows])
+        removed |= removed_here
         good[rows] = free
         rows = np.flatnonzero(good)
         if self.touched:
@@ -134,15 +137,15 @@ class Access:
         lower, upper = setting.bounds
         goal = arm.forward(q)
         good = np.ones(len(q), dtype=bool)
-        there = q
+        q_back = q
         for _ in range(PARTS):
             goal[:, :3, 3] -= goal[:, :3, 2] * (self.approach / PARTS)
-            there, met = reached(arm, there, goal)
-            good &= met & ((there >= lower) & (there <= upper)).all(axis=1)
+            q_back, converged = reached(arm, q_back, goal)
+            good &= converged & ((q_back >= lower) & (q_back <= upper)).all(axis=1)
             rows = np.flatnonzero(good)
             if setting.solids is not None and len(rows):
-                good[rows] = ~setting.touching(there[rows])
-        return there, good
+                good[rows] = ~setting.touching(q_back[rows])
+        return q_back, good
 
     def _points(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The tool's point (n, 3) and its axis (n, 3) in the base link."""
@@ -153,35 +156,35 @@ class Access:
         p, axis = self._points(q)
         middle = self.found.middle[feature]
         if self.found.imaging is not None:
-            own, T = dict(self.found.own[feature]), self.setting.arm.forward(q)
-            return devices.visible(self.found.imaging, own, T, np.array(BALL), self.cone)
+            unknowns, T = dict(self.found.own[feature]), self.setting.arm.forward(q)
+            return devices.visible(self.found.imaging, unknowns, T, np.array(BALL), self.cone)
         if self.touched:
-            wanted = np.broadcast_to(-_open(self.found, feature), p.shape)
+            direction = np.broadcast_to(-_open(self.found, feature), p.shape)
         else:
-            wanted = (middle - p) / np.linalg.norm(middle - p, axis=1)[:, None]
-        good = np.einsum("ni,ni->n", axis, wanted) >= np.cos(self.cone)
+            direction = (middle - p) / np.linalg.norm(middle - p, axis=1)[:, None]
+        good = np.einsum("ni,ni->n", axis, direction) >= np.cos(self.cone)
         if self.found.device.kind == "plane":
             Q = with_third(_open(self.found, feature))
             good &= (np.abs((p - middle) @ Q[:, :2]) <= self.patch + 1e-6).all(axis=1)
         return np.asarray(good, dtype=bool)
 
 
-def with_stands(solids: CollisionModel, found: Placed, arm: Arm) -> None:
+def with_stands(solids: CollisionModel, features: Placed, arm: Arm) -> None:
     """Put what carries the features of a device in the arm's way; anchors are beside it and carried by nothing here."""
-    if found.device.kind == "radius" and not found.bar:
+    if features.device.kind == "radius" and not features.bar:
         return
-    for name, middle in found.middle.items():
-        n = _open(found, name)
-        if found.device.kind == "plane":
+    for name, middle in features.middle.items():
+        n = _open(features, name)
+        if features.device.kind == "plane":
             edge = 2.0 * PATCH * reach_of(arm)
             solids.add_box(frames.transform(with_third(n), middle - n * (GAP + PLATE / 2)), (edge, edge, PLATE))
         else:
             solids.add_obstacle(middle - BELOW * n, STAND)
 
 
-def _open(found: Placed, feature: str) -> FloatArray:
+def _open(features: Placed, feature: str) -> FloatArray:
     """Unit vector to the open side of a feature."""
-    return np.array(next(spot.normal for spot in found.device.spots if spot.name == feature))
+    return np.array(next(spot.normal for spot in features.device.spots if spot.name == feature))
 
 
 def reached(arm: Arm, q: FloatArray, goal: FloatArray, steps: int = 6) -> tuple[FloatArray, BoolArray]:
@@ -302,21 +305,21 @@ class DevicePlan(Speaks):
         """What to put where, and what every pose meets."""
         device, counts = self.found.device, np.bincount(self.which)
         bar = f", bar of {self.found.bar / MM:.0f} mm" if self.found.bar else ""
-        told: list[Told] = [f"{self.arm.name}: {len(self.q)} poses at {device.words}{bar}"]
-        for (name, place), count in zip(self.places().items(), counts, strict=True):
-            told.append(f"  {name} near {', '.join(f'{x:.0f}' for x in place)} mm in the base link: {count} poses")
-        told.append(f"Every pose meets: {', '.join(self.conditions)}")
-        most = max(self.comparison.random)
+        lines: list[Told] = [f"{self.arm.name}: {len(self.q)} poses at {device.words}{bar}"]
+        for (name, middle), count in zip(self.places().items(), counts, strict=True):
+            lines.append(f"  {name} near {', '.join(f'{x:.0f}' for x in middle)} mm in the base link: {count} poses")
+        lines.append(f"Every pose meets: {', '.join(self.conditions)}")
+        largest = max(self.comparison.random)
         good = self.comparison.as_good_as
-        same = f"{good} random ones would be as good" if good else f"{most} random ones would not be as good"
-        told.append(
+        equal = f"{good} random ones would be as good" if good else f"{largest} random ones would not be as good"
+        lines.append(
             f"Predicted position error: {self.before / MM:.2f} mm before, {self.left / MM:.3f} mm after these poses, "
-            f"{self.left_by_random / MM:.3f} mm after as many random ones that meet the same ({same}); root mean "
+            f"{self.left_by_random / MM:.3f} mm after as many random ones that meet the same ({equal}); root mean "
             "square over the whole range, calculated, joints err beyond the geometry"
         )
         removed = ", ".join(f"{count} by {name}" for name, count in self.tally.items() if count)
-        told.append(f"Chosen from {sum(self.candidates.values())} poses; removed before: {removed or 'none'}")
-        return [*told, *(f"Note: {note}" for note in self.notes)]
+        lines.append(f"Chosen from {sum(self.candidates.values())} poses; removed before: {removed or 'none'}")
+        return [*lines, *(f"Note: {note}" for note in self.notes)]
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write ``rows.csv``, ``features.csv`` and of devices that are touched ``approach.csv``, all or none.
@@ -389,10 +392,10 @@ def device_plan(
     IrbcalError
         If an option or input is refused, or too few poses are found; the sentence counts what each condition removed.
     """
-    wanted = DEVICES[checked("device", device, tuple(DEVICES))]
-    count = number("poses", poses, len(wanted.spots), MOST_POSES, whole=True)
+    chosen_device = DEVICES[checked("device", device, tuple(DEVICES))]
+    count = number("poses", poses, len(chosen_device.spots), MOST_POSES, whole=True)
     pool = number("candidates", candidates, 2, MOST_POSES, whole=True)
-    cone = wanted.cone if acceptance is None else number("acceptance", acceptance, 1 * DEG, 180 * DEG)
+    cone = chosen_device.cone if acceptance is None else number("acceptance", acceptance, 1 * DEG, 180 * DEG)
     length = number("approach", approach, 0.0, 1.0)
     size = None if prior is None else number("prior", prior, 1e-6, 0.1)
     step: Callable[[str], object] = progress or (lambda text: None)
@@ -406,12 +409,12 @@ def device_plan(
         tip_link=tip_link,
         coupling=coupling,
     )
-    return _made(scene, wanted, count, max(pool, count), cone, length, size, check_seed(seed), step)
+    return _made(scene, chosen_device, count, max(pool, count), cone, length, size, check_seed(seed), step)
 
 
 def _made(
     scene: Scene,
-    wanted: Device,
+    device: Device,
     count: int,
     pool: int,
     cone: float,
@@ -422,26 +425,26 @@ def _made(
 ) -> DevicePlan:
     """The plan of a scene, see `device_plan`."""
     setting = scene.setting
-    arm, found = setting.arm, placed(setting.arm, wanted)
+    arm, features = setting.arm, placed(setting.arm, device)
     if setting.solids is not None:
-        with_stands(cast("CollisionModel", setting.solids), found, arm)
-    access = Access(setting, found, cone, length)
+        with_stands(cast("CollisionModel", setting.solids), features, arm)
+    access = Access(setting, features, cone, length)
     step("candidates")
     q, which, tally = _candidates(access, count, pool, seed)
     model = DeviceModel(arm, seed, wide=True, prior=prior)
-    rated = model.at(found, q, which, wanted.noise)
+    rated = model.at(features, q, which, device.noise)
     step(f"{count} poses of {len(q)} candidates")
-    rows = _chosen(rated, which, count, len(wanted.spots))
+    rows = _chosen(rated, which, count, len(device.spots))
     step("random plans to compare with")
     value = rated.left(rows) ** 2
     comparison = compare(rated.poses, Chosen(rows, value, value, 0), rated.aim, seed)
     rows = _in_order(scene, q, which, rows)
     notes = [note for note in scene.notes if "reflector" not in note and "tracker" not in note]
     notes.append("the tool's body is not in the URDF: see that it is free, too")
-    names = list(found.own)
+    names = list(features.own)
     return DevicePlan(
         arm,
-        found,
+        features,
         q[rows],
         which[rows],
         (*setting.conditions, *access.words()),
@@ -456,51 +459,51 @@ def _made(
 
 def _candidates(access: Access, count: int, pool: int, seed: int) -> tuple[FloatArray, IntArray, dict[str, int]]:
     """Random poses that meet the conditions, as even among the features as can be."""
-    found, arm = access.found, access.setting.arm
-    parts, which, tally = [], [], dict[str, int]()
-    share = -(-pool // len(found.own))
-    least = min(LEAST, count // len(found.own))
-    for k, name in enumerate(found.own):
-        kept: list[FloatArray] = []
+    features, arm = access.found, access.setting.arm
+    q_parts, which, tally = [], [], dict[str, int]()
+    share = -(-pool // len(features.own))
+    fewest = min(LEAST, count // len(features.own))
+    for k, name in enumerate(features.own):
+        usable: list[FloatArray] = []
         for batch in range(BATCHES):
-            q = drawn(arm, found, name, BATCH, seed * 1000 + 50 * k + batch, access.patch)
+            q = drawn(arm, features, name, BATCH, seed * 1000 + 50 * k + batch, access.patch)
             good, removed = access.keep(name, q)
-            for what, number_of in removed.items():
-                tally[what] = tally.get(what, 0) + number_of
-            kept.append(q[good])
-            if sum(map(len, kept)) >= share:
+            for condition, number_of in removed.items():
+                tally[condition] = tally.get(condition, 0) + number_of
+            usable.append(q[good])
+            if sum(map(len, usable)) >= share:
                 break
-        parts.append(np.concatenate(kept)[:share])
-        which += [k] * len(parts[-1])
-        if len(parts[-1]) < least:
-            removed_by = ", ".join(f"{number_of} by {what}" for what, number_of in tally.items() if number_of)
+        q_parts.append(np.concatenate(usable)[:share])
+        which += [k] * len(q_parts[-1])
+        if len(q_parts[-1]) < fewest:
+            removed_by = ", ".join(f"{number_of} by {condition}" for condition, number_of in tally.items() if number_of)
             raise MeasurementError(
-                f"{arm.name} can be at {name} of {found.device.words} in {len(parts[-1])} poses only (removed: "
-                f"{removed_by or 'out of reach'}): at least {least} are needed"
+                f"{arm.name} can be at {name} of {features.device.words} in {len(q_parts[-1])} poses only (removed: "
+                f"{removed_by or 'out of reach'}): at least {fewest} are needed"
             )
     if len(which) < count:
         raise MeasurementError(
-            f"{arm.name} can be at {found.device.words} in {len(which)} of the {count} poses asked for: ask for fewer",
+            f"{arm.name} can be at {features.device.words} in {len(which)} of {count} poses only: ask for fewer",
             parameter="poses",
         )
-    return np.concatenate(parts), np.array(which), tally
+    return np.concatenate(q_parts), np.array(which), tally
 
 
 def _chosen(rated: Rated, which: IntArray, count: int, features: int) -> IntArray:
     """The best poses; where one feature would get too few for its own place, these are chosen first."""
     rows = exchange(rated.poses, count, rated.aim).rows
-    least = min(LEAST, count // features)
-    if (np.bincount(which[rows], minlength=features) >= least).all():
+    fewest = min(LEAST, count // features)
+    if (np.bincount(which[rows], minlength=features) >= fewest).all():
         return rows
     aim, first = rated.aim, np.zeros(0, dtype=int)
     for k in range(features):
-        mine = np.flatnonzero(which == k)
-        part = _some(rated.poses, mine)
-        first = np.append(first, mine[exchange(part, least, aim).rows])
-        aim = aim.with_given(_some(rated.poses, first[-least:]))
-    rest = np.setdiff1d(np.arange(len(which)), first)
+        rows_of_feature = np.flatnonzero(which == k)
+        rated_here = _some(rated.poses, rows_of_feature)
+        first = np.append(first, rows_of_feature[exchange(rated_here, fewest, aim).rows])
+        aim = aim.with_given(_some(rated.poses, first[-fewest:]))
+    others_of = np.setdiff1d(np.arange(len(which)), first)
     if count > len(first):
-        first = np.append(first, rest[exchange(_some(rated.poses, rest), count - len(first), aim).rows])
+        first = np.append(first, others_of[exchange(_some(rated.poses, others_of), count - len(first), aim).rows])
     return np.sort(first)
 
 
@@ -512,7 +515,7 @@ def _in_order(scene: Scene, q: FloatArray, which: IntArray, rows: IntArray) -> I
     """The poses feature by feature, with short moves; the ways between are not looked at."""
     out, start = np.zeros(0, dtype=int), home_joints(scene.setting.arm)
     for k in np.unique(which[rows]):
-        mine = rows[which[rows] == k]
-        mine = mine[shortest_order(q[mine], start, scene.joint_speed)[0]]
-        out, start = np.append(out, mine), q[mine[-1]]
+        rows_of_feature = rows[which[rows] == k]
+        rows_of_feature = rows_of_feature[shortest_order(q[rows_of_feature], start, scene.joint_speed)[0]]
+        out, start = np.append(out, rows_of_feature), q[rows_of_feature[-1]]
     return out

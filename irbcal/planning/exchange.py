@@ -88,17 +88,17 @@ def exchange(
     chosen = _one_by_one(candidates, count, aim) if start is None else np.array(start, dtype=np.int64)
     start_value, exchanges = value(), 0
     for _ in range(PASSES):
-        before = value()
+        previous = value()
         everyone = _Ratings(candidates, np.arange(n), aim)
         everyone.reset(chosen)
         # where the best poses for this plan are, the best for its neighbours are, too
         pool = np.union1d(np.argsort(-everyone.gains())[: max(ACTIVE, 4 * count)], chosen)
-        places, swapped = _pass(_Ratings(candidates, pool, aim), np.searchsorted(pool, chosen))
-        chosen = pool[places]
+        positions, swapped = _pass(_Ratings(candidates, pool, aim), np.searchsorted(pool, chosen))
+        chosen = pool[positions]
         exchanges += swapped
         if step is not None:
             step()
-        if not swapped or before - value() < ENOUGH * abs(before):
+        if not swapped or previous - value() < ENOUGH * abs(previous):
             break
     return Chosen(np.sort(chosen), value(), start_value, exchanges)
 
@@ -149,8 +149,8 @@ def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> 
         means[size] = float(np.mean([aim.value(candidates.rows[d], candidates.errors[d]) for d in draws]))
     sizes, values = np.log(list(means)), np.minimum.accumulate(list(means.values()))
     within = values[-1] <= chosen.value <= values[0]
-    same = round(float(np.exp(np.interp(-chosen.value, -values, sizes)))) if within else None
-    return DesignComparison(chosen.value, means, same)
+    as_good = round(float(np.exp(np.interp(-chosen.value, -values, sizes)))) if within else None
+    return DesignComparison(chosen.value, means, as_good)
 
 
 def _one_by_one(candidates: Candidates, count: int, aim: Aim) -> IntArray:
@@ -215,15 +215,15 @@ class _Ratings:
         C = _inverse(self.M)
         self.full = self._blocks(C, slice(None))
         if aim.G is None:
-            part = slice(aim.outer)
-            self.inner = self._blocks(_inverse(self.M[part, part]), part)
+            block = slice(aim.outer)
+            self.inner = self._blocks(_inverse(self.M[block, block]), block)
         else:
             self.B = self._blocks(C @ aim.G @ C, slice(None))
 
-    def _blocks(self, C: FloatArray, part: slice) -> FloatArray:
+    def _blocks(self, C: FloatArray, block: slice) -> FloatArray:
         """``J C J^T`` of each candidate, shape (N, r, r)."""
         n, r, _ = self.rows.shape
-        return (self.flat[:, part] @ C).reshape(n, r, -1) @ self.rows[:, :, part].transpose(0, 2, 1)
+        return (self.flat[:, block] @ C).reshape(n, r, -1) @ self.rows[:, :, block].transpose(0, 2, 1)
 
     def gains(self) -> FloatArray:
         """How much better the criterion becomes with each candidate, shape (N,)."""
@@ -248,11 +248,11 @@ class _Ratings:
 
     def restore(self, saved: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
         """Undo the changes since `saved`."""
-        self.M, self.N, self.full, other = saved
+        self.M, self.N, self.full, outer_blocks = saved
         if self.aim.G is None:
-            self.inner = other
+            self.inner = outer_blocks
         else:
-            self.B = other
+            self.B = outer_blocks
 
     def change(self, k: int, sign: float) -> None:
         """Take candidate k in (sign 1) or out (-1)."""
@@ -260,8 +260,8 @@ class _Ratings:
         C = _inverse(self.M)
         V, W, U = self._turn(self.full, X, C, slice(None), sign)
         if G is None:
-            part = slice(self.aim.outer)
-            self._turn(self.inner, X, _inverse(self.M[part, part]), part, sign)
+            block = slice(self.aim.outer)
+            self._turn(self.inner, X, _inverse(self.M[block, block]), block, sign)
         else:
             # V W Z' + Z W V' - V (W U'GU W) V' = V T' + T V' with T = Z W - V (W U'GU W) / 2
             T = self._by(C @ (G @ U), slice(None)) @ W - V @ (0.5 * W @ (U.T @ G @ U) @ W)
@@ -272,19 +272,19 @@ class _Ratings:
         self.N = self.N + sign * X.T @ self.errors[k]
 
     def _turn(
-        self, blocks: FloatArray, X: FloatArray, C: FloatArray, part: slice, sign: float
+        self, blocks: FloatArray, X: FloatArray, C: FloatArray, block: slice, sign: float
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Update ``J C J^T`` in place by Woodbury's formula; C is that before the change."""
-        X = X[:, part]
+        X = X[:, block]
         U = C @ X.T
         W = _inverse(sign * np.eye(len(X)) + X @ U)
-        V = self._by(U, part)
+        V = self._by(U, block)
         blocks -= self._outer(V @ W, V)
         return V, W, U
 
-    def _by(self, U: FloatArray, part: slice) -> FloatArray:
+    def _by(self, U: FloatArray, block: slice) -> FloatArray:
         """``J U`` of all candidates, shape (N r, r)."""
-        return self.flat[:, part] @ U
+        return self.flat[:, block] @ U
 
     def _outer(self, A: FloatArray, B: FloatArray) -> FloatArray:
         """``A B^T`` of each candidate for (N r, r) arrays, shape (N, r, r)."""

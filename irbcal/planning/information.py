@@ -60,9 +60,9 @@ class Model:
         self.outer = 6 + 3 * len(targets.names)
         self.scale = np.concatenate([np.ones(self.outer), [p.scale for p in self.parameters]])
 
-    def problem(self, q: FloatArray, seen: BoolArray) -> tuple[Problem, State]:
+    def problem(self, q: FloatArray, visible: BoolArray) -> tuple[Problem, State]:
         """The identification from the reflectors seen in poses, and the state it is linearised at."""
-        pose, target = np.nonzero(seen)
+        pose, target = np.nonzero(visible)
         n = len(q)
         points = PointSet(
             q, pose, target, np.zeros((len(pose), 3)), self.targets.names, np.arange(n), np.full(n, "", dtype=object)
@@ -70,13 +70,13 @@ class Model:
         problem = Problem(self.arm, points, self.parameters)
         return problem, State(np.eye(4), self.targets.places, np.zeros(len(self.parameters)))
 
-    def rows(self, q: FloatArray, seen: BoolArray) -> FloatArray:
+    def rows(self, q: FloatArray, visible: BoolArray) -> FloatArray:
         """Scaled Jacobians of poses.
 
         Parameters
         ----------
         q : ndarray, shape (n, joints)
-        seen : ndarray of bool, shape (n, k)
+        visible : ndarray of bool, shape (n, k)
             Reflectors measured in each pose.
 
         Returns
@@ -84,20 +84,20 @@ class Model:
         ndarray, shape (n, r, unknowns)
             ``r`` is three times the largest number of reflectors in a pose; poses with fewer have rows of zeros.
         """
-        problem, state = self.problem(q, seen)
+        problem, state = self.problem(q, visible)
         J = problem.jacobian(state).reshape(-1, 3, problem.unknowns) * (self.scale / self.noise)
-        slot = (np.cumsum(seen, axis=1) - 1)[seen]
-        out = np.zeros((len(q), int(seen.sum(axis=1).max(initial=0)), 3, problem.unknowns))
-        out[np.nonzero(seen)[0], slot] = J
+        slot = (np.cumsum(visible, axis=1) - 1)[visible]
+        out = np.zeros((len(q), int(visible.sum(axis=1).max(initial=0)), 3, problem.unknowns))
+        out[np.nonzero(visible)[0], slot] = J
         return out.reshape(len(q), -1, problem.unknowns)
 
-    def candidates(self, q: FloatArray, seen: BoolArray, imagined: float = 0.0) -> Candidates:
+    def candidates(self, q: FloatArray, visible: BoolArray, imagined: float = 0.0) -> Candidates:
         """What candidate poses would show.
 
         Parameters
         ----------
         q : ndarray, shape (N, joints)
-        seen : ndarray of bool, shape (N, k)
+        visible : ndarray of bool, shape (N, k)
         imagined : float
             Size of the errors that the model does not describe, radians; 0 for none.
 
@@ -105,10 +105,10 @@ class Model:
         -------
         Candidates
         """
-        rows = self.rows(q, seen)
-        return Candidates(rows, self._errors(q, seen, imagined)) if imagined else Candidates.without_errors(rows)
+        rows = self.rows(q, visible)
+        return Candidates(rows, self._errors(q, visible, imagined)) if imagined else Candidates.without_errors(rows)
 
-    def _errors(self, q: FloatArray, seen: BoolArray, size: float) -> FloatArray:
+    def _errors(self, q: FloatArray, visible: BoolArray, size: float) -> FloatArray:
         """Imagined errors as they move the reflectors, over the noise, shape (n, r, h).
 
         Each joint errs by waves with 1 to `WAVES` periods a turn, a cosine and a sine each, independent of one another;
@@ -118,15 +118,15 @@ class Model:
         unit = np.where(slides, METRES_PER_DEGREE / DEG, 1.0)
         kinds = [parameter(f"delta_{'d' if slides[i] else 'theta'}{i + 1}") for i in range(joints)]
         kinds += [parameter(f"delta_beta{i + 1}") for i in range(1, joints)]
-        problem = Problem(self.arm, self.problem(q, seen)[0].points, kinds)
+        problem = Problem(self.arm, self.problem(q, visible)[0].points, kinds)
         J = problem.jacobian(State(np.eye(4), self.targets.places, np.zeros(len(kinds))))[:, self.outer :]
         J = J.reshape(-1, 3, len(kinds)) * (size / self.noise)
-        pose = np.nonzero(seen)[0]
-        slot = (np.cumsum(seen, axis=1) - 1)[seen]
+        pose = np.nonzero(visible)[0]
+        slot = (np.cumsum(visible, axis=1) - 1)[visible]
         turns = np.arange(1, WAVES + 1)[:, None] * (q / unit)[pose, None]
         waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1) * unit / np.sqrt(WAVES)
         moved = (J[:, :, None, :joints] * waves[:, None]).reshape(len(pose), 3, -1)
-        out = np.zeros((len(q), int(seen.sum(axis=1).max(initial=0)), 3, 2 * WAVES * joints + joints - 1))
+        out = np.zeros((len(q), int(visible.sum(axis=1).max(initial=0)), 3, 2 * WAVES * joints + joints - 1))
         out[pose, slot] = np.concatenate([moved, J[:, :, joints:]], axis=2)
         return out.reshape(len(q), out.shape[1] * 3, -1)
 
@@ -159,8 +159,8 @@ class Model:
             )
         if criterion == "D" or q is None:
             return Aim(self.outer)
-        there = self.candidates(q, self.one(len(q), target), imagined)
-        J, E = (flat(part) * self.noise for part in (there.rows, there.errors))
+        candidates = self.candidates(q, self.one(len(q), target), imagined)
+        J, E = (flat(array) * self.noise for array in (candidates.rows, candidates.errors))
         n = len(q)
         return Aim(self.outer, J.T @ J / n, J.T @ E / n, float(np.sum(E**2)) / n)
 
@@ -168,11 +168,11 @@ class Model:
         """Mask (n, k) of one reflector."""
         return np.tile(np.arange(len(self.targets.names)) == target, (n, 1))
 
-    def measuring(self, seen: BoolArray) -> tuple[Model, BoolArray]:
+    def measuring(self, visible: BoolArray) -> tuple[Model, BoolArray]:
         """The model with only the reflectors that a mask (n, k) has anywhere, and the mask for it."""
-        used = np.any(seen, axis=0)
+        used = np.any(visible, axis=0)
         names = tuple(name for name, have in zip(self.targets.names, used, strict=True) if have)
-        return Model(self.arm, Targets(names, self.targets.places[used]), self.level, self.noise), seen[:, used]
+        return Model(self.arm, Targets(names, self.targets.places[used]), self.level, self.noise), visible[:, used]
 
 
 def flat(blocks: FloatArray) -> FloatArray:

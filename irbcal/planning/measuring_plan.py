@@ -53,12 +53,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def files(made: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
+def files(planned: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
     """The files of a plan.
 
     Parameters
     ----------
-    made : PlannedPoses
+    planned : PlannedPoses
     page : str, optional
         The scene to look at, HTML.
 
@@ -69,11 +69,11 @@ def files(made: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
         of `irbcal.planning.program`; ``plan.html`` with a page.
     """
     out = {
-        "plan.csv": _csv(plan_table(made)),
-        "poses.csv": _csv(pose_table(made)),
-        "plan.json": (json.dumps(facts(made), indent=1, allow_nan=False) + "\n").encode(),
+        "plan.csv": _csv(plan_table(planned)),
+        "poses.csv": _csv(pose_table(planned)),
+        "plan.json": (json.dumps(facts(planned), indent=1, allow_nan=False) + "\n").encode(),
     }
-    out |= program.files(made)
+    out |= program.files(planned)
     if page is not None:
         out["plan.html"] = page.encode("utf-8")
     return out
@@ -81,21 +81,21 @@ def files(made: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
 
 def _csv(table: pd.DataFrame) -> bytes:
     """A table as it is written: joints with `DECIMALS` places, positions with three, times with one."""
-    places = dict.fromkeys(joint_columns(table.columns), DECIMALS)
-    places |= {f"expected_{axis}_mm": 3 for axis in "xyz"} | {"time_s": 1}
+    decimals = dict.fromkeys(joint_columns(table.columns), DECIMALS)
+    decimals |= {f"expected_{axis}_mm": 3 for axis in "xyz"} | {"time_s": 1}
     text = table.copy()
-    for name in places.keys() & set(table.columns):
-        text[name] = [f"{value:.{places[name]}f}" for value in table[name]]
+    for name in decimals.keys() & set(table.columns):
+        text[name] = [f"{value:.{decimals[name]}f}" for value in table[name]]
     return str(without_formulas(text).to_csv(index=False, lineterminator="\n")).encode()
 
 
-def _joints(made: PlannedPoses) -> FloatArray:
+def _joints(planned: PlannedPoses) -> FloatArray:
     """Joints as they are commanded and as the controller counts them, degrees and millimetres, shape (n, joints)."""
-    arm = made.scene.setting.arm
-    return np.round(arm.to_controller(made.q) / arm.joint_units, DECIMALS) + 0.0
+    arm = planned.scene.setting.arm
+    return np.round(arm.to_controller(planned.q) / arm.joint_units, DECIMALS) + 0.0
 
 
-def plan_table(made: PlannedPoses) -> pd.DataFrame:
+def plan_table(planned: PlannedPoses) -> pd.DataFrame:
     """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when.
 
     Returns
@@ -104,20 +104,20 @@ def plan_table(made: PlannedPoses) -> pd.DataFrame:
     """
     import pandas as pd
 
-    pose, target, xyz, time = made.expected()
-    table = pd.DataFrame(_joints(made)[pose], columns=made.scene.setting.arm.joint_columns)
+    pose, target, xyz, time = planned.expected()
+    table = pd.DataFrame(_joints(planned)[pose], columns=planned.scene.setting.arm.joint_columns)
     table.insert(0, "pose", pose + 1)
-    table.insert(1, "group", made.groups[pose])
-    table["target"] = np.array(made.scene.setting.targets.names, dtype=object)[target]
+    table.insert(1, "group", planned.groups[pose])
+    table["target"] = np.array(planned.scene.setting.targets.names, dtype=object)[target]
     for k, axis in enumerate("xyz"):
         table[f"expected_{axis}_mm"] = xyz[:, k] / MM
     table["time_s"] = time
-    if made.wish.payload_kg is not None:
-        table["payload_kg"] = made.wish.payload_kg
+    if planned.wish.payload_kg is not None:
+        table["payload_kg"] = planned.wish.payload_kg
     return table
 
 
-def pose_table(made: PlannedPoses) -> pd.DataFrame:
+def pose_table(planned: PlannedPoses) -> pd.DataFrame:
     """A row for each pose: joints, reflectors with spaces between them, wait.
 
     Returns
@@ -126,57 +126,57 @@ def pose_table(made: PlannedPoses) -> pd.DataFrame:
     """
     import pandas as pd
 
-    table = pd.DataFrame(_joints(made), columns=made.scene.setting.arm.joint_columns)
+    table = pd.DataFrame(_joints(planned), columns=planned.scene.setting.arm.joint_columns)
     table.insert(0, "pose", np.arange(1, len(table) + 1))
-    table.insert(1, "group", made.groups)
-    table["targets"] = _target_texts(made)
-    table["wait_s"] = made.wish.wait_s
+    table.insert(1, "group", planned.groups)
+    table["targets"] = _target_texts(planned)
+    table["wait_s"] = planned.wish.wait_s
     return table
 
 
-def _target_texts(made: PlannedPoses) -> list[str]:
-    names = np.array(made.scene.setting.targets.names, dtype=object)
-    return [" ".join(names[row]) for row in made.asked]
+def _target_texts(planned: PlannedPoses) -> list[str]:
+    names = np.array(planned.scene.setting.targets.names, dtype=object)
+    return [" ".join(names[row]) for row in planned.asked]
 
 
-def facts(made: PlannedPoses) -> dict[str, Any]:
+def facts(planned: PlannedPoses) -> dict[str, Any]:
     """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
-    scene, wish, setting = made.scene, made.wish, made.scene.setting
+    scene, wish, setting = planned.scene, planned.wish, planned.scene.setting
     return {
         "robot": setting.arm.name,
         "source": scene.name,
         "language": program.language_of(setting.arm, wish)[0] or None,
-        "poses": len(made.q),
-        "points": int(made.asked.sum()),
-        "duration_s": made.duration_s,
-        "groups": dict(Counter(made.groups.tolist())),
+        "poses": len(planned.q),
+        "points": int(planned.asked.sum()),
+        "duration_s": planned.duration_s,
+        "groups": dict(Counter(planned.groups.tolist())),
         "conditions": list(setting.conditions),
         "conditions_off": [name for name in CONDITIONS if name not in setting.conditions],
         "counts": {
             name: {"tried": tally.tried, "kept": tally.kept, "removed": dict(tally.removed)}
-            for name, tally in made.tallies.items()
+            for name, tally in planned.tallies.items()
         },
         "predicted": {
             "noise_mm": wish.noise / MM,
             "note": "from the scatter of the points alone: what the model does not describe is not in it",
-            "model": made.prediction.model.level,
-            "position_target": made.prediction.model.targets.names[0],
+            "model": planned.prediction.model.level,
+            "position_target": planned.prediction.model.targets.names[0],
             "position_std_mm": {
                 name: {"rms": float(np.sqrt(np.mean(std**2)) / MM), "max": float(std.max() / MM)}
-                for name, std in made.position_std.items()
+                for name, std in planned.position_std.items()
             },
             "parameters": [
-                {"name": item.name, "unit": item.unit, "std": item.std, "state": item.state}
-                for item in made.prediction.parameters
+                {"name": parameter.name, "unit": parameter.unit, "std": parameter.std, "state": parameter.state}
+                for parameter in planned.prediction.parameters
             ],
         },
-        "compared_with_random": None if made.comparison is None else _compared(made.comparison, wish),
-        "settings": _settings(made),
-        "notes": list(made.notes),
+        "compared_with_random": None if planned.comparison is None else _compared(planned.comparison, wish),
+        "settings": _settings(planned),
+        "notes": list(planned.notes),
     }
 
 
-def _compared(found: DesignComparison, wish: Wish) -> dict[str, Any]:
+def _compared(comparison: DesignComparison, wish: Wish) -> dict[str, Any]:
     """Chosen poses beside random ones; of the criterion ``position`` also as predicted errors, rms in mm."""
 
     def values(value: float) -> dict[str, float]:
@@ -184,15 +184,15 @@ def _compared(found: DesignComparison, wish: Wish) -> dict[str, Any]:
 
     return {
         "criterion": wish.criterion,
-        "optimal": {"poses": wish.optimal, **values(found.optimal)},
-        "random": [{"poses": n, **values(value)} for n, value in found.random.items()],
-        "as_good_as_random_poses": found.as_good_as,
-        "scatter_alone": None if found.scatter is None else _compared(found.scatter, wish),
+        "optimal": {"poses": wish.optimal, **values(comparison.optimal)},
+        "random": [{"poses": n, **values(value)} for n, value in comparison.random.items()],
+        "as_good_as_random_poses": comparison.as_good_as,
+        "scatter_alone": None if comparison.scatter is None else _compared(comparison.scatter, wish),
     }
 
 
-def _settings(made: PlannedPoses) -> dict[str, Any]:
-    scene, wish, setting = made.scene, made.wish, made.scene.setting
+def _settings(planned: PlannedPoses) -> dict[str, Any]:
+    scene, wish, setting = planned.scene, planned.wish, planned.scene.setting
     return {
         "seed": wish.seed,
         "axis": wish.axis,
@@ -232,38 +232,38 @@ class Plan(PlannedPoses, Speaks):
 
     def told(self) -> list[Told]:
         """See `Speaks.told`."""
-        found = self.to_dict()
-        predicted, compared = found["predicted"], found["compared_with_random"]
-        told: list[Told] = [
-            f"{found['robot']}: {found['poses']} poses, {found['points']} points, about "
-            f"{found['duration_s'] / 60:.0f} minutes",
+        facts = self.to_dict()
+        predicted, compared = facts["predicted"], facts["compared_with_random"]
+        lines: list[Told] = [
+            f"{facts['robot']}: {facts['poses']} poses, {facts['points']} points, about "
+            f"{facts['duration_s'] / 60:.0f} minutes",
             self._counts(),
         ]
-        if found["conditions_off"]:
-            told.append(f"Conditions that are off: {', '.join(found['conditions_off'])}")
-        single = sum(item["state"] == "identified" for item in predicted["parameters"])
-        told.append(
+        if facts["conditions_off"]:
+            lines.append(f"Conditions that are off: {', '.join(facts['conditions_off'])}")
+        single = sum(parameter["state"] == "identified" for parameter in predicted["parameters"])
+        lines.append(
             f"Model {predicted['model']}, scatter of {predicted['noise_mm']:g} mm a coordinate: {single} of "
             f"{len(predicted['parameters'])} parameters identified by themselves;"
         )
-        told += [
+        lines += [
             f"  positions of {predicted['position_target']} {_WHERE[name]} predicted to {std['rms']:.3f} mm "
             f"(at worst {std['max']:.3f} mm)"
             for name, std in predicted["position_std_mm"].items()
         ]
-        told.append(
+        lines.append(
             "  These are standard deviations from scatter alone; what the model does not describe is not in them."
         )
         if compared:
-            told += _beside_random(compared)
-        return told + [f"Note: {note}" for note in self.notes]
+            lines += _beside_random(compared)
+        return lines + [f"Note: {note}" for note in self.notes]
 
     def _counts(self) -> Table:
         tallies = self.tallies.values()
         rows: list[tuple[str | int | None, ...]] = [("looked at", *(tally.tried for tally in tallies))]
         for name in ("place", *self.scene.setting.conditions):
-            words = "outside the cube" if name == "place" else f"removed by {name}"
-            rows.append((words, *(tally.removed.get(name) for tally in tallies)))
+            label = "outside the cube" if name == "place" else f"removed by {name}"
+            rows.append((label, *(tally.removed.get(name) for tally in tallies)))
         rows.append(("left", *(tally.kept for tally in tallies)))
         columns = ("candidates", *(_words(source) for source in self.tallies))
         return Table("What each condition removed", columns, tuple(rows), bold=frozenset([len(rows) - 1]))
@@ -310,32 +310,35 @@ class Plan(PlannedPoses, Speaks):
 def _beside_random(compared: dict[str, Any]) -> list[str]:
     """What the choice promises beside as many random poses: with errors that no model describes, and without."""
     scatter = compared["scatter_alone"]
-    both = {"errors imagined in the joints and scatter": compared, "scatter alone": scatter}
+    comparisons = {"errors imagined in the joints and scatter": compared, "scatter alone": scatter}
     if compared["criterion"] != "position":
-        both = {"the information that scatter leaves (log det, less is better)": compared}
+        comparisons = {"the information that scatter leaves (log det, less is better)": compared}
     elif scatter is None:
-        both = {"scatter alone": compared}
+        comparisons = {"scatter alone": compared}
     out = []
-    for what, found in both.items():
-        chosen, random = found["optimal"], {item["poses"]: item for item in found["random"]}[found["optimal"]["poses"]]
+    for basis, comparison in comparisons.items():
+        chosen, random = (
+            comparison["optimal"],
+            {row["poses"]: row for row in comparison["random"]}[comparison["optimal"]["poses"]],
+        )
         if "error_mm" in chosen:
             figures = (
                 f"{chosen['error_mm']:.3f} mm with the {chosen['poses']} chosen poses, {random['error_mm']:.3f} mm with"
             )
         else:
             figures = f"{chosen['value']:.1f} with the {chosen['poses']} chosen poses, {random['value']:.1f} with"
-        same, most = found["as_good_as_random_poses"], found["random"][-1]["poses"]
-        of = "Predicted error of positions (rms)" if "error_mm" in chosen else "By"
+        as_good, largest = comparison["as_good_as_random_poses"], comparison["random"][-1]["poses"]
+        subject = "Predicted error of positions (rms)" if "error_mm" in chosen else "By"
         out.append(
-            f"{of}{' from' if 'error_mm' in chosen else ''} {what}: {figures} as many random ones of the same "
-            f"candidates (by this, {'about' if same else 'more than'} {same or most} would do as well)."
+            f"{subject}{' from' if 'error_mm' in chosen else ''} {basis}: {figures} as many random ones of the same "
+            f"candidates (by this, {'about' if as_good else 'more than'} {as_good or largest} would do as well)."
         )
     return out
 
 
 def _words(source: str) -> str:
-    for name, words in _SHOWN.items():
-        source = source.replace(name, words)
+    for name, text in _SHOWN.items():
+        source = source.replace(name, text)
     return source
 
 
@@ -432,8 +435,8 @@ def plan(
         raise OptionError("cube_centre and cube_edge go together", parameter="cube_centre")
     number("optimal", optimal, 0, whole=True)
     usual = {"axis": FEW, "cube": 52, "all_range": 50} if not optimal else {}
-    given = {"axis": axis, "cube": cube, "all_range": all_range}
-    counts = {name: usual.get(name, 0) if value is None else value for name, value in given.items()}
+    counts_given = {"axis": axis, "cube": cube, "all_range": all_range}
+    counts = {name: usual.get(name, 0) if value is None else value for name, value in counts_given.items()}
     wish = Wish(
         **counts,
         optimal=optimal,
@@ -494,7 +497,7 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     model = Model(scene.nominal, setting.targets, wish.level or default_level(scene.nominal), wish.noise)
     seeds = [int(k) for k in np.random.SeedSequence(wish.seed).generate_state(6)]
     axis: list[Poses] = []
-    others: list[Poses] = []
+    movable: list[Poses] = []
     tallies: dict[str, Tally] = {}
     missing: list[str] = []
     if wish.axis:
@@ -513,24 +516,35 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     for count, group, region, seed in kinds:
         if count:
             step(f"{count} poses, {group}")
-            others.append(random_poses(setting, count, group, seed, region))
-            tallies[group] = others[-1].tally
-    there, comparison = choosing.samples(scene, seeds[4:], step), None
+            movable.append(random_poses(setting, count, group, seed, region))
+            tallies[group] = movable[-1].tally
+    samples, comparison = choosing.samples(scene, seeds[4:], step), None
     if wish.optimal:
-        chosen, comparison, more = choosing.optimal(scene, wish, model, [*axis, *others], there, seeds[2:4], step)
-        others.append(chosen)
+        chosen, comparison, more = choosing.optimal(scene, wish, model, [*axis, *movable], samples, seeds[2:4], step)
+        movable.append(chosen)
         tallies |= more
     step("order")
     start = home_joints(setting.arm)
-    poses, over_home, notes = choosing.in_order(scene, axis, others, start)
-    asked = first_seen(poses.seen, MOST_REFLECTORS)
+    poses, over_home, notes = choosing.in_order(scene, axis, movable, start)
+    measured = first_seen(poses.seen, MOST_REFLECTORS)
     step("prediction")
-    prediction = predict(model, poses.q, asked)
+    prediction = predict(model, poses.q, measured)
     first = prediction.model.targets.names[0]
-    std = {name: prediction.position_std(places, first) for name, places in there.items()}
-    times = stops(scene, wish, poses.q, asked, start, over_home)
+    std = {name: prediction.position_std(q_samples, first) for name, q_samples in samples.items()}
+    times = stops(scene, wish, poses.q, measured, start, over_home)
     outside = "" if scene.certainty is None else scene.certainty.outside_in_words(poses.q, "planned poses")
     notes = [*scene.notes, *missing, *notes, *(text for text in (outside, no_program) if text)]
     return Plan(
-        scene, wish, poses.q, asked, poses.groups, over_home, tallies, prediction, std, times, comparison, tuple(notes)
+        scene,
+        wish,
+        poses.q,
+        measured,
+        poses.groups,
+        over_home,
+        tallies,
+        prediction,
+        std,
+        times,
+        comparison,
+        tuple(notes),
     )

@@ -52,7 +52,7 @@ class PlanPrediction:
         lock(self)
 
     def __repr__(self) -> str:
-        single = sum(item.state == "identified" for item in self.parameters)
+        single = sum(parameter.state == "identified" for parameter in self.parameters)
         return f"<Prediction: {single} of {len(self.parameters)} parameters identified by themselves>"
 
     def position_std(self, q: FloatArray, target: str) -> FloatArray:
@@ -75,14 +75,14 @@ class PlanPrediction:
         return np.sqrt(np.sum((J @ self.covariance) * J, axis=1).reshape(-1, 3).sum(axis=1))
 
 
-def predict(model: Model, q: FloatArray, seen: BoolArray) -> PlanPrediction:
+def predict(model: Model, q: FloatArray, visible: BoolArray) -> PlanPrediction:
     """Standard deviations that a plan promises.
 
     Parameters
     ----------
     model : Model
     q : ndarray, shape (n, joints)
-    seen : ndarray of bool, shape (n, k)
+    visible : ndarray of bool, shape (n, k)
         Reflectors measured in each pose; those that no pose has are left out.
 
     Returns
@@ -94,17 +94,17 @@ def predict(model: Model, q: FloatArray, seen: BoolArray) -> PlanPrediction:
     IdentificationError
         If the poses cannot determine base and targets, or are too few.
     """
-    model, seen = model.measuring(seen)
-    problem, state = model.problem(q, seen)
+    model, visible = model.measuring(visible)
+    problem, state = model.problem(q, visible)
     H, _, _ = problem.normal_equations(state)
-    found = information_of(problem, H, model.noise**2)
-    solid = found.eigenvalues > ROUNDING * found.eigenvalues.max(initial=0.0)
-    found = replace(found, sigma=model.noise, seen=solid & (found.eigenvalues > model.noise**2))
-    covariance = found.covariance()
+    information = information_of(problem, H, model.noise**2)
+    solid = information.eigenvalues > ROUNDING * information.eigenvalues.max(initial=0.0)
+    information = replace(information, sigma=model.noise, seen=solid & (information.eigenvalues > model.noise**2))
+    covariance = information.covariance()
     std = np.sqrt(np.diag(covariance)[problem.outer :])
     out: list[Predicted] = []
-    for item, value, share in zip(model.parameters, std, found.held_fraction(), strict=True):
-        unit, factor = UNIT_OUTSIDE[item.unit]
+    for parameter, value, share in zip(model.parameters, std, information.held_fraction(), strict=True):
+        unit, factor = UNIT_OUTSIDE[parameter.unit]
         name = "held" if share > HELD else "tied" if share > TIED else "identified"
-        out.append(Predicted(item.name, unit, float(value / factor) if name == "identified" else None, name))
+        out.append(Predicted(parameter.name, unit, float(value / factor) if name == "identified" else None, name))
     return PlanPrediction(model, tuple(out), covariance)

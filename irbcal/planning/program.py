@@ -40,22 +40,22 @@ def language_of(arm: Arm, wish: Wish) -> tuple[str, str]:
     OptionError
         If the wish names a language that is not known, or that cannot serve the arm.
     """
-    known = languages.by_name()
+    known_languages = languages.by_name()
     if wish.language is not None:
-        if wish.language not in known:
-            raise OptionError.unknown("language", wish.language, tuple(known))
-        fault = _fault(arm, known[wish.language], wish)
+        if wish.language not in known_languages:
+            raise OptionError.unknown("language", wish.language, tuple(known_languages))
+        fault = _fault(arm, known_languages[wish.language], wish)
         if fault:
             raise OptionError(f"language: {fault}", parameter="language")
         return ("" if wish.language == "csv" else wish.language), ""
     found = languages.of_robot(arm.name)
     if found is None:
-        why = "the name of the robot does not tell its maker" if arm.six_revolute else "it is not a six-axis arm"
-        return "", f"no robot program was written, because {why}: the joints are in poses.csv" + (
+        reason = "the name of the robot does not tell its maker" if arm.six_revolute else "it is not a six-axis arm"
+        return "", f"no robot program was written, because {reason}: the joints are in poses.csv" + (
             "; --language names a language" if arm.six_revolute else ""
         )
     fault = _fault(arm, found, wish)
-    name = next(name for name, language in known.items() if language is found)
+    name = next(name for name, language in known_languages.items() if language is found)
     return ("", f"no robot program was written: {fault}") if fault else (name, "")
 
 
@@ -77,12 +77,12 @@ def _fault(arm: Arm, language: languages.Language, wish: Wish) -> str:
     return ""
 
 
-def files(made: PlannedPoses) -> dict[str, bytes]:
+def files(planned: PlannedPoses) -> dict[str, bytes]:
     """The files of a plan's program: joint moves, and a rest in each pose for the wait and the readings.
 
     Parameters
     ----------
-    made : PlannedPoses
+    planned : PlannedPoses
 
     Returns
     -------
@@ -94,32 +94,32 @@ def files(made: PlannedPoses) -> dict[str, bytes]:
     ProgramError
         If what was written does not hold the plan's joints.
     """
-    name, _ = language_of(made.scene.setting.arm, made.wish)
-    return languages.write(languages.by_name()[name], moves(made)) if name else {}
+    name, _ = language_of(planned.scene.setting.arm, planned.wish)
+    return languages.write(languages.by_name()[name], moves(planned)) if name else {}
 
 
-def moves(made: PlannedPoses) -> Moves:
+def moves(planned: PlannedPoses) -> Moves:
     """The moves of a plan: from home through all poses, over home where the direct way is not free, and back."""
-    arm, wish = made.scene.setting.arm, made.wish
+    arm, wish = planned.scene.setting.arm, planned.wish
     home = home_joints(arm)
-    stops = [([home] if over else []) + [q] for q, over in zip(made.q, made.over_home, strict=True)]
+    stops = [([home] if over else []) + [q] for q, over in zip(planned.q, planned.over_home, strict=True)]
     q = np.array([home, *chain.from_iterable(stops), home])
-    names = np.array(made.scene.setting.targets.names, dtype=object)
+    names = np.array(planned.scene.setting.targets.names, dtype=object)
     comments, waits = [""], [0.0]
-    rows = zip(made.groups, made.asked, made.hold_s, stops, strict=True)
-    for number, (group, asked, hold, through) in enumerate(rows, start=1):
-        comments += [f"pose {number}, {group}: {' '.join(names[asked])}", *[""] * (len(through) - 1)]
+    rows = zip(planned.groups, planned.asked, planned.hold_s, stops, strict=True)
+    for number, (group, measured, hold, through) in enumerate(rows, start=1):
+        comments += [f"pose {number}, {group}: {' '.join(names[measured])}", *[""] * (len(through) - 1)]
         waits += [*[0.0] * (len(through) - 1), float(hold)]
-    share, speed = _speeds(made, q)
+    share, speed = _speeds(planned, q)
     return Moves(
         arm=arm,
         q=q,
         moves=tuple(
-            JointMove(text, wait, float(part), float(rate))
-            for text, wait, part, rate in zip([*comments, ""], [*waits, 0.0], share, speed, strict=True)
+            JointMove(text, wait, float(fraction), float(rate))
+            for text, wait, fraction, rate in zip([*comments, ""], [*waits, 0.0], share, speed, strict=True)
         ),
         head=(
-            f"Measuring plan for {arm.name}: {len(made.q)} poses, about {made.duration_s / 60:.0f} minutes.",
+            f"Measuring plan for {arm.name}: {len(planned.q)} poses, about {planned.duration_s / 60:.0f} minutes.",
             f"In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, {wish.references} "
             "references among them.",
             "Do not filter this program: it commands the joints of plan.csv.",
@@ -132,8 +132,8 @@ def moves(made: PlannedPoses) -> Moves:
 def _speeds(made: PlannedPoses, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Share of the joints' largest speeds and speed of the joint that turns most, rad/s, of the move to each row."""
     rates = made.scene.joint_speed
-    alone = route.move_times(q[:-1], q[1:], rates)
+    fastest = route.move_times(q[:-1], q[1:], rates)
     planned = np.maximum(timing.move_times(made.scene, made.wish, q[:-1], q[1:]), 1e-3)
-    share = np.concatenate([[FIRST], np.clip(alone / planned, 0.01, QUICKEST)])
-    most = np.abs(np.diff(q, axis=0)).max(axis=1) / np.maximum(planned, alone / QUICKEST)
-    return share, np.concatenate([[FIRST * float(rates.min())], np.maximum(most, 0.01)])
+    share = np.concatenate([[FIRST], np.clip(fastest / planned, 0.01, QUICKEST)])
+    rates_of_move = np.abs(np.diff(q, axis=0)).max(axis=1) / np.maximum(planned, fastest / QUICKEST)
+    return share, np.concatenate([[FIRST * float(rates.min())], np.maximum(rates_of_move, 0.01)])

@@ -50,17 +50,17 @@ TargetsLike: TypeAlias = "str | Path | int | Sequence[str] | Targets"
 """A file, a number of reflectors, names, or the reflectors themselves."""
 
 
-def reflectors(robot: Robot, wanted: TargetsLike | None, place: FloatArray) -> Targets:
+def reflectors(robot: Robot, requested: TargetsLike | None, tracker: FloatArray) -> Targets:
     """The reflectors that a plan measures.
 
     Parameters
     ----------
     robot : Robot
         Of a calibration, it has reflectors of its own.
-    wanted : str, Path, int, sequence of str or Targets, optional
+    requested : str, Path, int, sequence of str or Targets, optional
         A file of reflectors (see `read_targets`); how many of the thesis tool's nine reflectors, or which (``thesis``
         for all, or names with commas between them). Three unless given, of a calibration its own.
-    place : ndarray, shape (3,)
+    tracker : ndarray, shape (3,)
         The tracker in the base link, metres.
 
     Returns
@@ -72,32 +72,36 @@ def reflectors(robot: Robot, wanted: TargetsLike | None, place: FloatArray) -> T
     MeasurementError
         If a reflector is unknown or the file is refused.
     """
-    own = robot.targets
-    if wanted is None and own:
-        return Targets(tuple(own), np.array(list(own.values())))
-    if isinstance(wanted, Targets):
-        found = wanted
-    elif isinstance(wanted, (str, Path)) and Path(wanted).is_file():
-        found = read_targets(wanted)
+    calibrated = robot.targets
+    if requested is None and calibrated:
+        return Targets(tuple(calibrated), np.array(list(calibrated.values())))
+    if isinstance(requested, Targets):
+        requested_targets = requested
+    elif isinstance(requested, (str, Path)) and Path(requested).is_file():
+        requested_targets = read_targets(requested)
     else:
-        found = _thesis_targets(robot.arm, "3" if wanted is None else wanted, place)
-    if not own:
-        return found
-    missing = [name for name in found.names if name not in own]
+        requested_targets = _thesis_targets(robot.arm, "3" if requested is None else requested, tracker)
+    if not calibrated:
+        return requested_targets
+    missing = [name for name in requested_targets.names if name not in calibrated]
     if missing:
         raise MeasurementError(
-            f"unknown target {missing[0]!r}: this calibration has {', '.join(own)}", parameter="targets"
+            f"unknown target {missing[0]!r}: this calibration has {', '.join(calibrated)}", parameter="targets"
         )
-    return Targets(found.names, np.array([own[name] for name in found.names]), found.directions)
+    return Targets(
+        requested_targets.names,
+        np.array([calibrated[name] for name in requested_targets.names]),
+        requested_targets.directions,
+    )
 
 
-def _thesis_targets(arm: Arm, wanted: str | Path | int | Sequence[str], place: FloatArray) -> Targets:
+def _thesis_targets(arm: Arm, requested: str | Path | int | Sequence[str], tracker: FloatArray) -> Targets:
     """Reflectors of the thesis's tool; those on the front look at the tracker when the arm is at home."""
     home = arm.forward(home_joints(arm)[None])[0]
-    look = home[:3, :3].T @ (place - home[:3, 3])
+    look = home[:3, :3].T @ (tracker - home[:3, 3])
     tool = thesis_tool(look, size_of(arm))
-    parts = str(wanted).split(",") if isinstance(wanted, (str, Path, int)) else wanted
-    names = tool.names if wanted == "thesis" else tuple(dict.fromkeys(part.strip() for part in parts))
+    words_given = str(requested).split(",") if isinstance(requested, (str, Path, int)) else requested
+    names = tool.names if requested == "thesis" else tuple(dict.fromkeys(name.strip() for name in words_given))
     if len(names) == 1 and names[0].isdigit() and 1 <= int(names[0]) <= len(tool.names):
         names = tool.names[: int(names[0])]
     unknown = [name for name in names if name not in tool.names]
@@ -126,11 +130,11 @@ def read_targets(path: str | Path) -> Targets:
     MeasurementError
         If the file cannot be read or does not keep the format.
     """
-    places = lists.read_targets(path)
+    points = lists.read_targets(path)
     raw, source, _ = columns.read(path, ["target"])
     given = [name for name in DIRECTIONS if name in raw.columns]
     if not given:
-        return Targets(tuple(places), np.array(list(places.values())))
+        return Targets(tuple(points), np.array(list(points.values())))
     if len(given) < 3:
         missing = ", ".join(name for name in DIRECTIONS if name not in given)
         raise MeasurementError(f"missing column {missing}; a direction needs nx, ny, nz", file=source, row=1)
@@ -139,4 +143,4 @@ def read_targets(path: str | Path) -> Targets:
     if short.any():
         row = int(raw.index[np.flatnonzero(short)[0]])
         raise MeasurementError("expected a direction, found zero length", file=source, row=row, column=DIRECTIONS)
-    return Targets(tuple(places), np.array(list(places.values())), looks)
+    return Targets(tuple(points), np.array(list(points.values())), looks)

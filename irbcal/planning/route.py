@@ -49,32 +49,32 @@ def shortest_order(
     bad : ndarray of int
         Places in the order whose move to them is blocked: no way around was found.
     """
-    places = np.concatenate([start[None], q])
-    cost = move_times(places[:, None], places[None], speed)
+    q_all = np.concatenate([start[None], q])
+    cost = move_times(q_all[:, None], q_all[None], speed)
     path = _nearest_neighbour(cost)
     for _ in range(ROUNDS):
         path = _two_opt(cost, path)
         if blocked is None or len(path) < 2:
             bad = np.zeros(0, dtype=int)
             break
-        before, after = path[:-1], path[1:]
-        known = cost[before, after] >= BLOCKED
-        new = np.flatnonzero(~known)[blocked(places[before[~known]], places[after[~known]])]
-        bad = np.sort(np.concatenate([np.flatnonzero(known), new]))
+        first, second = path[:-1], path[1:]
+        is_blocked = cost[first, second] >= BLOCKED
+        new = np.flatnonzero(~is_blocked)[blocked(q_all[first[~is_blocked]], q_all[second[~is_blocked]])]
+        bad = np.sort(np.concatenate([np.flatnonzero(is_blocked), new]))
         if not len(new):
             break
-        cost[before[new], after[new]] += BLOCKED
-        cost[after[new], before[new]] += BLOCKED
+        cost[first[new], second[new]] += BLOCKED
+        cost[second[new], first[new]] += BLOCKED
     return path[1:] - 1, bad
 
 
 def _nearest_neighbour(cost: FloatArray) -> IntArray:
-    left = np.ones(len(cost), dtype=bool)
+    unvisited = np.ones(len(cost), dtype=bool)
     path = [0]
-    left[0] = False
-    while left.any():
-        path.append(int(np.argmin(np.where(left, cost[path[-1]], np.inf))))
-        left[path[-1]] = False
+    unvisited[0] = False
+    while unvisited.any():
+        path.append(int(np.argmin(np.where(unvisited, cost[path[-1]], np.inf))))
+        unvisited[path[-1]] = False
     return np.array(path)
 
 
@@ -85,9 +85,9 @@ def _two_opt(cost: FloatArray, path: IntArray) -> IntArray:
     while n > 2:
         C = cost[np.ix_(path, path)]
         step = np.append(np.diagonal(C, 1), 0.0)  # from each place to the next; none after the last
-        after = np.column_stack([C[1:, 1:], np.zeros(n - 1)])[:, 1:]  # from i + 1 to j + 1
+        last = np.column_stack([C[1:, 1:], np.zeros(n - 1)])[:, 1:]  # from i + 1 to j + 1
         # parts i + 1 ... j turned round, rows i from 0 and columns j from 1
-        gain = step[:-1, None] + step[None, 1:] - C[:-1, 1:] - after
+        gain = step[:-1, None] + step[None, 1:] - C[:-1, 1:] - last
         gain[~upper] = 0.0
         i, j = np.unravel_index(np.argmax(gain), gain.shape)
         if gain[i, j] < 1e-9:

@@ -212,9 +212,9 @@ def open_scene(
     IrbcalError
         If an input is refused.
     """
-    for item in names("without", without):
-        if item not in CONDITIONS:
-            raise OptionError.unknown("without", item, tuple(CONDITIONS))
+    for name in names("without", without):
+        if name not in CONDITIONS:
+            raise OptionError.unknown("without", name, tuple(CONDITIONS))
     opened = open_robot(robot, base_link=base_link, tip_link=tip_link, coupling=coupling)
     if opened.urdf is None or opened.urdf_bytes is None:
         raise RobotError(
@@ -225,9 +225,9 @@ def open_scene(
     notes: list[str] = []
     T_world_base = _base(opened.robot, tracker, notes)
     station = frames.inverse(T_world_base)[:3, 3]
-    seen = reflectors(opened.robot, targets, station)
-    on = tuple(item for item in CONDITIONS if item not in without)
-    if seen.directions is None and "acceptance" in on:
+    targets_seen = reflectors(opened.robot, targets, station)
+    on = tuple(name for name in CONDITIONS if name not in without)
+    if targets_seen.directions is None and "acceptance" in on:
         notes.append(
             "the reflectors' directions are not known: the condition acceptance is off (--targets FILE with nx, ny, nz)"
         )
@@ -235,33 +235,33 @@ def open_scene(
         min_height = IRB1600_HEIGHTS
     folders = [*package_dirs, *([opened.folder] if opened.folder else [])]
     solids = _solids(opened.urdf_bytes, arm, station, folders, notes) if SOLID & set(on) else None
-    on = tuple(item for item in on if solids is not None or item not in SOLID)
-    setting = Setting(opened.robot, seen, station, on, margin, acceptance, min_height, solids)
+    on = tuple(name for name in on if solids is not None or name not in SOLID)
+    setting = Setting(opened.robot, targets_seen, station, on, margin, acceptance, min_height, solids)
     where = _cube(setting) if cube is None else (place("cube_centre", cube[0]), length("cube_edge", cube[1]))
     links, speed = (base_link, tip_link), _joint_speed(opened.urdf)
-    known, dirs = opened.robot.certainty, tuple(package_dirs)
-    return Scene(robot, links, dirs, setting, opened.nominal, T_world_base, where, speed, tuple(notes), known)
+    certainty, dirs = opened.robot.certainty, tuple(package_dirs)
+    return Scene(robot, links, dirs, setting, opened.nominal, T_world_base, where, speed, tuple(notes), certainty)
 
 
 def _solids(
-    urdf: bytes, arm: Arm, place: FloatArray, folders: Sequence[str | Path], notes: list[str]
+    urdf: bytes, arm: Arm, tracker: FloatArray, folders: Sequence[str | Path], notes: list[str]
 ) -> CollisionModel | None:
     """The robot's solids with the tracker in their way; None, with a note, where the URDF has none that can be read."""
     from irbcal.planning.collisions import CollisionModel, NoSolidsError
 
-    if (away := float(np.linalg.norm(place))) < NEAR_TRACKER:
+    if (distance := float(np.linalg.norm(tracker))) < NEAR_TRACKER:
         raise MeasurementError(
             f"--tracker: expected a place at least {NEAR_TRACKER / MM:.0f} mm from the base link, found "
-            f"{away / MM:.0f} mm",
+            f"{distance / MM:.0f} mm",
             parameter="tracker",
         )
     try:
         solids = CollisionModel(urdf, arm, package_dirs=robots.package_dirs(*folders))
     except NoSolidsError as error:
-        off = [item for item in CONDITIONS if item in SOLID]
+        off = [name for name in CONDITIONS if name in SOLID]
         notes.append(f"the conditions {', '.join(off[:-1])} and {off[-1]} are off: {error}")
         return None
-    solids.add_obstacle(place, TRACKER_RADIUS)
+    solids.add_obstacle(tracker, TRACKER_RADIUS)
     if solids.overlapping:
         pairs = ", ".join(" and ".join(pair) for pair in solids.overlapping)
         notes.append(f"links that overlap by construction are not checked against each other: {pairs}")
@@ -271,8 +271,10 @@ def _solids(
 def _base(robot: Robot, tracker: ArrayLike | None, notes: list[str]) -> FloatArray:
     """The base link in the frame of the expected coordinates."""
     if tracker is not None:
-        given = place("tracker", tracker, "x, y, z of the tracker in metres and at will a turn in radians", (3, 4))
-        x, y, z, yaw = [*given, 0.0][:4]
+        coordinates = place(
+            "tracker", tracker, "x, y, z of the tracker in metres and at will a turn in radians", (3, 4)
+        )
+        x, y, z, yaw = [*coordinates, 0.0][:4]
         return frames.inverse(frames.from_xyz_angles([x, y, z, 0.0, 0.0, yaw]))
     if robot.targets:
         notes.append("no --tracker given: it is taken to stand where it stood for the calibration's measurements")
@@ -304,5 +306,5 @@ def _joint_speed(urdf: UrdfArm) -> FloatArray:
         if joint.find("limit") is not None
     }
     usual = np.where(urdf.arm.table.prismatic, USUAL_SPEED[1], USUAL_SPEED[0])
-    found = np.array([float(limits.get(name) or 0.0) for name in urdf.arm.joint_names])
-    return np.where(found > 0, found, usual)
+    speed = np.array([float(limits.get(name) or 0.0) for name in urdf.arm.joint_names])
+    return np.where(speed > 0, speed, usual)

@@ -55,8 +55,8 @@ class Tally:
 
     def sentence(self) -> str:
         """What removed how many, in words."""
-        words = [f"{name} removed {count:,}" for name, count in self.removed.items()]
-        return f"of {self.tried:,} candidates " + (", ".join(words) if words else "none was removed")
+        reasons = [f"{name} removed {count:,}" for name, count in self.removed.items()]
+        return f"of {self.tried:,} candidates " + (", ".join(reasons) if reasons else "none was removed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +86,12 @@ class Poses:
         return Poses(self.q[rows], self.seen[rows], self.groups[rows], self.tally)
 
 
-def joined(parts: Sequence[Poses]) -> Poses:
+def joined(sources: Sequence[Poses]) -> Poses:
     """Poses of several sources one after the other."""
-    q, seen, groups = (np.concatenate([getattr(part, name) for part in parts]) for name in ("q", "seen", "groups"))
-    return Poses(q, seen, groups, Tally())
+    q, visible, groups = (
+        np.concatenate([getattr(poses, name) for poses in sources]) for name in ("q", "seen", "groups")
+    )
+    return Poses(q, visible, groups, Tally())
 
 
 def in_cube(centre: ArrayLike, edge: float) -> Region:
@@ -129,11 +131,11 @@ def random_poses(
     MeasurementError
         If too few are found among `MOST_TRIED` random joints; the sentence counts what each condition removed.
     """
-    tried, found = 0, 0
+    tried, count_found = 0, 0
     removed: dict[str, int] = {}
     found_q, found_seen = [], []
     for number in np.random.SeedSequence(seed).generate_state(MOST_TRIED // BATCH[0]):
-        if found >= count or tried >= MOST_TRIED:
+        if count_found >= count or tried >= MOST_TRIED:
             break
         size = int(np.clip(tried, BATCH[0], min(BATCH[1], max(MOST_TRIED - tried, BATCH[0]))))
         q = rounded(setting.arm, setting.arm.random_joints(size, int(number)))
@@ -143,37 +145,37 @@ def random_poses(
             inside = region(setting.robot.poses(q)[:, :3, 3])
             outside = {"place": int((~inside).sum())}
             q = q[inside]
-        keep, seen, dropped = counted(setting, q)
+        keep, visible, dropped = counted(setting, q)
         for name, number_removed in (outside | dropped).items():
             removed[name] = removed.get(name, 0) + number_removed
         found_q.append(q[keep])
-        found_seen.append(seen[keep])
-        found += int(keep.sum())
+        found_seen.append(visible[keep])
+        count_found += int(keep.sum())
         if step is not None:
-            step(min(found, count))
-    tally = Tally(tried, removed, found)
-    if found < count:
+            step(min(count_found, count))
+    tally = Tally(tried, removed, count_found)
+    if count_found < count:
         raise MeasurementError(
-            f"only {found} of {count} {group} poses meet the conditions: {tally.sentence()}; "
+            f"only {count_found} of {count} {group} poses meet the conditions: {tally.sentence()}; "
             "ask for fewer, move the tracker or switch a condition off"
         )
     k = len(setting.targets.names)
     q = np.concatenate([np.zeros((0, setting.arm.lower.size)), *found_q])[:count]
-    seen = np.concatenate([np.zeros((0, k), dtype=bool), *found_seen])[:count]
-    return Poses(q, seen, np.full(count, group, dtype=object), tally)
+    visible = np.concatenate([np.zeros((0, k), dtype=bool), *found_seen])[:count]
+    return Poses(q, visible, np.full(count, group, dtype=object), tally)
 
 
-def axis_moves(setting: Setting, many: bool = False) -> Poses:
+def axis_moves(setting: Setting, wide: bool = False) -> Poses:
     """Moves of one joint at a time, the others at home (Nubiola 2011, sections 7.1 and 7.2).
 
-    Three angles, -30, 0 and 30 degrees; or ``many``: from -40 to 40 degrees and back by 10 degrees, the last joint from
+    Three angles, -30, 0 and 30 degrees; or ``wide``: from -40 to 40 degrees and back by 10 degrees, the last joint from
     -180 to 180 degrees and back. That makes 18 and 158 poses for six joints. Where limits are too near, all angles of a
     joint are scaled down.
 
     Parameters
     ----------
     setting : Setting
-    many : bool
+    wide : bool
 
     Returns
     -------
@@ -187,23 +189,23 @@ def axis_moves(setting: Setting, many: bool = False) -> Poses:
     """
     arm, home = setting.arm, home_joints(setting.arm)
     lower, upper = setting.bounds if "limits" in setting.conditions else (arm.lower, arm.upper)
-    parts: list[FloatArray] = []
+    q_moves: list[FloatArray] = []
     names: list[str] = []
     for joint in range(len(home)):
         angles = np.array([-30.0, 0.0, 30.0])
-        if many:
+        if wide:
             last = 180.0 if joint == len(home) - 1 else 40.0
-            there = np.arange(-last, last + 1, 10.0)
-            angles = np.concatenate([there, there[-2::-1]])
+            grid = np.arange(-last, last + 1, 10.0)
+            angles = np.concatenate([grid, grid[-2::-1]])
         moves = angles * (METRES_PER_DEGREE if arm.table.prismatic[joint] else DEG)
         room = min(upper[joint] - home[joint], home[joint] - lower[joint])
         moves = moves * min(1.0, room / np.abs(moves).max())
-        part = np.tile(home, (len(moves), 1))
-        part[:, joint] += moves
-        parts.append(part)
+        q_joint = np.tile(home, (len(moves), 1))
+        q_joint[:, joint] += moves
+        q_moves.append(q_joint)
         names += [f"axis{joint + 1}"] * len(moves)
-    q, groups = rounded(arm, np.concatenate(parts)), np.array(names, dtype=object)
-    keep, seen, removed = counted(setting, q, AXIS_CONDITIONS)
+    q, groups = rounded(arm, np.concatenate(q_moves)), np.array(names, dtype=object)
+    keep, visible, removed = counted(setting, q, AXIS_CONDITIONS)
     tally = Tally(len(q), removed, int(keep.sum()))
     if not keep.all():
         where = ", ".join(dict.fromkeys(groups[~keep]))
@@ -213,17 +215,17 @@ def axis_moves(setting: Setting, many: bool = False) -> Poses:
         )
     for group in dict.fromkeys(groups):
         rows = groups == group
-        both = np.all(seen[rows], axis=0)
-        if not both.any():
+        common = np.all(visible[rows], axis=0)
+        if not common.any():
             raise MeasurementError(
                 f"no reflector can be seen in all poses of {group}, as a circle fit needs: the arm hides each in some; "
                 "move the tracker, leave the axis moves out or switch the condition sight off"
             )
-        seen[rows] = both
-    return Poses(q, seen, groups, tally)
+        visible[rows] = common
+    return Poses(q, visible, groups, tally)
 
 
-def first_seen(seen: BoolArray, most: int) -> BoolArray:
+def first_seen(visible: BoolArray, limit: int) -> BoolArray:
     """Of the reflectors seen in each pose the first ones, at most so many; (n, k) masks."""
-    count: IntArray = np.cumsum(seen, axis=1)
-    return seen & (count <= most)
+    count: IntArray = np.cumsum(visible, axis=1)
+    return visible & (count <= limit)

@@ -81,10 +81,10 @@ class Wish:
                 raise OptionError.unknown(name, getattr(self, name), choices)
         if not (self.axis or self.cube or self.all_range or self.optimal):
             raise OptionError("the plan has no poses: ask for axis moves, cube, all-range or optimal poses")
-        for name, least in (("cube", 0), ("all_range", 0), ("optimal", 0), ("candidates", 2), ("references", 0)):
+        for name, smallest in (("cube", 0), ("all_range", 0), ("optimal", 0), ("candidates", 2), ("references", 0)):
             number(name, getattr(self, name), whole=True)
-            if getattr(self, name) < least:
-                raise OptionError(f"{name}: expected at least {least}, found {getattr(self, name)}", parameter=name)
+            if getattr(self, name) < smallest:
+                raise OptionError(f"{name}: expected at least {smallest}, found {getattr(self, name)}", parameter=name)
         check_seed(self.seed)
         for name in ("cube", "all_range", "optimal", "candidates"):
             number(name, getattr(self, name), high=MOST_POSES)
@@ -96,7 +96,7 @@ class Wish:
             if not getattr(self, name) > 0:
                 raise OptionError(f"{name}: expected more than zero, found {getattr(self, name)}", parameter=name)
 
-    def hold_s(self, asked: BoolArray) -> FloatArray:
+    def hold_s(self, measured: BoolArray) -> FloatArray:
         """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
-        seconds: FloatArray = self.wait_s + READINGS_S * (asked.sum(axis=1) + self.references)
+        seconds: FloatArray = self.wait_s + READINGS_S * (measured.sum(axis=1) + self.references)
         return seconds

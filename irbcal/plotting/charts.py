@@ -129,20 +129,20 @@ class Dots:
         """As SVG; ``paint`` gives the colour of a role."""
         if not len(self.xy):
             return ""
-        places = [(_number(x), _number(y)) for x, y in np.asarray(self.xy).tolist()]
+        points = [(_number(x), _number(y)) for x, y in np.asarray(self.xy).tolist()]
         colour, faint = paint(self.colour), f' opacity="{self.opacity:g}"' if self.opacity < 1 else ""
         if self.titles is None and self.shape == "o":
-            d = "".join(f"M{x} {y}h0" for x, y in places)
+            d = "".join(f"M{x} {y}h0" for x, y in points)
             style = f"fill:none;stroke:{colour}"
             return f'<path d="{d}" style="{style}" stroke-width="{self.size:g}" stroke-linecap="round"{faint}/>'
         if self.shape == "o":
-            marks = (f'circle|cx="{x}" cy="{y}" r="{self.size / 2:g}"' for x, y in places)
+            marks = (f'circle|cx="{x}" cy="{y}" r="{self.size / 2:g}"' for x, y in points)
         else:
             half, up = 0.62 * self.size, -1 if self.shape == "^" else 1
             corners = f"l{half:g} {-1.7 * up * half:g}h{-2 * half:g}z"
-            marks = (f'path|d="M{x} {_number(float(y) + up * half)}{corners}"' for x, y in places)
+            marks = (f'path|d="M{x} {_number(float(y) + up * half)}{corners}"' for x, y in points)
         out = []
-        titles: Sequence[str | None] = self.titles or [None] * len(places)
+        titles: Sequence[str | None] = self.titles or [None] * len(points)
         for mark, title in zip(marks, titles, strict=True):
             element, attributes = mark.split("|")
             out.append(f"<{element} {attributes}/>" if title is None else _titled(element, attributes, title))
@@ -326,11 +326,11 @@ class Chart:
         kind : str
             One of `KINDS`.
         """
-        whole = _composed(self)
+        sheet = _composed(self)
         if kind != "svg":
-            return _by_matplotlib(whole, kind)
-        size = f'width="{whole.width:g}" height="{whole.height:g}" font-family="{FAMILY}"'
-        svg = _svg(whole, PAINT.__getitem__, f'xmlns="http://www.w3.org/2000/svg" {size}')
+            return _by_matplotlib(sheet, kind)
+        size = f'width="{sheet.width:g}" height="{sheet.height:g}" font-family="{FAMILY}"'
+        svg = _svg(sheet, PAINT.__getitem__, f'xmlns="http://www.w3.org/2000/svg" {size}')
         return f'<?xml version="1.0" encoding="UTF-8"?>\n{svg}\n'.encode()
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -389,7 +389,7 @@ def _variable(role: str) -> str:
 
 
 def _svg(drawing: Drawing, paint: Paint, attributes: str) -> str:
-    content = "".join(item.svg(paint) for item in drawing.items)
+    content = "".join(mark.svg(paint) for mark in drawing.items)
     return f'<svg viewBox="0 0 {drawing.width:g} {drawing.height:g}" {attributes}>{content}</svg>'
 
 
@@ -404,27 +404,27 @@ def _composed(chart: Chart) -> Drawing:
     columns = min(chart.columns, len(chart.drawings))
     widths = [max(d.width for d in chart.drawings[k::columns]) for k in range(columns)]
     width = max(sum(widths) + GAP * (columns - 1), WIDTH) + 2 * GAP
-    whole = Drawing(chart.caption, width=width)
+    sheet = Drawing(chart.caption, width=width)
     y = GAP
     for line in wrap(chart.mark + chart.caption, max(20, int((width - 2 * GAP) / (0.54 * FONT)))):
         y += 0.6 * FONT
-        whole.add(Text(GAP, y, line))
+        sheet.add(Text(GAP, y, line))
         y += 0.7 * FONT
     x = GAP
-    for colour, sign, words in chart.legend:
-        need = 30 + 0.56 * FONT * len(words)
+    for colour, sign, text in chart.legend:
+        need = 30 + 0.56 * FONT * len(text)
         if x == GAP or x + need > width - GAP:
             x, y = GAP, y + 1.5 * FONT
-        whole.add(_key(sign, colour, x + 9, y), Text(x + 24, y, words, colour="soft"))
+        sheet.add(_key(sign, colour, x + 9, y), Text(x + 24, y, text, colour="soft"))
         x += need
     y += 1.5 * FONT
     for first in range(0, len(chart.drawings), columns):
         row = chart.drawings[first : first + columns]
         for k, drawing in enumerate(row):
             left = GAP + sum(widths[:k]) + GAP * k
-            whole.add(*(item.moved(left, y) for item in drawing.items))
+            sheet.add(*(mark.moved(left, y) for mark in drawing.items))
         y += max(drawing.height for drawing in row) + GAP
-    return Drawing(whole.label, y, width, [Boxes(np.array([[0, 0, width, y]]), "page"), *whole.items])
+    return Drawing(sheet.label, y, width, [Boxes(np.array([[0, 0, width, y]]), "page"), *sheet.items])
 
 
 def _by_matplotlib(drawing: Drawing, kind: str) -> bytes:
@@ -437,8 +437,8 @@ def _by_matplotlib(drawing: Drawing, kind: str) -> bytes:
         figure = Figure(figsize=(drawing.width / 72, drawing.height / 72))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        for order, item in enumerate(drawing.items):
-            item.draw(axes, order)
+        for order, mark in enumerate(drawing.items):
+            mark.draw(axes, order)
         axes.set_xlim(0, drawing.width)
         axes.set_ylim(drawing.height, 0)
         stream = BytesIO()
@@ -460,20 +460,20 @@ def house_style() -> Iterator[None]:
 # --- axes -------------------------------------------------------------------------------------------------
 
 
-def step_of(span: float, most: int) -> float:
+def step_of(span: float, parts_max: int) -> float:
     """The smallest of 1, 2, 5 times a power of ten that cuts a span into at most so many parts."""
-    least = span / most
-    power = 10.0 ** np.floor(np.log10(least))
-    return float(next(k for k in (1, 2, 5, 10) if k * power >= least * (1 - 1e-9)) * power)
+    smallest = span / parts_max
+    power = 10.0 ** np.floor(np.log10(smallest))
+    return float(next(k for k in (1, 2, 5, 10) if k * power >= smallest * (1 - 1e-9)) * power)
 
 
-def ticks(low: float, high: float, most: int = 5, whole: bool = False) -> tuple[FloatArray, list[str]]:
+def ticks(low: float, high: float, count: int = 5, whole: bool = False) -> tuple[FloatArray, list[str]]:
     """Round numbers between two ends, with their texts."""
-    step = step_of(high - low, most)
+    step = step_of(high - low, count)
     step = max(step, 1.0) if whole else step
     values = np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step
-    if len(values) < 3 and most < 12 and not whole:
-        return ticks(low, high, most + 1)
+    if len(values) < 3 and count < 12 and not whole:
+        return ticks(low, high, count + 1)
     digits = max(0, -int(np.floor(np.log10(step) + 1e-9)))
     return values, [f"{value + 0.0:.{digits}f}" for value in np.round(values, digits + 1)]
 
@@ -512,11 +512,11 @@ def round_number(value: float) -> float:
     return float(max(k for k in (1.0, 2.0, 5.0) if k * power <= value * (1 + 1e-12)) * power)
 
 
-def up_to(value: float, most: int = 5) -> float:
+def up_to(value: float, count: int = 5) -> float:
     """The round number at or above a value where an axis from zero may end."""
     if not value > 0:
         return 1.0
-    step = step_of(value, most) / 2
+    step = step_of(value, count) / 2
     return float(np.ceil(value / step - 1e-9) * step)
 
 
@@ -578,17 +578,19 @@ class Panel:
         if equal:
             self._equal()
             y_ticks = ticks(*self.y, self._most(24))
-        words = x_ticks
-        across = ticks(*self.x, max(2, int((self.box[2] - self.box[0]) / 52)), whole_x) if words is None else words
+        x_labels = x_ticks
+        across = (
+            ticks(*self.x, max(2, int((self.box[2] - self.box[0]) / 52)), whole_x) if x_labels is None else x_labels
+        )
         left, head, right, foot = self.box
-        places = self.at(across[0], self.y[0])[:, 0]
-        grid: list[Polyline] = [[(px, head), (px, foot)] for px in places] if words is None else []
+        x_lines = self.at(across[0], self.y[0])[:, 0]
+        grid: list[Polyline] = [[(px, head), (px, foot)] for px in x_lines] if x_labels is None else []
         grid += [[(left, py), (right, py)] for py in self.at(self.x[0], y_ticks[0])[:, 1]]
         drawing.add(
             Lines([] if plain else grid, "line", 0.8), Lines([[(left, head), (left, foot), (right, foot)]], "soft", 1.0)
         )
         if x_label:
-            for px, text in zip(places, across[1], strict=True):
+            for px, text in zip(x_lines, across[1], strict=True):
                 drawing.add(Text(px, foot + 11, text, "middle", "soft", 11.0))
             drawing.add(Text((left + right) / 2, foot + 28, x_label, "middle"))
         for value, text in zip(*y_ticks, strict=True):

@@ -169,8 +169,8 @@ def normal_quantiles(distance: FloatArray) -> tuple[FloatArray, FloatArray]:
     n = len(value)
     rank = np.arange(n)
     step = max(1, -(-n // QUANTILES))
-    shown = (rank % step == 0) | (rank >= n - TAIL)
-    return normal_quantile((rank[shown] + 0.625) / (n + 0.25)), value[shown]
+    drawn = (rank % step == 0) | (rank >= n - TAIL)
+    return normal_quantile((rank[drawn] + 0.625) / (n + 0.25)), value[drawn]
 
 
 def _models_legend(poses: PoseErrors, mark: Sign = "o") -> list[LegendEntry]:
@@ -195,8 +195,8 @@ def before_and_after(poses: PoseErrors) -> Chart:
     for k, (name, model) in enumerate(reversed(list(poses.models.items()))):
         s, y = model.statistics, k + 0.36
         said = f"{name}: mean {fixed(s.mean_mm, 3)} mm, largest {fixed(s.max_mm, 3)} mm"
-        place = panel.at(0, k + 0.83)[0]
-        drawing.add(Text(place[0] + 4, place[1], said, bold=True))
+        at = panel.at(0, k + 0.83)[0]
+        drawing.add(Text(at[0] + 4, at[1], said, bold=True))
         panel.line([s.mean_mm, s.max_mm], [y, y], name, 2.0)
         panel.line([s.max_mm, s.max_mm], [y - 0.14, y + 0.14], name, 2.0)
         panel.boxes([0], [y - 0.19], [s.mean_mm], [y + 0.19], name, titles=[said])
@@ -207,11 +207,11 @@ def before_and_after(poses: PoseErrors) -> Chart:
     return Chart("before_and_after", caption, [drawing], columns=1)
 
 
-def _titled(values: FloatArray, most: int = MOST_TITLED) -> BoolArray:
+def _titled(values: FloatArray, limit: int = MOST_TITLED) -> BoolArray:
     """Which marks say what they are: all, or where there are too many those with the largest values."""
-    if len(values) <= most:
+    if len(values) <= limit:
         return np.ones(len(values), dtype=bool)
-    return values >= np.sort(values)[-most // 10]
+    return values >= np.sort(values)[-limit // 10]
 
 
 def _dots(
@@ -247,9 +247,9 @@ def _by_pose(poses: PoseErrors, caption: str, tolerance_mm: float | None) -> Dra
     ends = (1 - 0.02 * n - 0.5, n + 0.02 * n + 0.5)
     for k, (name, model) in enumerate(poses.models.items()):
         last = k == len(poses.models) - 1
-        place: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
+        height: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
         label = "pose, in order of measurement" if last else ""
-        panel = Panel(drawing, ends, (0, top), label, poses.axis, whole_x=True, **place)
+        panel = Panel(drawing, ends, (0, top), label, poses.axis, whole_x=True, **height)
         y = model.per_pose / MM
         texts = [f"pose {pose}: {name} {error:.3f} mm" for pose, error in zip(poses.pose_names, y, strict=True)]
         _dots(panel, x, y, name, texts, _titled(y), size=_mark_size(n), opacity=0.75)
@@ -269,10 +269,10 @@ def turns_by_pose(poses: PoseErrors) -> Chart:
         have = np.flatnonzero(np.isfinite(rotation))
         n, y = len(have), rotation[have] / DEG
         last = k == len(poses.models) - 1
-        place: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
+        height: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
         label = "measured frame, in order of measurement" if last else ""
         panel = Panel(
-            drawing, (0.5 - 0.02 * n, n + 0.5 + 0.02 * n), (0, top), label, "error (deg)", whole_x=True, **place
+            drawing, (0.5 - 0.02 * n, n + 0.5 + 0.02 * n), (0, top), label, "error (deg)", whole_x=True, **height
         )
         texts = [
             f"pose {poses.pose_names[int(poses.pose[m])]}, {poses.target[int(m)]}: {name} {error:.4f} degrees"
@@ -301,9 +301,9 @@ def _histogram(poses: PoseErrors) -> Drawing:
     top = up_to(HEADROOM * max(count.max() for count in counts.values()))
     panel = Panel(drawing, (0, largest), (0, top), f"{poses.what} (mm)", poses.each, whole_y=True)
     for name, count in counts.items():
-        some = count > 0
-        low = np.zeros(some.sum())
-        panel.boxes(edges[:-1][some], low, edges[1:][some], count[some], name, opacity=0.3)
+        filled = count > 0
+        low = np.zeros(filled.sum())
+        panel.boxes(edges[:-1][filled], low, edges[1:][filled], count[filled], name, opacity=0.3)
         outline = np.repeat(np.concatenate([[0], count, [0]]), 2)[1:-1]
         panel.line(np.repeat(edges, 2), outline, name, 1.2)
         mean = poses.models[name].statistics.mean_mm
@@ -317,12 +317,12 @@ def _histogram(poses: PoseErrors) -> Drawing:
 
 
 def _quantiles(poses: PoseErrors) -> Drawing:
-    found = {name: normal_quantiles(model.distance) for name, model in poses.models.items()}
-    top = up_to(HEADROOM * max(value.max() for _, value in found.values()) / MM)
-    reach = max(1.0, 1.08 * max(np.abs(quantile).max() for quantile, _ in found.values()))
+    quantiles = {name: normal_quantiles(model.distance) for name, model in poses.models.items()}
+    top = up_to(HEADROOM * max(value.max() for _, value in quantiles.values()) / MM)
+    reach = max(1.0, 1.08 * max(np.abs(quantile).max() for quantile, _ in quantiles.values()))
     drawing = Drawing(f"Ordered {poses.plural} of the {poses.name} {poses.each} against normal quantiles")
     panel = Panel(drawing, (-reach, reach), (0, top), "normal quantile (σ)", f"{poses.what} (mm)")
-    for name, (quantile, value) in found.items():
+    for name, (quantile, value) in quantiles.items():
         s = poses.models[name].statistics
         z = np.array([-reach, reach])
         if s.sigma_mm > 0:
@@ -338,18 +338,20 @@ VIEWS = (("from above", 0, 1, "x (mm)", "y (mm)"), ("from the side", 0, 2, "x (m
 
 def _space(poses: PoseErrors) -> tuple[FloatArray, FloatArray]:
     """Ends of each view around the measured places and the base."""
-    place = np.vstack([poses.mean_place() / MM, np.zeros(3)])
-    low, high = place.min(axis=0), place.max(axis=0)
+    xyz = np.vstack([poses.mean_place() / MM, np.zeros(3)])
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
     margin = 0.06 * max((high - low).max(), 1.0)
     return low - margin, high + margin
 
 
 def _view(label: str, model: str, view: tuple[str, int, int, str, str], ends: tuple[FloatArray, FloatArray]) -> Panel:
-    what, i, j, x_label, y_label = view
+    plane, i, j, x_label, y_label = view
     low, high = ends
     wide, tall = high[i] - low[i], high[j] - low[j]
-    drawing = Drawing(f"{label}, {model}, {what}", float(np.clip(330.0 * tall / wide, 190.0, 420.0)) + 70.0)
-    panel = Panel(drawing, (low[i], high[i]), (low[j], high[j]), x_label, y_label, title=f"{model}, {what}", equal=True)
+    drawing = Drawing(f"{label}, {model}, {plane}", float(np.clip(330.0 * tall / wide, 190.0, 420.0)) + 70.0)
+    panel = Panel(
+        drawing, (low[i], high[i]), (low[j], high[j]), x_label, y_label, title=f"{model}, {plane}", equal=True
+    )
     panel.line([-0.02 * wide, 0.02 * wide], [0, 0], "soft", 1.4)
     panel.line([0, 0], [-0.02 * wide, 0.02 * wide], "soft", 1.4)
     return panel
@@ -358,8 +360,8 @@ def _view(label: str, model: str, view: tuple[str, int, int, str, str], ends: tu
 def workspace(poses: PoseErrors) -> Chart:
     """Mean error of each pose where it was measured."""
     label = f"Position errors of the {poses.name} poses over the workspace"
-    edges, words = _classes(np.concatenate([model.per_pose for model in poses.models.values()]) / MM)
-    place, ends = poses.mean_place() / MM, _space(poses)
+    edges, class_names = _classes(np.concatenate([model.per_pose for model in poses.models.values()]) / MM)
+    xyz, ends = poses.mean_place() / MM, _space(poses)
     drawings = []
     for view in VIEWS:
         for name, model in poses.models.items():
@@ -369,12 +371,12 @@ def workspace(poses: PoseErrors) -> Chart:
             texts = [f"pose {pose}: {name} {e:.3f} mm" for pose, e in zip(poses.pose_names, error, strict=True)]
             titled = _titled(error, MOST_TITLED // 3)
             for k in range(CLASSES):
-                mine = which == k
-                x, y = place[mine, view[1]], place[mine, view[2]]
-                said = [texts[m] for m in np.flatnonzero(mine)]
-                _dots(panel, x, y, f"error{k}", said, titled[mine], size=_mark_size(len(error)) * (0.9 + 0.12 * k))
+                rows = which == k
+                x, y = xyz[rows, view[1]], xyz[rows, view[2]]
+                said = [texts[m] for m in np.flatnonzero(rows)]
+                _dots(panel, x, y, f"error{k}", said, titled[rows], size=_mark_size(len(error)) * (0.9 + 0.12 * k))
             drawings.append(panel.drawing)
-    legend: list[LegendEntry] = [(f"error{k}", "o", text) for k, text in enumerate(words)]
+    legend: list[LegendEntry] = [(f"error{k}", "o", text) for k, text in enumerate(class_names)]
     caption = (
         f"{label}, seen along z and along y of the base link (cross: its origin); each colour has about the same share "
         "of all errors shown"
@@ -386,12 +388,12 @@ def _classes(errors: FloatArray) -> tuple[FloatArray, list[str]]:
     """Inner edges of `CLASSES` classes at round numbers, with about as many errors each, and the classes in words."""
     quantiles = np.maximum(np.quantile(errors, np.arange(1, CLASSES) / CLASSES), 1e-6)
     first, last = np.floor(np.log10(quantiles[0])) - 1, np.ceil(np.log10(quantiles[-1])) + 1
-    known = np.array([k * 10.0**power for power in np.arange(first, last + 1) for k in ROUND])
-    taken: list[int] = []
+    round_values = np.array([k * 10.0**power for power in np.arange(first, last + 1) for k in ROUND])
+    chosen: list[int] = []
     for value in quantiles:
-        nearest = int(np.argmin(np.abs(np.log(known / value))))
-        taken.append(max(nearest, taken[-1] + 1) if taken else nearest)
-    text = [f"{known[k]:.10g}" for k in taken]
+        nearest = int(np.argmin(np.abs(np.log(round_values / value))))
+        chosen.append(max(nearest, chosen[-1] + 1) if chosen else nearest)
+    text = [f"{round_values[k]:.10g}" for k in chosen]
     edges = np.array([float(edge) for edge in text])
     between = [f"{a} to {b} mm" for a, b in pairwise(text)]
     return edges, [f"below {text[0]} mm", *between, f"{text[-1]} mm and more"]
@@ -400,41 +402,41 @@ def _classes(errors: FloatArray) -> tuple[FloatArray, list[str]]:
 def vectors(poses: PoseErrors) -> Chart:
     """Error vectors, much enlarged, from the measured places."""
     n = len(poses.pose_names)
-    shown = np.unique(np.linspace(0, n - 1, min(n, MOST_ARROWS)).astype(int))
+    rows = np.unique(np.linspace(0, n - 1, min(n, MOST_ARROWS)).astype(int))
     error = {name: model.mean_vector(poses.pose) / MM for name, model in poses.models.items()}
     low, high = ends = _space(poses)
     size = max(np.quantile(np.linalg.norm(e, axis=1), 0.95) for e in error.values())
     factor = round_number(ARROW * float((high - low)[:2].max()) / max(size, 1e-9))
     label = f"Error vectors of the {poses.name} poses, {factor:g} times enlarged"
-    place = poses.mean_place() / MM
+    xyz = poses.mean_place() / MM
     drawings = []
     for view in VIEWS:
         _, i, j, *_ = view
         for name, e in error.items():
             panel = _view(label, name, view, ends)
-            start, way = place[shown][:, [i, j]], factor * e[shown][:, [i, j]]
-            tip = panel.at(*(start + way).T)
+            start, arrow = xyz[rows][:, [i, j]], factor * e[rows][:, [i, j]]
+            tip = panel.at(*(start + arrow).T)
             foot = panel.at(*start.T)
             paths = [path for a, b in zip(foot, tip, strict=True) for path in _arrow(a, b)]
             panel.drawing.add(Lines(paths, name, 1.1, opacity=0.85))
             texts = [
-                f"pose {poses.pose_names[m]}: {name} ({e[m, 0]:+.3f}, {e[m, 1]:+.3f}, {e[m, 2]:+.3f}) mm" for m in shown
+                f"pose {poses.pose_names[m]}: {name} ({e[m, 0]:+.3f}, {e[m, 1]:+.3f}, {e[m, 2]:+.3f}) mm" for m in rows
             ]
             panel.dots(start[:, 0], start[:, 1], name, 2.6, titles=texts)
             drawings.append(panel.drawing)
     caption = f"{label}: mean of measured minus predicted places of a pose's points, along the axes of the base link"
-    if len(shown) < n:
-        caption += f"; {len(shown)} of {n} poses, evenly chosen"
+    if len(rows) < n:
+        caption += f"; {len(rows)} of {n} poses, evenly chosen"
     legend: list[LegendEntry] = [(name, "-", name) for name in error]
     return Chart("residual_vectors", caption, drawings, legend, len(poses.models))
 
 
 def _arrow(foot: FloatArray, tip: FloatArray) -> list[FloatArray]:
     """Shaft and head of an arrow."""
-    way = tip - foot
-    length = float(np.hypot(*way))
+    arrow = tip - foot
+    length = float(np.hypot(*arrow))
     if length < 1.0:
         return [np.array([foot, tip])]
-    back = way / length * min(4.0, 0.5 * length)
-    side = 0.5 * np.array([-back[1], back[0]])
-    return [np.array([foot, tip]), np.array([tip - back + side, tip, tip - back - side])]
+    barb = arrow / length * min(4.0, 0.5 * length)
+    side = 0.5 * np.array([-barb[1], barb[0]])
+    return [np.array([foot, tip]), np.array([tip - barb + side, tip, tip - barb - side])]

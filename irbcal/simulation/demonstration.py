@@ -71,11 +71,11 @@ def verification_poses(cell: VirtualCell) -> PoseList:
     return _listed(*_random(cell, VERIFICATION, 1))
 
 
-def _random(cell: VirtualCell, counts: dict[str, int], part: int) -> tuple[FloatArray, list[str]]:
+def _random(cell: VirtualCell, counts: dict[str, int], stream: int) -> tuple[FloatArray, list[str]]:
     """Random joints of each group, and the groups."""
     regions = dict(zip(pose_list.AREAS, (pose_list.in_cube, pose_list.in_range), strict=True))
     q = [
-        pose_list.random_poses(cell, count, [SEED, part, k], regions[group])
+        pose_list.random_poses(cell, count, [SEED, stream, k], regions[group])
         for k, (group, count) in enumerate(counts.items())
     ]
     return np.vstack(q), [group for group, count in counts.items() for _ in range(count)]

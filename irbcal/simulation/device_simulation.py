@@ -89,8 +89,8 @@ class SimulatedDevice(Speaks):
         """The rows as the first file of ``irbcal calibrate --features``."""
         table = rows_table(self.cell.arm, self.found, self.q, self.which, self.value)
         if self.payload is not None:
-            place = dict(zip(PLACE, np.array(self.cell.tool.payload_centre) / MM, strict=True))
-            table = table.assign(payload_kg=self.payload, **place)
+            payload_at = dict(zip(PLACE, np.array(self.cell.tool.payload_centre) / MM, strict=True))
+            table = table.assign(payload_kg=self.payload, **payload_at)
         return table.assign(simulated="yes")
 
     def features(self) -> pd.DataFrame:
@@ -134,7 +134,7 @@ class SimulatedDevice(Speaks):
         files = [out.name, f"{out.stem}.features.csv", f"{out.stem}.truth.json"]
         tables = (self.to_frame(), self.features())
         data = [without_formulas(table).to_csv(index=False, lineterminator="\n").encode() for table in tables]
-        place = dict(zip(("x", "y", "z"), (np.array(BALL) / MM).tolist(), strict=True))
+        ball = dict(zip(("x", "y", "z"), (np.array(BALL) / MM).tolist(), strict=True))
         truth = {
             "simulated": True,
             "note": "What the virtual cell hides; the identification never reads this file.",
@@ -143,10 +143,10 @@ class SimulatedDevice(Speaks):
             "device": self.found.device.name,
             "data": out.name,
             "data_sha256": hashlib.sha256(data[0]).hexdigest(),
-            "ball_in_tip_link_mm": place,
+            "ball_in_tip_link_mm": ball,
             **({"camera_axes_in_tip_link": AXES.tolist()} if self.found.device.sees else {}),
             "features_in_base_link_m": {
-                name: {key: value.tolist() for key, value in own.items()} for name, own in self.found.own.items()
+                name: {key: value.tolist() for key, value in values.items()} for name, values in self.found.own.items()
             },
             **self.cell.truth(),
         }
@@ -209,9 +209,9 @@ def simulate_device(
     IrbcalError
         If an option or input is refused, or the robot does not reach the device.
     """
-    wanted = DEVICES[checked("device", device, tuple(DEVICES))]
+    chosen = DEVICES[checked("device", device, tuple(DEVICES))]
     seed, robot_seed = check_seed(seed), check_seed(robot_seed, "robot_seed")
-    count = number("random", random, len(wanted.spots), MOST_POSES, whole=True)
+    count = number("random", random, len(chosen.spots), MOST_POSES, whole=True)
     kind = checked("cell", cell, shipped_cells.KINDS)
     opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
     opened = shipped_cells.of_kind(kind, opened, robot_seed)
@@ -220,13 +220,13 @@ def simulate_device(
     opened = opened.without(*names("without", without)) if only is None else opened.only(*names("only", only))
     mass = None if payload is None else number("payload", payload, 0.0, LARGEST_PAYLOAD_KG)
     opened = opened if mass is None else opened.with_payload(mass)
-    size = wanted.noise if noise is None else number("noise", noise, 0.0, 0.01)
-    found = placed(opened.arm, wanted).with_noise(size)
-    q, which = poses(opened.arm, found, count, seed) if at is None else at
+    size = chosen.noise if noise is None else number("noise", noise, 0.0, 0.01)
+    features = placed(opened.arm, chosen).with_noise(size)
+    q, which = poses(opened.arm, features, count, seed) if at is None else at
     order = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 1))).permutation(len(q))
     order = order[np.argsort(which[order], kind="stable")]
-    q, which, value = _measured(opened, found, q[order], which[order], size)
-    return SimulatedDevice(str(robot), opened, found, q, which, value, size, mass)
+    q, which, value = _measured(opened, features, q[order], which[order], size)
+    return SimulatedDevice(str(robot), opened, features, q, which, value, size, mass)
 
 
 def _lagging(cell: VirtualCell, lag: FloatArray) -> Tips:
@@ -235,26 +235,26 @@ def _lagging(cell: VirtualCell, lag: FloatArray) -> Tips:
 
 
 def _measured(
-    cell: VirtualCell, found: Placed, q: FloatArray, which: IntArray, noise: float
+    cell: VirtualCell, features: Placed, q: FloatArray, which: IntArray, noise: float
 ) -> tuple[FloatArray, IntArray, FloatArray | None]:
     """The real robot brought to each feature, and what the device shows there."""
     rng = np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(STREAM, 2)))
-    size = KINDS[found.device.kind].size
+    size = KINDS[features.device.kind].size
     off = noise * rng.standard_normal((len(q), size))
-    spots = list(found.own)
+    spots = list(features.own)
     T = cell.measure(q).T_base_tip
-    if found.device.touched:
+    if features.device.touched:
         for _ in range(TRIES):  # how it comes to a stop depends on all stops before: all are moved a little each time
-            before = q.copy()
-            lag = T @ np.linalg.inv(cell.arm.forward(before))
+            q_before = q.copy()
+            lag = T @ np.linalg.inv(cell.arm.forward(q_before))
             for k, name in enumerate(spots):
-                mine = which == k
-                q[mine], _ = met(cell.arm, found, name, q[mine], _lagging(cell, lag[mine]), off[mine])
+                rows = which == k
+                q[rows], _ = met(cell.arm, features, name, q[rows], _lagging(cell, lag[rows]), off[rows])
             T = cell.measure(q).T_base_tip
-            if np.abs(q - before).max() < 1e-9:
+            if np.abs(q - q_before).max() < 1e-9:
                 break
-    value = shown(T, found, which)
+    value = shown(T, features, which)
     if value is None:
         return q, which, None
     more = off[:, 0] if value.ndim == 1 else noise * rng.standard_normal(value.shape)
-    return q, which, value + more * (spread(found, noise) / noise if noise else 0.0)
+    return q, which, value + more * (spread(features, noise) / noise if noise else 0.0)

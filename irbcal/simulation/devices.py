@@ -48,52 +48,54 @@ MARGIN = 25.0
 
 def camera_imaging(reach: float, noise: float) -> Imaging:
     """Camera and board for an arm; ``noise`` (metres) is that of an image as a whole."""
-    known = Imaging(np.array(LENS), (), SQUARES, max(round(SQUARE * reach / MM), 2.0) * MM, SIZE)
+    imaging = Imaging(np.array(LENS), (), SQUARES, max(round(SQUARE * reach / MM), 2.0) * MM, SIZE)
     return Imaging(
-        known.lens, (), SQUARES, known.square, SIZE, round(1.96 * pixel_noise(known, reach, noise), 4) or 1e-3
+        imaging.lens, (), SQUARES, imaging.square, SIZE, round(1.96 * pixel_noise(imaging, reach, noise), 4) or 1e-3
     )
 
 
-def pixel_noise(known: Imaging, reach: float, noise: float) -> float:
+def pixel_noise(imaging: Imaging, reach: float, noise: float) -> float:
     """Standard deviation of a corner in pixels where that of an image as a whole is ``noise``, metres."""
-    pixel = 0.5 * (NEAR + FAR) * reach / known.lens[0]
-    return float(noise * np.sqrt(len(known.corners)) / pixel)
+    pixel = 0.5 * (NEAR + FAR) * reach / imaging.lens[0]
+    return float(noise * np.sqrt(len(imaging.corners)) / pixel)
 
 
-def board(known: Imaging, middle: FloatArray, normal: FloatArray) -> dict[str, FloatArray]:
+def board(imaging: Imaging, middle: FloatArray, normal: FloatArray) -> dict[str, FloatArray]:
     """Unknowns of a board with its middle at a place; as OpenCV has it, z goes into the board."""
     Q = with_third(-np.asarray(normal))
-    assert known.squares is not None
-    assert known.square is not None
-    edges = known.square * np.array([*known.squares, 0.0])
+    assert imaging.squares is not None
+    assert imaging.square is not None
+    edges = imaging.square * np.array([*imaging.squares, 0.0])
     return {"centre": middle - Q @ (0.5 * edges), "attitude": Q}
 
 
-def pointers(count: int, reach: float, rng: np.random.Generator, place: FloatArray) -> FloatArray:
-    """Places before a camera at ``place`` of the tip link that a board's middle is brought to, (count, 3), tip link."""
+def pointers(count: int, reach: float, rng: np.random.Generator, camera: FloatArray) -> FloatArray:
+    """Points before a camera at ``camera`` of the tip link for a board's middle, (count, 3), tip link."""
     far = reach * rng.uniform(NEAR, FAR, count)
-    aside = far[:, None] * rng.uniform(-ASIDE, ASIDE, (count, 2))
-    return place + np.column_stack([aside, far]) @ AXES.T
+    sideways = far[:, None] * rng.uniform(-ASIDE, ASIDE, (count, 2))
+    return camera + np.column_stack([sideways, far]) @ AXES.T
 
 
 def pixels(
-    known: Imaging, own: dict[str, FloatArray], T: FloatArray, place: FloatArray
+    imaging: Imaging, unknowns: dict[str, FloatArray], T: FloatArray, camera: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Where corners are in the image, (n, k, 2), and in camera axes, (n, k, 3), with the tip at T (n, 4, 4)."""
-    x = np.column_stack([known.corners, np.zeros(len(known.corners))])
-    p = T[:, :3, 3] + T[:, :3, :3] @ place
-    y = (own["centre"] + x @ own["attitude"].T - p[:, None]) @ (T[:, :3, :3] @ AXES)
-    return images.project(known.lens, y)[0], y
+    x = np.column_stack([imaging.corners, np.zeros(len(imaging.corners))])
+    p = T[:, :3, 3] + T[:, :3, :3] @ camera
+    y = (unknowns["centre"] + x @ unknowns["attitude"].T - p[:, None]) @ (T[:, :3, :3] @ AXES)
+    return images.project(imaging.lens, y)[0], y
 
 
-def visible(known: Imaging, own: dict[str, FloatArray], T: FloatArray, place: FloatArray, cone: float) -> BoolArray:
+def visible(
+    imaging: Imaging, unknowns: dict[str, FloatArray], T: FloatArray, camera: FloatArray, cone: float
+) -> BoolArray:
     """Whether the whole board is in the image and seen from its front within an angle of its normal, (n,)."""
-    uv, y = pixels(known, own, T, place)
+    uv, y = pixels(imaging, unknowns, T, camera)
     inside = ((uv > MARGIN) & (uv < np.array(SIZE) - MARGIN)).all(axis=(1, 2)) & (y[..., 2] > 0.0).all(axis=1)
     into = T[:, :3, :3] @ AXES
     middle = y.mean(axis=1)
     along = np.einsum("nij,nj->ni", into, middle / np.linalg.norm(middle, axis=1)[:, None])
-    return np.asarray(inside & (along @ own["attitude"][:, 2] > np.cos(cone)))
+    return np.asarray(inside & (along @ unknowns["attitude"][:, 2] > np.cos(cone)))
 
 
 BALL = (12.0 * MM, -7.0 * MM, 110.0 * MM)
@@ -178,8 +180,8 @@ _FRONT = (0.55, 0.0, 0.30)
 _CORNERS = ((0.42, -0.32, 0.15), (0.42, 0.32, 0.15), (0.70, 0.0, 0.20), (0.50, 0.0, 0.55))
 _STATIONS = ((1.1, -0.9, 0.0), (1.1, 0.9, 0.0), (0.3, 0.0, 1.6))
 DEVICES: Mapping[str, Device] = {
-    one.name: one
-    for one in (
+    device.name: device
+    for device in (
         Device(
             "balls",
             "four balls or sockets, their distances known",
@@ -272,12 +274,12 @@ class Placed:
 
     def table(self) -> pd.DataFrame:
         """What is known of the features, as the second file of `irbcal.measurement.features`."""
-        known: dict[str, object] = {"offset_mm": 0.0} if self.device.bar else {}
+        columns: dict[str, object] = {"offset_mm": 0.0} if self.device.bar else {}
         if self.imaging is not None:
-            known |= {name: value for name, value in self.imaging.columns().items() if value}
-            known |= {imaging.DICTIONARY: "DICT_5X5_100"}
+            columns |= {name: value for name, value in self.imaging.columns().items() if value}
+            columns |= {imaging.DICTIONARY: "DICT_5X5_100"}
         rows: list[dict[str, object]] = [
-            {"feature": name, "kind": self.device.kind, "target": self.device.target, **known} for name in self.own
+            {"feature": name, "kind": self.device.kind, "target": self.device.target, **columns} for name in self.own
         ]
         if self.device.lengths:
             for first, second in combinations(self.own, 2):
@@ -288,7 +290,7 @@ class Placed:
 
     def unknowns(self) -> dict[tuple[str, str], FloatArray]:
         """What is true of features and tool, by the keys of `irbcal.identification.feature_problem`."""
-        out = {(name, feature): value for feature, own in self.own.items() for name, value in own.items()}
+        out = {(name, feature): value for feature, values in self.own.items() for name, value in values.items()}
         out["tool", self.device.target] = np.array(BALL)
         return out | ({("axes", self.device.target): AXES} if self.device.sees else {})
 
@@ -308,26 +310,26 @@ def reach_of(arm: Arm) -> float:
 def placed(arm: Arm, device: Device) -> Placed:
     """A device in front of an arm."""
     reach = reach_of(arm)
-    own: dict[str, dict[str, FloatArray]] = {}
+    unknowns: dict[str, dict[str, FloatArray]] = {}
     view = camera_imaging(reach, device.noise) if device.sees else None
     middle = {spot.name: reach * np.array(spot.at) + np.array(spot.shift) for spot in device.spots}
     for spot in device.spots:
         centre = middle[spot.name]
         n = np.array(spot.normal)
         if view is not None:
-            own[spot.name] = board(view, centre, n)
+            unknowns[spot.name] = board(view, centre, n)
         elif device.kind == "plane":
-            own[spot.name] = {"normal": with_third(n), "height": np.array([n @ centre])}
+            unknowns[spot.name] = {"normal": with_third(n), "height": np.array([n @ centre])}
         else:
-            own[spot.name] = {"centre": centre}
+            unknowns[spot.name] = {"centre": centre}
             if device.kind == "radius":
-                own[spot.name]["offset"] = np.array([0.0 if device.bar else 0.05 * reach])
-    return Placed(device, own, 0.0 if device.bar is None else round(reach * device.bar, 3), middle, reach, view)
+                unknowns[spot.name]["offset"] = np.array([0.0 if device.bar else 0.05 * reach])
+    return Placed(device, unknowns, 0.0 if device.bar is None else round(reach * device.bar, 3), middle, reach, view)
 
 
 def met(
     arm: Arm,
-    found: Placed,
+    features: Placed,
     feature: str,
     q: FloatArray,
     tips: Tips | None = None,
@@ -340,7 +342,7 @@ def met(
     ----------
     arm : Arm
         Nominal; its Jacobian is taken.
-    found : Placed
+    features : Placed
     feature : str
     q : ndarray, shape (n, joints)
         Where to begin.
@@ -359,7 +361,7 @@ def met(
     q = np.array(q, dtype=float)
     good = np.zeros(len(q), dtype=bool)
     for _ in range(STEPS):
-        r, J = _missed(arm, found, feature, q, tips, tool)
+        r, J = _missed(arm, features, feature, q, tips, tool)
         r = r if off is None else r - off
         good = np.abs(r).max(axis=1) < (THERE if tips is None else 1e-7)
         if good.all():
@@ -371,7 +373,7 @@ def met(
 
 
 def _missed(
-    arm: Arm, found: Placed, feature: str, q: FloatArray, tips: Tips | None, tool: FloatArray | None
+    arm: Arm, features: Placed, feature: str, q: FloatArray, tips: Tips | None, tool: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
     """Residuals (n, k) and their derivative by the joints (n, k, joints)."""
     path = chain.walk(arm, q)
@@ -379,9 +381,9 @@ def _missed(
     n = len(q)
     p = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(BALL if tool is None else tool, (n, 3)))
     nothing = np.full((n, 3), np.nan)
-    value = np.full(n, found.bar)
-    seen = Seen(Feature(feature, found.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
-    miss = KINDS[found.device.kind].misses(seen, found.own[feature])
+    value = np.full(n, features.bar)
+    view = Seen(Feature(feature, features.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
+    miss = KINDS[features.device.kind].misses(view, features.own[feature])
     pose = np.arange(n)
     along = np.where(arm.table.prismatic, 5, 2)
     moves = chain.point_columns(path, p.T, pose)[np.arange(len(along)), along].transpose(2, 1, 0)
@@ -391,46 +393,50 @@ def _missed(
     return miss.r, J
 
 
-def drawn(arm: Arm, found: Placed, feature: str, count: int, seed: int, patch: float | None = None) -> FloatArray:
+def drawn(arm: Arm, features: Placed, feature: str, count: int, seed: int, patch: float | None = None) -> FloatArray:
     """Those of so many random joints that were brought to meet a feature within the limits, shape (n, joints).
 
     With ``patch``, planes are met at random places of a square about their middle only, with this half edge, metres.
     """
     q = arm.random_joints(count, seed)
     good = np.ones(len(q), dtype=bool)
-    if patch is not None and found.device.kind == "plane":
+    if patch is not None and features.device.kind == "plane":
         across = np.random.default_rng(seed).uniform(-patch, patch, (count, 2))
-        spots = found.middle[feature] + across @ found.own[feature]["normal"][:, :2].T
-        found = replace(found, device=replace(found.device, kind="point"), own={feature: {"centre": spots}})
-    if found.imaging is not None:
-        q, good = _seeing(arm, found, feature, q, seed)
-    elif found.device.kind == "radius" and not found.bar:
+        spots = features.middle[feature] + across @ features.own[feature]["normal"][:, :2].T
+        features = replace(features, device=replace(features.device, kind="point"), own={feature: {"centre": spots}})
+    if features.imaging is not None:
+        q, good = _seeing(arm, features, feature, q, seed)
+    elif features.device.kind == "radius" and not features.bar:
         good = arm.forward(q)[:, 2, 3] > 0.0
     else:
-        q, good = met(arm, found, feature, q)
+        q, good = met(arm, features, feature, q)
     margin = 2.0 * DEG * ~arm.table.prismatic
     good &= ((q > arm.lower + margin) & (q < arm.upper - margin)).all(axis=1)
     return q[good]
 
 
-def _seeing(arm: Arm, found: Placed, feature: str, q: FloatArray, seed: int) -> tuple[FloatArray, BoolArray]:
+def _seeing(arm: Arm, features: Placed, feature: str, q: FloatArray, seed: int) -> tuple[FloatArray, BoolArray]:
     """Joints moved until a board is before the camera, and whether all of it is in the image."""
-    assert found.imaging is not None
-    tool = pointers(len(q), found.reach, np.random.default_rng(seed), np.array(BALL))
-    at = replace(found, device=replace(found.device, kind="point"), own={feature: {"centre": found.middle[feature]}})
+    assert features.imaging is not None
+    tool = pointers(len(q), features.reach, np.random.default_rng(seed), np.array(BALL))
+    at = replace(
+        features, device=replace(features.device, kind="point"), own={feature: {"centre": features.middle[feature]}}
+    )
     q, good = met(arm, at, feature, q, tool=tool)
-    own = dict(found.own[feature])
-    good &= visible(found.imaging, own, arm.forward(q), np.array(BALL), found.device.cone)
+    unknowns = dict(features.own[feature])
+    good &= visible(features.imaging, unknowns, arm.forward(q), np.array(BALL), features.device.cone)
     return q, good
 
 
-def poses(arm: Arm, found: Placed, count: int, seed: int = 0, keep: Keep | None = None) -> tuple[FloatArray, IntArray]:
+def poses(
+    arm: Arm, features: Placed, count: int, seed: int = 0, keep: Keep | None = None
+) -> tuple[FloatArray, IntArray]:
     """Poses of the nominal arm at a device's features, shared out evenly.
 
     Parameters
     ----------
     arm : Arm
-    found : Placed
+    features : Placed
     count : int
         In all.
     seed : int
@@ -448,38 +454,38 @@ def poses(arm: Arm, found: Placed, count: int, seed: int = 0, keep: Keep | None 
     IdentificationError
         If too few are found.
     """
-    names = list(found.own)
+    names = list(features.own)
     share = [count // len(names) + (k < count % len(names)) for k in range(len(names))]
     out, which = [], []
-    for k, (name, wanted) in enumerate(zip(names, share, strict=True)):
-        kept: list[FloatArray] = []
+    for k, (name, quota) in enumerate(zip(names, share, strict=True)):
+        accepted: list[FloatArray] = []
         for attempt in range(4):
-            q = drawn(arm, found, name, max(TRIES * wanted, 100), seed * 1000 + 10 * k + attempt)[: 6 * wanted]
-            kept.append(q if keep is None else q[keep(q)])
-            if sum(map(len, kept)) >= wanted:
+            q = drawn(arm, features, name, max(TRIES * quota, 100), seed * 1000 + 10 * k + attempt)[: 6 * quota]
+            accepted.append(q if keep is None else q[keep(q)])
+            if sum(map(len, accepted)) >= quota:
                 break
-        q = np.concatenate(kept)[:wanted]
-        if len(q) < wanted:
+        q = np.concatenate(accepted)[:quota]
+        if len(q) < quota:
             raise IdentificationError(
-                f"{arm.name} reaches {name} of {found.device.words} in {len(q)} of {wanted} poses only: ask for fewer"
+                f"{arm.name} reaches {name} of {features.device.words} in {len(q)} of {quota} poses only: ask for fewer"
             )
         out.append(q)
-        which += [k] * wanted
+        which += [k] * quota
     return np.concatenate(out), np.array(which)
 
 
-def rows_table(arm: Arm, found: Placed, q: FloatArray, which: IntArray, value: FloatArray | None) -> pd.DataFrame:
+def rows_table(arm: Arm, features: Placed, q: FloatArray, which: IntArray, value: FloatArray | None) -> pd.DataFrame:
     """Poses at features as the first file of `irbcal.measurement.features`; ``value`` is that of `shown`.
 
     Of a camera without images, a row a pose that names its picture, as `irbcal.corners` takes it.
     """
-    names = list(found.own)
+    names = list(features.own)
     table: dict[str, object] = {"pose": np.arange(1, len(q) + 1)}
     units = arm.joint_units
     joints = np.round(arm.to_controller(q) / units, 6) + 0.0
     table |= {name: joints[:, j] for j, name in enumerate(arm.joint_columns)}
     table["feature"] = [names[k] for k in which]
-    if found.device.sees:
+    if features.device.sees:
         frame = pd.DataFrame(table)
         if value is None:
             return frame.assign(image=[f"{k}.png" for k in frame["pose"]])
@@ -487,17 +493,17 @@ def rows_table(arm: Arm, found: Placed, q: FloatArray, which: IntArray, value: F
         uv = np.round(value.reshape(-1, 2), 4)
         frame = frame.loc[np.repeat(np.arange(count), corners)].reset_index(drop=True)
         return frame.assign(corner=np.tile(np.arange(corners), count), u_px=uv[:, 0], v_px=uv[:, 1])
-    if KINDS[found.device.kind].needs:
+    if KINDS[features.device.kind].needs:
         table["value_mm"] = "" if value is None else np.round(value / MM, 4)
     return pd.DataFrame(table)
 
 
-def values(arm: Arm, found: Placed, q: FloatArray, which: IntArray) -> FloatArray | None:
+def values(arm: Arm, features: Placed, q: FloatArray, which: IntArray) -> FloatArray | None:
     """What a device of values shows at poses of an arm, as `shown`."""
-    return shown(arm.forward(q), found, which)
+    return shown(arm.forward(q), features, which)
 
 
-def shown(T: FloatArray, found: Placed, which: IntArray) -> FloatArray | None:
+def shown(T: FloatArray, features: Placed, which: IntArray) -> FloatArray | None:
     """What a device shows with the tip at T (n, 4, 4); None of devices that are touched.
 
     Returns
@@ -505,21 +511,21 @@ def shown(T: FloatArray, found: Placed, which: IntArray) -> FloatArray | None:
     ndarray or None
         Strings and ballbars: shape (n,), metres. Cameras: corners, shape (n, k, 2), pixels.
     """
-    names = list(found.own)
-    if found.imaging is not None:
-        out = np.zeros((len(T), len(found.imaging.corners), 2))
+    names = list(features.own)
+    if features.imaging is not None:
+        out = np.zeros((len(T), len(features.imaging.corners), 2))
         for k, name in enumerate(names):
-            mine = which == k
-            out[mine] = pixels(found.imaging, dict(found.own[name]), T[mine], np.array(BALL))[0]
+            rows = which == k
+            out[rows] = pixels(features.imaging, dict(features.own[name]), T[rows], np.array(BALL))[0]
         return out
-    if found.device.kind != "radius":
+    if features.device.kind != "radius":
         return None
     p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
-    centre = np.array([found.own[names[k]]["centre"] for k in which])
-    offset = np.array([found.own[names[k]]["offset"][0] for k in which])
+    centre = np.array([features.own[names[k]]["centre"] for k in which])
+    offset = np.array([features.own[names[k]]["offset"][0] for k in which])
     return np.asarray(np.linalg.norm(p - centre, axis=1) - offset)
 
 
-def spread(found: Placed, noise: float) -> float:
+def spread(features: Placed, noise: float) -> float:
     """Standard deviation of what is `shown`, in its unit, where that of the device is ``noise``, metres."""
-    return noise if found.imaging is None else pixel_noise(found.imaging, found.reach, noise)
+    return noise if features.imaging is None else pixel_noise(features.imaging, features.reach, noise)

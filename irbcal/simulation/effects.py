@@ -159,8 +159,8 @@ def fitted(values: Sequence[float] | FloatArray, prismatic: BoolArray, sliding: 
     """
     turning = int((~prismatic).sum())
     head = [values[min(k, 2)] for k in range(max(turning - 3, 0))]
-    rest = iter([*head, *values[6 - (turning - len(head)) :]])
-    return tuple(sliding if slides else next(rest) for slides in prismatic)
+    turning_values = iter([*head, *values[6 - (turning - len(head)) :]])
+    return tuple(sliding if slides else next(turning_values) for slides in prismatic)
 
 
 def size_of(arm: Arm) -> float:
@@ -508,9 +508,9 @@ class VisibilityEffect(Effect):
         k = shot.direction.shape[1]
         targets = shot.xyz[:, :k]
         out[:, :k] = turned_away(targets, shot.direction, shot.place, self.acceptance_deg * DEG)
-        seen = np.flatnonzero(~out[:, :k].all(axis=1))  # only these poses can still lose something
+        visible = np.flatnonzero(~out[:, :k].all(axis=1))  # only these poses can still lose something
         radius = self.link_radius_mm * MM
-        out[seen, :k] |= behind_arm(targets[seen], shot.origins[seen], shot.place, radius)
+        out[visible, :k] |= behind_arm(targets[visible], shot.origins[visible], shot.place, radius)
         return out
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
@@ -792,6 +792,6 @@ def check_names(names: Iterable[str]) -> None:
         The sentence lists the names.
     """
     for name in names:
-        known = [effect.name for effect in ALL]
-        if name not in known:
-            raise MeasurementError(f"unknown effect {name!r}: effects are {', '.join(known)}", parameter="effect")
+        effects = [effect.name for effect in ALL]
+        if name not in effects:
+            raise MeasurementError(f"unknown effect {name!r}: effects are {', '.join(effects)}", parameter="effect")

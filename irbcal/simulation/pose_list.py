@@ -69,7 +69,7 @@ def random_poses(
     cell: VirtualCell,
     count: int,
     seed: int | Sequence[int] = 0,
-    wanted: Region = above_floor,
+    region: Region = above_floor,
     targets: IntArray | None = None,
 ) -> FloatArray:
     """Random joints inside the limits with targets in sight, rounded to 1e-4 degrees (mm) as they are commanded.
@@ -80,7 +80,7 @@ def random_poses(
         With the effect ``visibility`` off, every target is in sight.
     count : int
     seed : int or sequence of int
-    wanted : callable
+    region : callable
         From tip positions (n, 3) in the base link to a mask of the poses to keep.
     targets : ndarray of int, shape (count,), optional
         The target that must be in sight in each pose; by default all that look the same way as the first one.
@@ -100,20 +100,20 @@ def random_poses(
     lower, upper = (np.where(np.isfinite(b), b, s * free) for b, s in ((arm.lower, -1.0), (arm.upper, 1.0)))
     alike = cell.tool.direction @ cell.tool.direction[0] > 1.0 - 1e-9
     wish = np.zeros(count, dtype=int) if targets is None else np.asarray(targets)
-    found, missing = np.zeros((count, len(lower))), np.ones(count, dtype=bool)
+    joints, missing = np.zeros((count, len(lower))), np.ones(count, dtype=bool)
     for _ in range(MOST_BLOCKS):
         q = np.round(rng.uniform(lower, upper, (BLOCK, len(lower))) / units, 4) * units
         q = q[np.all((q >= lower) & (q <= upper), axis=1)]
-        q = q[wanted(arm.forward(q)[:, :3, 3])]
-        seen = cell.visible(q)
+        q = q[region(arm.forward(q)[:, :3, 3])]
+        visible = cell.visible(q)
         if targets is None:
-            seen = np.all(seen[:, alike], axis=1)[:, None]
+            visible = np.all(visible[:, alike], axis=1)[:, None]
         for target in np.unique(wish[missing]):
-            good = q[seen[:, target]]
-            places = np.flatnonzero(missing & (wish == target))[: len(good)]
-            found[places], missing[places] = good[: len(places)], False
+            good = q[visible[:, target]]
+            rows = np.flatnonzero(missing & (wish == target))[: len(good)]
+            joints[rows], missing[rows] = good[: len(rows)], False
         if not missing.any():
-            return found
+            return joints
     raise MeasurementError(
         f"of {MOST_BLOCKS * BLOCK} random poses {int((~missing).sum())} were as wanted and in the tracker's sight, "
         f"{count} were asked for: move the tracker, or switch the effect visibility off"
@@ -133,11 +133,13 @@ def is_program(poses: object) -> bool:
     path = Path(poses)
     if path.is_dir():
         return True
-    found = {ending: one.NAME for one in languages.known() for ending in one.ENDINGS}.get(path.suffix.lower())
-    if found is not None or path.suffix.lower() in (".txt", ".parquet") or not path.is_file():
-        return found not in (None, "CSV")
+    language_name = {ending: language.NAME for language in languages.known() for ending in language.ENDINGS}.get(
+        path.suffix.lower()
+    )
+    if language_name is not None or path.suffix.lower() in (".txt", ".parquet") or not path.is_file():
+        return language_name not in (None, "CSV")
     data = read_bytes(path)
-    return any(one.looks_like(data) for one in languages.known() if one.NAME != "CSV")
+    return any(language.looks_like(data) for language in languages.known() if language.NAME != "CSV")
 
 
 def given_for(
@@ -165,7 +167,7 @@ def given_for(
     return ControllerSetup(*frames, at, pulses_per_degree(pulses), where=pair)
 
 
-def read_program(program: str | Path, arm: Arm, given: ControllerSetup) -> tuple[FloatArray, str | None]:
+def read_program(program: str | Path, arm: Arm, setup: ControllerSetup) -> tuple[FloatArray, str | None]:
     """Joints at the stops of a program.
 
     Parameters
@@ -174,7 +176,7 @@ def read_program(program: str | Path, arm: Arm, given: ControllerSetup) -> tuple
         A file, or a folder with the files of one program.
     arm : Arm
         What the controller computes with.
-    given : ControllerSetup
+    setup : ControllerSetup
 
     Returns
     -------
@@ -189,8 +191,8 @@ def read_program(program: str | Path, arm: Arm, given: ControllerSetup) -> tuple
         If it cannot be read_program, moves nowhere, or the joints of a stop are not known.
     """
     language, files = languages.files_of([program])
-    found = [(one.source, commanded(one, arm)) for one in language.read_for(arm, files, given)]
-    moving = [(source, q) for source, q in found if len(q)]
+    read_joints = [(program.source, commanded(program, arm)) for program in language.read_for(arm, files, setup)]
+    moving = [(source, q) for source, q in read_joints if len(q)]
     if not moving:
         raise ProgramError("expected a program that moves the robot, found no move", file=program)
     if len(moving) > 1:
@@ -257,8 +259,8 @@ class PoseList:
             return None
         names = cell.tool.names
         out = np.zeros((len(self.q), len(names)), dtype=bool)
-        for k, (wanted, row) in enumerate(self.targets):
-            unknown = [name for name in wanted if name not in names]
+        for k, (names_asked, row) in enumerate(self.targets):
+            unknown = [name for name in names_asked if name not in names]
             if unknown:
                 raise MeasurementError(
                     f"expected targets of the tool ({', '.join(names)}), found {unknown[0]!r}",
@@ -266,7 +268,7 @@ class PoseList:
                     row=row,
                     column="targets",
                 )
-            out[k] = np.isin(names, wanted) if wanted else True
+            out[k] = np.isin(names, names_asked) if names_asked else True
         return out
 
 
@@ -275,7 +277,7 @@ def numbered(n: int) -> NameArray:
     return np.arange(1, n + 1).astype(str).astype(object)
 
 
-def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: ControllerSetup | None = None) -> PoseList:
+def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, setup: ControllerSetup | None = None) -> PoseList:
     """Poses by whatever holds them.
 
     Parameters
@@ -286,7 +288,7 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: ControllerS
     arm : Arm
     wait_s : float
         Seconds between stop and measurement where the poses do not say.
-    given : ControllerSetup, optional
+    setup : ControllerSetup, optional
         What comes with a robot program, see `irbcal.simulation.pose_list.given_for`.
 
     Returns
@@ -303,7 +305,7 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: ControllerS
     if hasattr(poses, "to_frame") and not isinstance(poses, pd.DataFrame):
         poses = poses.to_frame()
     if isinstance(poses, (str, Path)) and is_program(poses):
-        q, digest = read_program(poses, arm, given or ControllerSetup({}, {}, unknown_frames()))
+        q, digest = read_program(poses, arm, setup or ControllerSetup({}, {}, unknown_frames()))
         n = len(q)
         return PoseList(q, numbered(n), None, np.full(n, float(wait_s)), {}, str(poses), digest)
     if isinstance(poses, (str, Path, pd.DataFrame)):
@@ -346,10 +348,10 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
     n = len(raw)
     waits = np.full(n, float(wait_s))
     if "wait_s" in raw.columns:
-        given = columns.numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
-        outside = (given < 0) | (given > LONGEST_WAIT)
+        waits_given = columns.numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
+        outside = (waits_given < 0) | (waits_given > LONGEST_WAIT)
         _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
-        waits = np.where(np.isfinite(given), given, waits)
+        waits = np.where(np.isfinite(waits_given), waits_given, waits)
     return PoseList(
         q,
         _pose_names(raw, source) if "pose" in raw.columns else numbered(n),
@@ -378,13 +380,13 @@ def _of_joints(raw: pd.DataFrame, arm: Arm, source: str) -> tuple[pd.DataFrame, 
 
 def _of_poses(table: columns.TableLike, raw: pd.DataFrame, arm: Arm, source: str) -> FloatArray:
     """Joints (n, joints) of poses, of the solution nearest to zero joints."""
-    found = correct_poses(Robot(arm), arm, lists.read_poses(table))
-    missing = ~np.isfinite(found.q_nominal).all(axis=1)
+    solution = correct_poses(Robot(arm), arm, lists.read_poses(table))
+    missing = ~np.isfinite(solution.q_nominal).all(axis=1)
     if missing.any():
         k = int(np.argmax(missing))
         message = f"expected a pose that {arm.name} reaches within its joint limits"
         raise MeasurementError(message, file=source, row=int(raw.index[k]))
-    return found.q_nominal
+    return solution.q_nominal
 
 
 def random_list(cell: VirtualCell, count: int, seed: int = 0, wait_s: float = WAIT_S) -> PoseList:
@@ -413,8 +415,8 @@ def _refuse_first(bad: Any, raw: pd.DataFrame, column: str, source: str, expecte
     """Refuse the first row that is marked as bad."""
     if np.any(bad):
         k = int(np.flatnonzero(bad)[0])
-        found = repr(raw[column].iloc[k].strip())
-        raise MeasurementError(f"expected {expected}, found {found}", file=source, row=int(raw.index[k]), column=column)
+        value = repr(raw[column].iloc[k].strip())
+        raise MeasurementError(f"expected {expected}, found {value}", file=source, row=int(raw.index[k]), column=column)
 
 
 def _one_row_a_pose(raw: pd.DataFrame, joints: Sequence[str], source: str) -> pd.DataFrame:

@@ -116,8 +116,8 @@ def open_cell(
     RobotError
         If the robot is refused.
     """
-    found = open_nominal(robot, base, tip, coupling)
-    return shipped_cell(found.arm, bodies(found), seed, robot_seed)
+    nominal = open_nominal(robot, base, tip, coupling)
+    return shipped_cell(nominal.arm, bodies(nominal), seed, robot_seed)
 
 
 def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBOT_SEED) -> VirtualCell:
@@ -142,8 +142,8 @@ def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBO
     tuned = arm.name == TUNED_ARM and robot_seed == ROBOT_SEED and arm.six_revolute
     errors = {k: np.array(v) * unit for k, (v, unit) in LINK_ERRORS.items()} if tuned else None
     table = with_errors(arm, drawn_errors(arm, robot_seed, size) if errors is None else errors)
-    parts = tuple(effect().for_arm(arm.table.prismatic, size) for effect in EFFECTS)
-    compliance = next(part for part in parts if isinstance(part, ComplianceEffect)).rad_per_Nm
+    effects = tuple(effect().for_arm(arm.table.prismatic, size) for effect in EFFECTS)
+    compliance = next(effect for effect in effects if isinstance(effect, ComplianceEffect)).rad_per_Nm
     T = np.array(T_TRACKER_BASE)
     T[:3, 3] *= size
     tracker = Tracker(T)
@@ -157,8 +157,8 @@ def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBO
         bodies,
         thesis_tool(look, size, round(PAYLOAD_KG * size**3, 2)),
         tracker,
-        {name: size * MM * np.array(place) for name, place in REFERENCES.items()},
-        parts,
+        {name: size * MM * np.array(xyz) for name, xyz in REFERENCES.items()},
+        effects,
         compliance,
         seed,
     )
@@ -232,7 +232,7 @@ def realistic(cell: VirtualCell, robot_seed: int = ROBOT_SEED) -> VirtualCell:
     rng = np.random.default_rng(np.random.SeedSequence(robot_seed, spawn_key=(zlib.crc32(b"realistic"),)))
     prismatic, n = cell.arm.table.prismatic, len(cell.arm.joint_names)
     soft = tuple(_soft(DEFLECTION * rng.uniform(*PART, n), cell, 0))
-    parts: list[Effect] = [
+    effects: list[Effect] = [
         ComplianceEffect(soft),
         BendingEffect(*(tuple(_soft(TILT * rng.uniform(*PART, n), cell, axis)) for axis in (1, 2))),
         _harmonics(cell.arm, rng),
@@ -248,7 +248,7 @@ def realistic(cell: VirtualCell, robot_seed: int = ROBOT_SEED) -> VirtualCell:
         *(effect for effect in cell.effects if isinstance(effect, SEEING)),
     ]
     out = cell.replace(effects=(), compliance=soft, joint_map=ThesisMap(GAIN * rng.standard_normal(n) * ~prismatic))
-    for part in parts:
+    for part in effects:
         out = out.with_effect(part)
     return out
 

@@ -67,8 +67,8 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     columns |= {name: xyz[:, k] for k, name in enumerate(POSITION)}
     columns["payload_kg"] = np.full(len(row), run.payload_kg)
     if run.payload_place is not None:
-        place = np.round(run.payload_place / MM, 4)
-        columns |= {name: np.full(len(row), x) for name, x in zip(PLACE, place, strict=True)}
+        payload_at = np.round(run.payload_place / MM, 4)
+        columns |= {name: np.full(len(row), x) for name, x in zip(PLACE, payload_at, strict=True)}
     columns["time_s"] = np.round(run.time_s[row, point], 2)
     columns["simulated"] = np.full(len(row), "yes", dtype=object)
     return pd.DataFrame(columns)
@@ -112,9 +112,9 @@ def files(run: Run, poses: PoseList, cell: VirtualCell, out: str | Path, robot: 
     }
     quaternions = frames.quaternion_from_matrix(run.T_base_tip[:, :3, :3])
     rows = np.round(np.column_stack([run.T_base_tip[:, :3, 3] / MM, quaternions]), 9).tolist()
-    shown = ",\n".join(f"  {row}" for row in rows)
+    lines = ",\n".join(f"  {row}" for row in rows)
     truth = json.dumps(document, indent=1, ensure_ascii=False).removesuffix("\n}")
-    return {out.name: data, truth_name(out): f'{truth},\n "poses": [\n{shown}\n ]\n}}\n'.encode()}
+    return {out.name: data, truth_name(out): f'{truth},\n "poses": [\n{lines}\n ]\n}}\n'.encode()}
 
 
 def truth_name(out: str | Path) -> str:
@@ -158,17 +158,17 @@ class Simulated(Speaks):
         """See `Speaks.told`."""
         run, cell = self.run, self.cell
         minutes = self._duration_s / 60
-        told: list[Told] = [
+        lines: list[Told] = [
             f"SIMULATED: {len(run.q)} poses of {cell.arm.name} with {run.payload_kg:g} kg, {int(run.asked.sum())} "
             f"points in {minutes:.0f} minutes of the cell's time",
             f"Effects: {', '.join(cell.on) or 'none'}",
         ]
-        told += [f"  {count} points without a position: {name}" for name, count in run.unseen.items()]
-        found = None if self.misses is None else statistics(self.misses)
-        if found is not None:
+        lines += [f"  {count} points without a position: {name}" for name, count in run.unseen.items()]
+        errors = None if self.misses is None else statistics(self.misses)
+        if errors is not None:
             title = "Distances from where the program wanted the targets, mm"
-            told.append(statistics_table(title, [("all targets", "commanded", found)], {0}))
-        return told + [f"Note: {note}" for note in self._notes()]
+            lines.append(statistics_table(title, [("all targets", "commanded", errors)], {0}))
+        return lines + [f"Note: {note}" for note in self._notes()]
 
     def _notes(self) -> list[str]:
         q, arm, notes = self.poses.q, self.cell.arm, []
@@ -176,10 +176,10 @@ class Simulated(Speaks):
         if beyond:
             notes.append(f"{beyond} of {len(q)} poses command joints beyond the limits of {arm.name}")
         hidden = self.run.unseen.get("visibility", 0)
-        asked = int(self.run.asked[:, : self.run.targets].sum())
-        if hidden > MOSTLY_HIDDEN * asked:
+        count = int(self.run.asked[:, : self.run.targets].sum())
+        if hidden > MOSTLY_HIDDEN * count:
             notes.append(
-                f"the tracker did not see {hidden} of {asked} targets: --random chooses poses that it sees, "
+                f"the tracker did not see {hidden} of {count} targets: --random chooses poses that it sees, "
                 "--without visibility lets it see through everything"
             )
         return notes
@@ -326,16 +326,16 @@ def simulate(
     opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
     opened = _changed(shipped_cells.of_kind(kind, opened, robot_seed), only, without, also)
     opened = _equipped(opened, targets, payload, tracker)
-    given = None
-    if named := [str(one) for one in (plan, wanted) if pose_list.is_program(one)]:
-        given = pose_list.given_for(robot, opened.arm, tool, wobj, pulses, where, named[0])
-    poses = _poses(opened, plan, random, seed, wait, given)
+    setup = None
+    if programs := [str(file) for file in (plan, wanted) if pose_list.is_program(file)]:
+        setup = pose_list.given_for(robot, opened.arm, tool, wobj, pulses, where, programs[0])
+    poses = _poses(opened, plan, random, seed, wait, setup)
     run = _run(opened, poses, payload is not None)
-    found = None
+    errors = None
     if wanted is not None and calibration is not None:
-        program = pose_list.taken(wanted, opened.arm, wait, given)
-        found = misses(run, program.q, open_calibration(calibration))
-    return Simulated(str(robot), opened, poses, run, found)
+        program = pose_list.taken(wanted, opened.arm, wait, setup)
+        errors = misses(run, program.q, open_calibration(calibration))
+    return Simulated(str(robot), opened, poses, run, errors)
 
 
 def _equipped(
@@ -365,27 +365,27 @@ def _changed(cell: VirtualCell, only: Sequence[str] | None, without: Sequence[st
 
 
 def _poses(
-    cell: VirtualCell, plan: PosesLike | None, random: int | None, seed: int, wait: float, given: ControllerSetup | None
+    cell: VirtualCell, plan: PosesLike | None, random: int | None, seed: int, wait: float, setup: ControllerSetup | None
 ) -> PoseList:
     if (plan is None) == (random is None):
         raise OptionError("give either a plan or a number of random poses", parameter="plan")
     if random is None:
-        return pose_list.taken(plan, cell.arm, wait, given)
+        return pose_list.taken(plan, cell.arm, wait, setup)
     return pose_list.random_list(cell, number("random", random, 1, MOST_POSES, whole=True), seed, wait)
 
 
-def _targets(wanted: int | Sequence[str], all_names: Sequence[str]) -> tuple[str, ...]:
+def _targets(chosen: int | Sequence[str], all_names: Sequence[str]) -> tuple[str, ...]:
     """Names of the targets to measure: the first so many, or those named."""
-    if isinstance(wanted, str):
-        wanted = (wanted,)
-    if not isinstance(wanted, int):
-        return tuple(dict.fromkeys(names("targets", wanted)))
-    if not 1 <= wanted <= len(all_names):
-        raise OptionError(f"expected 1 to {len(all_names)} targets or names, found {wanted}", parameter="targets")
-    return tuple(all_names[:wanted])
+    if isinstance(chosen, str):
+        chosen = (chosen,)
+    if not isinstance(chosen, int):
+        return tuple(dict.fromkeys(names("targets", chosen)))
+    if not 1 <= chosen <= len(all_names):
+        raise OptionError(f"expected 1 to {len(all_names)} targets or names, found {chosen}", parameter="targets")
+    return tuple(all_names[:chosen])
 
 
-def misses(run: Run, wanted: FloatArray, calibration: Record) -> FloatArray:
+def misses(run: Run, commanded: FloatArray, calibration: Record) -> FloatArray:
     """Distances of the measured targets from where a program wanted them.
 
     Wanted is what the controller's nominal arm means by its joints, in the base and with the tool of a calibration.
@@ -393,7 +393,7 @@ def misses(run: Run, wanted: FloatArray, calibration: Record) -> FloatArray:
     Parameters
     ----------
     run : Run
-    wanted : ndarray, shape (n, joints)
+    commanded : ndarray, shape (n, joints)
         Joints of the uncorrected program, radians (metres for prismatic joints).
     calibration : Record
 
@@ -410,20 +410,24 @@ def misses(run: Run, wanted: FloatArray, calibration: Record) -> FloatArray:
     """
     from irbcal.measurement.registration import register
 
-    if len(wanted) != len(run.q):
+    if len(commanded) != len(run.q):
         raise MeasurementError(
-            f"the wanted program has {len(wanted)} poses, the simulated one {len(run.q)}", parameter="wanted"
+            f"the wanted program has {len(commanded)} poses, the simulated one {len(run.q)}", parameter="wanted"
         )
     robot = calibration.robot_calibrated()
     nominal = calibration.arm(calibrated=False)
     robot = robot.replace(arm=nominal, joint_map=JointMap.identity(nominal))
-    xyz, places = run.xyz[:, : run.targets], calibration.reference_places()
-    found = places and register(run.xyz[:, run.targets :], run.names[run.targets :], "simulated points", places)
-    if found:
-        T = found.T_frame_pose
+    xyz, references = run.xyz[:, : run.targets], calibration.reference_places()
+    registration = references and register(
+        run.xyz[:, run.targets :], run.names[run.targets :], "simulated points", references
+    )
+    if registration:
+        T = registration.T_frame_pose
         xyz = np.einsum("nij,nkj->nki", T[:, :3, :3], xyz) + T[:, None, :3, 3]
-    known = [k for k, name in enumerate(run.names[: run.targets]) if name in robot.targets]
-    if not known:
+    targets_known = [k for k, name in enumerate(run.names[: run.targets]) if name in robot.targets]
+    if not targets_known:
         raise MeasurementError(f"the calibration knows none of the targets {', '.join(run.names[: run.targets])}")
-    off = np.concatenate([np.linalg.norm(xyz[:, k] - robot.points(wanted, run.names[k]), axis=1) for k in known])
+    off = np.concatenate(
+        [np.linalg.norm(xyz[:, k] - robot.points(commanded, run.names[k]), axis=1) for k in targets_known]
+    )
     return off[np.isfinite(off)]

@@ -86,9 +86,9 @@ def thesis_tool(look: ArrayLike, scale: float = 1.0, payload_kg: float = PAYLOAD
     EndEffector
     """
     front = np.asarray(look, dtype=float) / np.linalg.norm(look)
-    back = front * [1.0, 1.0, -1.0]
+    rear = front * [1.0, 1.0, -1.0]
     cad, real = (scale * MM * np.array([pair[k] for pair in TABLE_3_1.values()]) for k in (0, 1))
-    direction = np.array([back if name in ("smr5", "smr6", "smr7", "smr8") else front for name in TABLE_3_1])
+    direction = np.array([rear if name in ("smr5", "smr6", "smr7", "smr8") else front for name in TABLE_3_1])
     return EndEffector(
         tuple(TABLE_3_1), cad, real, direction, payload_kg, scale * np.asarray(PAYLOAD_CENTRE, dtype=float)
     )

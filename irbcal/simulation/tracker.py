@@ -38,15 +38,15 @@ class Tracker:
         """Origin of the tracker in the base link, shape (3,), metres."""
         return frames.inverse(self.T_tracker_base)[:3, 3]
 
-    def moved(self, place: ArrayLike) -> Tracker:
+    def moved(self, position: ArrayLike) -> Tracker:
         """The tracker at another place in the base link (metres), its axes as before."""
         T = np.array(self.T_tracker_base)
-        T[:3, 3] = -T[:3, :3] @ np.asarray(place, dtype=float)
+        T[:3, 3] = -T[:3, :3] @ np.asarray(position, dtype=float)
         return Tracker(T)
 
 
 def turned_away(
-    points: FloatArray, directions: FloatArray, place: FloatArray, acceptance: float = ACCEPTANCE
+    points: FloatArray, directions: FloatArray, tracker: FloatArray, acceptance: float = ACCEPTANCE
 ) -> BoolArray:
     """Which reflectors the beam meets outside their acceptance.
 
@@ -54,7 +54,7 @@ def turned_away(
     ----------
     points, directions : ndarray, shape (..., 3)
         Places (m) and unit directions of the reflectors.
-    place : ndarray, shape (3,)
+    tracker : ndarray, shape (3,)
         The tracker, in the same frame.
     acceptance : float
         Radians.
@@ -63,11 +63,11 @@ def turned_away(
     -------
     ndarray of bool, shape (...)
     """
-    beam = place - points
+    beam = tracker - points
     return np.sum(beam * directions, axis=-1) < np.cos(acceptance) * np.linalg.norm(beam, axis=-1)
 
 
-def behind_arm(points: FloatArray, origins: FloatArray, place: FloatArray, radius: float) -> BoolArray:
+def behind_arm(points: FloatArray, origins: FloatArray, tracker: FloatArray, radius: float) -> BoolArray:
     """Which points the arm hides from the tracker.
 
     The arm is a row of straight links with round ends between the joints' origins; the link that carries the tool is
@@ -79,7 +79,7 @@ def behind_arm(points: FloatArray, origins: FloatArray, place: FloatArray, radiu
         Metres.
     origins : ndarray, shape (n, joints + 1, 3)
         Of the base link and the joints, in the same frame.
-    place : ndarray, shape (3,)
+    tracker : ndarray, shape (3,)
         The tracker.
     radius : float
         Of the links, metres.
@@ -89,7 +89,7 @@ def behind_arm(points: FloatArray, origins: FloatArray, place: FloatArray, radiu
     ndarray of bool, shape (n, k)
     """
     hidden = np.zeros(points.shape[:2], dtype=bool)
-    beam = place - points
+    beam = tracker - points
     for i in range(origins.shape[1] - 2):
         link = origins[:, i + 1] - origins[:, i]
         if (length := np.linalg.norm(link, axis=1).max(initial=0.0)) > radius:

@@ -179,8 +179,10 @@ class VirtualCell:
     def with_effect(self, effect: Effect) -> VirtualCell:
         """The cell with one effect's parameters changed, or the effect switched on."""
         check_names([effect.name])
-        others = {item.name: item for item in self.effects} | {effect.name: effect}
-        return replace(self, effects=tuple(others[name] for name in (item.name for item in ALL) if name in others))
+        by_name = {effect.name: effect for effect in self.effects} | {effect.name: effect}
+        return replace(
+            self, effects=tuple(by_name[name] for name in (effect.name for effect in ALL) if name in by_name)
+        )
 
     def also(self, *names: str) -> VirtualCell:
         """The cell with these of the effects switched on that shipped cells leave off."""
@@ -246,7 +248,7 @@ class VirtualCell:
     def measure(
         self,
         q: ArrayLike,
-        asked: ArrayLike | None = None,
+        measured: ArrayLike | None = None,
         wait_s: ArrayLike = WAIT_S,
         start: ArrayLike | None = None,
         run: int = 0,
@@ -257,7 +259,7 @@ class VirtualCell:
         ----------
         q : ndarray, shape (n, joints)
             Commanded joints in the order of the run, radians (metres for prismatic joints).
-        asked : ndarray of bool, shape (n, targets), optional
+        measured : ndarray of bool, shape (n, targets), optional
             Which targets are measured in each pose; all unless given. References are always measured.
         wait_s : float or ndarray, shape (n,)
             Seconds between stop and measurement.
@@ -274,8 +276,8 @@ class VirtualCell:
         n, tool = len(joints), self.tool
         names = (*tool.names, *self.references)
         everything = np.ones((n, len(names)), dtype=bool)
-        if asked is not None:
-            everything[:, : len(tool.names)] = asked
+        if measured is not None:
+            everything[:, : len(tool.names)] = measured
         begin = np.zeros(joints.shape[1]) if start is None else np.asarray(start, dtype=float)
         waits = np.broadcast_to(np.asarray(wait_s, dtype=float), (n,))
         stopped, time_s = self._times(joints, begin, waits, everything)
@@ -312,8 +314,8 @@ class VirtualCell:
     def _tips(self, stops: Stops, run: int) -> FloatArray:
         """Where the tip really stands, shape (n, 4, 4): the sum of the effects' terms, and what no model knows."""
         arm, q = self.true_arm(), stops.q
-        known = [amount for effect in self.effects for amount in effect.terms(arm, self.loaded())]
-        terms = TermMap(arm, tuple(term for term, _ in known), np.array([value for _, value in known]))
+        amounts = [amount for effect in self.effects for amount in effect.terms(arm, self.loaded())]
+        terms = TermMap(arm, tuple(term for term, _ in amounts), np.array([value for _, value in amounts]))
         effective, xi = terms.split(Motion(q, stops.move, stops.time_s / MINUTE))
         theta = self._level_map().effective(q) + (effective - q)
         for effect in self.effects:
@@ -333,7 +335,7 @@ class VirtualCell:
         ndarray of bool, shape (n, targets)
             True everywhere where the effect is off.
         """
-        effect = next((item for item in self.effects if isinstance(item, VisibilityEffect)), None)
+        effect = next((effect for effect in self.effects if isinstance(effect, VisibilityEffect)), None)
         k = len(self.tool.names)
         if effect is None:
             return np.ones((len(q), k), dtype=bool)
@@ -348,12 +350,12 @@ class VirtualCell:
         return Shot(xyz, self.tool.direction @ np.swapaxes(R, 1, 2), origins, time_s, self.tracker.place)
 
     def _times(
-        self, q: FloatArray, start: FloatArray, wait_s: FloatArray, asked: BoolArray
+        self, q: FloatArray, start: FloatArray, wait_s: FloatArray, measured: BoolArray
     ) -> tuple[FloatArray, FloatArray]:
         """When the robot stopped at each pose (n,), and when each point was measured (n, k), seconds."""
         speed = np.where(self.arm.table.prismatic, SLIDING_SPEED, SPEED)
         move = (np.abs(np.diff(q, axis=0, prepend=start[None])) / speed).max(axis=1)
-        points = SECONDS_PER_POINT * np.cumsum(asked, axis=1)
+        points = SECONDS_PER_POINT * np.cumsum(measured, axis=1)
         end = np.cumsum(move + wait_s + points[:, -1])
         stopped = end - points[:, -1] - wait_s
         return stopped, (stopped + wait_s)[:, None] + points
@@ -389,8 +391,8 @@ class VirtualCell:
         nominal, table, joint_map = self.arm.table, self.true_arm().table, self.true_joint_map()
         tool, bodies = self.tool, self.bodies
         parameters = dict(zip(_BASE, frames.to_xyz_angles(self.tracker.T_tracker_base) / _BASE_UNITS, strict=True))
-        for name, place in zip(tool.names, tool.real, strict=True):
-            parameters |= {f"target_{name}_{axis}": value / MM for axis, value in zip("xyz", place, strict=True)}
+        for name, xyz in zip(tool.names, tool.real, strict=True):
+            parameters |= {f"target_{name}_{axis}": value / MM for axis, value in zip("xyz", xyz, strict=True)}
         for name, unit in _COLUMNS.items():
             error = (getattr(table, name) - getattr(nominal, name)) / unit
             parameters |= {f"delta_{name}{j + 1}": error[j] for j in np.flatnonzero(error)}
@@ -402,7 +404,7 @@ class VirtualCell:
             "dhm": {name: _rounded(getattr(table, name) / unit) for name, unit in _COLUMNS.items()},
             "targets_cad": dict(zip(tool.names, _rounded(tool.cad / MM), strict=True)),
             "targets_look_along": dict(zip(tool.names, _rounded(tool.direction), strict=True)),
-            "references_in_base": {name: _rounded(place / MM) for name, place in self.references.items()},
+            "references_in_base": {name: _rounded(xyz / MM) for name, xyz in self.references.items()},
             "payload_kg": tool.payload_kg,
             "payload_centre": _rounded(np.asarray(tool.payload_centre) / MM),
             "link_masses_kg": _rounded(bodies.mass),

@@ -202,5 +202,5 @@ def torques(arm: Arm, bodies: Bodies, q: FloatArray, axis: str = "rz") -> FloatA
         Derivative of the potential energy by a turn about the axis, N m.
     """
     amounts = weight_terms(arm, bodies, {axis: np.ones(len(arm.joint_names))})
-    found = TermMap(arm, tuple(term for term, _ in amounts), np.array([value for _, value in amounts]))
-    return -found.motions(Motion(q))[:, :, AXES.index(axis)]
+    weight_map = TermMap(arm, tuple(term for term, _ in amounts), np.array([value for _, value in amounts]))
+    return -weight_map.motions(Motion(q))[:, :, AXES.index(axis)]

@@ -123,8 +123,8 @@ def tip_errors(robot: Robot, points: PointSet, source: str = "the measurements")
     MeasurementError
         If no pose was measured as a whole, or the targets lie on a line.
     """
-    known = np.isin(points.names().astype(str), list(robot.target_rotations))
-    rows = np.flatnonzero(points.oriented() & known)
+    has_R = np.isin(points.names().astype(str), list(robot.target_rotations))
+    rows = np.flatnonzero(points.oriented() & has_R)
     if len(rows):
         pose, T = _tips_of_frames(robot, points, rows)
     else:
@@ -146,17 +146,17 @@ def _tips_of_frames(robot: Robot, points: PointSet, rows: IntArray) -> tuple[Int
 
 def _tips_of_three(robot: Robot, points: PointSet, source: str) -> tuple[IntArray, FloatArray]:
     every = np.ones(len(points), dtype=bool)
-    seen = by_pose(points.pose, points.names(), points.xyz, every, points.target_names)
-    found = None
+    measured = by_pose(points.pose, points.names(), points.xyz, every, points.target_names)
+    poses = None
     if len(points.target_names) >= 3:
-        found = register(seen, points.target_names, source, robot.targets, what="targets")
-    if found is None:
+        poses = register(measured, points.target_names, source, robot.targets, plural="targets")
+    if poses is None:
         raise MeasurementError(
             "position and orientation of the flange need three targets in a pose, or measured orientations; targets "
             f"are {', '.join(points.target_names)}",
             file=source,
         )
-    return np.flatnonzero(found.own), frames.inverse(found.T_frame_pose[found.own])
+    return np.flatnonzero(poses.own), frames.inverse(poses.T_frame_pose[poses.own])
 
 
 # --- relative accuracy ------------------------------------------------------------------------------------
@@ -169,11 +169,11 @@ def error_vectors(robot: Robot, points: PointSet) -> FloatArray:
 
 def turns(robot: Robot, points: PointSet) -> FloatArray | None:
     """Orientation error of each point, NaN where there is none; None where no point has one."""
-    known = points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))
-    if not known.any():
+    has_R = points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))
+    if not has_R.any():
         return None
     out = np.full(len(points), np.nan)
-    out[known] = rotation_distances(robot, points)
+    out[has_R] = rotation_distances(robot, points)
     return out
 
 
@@ -251,8 +251,8 @@ def relative_to_three_points(
         predicted = frames.apply(frames.inverse(frames.from_three_points(*predicted[three])), predicted)
     except ValueError as error:
         raise MeasurementError(f"the frame of relative errors: {error}") from None
-    rest = np.setdiff1d(np.arange(len(points)), three)
-    return np.linalg.norm(measured[rest] - predicted[rest], axis=1), three
+    judged = np.setdiff1d(np.arange(len(points)), three)
+    return np.linalg.norm(measured[judged] - predicted[judged], axis=1), three
 
 
 def widest_triangle(xyz: FloatArray) -> IntArray:

@@ -69,18 +69,18 @@ class Attained:
 
     def select(self, rows: BoolArray | IntArray) -> Attained:
         """The same for some rows."""
-        some: dict[str, Any] = {
+        fields_of_rows: dict[str, Any] = {
             name: value[rows] for name, value in vars(self).items() if isinstance(value, np.ndarray)
         }
-        return replace(self, **some)
+        return replace(self, **fields_of_rows)
 
     def seen_from(self, T_world_base: FloatArray) -> Attained:
         """Everything in the base link: errors are then told along its axes."""
         T = frames.inverse(T_world_base)
         changes: dict[str, Any] = {}
         for name in ("xyz", "wanted"):
-            if (place := getattr(self, name)) is not None:
-                changes[name] = frames.apply(T, place)
+            if (points := getattr(self, name)) is not None:
+                changes[name] = frames.apply(T, points)
         for name in ("rotation", "wanted_rotation"):
             if (rotation := getattr(self, name)) is not None:
                 changes[name] = T[:3, :3] @ rotation
@@ -134,10 +134,10 @@ class Attained:
 
     def _wanting(self, T_world_tip: FloatArray, robot: Robot) -> Attained:
         """With commanded poses of the tip, or of a target on it."""
-        place, R = T_world_tip[:, :3, 3], T_world_tip[:, :3, :3]
+        position, R = T_world_tip[:, :3, 3], T_world_tip[:, :3, :3]
         if self.rotation is None:
-            return replace(self, wanted=place + R @ robot.targets[self.target])
-        return replace(self, wanted=place, wanted_rotation=R)
+            return replace(self, wanted=position + R @ robot.targets[self.target])
+        return replace(self, wanted=position, wanted_rotation=R)
 
 
 def commanded_poses(source: TableLike) -> pd.DataFrame:
@@ -166,51 +166,51 @@ def measured_whole(points: PointSet, robots: Mapping[str, Robot | None], table: 
     three = bool((np.bincount(points.pose) >= 3).any())
     if robot is None:
         return bool(points.oriented().any()) or (table is None and three)
-    known = np.isin(points.names().astype(str), list(robot.target_rotations))
-    return bool((points.oriented() & known).any()) or three
+    has_R = np.isin(points.names().astype(str), list(robot.target_rotations))
+    return bool((points.oriented() & has_R).any()) or three
 
 
-def attained(ready: CleanedPoints, robot: Robot | None, whole: bool) -> Attained:
+def attained(cleaned: CleanedPoints, robot: Robot | None, full_poses: bool) -> Attained:
     """What was reached, in the measuring frame.
 
     Parameters
     ----------
-    ready : CleanedPoints
+    cleaned : CleanedPoints
         Of one target, unless poses are regarded as a whole.
     robot : Robot, optional
         Knows the places of the targets on the tip; without it the targets themselves make up a frame.
-    whole : bool
+    full_poses : bool
         Regard poses, see `measured_whole`, instead of the position of the target.
 
     Returns
     -------
     Attained
     """
-    points, source = ready.points, ready.measurements.source
-    if not whole:
-        return _of_rows(ready, points.pose, points.xyz)
+    points, source = cleaned.points, cleaned.measurements.source
+    if not full_poses:
+        return _of_rows(cleaned, points.pose, points.xyz)
     if robot is not None:
-        found = accuracy.tip_errors(robot, points, source)
-        return _of_rows(ready, found.pose, found.T_world_tip[:, :3, 3], found.T_world_tip[:, :3, :3])
+        tips = accuracy.tip_errors(robot, points, source)
+        return _of_rows(cleaned, tips.pose, tips.T_world_tip[:, :3, 3], tips.T_world_tip[:, :3, :3])
     if points.rotation is not None and points.oriented().any():
         rows = np.flatnonzero(points.oriented())
-        return _of_rows(ready, points.pose[rows], points.xyz[rows], points.rotation[rows])
+        return _of_rows(cleaned, points.pose[rows], points.xyz[rows], points.rotation[rows])
     poses, _ = as_poses(replace(points, pose_ids=np.arange(points.poses)), source)
-    return _of_rows(ready, poses.pose_ids, poses.xyz, poses.rotation)
+    return _of_rows(cleaned, poses.pose_ids, poses.xyz, poses.rotation)
 
 
-def _of_rows(ready: CleanedPoints, rows: Any, xyz: FloatArray, rotation: FloatArray | None = None) -> Attained:
-    points = ready.points
+def _of_rows(cleaned: CleanedPoints, rows: Any, xyz: FloatArray, rotation: FloatArray | None = None) -> Attained:
+    points = cleaned.points
     return Attained(
-        source=ready.measurements.source,
+        source=cleaned.measurements.source,
         target=str(points.names()[0]),
         q=points.q[rows],
         pose=points.pose_ids[rows].astype(str),
         group=points.groups[rows].astype(str),
-        cycle=ready.labels("cycle")[rows].astype(str),
-        direction=ready.labels("direction")[rows].astype(str),
-        time=ready.labels("time_s")[rows],
-        order=_order(ready.measurements.table)[ready.number[rows]],
+        cycle=cleaned.labels("cycle")[rows].astype(str),
+        direction=cleaned.labels("direction")[rows].astype(str),
+        time=cleaned.labels("time_s")[rows],
+        order=_order(cleaned.measurements.table)[cleaned.number[rows]],
         xyz=xyz,
         rotation=rotation,
     )

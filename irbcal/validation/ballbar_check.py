@@ -138,16 +138,16 @@ def _corrected_points(
     if arcs < 2:
         raise RobotError("a whole circle takes two arcs or more: the ends of one would be the same point")
     s = np.linspace(0.0, 1.0, 2 * arcs + 1)
-    wanted = correct_joints(robot, nominal, joint_history(path, nominal, q_center, s, T_tip_tcp))
-    if not wanted.ok.all():
-        k = int(np.flatnonzero(~wanted.ok)[0])
-        raise RobotError(f"point {k + 1} of {len(s)} of the circle cannot be corrected: {wanted.reason[k]}")
-    fake = wanted.T_fake @ T_tip_tcp
+    corrected = correct_joints(robot, nominal, joint_history(path, nominal, q_center, s, T_tip_tcp))
+    if not corrected.ok.all():
+        k = int(np.flatnonzero(~corrected.ok)[0])
+        raise RobotError(f"point {k + 1} of {len(s)} of the circle cannot be corrected: {corrected.reason[k]}")
+    fake = corrected.T_fake @ T_tip_tcp
     inside = np.arange(max(2, -(-samples // arcs))) / max(2, -(-samples // arcs))
     points = []
     for k in range(arcs):
         move = Circle.through(fake[2 * k], fake[2 * k + 1, :3, 3], fake[2 * k + 2])
-        q = joint_history(move, nominal, wanted.q[2 * k], inside, T_tip_tcp)
+        q = joint_history(move, nominal, corrected.q[2 * k], inside, T_tip_tcp)
         points.append((robot.poses(q) @ T_tip_tcp)[:, :3, 3])
     return np.concatenate(points)
 
@@ -213,14 +213,14 @@ class JointZeroChange:
 
     def in_words(self) -> str:
         """Offsets that are there, or that none is."""
-        clear = [item.in_words() for item in self.offsets if item.clear]
+        clear = [offset.in_words() for offset in self.offsets if offset.clear]
         if clear:
-            found = f"offsets of joints explain it: {', '.join(clear)}"
+            finding = f"offsets of joints explain it: {', '.join(clear)}"
         else:
-            found = "no offset of a single joint is beyond chance"
-        unseen = [str(item.joint) for item in self.offsets if not item.seen]
+            finding = "no offset of a single joint is beyond chance"
+        unseen = [str(offset.joint) for offset in self.offsets if not offset.seen]
         tail = f" (this circle does not tell joints {', '.join(unseen)})" if unseen else ""
-        return f"{self.before / MM:.4f} mm rms, of which {self.after / MM:.4f} mm remain; {found}{tail}"
+        return f"{self.before / MM:.4f} mm rms, of which {self.after / MM:.4f} mm remain; {finding}{tail}"
 
 
 def by_joints(path: TiltedCircle, robot: Robot, q: FloatArray, T_tip_tcp: FloatArray, angle: FloatArray) -> FloatArray:
@@ -242,12 +242,12 @@ def by_joints(path: TiltedCircle, robot: Robot, q: FloatArray, T_tip_tcp: FloatA
     p = walk.tip[3] + np.einsum("acm,a->cm", walk.tip[:3], T_tip_tcp[:3, 3])
     pose = np.arange(len(q))
     moves = chain.point_columns(walk, p, pose)[:, 2]
-    away = p.T - path.ball
-    along = np.einsum("jcm,mc->mj", moves, away / np.linalg.norm(away, axis=1)[:, None])
+    to_ball = p.T - path.ball
+    along = np.einsum("jcm,mc->mj", moves, to_ball / np.linalg.norm(to_ball, axis=1)[:, None])
     turn = 2 * np.pi * pose / len(q)
-    there = np.column_stack([np.interp(angle % (2 * np.pi), turn, column, period=2 * np.pi) for column in along.T])
+    columns = np.column_stack([np.interp(angle % (2 * np.pi), turn, column, period=2 * np.pi) for column in along.T])
     A = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
-    return np.asarray(there - A @ np.linalg.lstsq(A, there, rcond=None)[0])
+    return np.asarray(columns - A @ np.linalg.lstsq(A, columns, rcond=None)[0])
 
 
 def offsets(difference: Trace, columns: FloatArray) -> JointZeroChange:
@@ -266,12 +266,12 @@ def offsets(difference: Trace, columns: FloatArray) -> JointZeroChange:
     for _ in range(20):
         C = np.linalg.inv(columns.T @ columns / noise**2 + np.eye(columns.shape[1]) / PRIOR**2)
         value = C @ (columns.T @ y) / noise**2
-        rest = y - columns @ value
-        told = columns.shape[1] - float(np.trace(C)) / PRIOR**2
-        noise = max(float(np.sqrt(rest @ rest / max(len(y) - 3 - told, 1.0))), NOISE)
+        residual = y - columns @ value
+        dof = columns.shape[1] - float(np.trace(C)) / PRIOR**2
+        noise = max(float(np.sqrt(residual @ residual / max(len(y) - 3 - dof, 1.0))), NOISE)
     std = np.sqrt(np.diagonal(C))
-    found = tuple(JointOffset(j + 1, float(v), float(s)) for j, (v, s) in enumerate(zip(value, std, strict=True)))
-    return JointZeroChange(found, float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(rest**2))))
+    joints = tuple(JointOffset(j + 1, float(v), float(s)) for j, (v, s) in enumerate(zip(value, std, strict=True)))
+    return JointZeroChange(joints, float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(residual**2))))
 
 
 def minus(first: Trace, second: Trace) -> Trace:
@@ -345,11 +345,11 @@ class BallbarCheck(Speaks):
         """
         p, runs = self.prediction, {}
         for name, trace in self.measured.items():
-            before, after = explained(trace, self.expected)
+            variation, unexplained = explained(trace, self.expected)
             runs[name] = {
                 **ballbar_trace.summary(trace),
-                "variation_rms_mm": before / MM,
-                "unexplained_rms_mm": after / MM,
+                "variation_rms_mm": variation / MM,
+                "unexplained_rms_mm": unexplained / MM,
                 "joints": _change(self.joints.get(name)),
                 "since_baseline": _change(self.since.get(name)),
             }
@@ -371,11 +371,11 @@ class BallbarCheck(Speaks):
         """A row for each angle of each trace: ``trace``, ``angle_deg``, ``error_mm``."""
         import pandas as pd
 
-        parts = [
+        tables = [
             pd.DataFrame({"trace": name, "angle_deg": trace.angle / DEG, "error_mm": trace.error / MM})
             for name, trace in self.traces().items()
         ]
-        return pd.concat(parts, ignore_index=True)
+        return pd.concat(tables, ignore_index=True)
 
     def told(self) -> Sequence[Told]:
         """Radial errors of all traces, what the prediction explains, and the joints that turn back."""
@@ -388,10 +388,10 @@ class BallbarCheck(Speaks):
         targets = {"nominal": "nominal", "fake": "calibrated"}[self.run]
         out: list[Told] = [Table(title, ("", "mean", "rms", "largest", "circularity"), tuple(rows))]
         for name, trace in self.measured.items():
-            before, after = (value / MM for value in explained(trace, self.expected))
+            variation, unexplained = (value / MM for value in explained(trace, self.expected))
             out.append(
-                f"Run {name}: the readings vary by {before:.4f} mm rms; the prediction for the path of {targets} "
-                f"targets leaves {after:.4f} mm unexplained."
+                f"Run {name}: the readings vary by {variation:.4f} mm rms; the prediction for the path of {targets} "
+                f"targets leaves {unexplained:.4f} mm unexplained."
             )
             if name in self.joints:
                 out.append(f"  That is {self.joints[name].in_words()}.")
@@ -503,7 +503,7 @@ def ballbar(
     q = nominal.check_joints(CENTER_JOINTS if joints is None else joints)[0]
     T_tip_tcp = tool_frame(tool)
     path = circle(nominal, q, bar, T_tip_tcp, normal, start, height, tilt)
-    found = predict(path, robot, nominal, q, arcs, T_tip_tcp)
+    prediction = predict(path, robot, nominal, q, arcs, T_tip_tcp)
     traces = {} if measured is None else ballbar_trace.read(measured, bar)
     if baseline is not None and measured is None:
         raise OptionError("a baseline is compared with what is measured now: name its file, too", parameter="baseline")
@@ -513,9 +513,9 @@ def ballbar(
             f"the baseline has other runs ({', '.join(earlier)}) than the measured file ({', '.join(traces)})",
             parameter="baseline",
         )
-    columns = {name: by_joints(path, robot, found.q, T_tip_tcp, trace.angle) for name, trace in traces.items()}
-    expected = found.corrected if run == "fake" and found.corrected is not None else found.uncorrected
+    columns = {name: by_joints(path, robot, prediction.q, T_tip_tcp, trace.angle) for name, trace in traces.items()}
+    expected = prediction.corrected if run == "fake" and prediction.corrected is not None else prediction.uncorrected
     joint_offsets = {name: offsets(minus(trace, expected), columns[name]) for name, trace in traces.items()}
     since = {n: offsets(minus(trace, earlier[n]), columns[n]) for n, trace in traces.items() if n in earlier}
-    told = measured is not None and is_simulated(readings.read(measured, ("angle_deg",)))
-    return BallbarCheck(bar, found, run, traces, saved.simulated, told, joint_offsets, since)
+    simulated = measured is not None and is_simulated(readings.read(measured, ("angle_deg",)))
+    return BallbarCheck(bar, prediction, run, traces, saved.simulated, simulated, joint_offsets, since)

@@ -85,9 +85,9 @@ def trace_of_points(path: TiltedCircle, points: FloatArray) -> Trace:
     relative = points - path.ball - path.normal * (relative @ path.normal).mean()
     ball = np.zeros(3)
     for _ in range(ROUNDS):
-        away = relative - ball
-        distance = np.linalg.norm(away, axis=1)
-        A = np.column_stack([np.ones(len(away)), away @ u / distance, away @ v / distance])
+        to_ball = relative - ball
+        distance = np.linalg.norm(to_ball, axis=1)
+        A = np.column_stack([np.ones(len(to_ball)), to_ball @ u / distance, to_ball @ v / distance])
         step = np.linalg.lstsq(A, distance - path.bar, rcond=None)[0]
         ball = ball + step[1] * u + step[2] * v
     order = np.argsort(angle, kind="stable")
@@ -154,8 +154,8 @@ def read(source: TableLike, bar: float) -> dict[str, Trace]:
     file = table.attrs["source"]
     have = [name for name in ("radius_mm", "error_mm") if name in table.columns]
     if len(have) != 1:
-        found = "both" if have else "neither"
-        raise MeasurementError(f"expected a column radius_mm or error_mm, found {found}", file=file, row=1)
+        count = "both" if have else "neither"
+        raise MeasurementError(f"expected a column radius_mm or error_mm, found {count}", file=file, row=1)
     table = table[table[have[0]].notna()]
     error = table[have[0]].to_numpy() * MM - (bar if have[0] == "radius_mm" else 0.0)
     if len(error) and np.median(np.abs(error)) > ANOTHER_CIRCLE * bar:
@@ -169,9 +169,9 @@ def read(source: TableLike, bar: float) -> dict[str, Trace]:
         runs = np.full(len(table), MEASURED, dtype=object)
     out = {}
     for name in in_order(runs) or [MEASURED]:
-        mine = runs == name
+        rows = runs == name
         try:
-            out[name] = centred(table["angle_deg"].to_numpy()[mine] * DEG, error[mine])
+            out[name] = centred(table["angle_deg"].to_numpy()[rows] * DEG, error[rows])
         except MeasurementError as refused:
             raise MeasurementError(f"run {name}: {refused}", file=file) from None
     return out
@@ -196,5 +196,5 @@ def explained(measured: Trace, predicted: Trace) -> tuple[float, float]:
     Both without their mean: the length of the ballbar is known less well than its changes.
     """
     error = measured.error - measured.error.mean()
-    rest = measured.error - predicted.at(measured.angle)
-    return float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean((rest - rest.mean()) ** 2)))
+    residual = measured.error - predicted.at(measured.angle)
+    return float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean((residual - residual.mean()) ** 2)))

@@ -138,10 +138,10 @@ class Compared(Speaks):
     def verdict(self) -> str:
         """Which is best, and from which others it cannot be told apart."""
         best = self.ranking[0]
-        mine = [pair.sentence() for pair in self.pairs if best in (pair.better, pair.worse)]
+        pairs = [pair.sentence() for pair in self.pairs if best in (pair.better, pair.worse)]
         poses = f"{len(self.poses)} {'SIMULATED ' if self.simulated else ''}poses"
         text = f"On these {poses} {best} has the smallest mean error ({self.statistics[best]['mean_mm']:.3f} mm): "
-        text += f"{'; '.join(mine)}."
+        text += f"{'; '.join(pairs)}."
         if self.fitted_by:
             text = f"NO PROOF, because {', '.join(self.fitted_by)} saw some of these poses in the fit. {text}"
         elif self.doubts:
@@ -150,19 +150,19 @@ class Compared(Speaks):
 
     def told(self) -> Sequence[Told]:
         """What ``irbcal compare`` prints."""
-        out: list[Told] = [f"Verdict: {self.verdict()}", *(f"Doubt: {words}" for words in self.doubts), self.table()]
+        out: list[Told] = [f"Verdict: {self.verdict()}", *(f"Doubt: {text}" for text in self.doubts), self.table()]
         if self.counted_out:
             out.append(
                 f"{self.counted_out} poses that were fitted by one or more of these are counted out; --include-fitted "
                 "keeps them."
             )
-        return [*out, *(f"Note: {words}" for words in self.notes)]
+        return [*out, *(f"Note: {text}" for text in self.notes)]
 
     def table(self) -> Table:
         """A row a calibration."""
         kind = "SIMULATED data: " if self.simulated else ""
-        least = self.error_mm.min(axis=1, keepdims=True) == self.error_mm
-        share = least.mean(axis=0)
+        smallest = self.error_mm.min(axis=1, keepdims=True) == self.error_mm
+        share = smallest.mean(axis=0)
         rows: list[tuple[Cell, ...]] = [("nominal", *(self.statistics["nominal"][key] for _, key in COLUMNS), None)]
         for k, (name, model) in enumerate(zip(self.names, self.models, strict=True)):
             values = self.statistics[name]
@@ -173,9 +173,9 @@ class Compared(Speaks):
 
     def latex(self) -> str:
         """The table as a LaTeX tabular; it needs no package."""
-        found = self.table()
-        heads, cells = [_tex(name) for name in found.columns], [[_tex(c) for c in row] for row in found.cells()]
-        lines = [f"% {_tex(found.title)}", rf"\begin{{tabular}}{{l{'r' * (len(heads) - 1)}}}", r"\hline"]
+        sheet = self.table()
+        heads, cells = [_tex(name) for name in sheet.columns], [[_tex(c) for c in row] for row in sheet.cells()]
+        lines = [f"% {_tex(sheet.title)}", rf"\begin{{tabular}}{{l{'r' * (len(heads) - 1)}}}", r"\hline"]
         lines += [f"{' & '.join(heads)} \\\\", r"\hline", *(f"{' & '.join(row)} \\\\" for row in cells), r"\hline"]
         return "\n".join([*lines, r"\end{tabular}", ""])
 
@@ -248,34 +248,37 @@ def compare(
     IrbcalError
         If an input is refused, or no point is left that all of them know and none was fitted to.
     """
-    named = _named(calibrations)
+    by_name = _named(calibrations)
     check_seed(seed)
-    seen = carrying(table.read(measurements), payload)
+    measured = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
-    records = {name: open_calibration(item) for name, item in named.items()}
-    ready: list[CleanedPoints] = []
+    records = {name: open_calibration(calibration) for name, calibration in by_name.items()}
+    cleaned: list[CleanedPoints] = []
     robots: list[dict[str, Robot]] = []
     gone: set[int] = set()
     for name, record in records.items():
-        one, mine = in_frame_of_calibration(record, seen, refit, same_tool)
-        one = one.without_copies()
+        points, models = in_frame_of_calibration(record, measured, refit, same_tool)
+        points = points.without_copies()
         try:
-            rest = without_fitted(one, record, include_fitted)
+            unfitted = without_fitted(points, record, include_fitted)
         except MeasurementError as refused:
             raise MeasurementError(f"calibration {name}: {refused}") from None
-        gone |= set(one.number.tolist()) - set(rest.number.tolist())
-        ready.append(rest)
-        robots.append(mine)
-    rows = _common(ready, seen.source)
-    first = ready[0]
-    pose, place = first.points.pose[rows[0]], places(first.points)
+        gone |= set(points.number.tolist()) - set(unfitted.number.tolist())
+        cleaned.append(unfitted)
+        robots.append(models)
+    rows = _common(cleaned, measured.source)
+    first = cleaned[0]
+    pose, position = first.points.pose[rows[0]], places(first.points)
     error = np.column_stack(
-        [distances(mine["calibrated"], one.points)[k] for one, mine, k in zip(ready, robots, rows, strict=True)]
+        [
+            distances(models["calibrated"], points.points)[k]
+            for points, models, k in zip(cleaned, robots, rows, strict=True)
+        ]
     )
     nominal = distances(robots[0]["nominal"], first.points)[rows[0]]
     used, row = np.unique(pose, return_inverse=True)
     per_pose = np.column_stack([np.bincount(row, column) / np.bincount(row) for column in error.T])
-    names = tuple(named)
+    names = tuple(by_name)
     return Compared(
         names,
         tuple(record.model for record in records.values()),
@@ -284,32 +287,32 @@ def compare(
         tuple(str(first.points.groups[k]) for k in used),
         per_pose / MM,
         error / MM,
-        tuple(_pairs(names, per_pose / MM, error.mean(axis=0), place[used], seed)),
+        tuple(_pairs(names, per_pose / MM, error.mean(axis=0), position[used], seed)),
         len(gone),
-        tuple(name for name, one in zip(names, ready, strict=True) if not one.proven),
-        _doubts(records, ready, robots),
-        _notes(names, ready),
-        seen.simulated or any(record.simulated for record in records.values()),
+        tuple(name for name, points in zip(names, cleaned, strict=True) if not points.proven),
+        _doubts(records, cleaned, robots),
+        _notes(names, cleaned),
+        measured.simulated or any(record.simulated for record in records.values()),
     )
 
 
 def _doubts(
-    records: Mapping[str, Record], ready: Sequence[CleanedPoints], robots: Sequence[Mapping[str, Robot]]
+    records: Mapping[str, Record], cleaned: Sequence[CleanedPoints], robots: Sequence[Mapping[str, Robot]]
 ) -> tuple[str, ...]:
     return tuple(
-        f"{name}: {words}"
-        for (name, record), one, mine in zip(records.items(), ready, robots, strict=True)
-        for words in doubts_of(one.points, mine["calibrated"], record)
+        f"{name}: {text}"
+        for (name, record), points, models in zip(records.items(), cleaned, robots, strict=True)
+        for text in doubts_of(points.points, models["calibrated"], record)
     )
 
 
-def _notes(names: Sequence[str], ready: Sequence[CleanedPoints]) -> tuple[str, ...]:
+def _notes(names: Sequence[str], cleaned: Sequence[CleanedPoints]) -> tuple[str, ...]:
     """What is to be known of all, once, and of single ones with their names."""
-    every = [set(one.notes) for one in ready]
+    every = [set(points.notes) for points in cleaned]
     alike = set.intersection(*every)
-    out = [words for words in ready[0].notes if words in alike]
-    for name, one in zip(names, ready, strict=True):
-        out += [f"{name}: {words}" for words in one.notes if words not in alike and "are counted out" not in words]
+    out = [note for note in cleaned[0].notes if note in alike]
+    for name, one in zip(names, cleaned, strict=True):
+        out += [f"{name}: {note}" for note in one.notes if note not in alike and "are counted out" not in note]
     return tuple(out)
 
 
@@ -320,7 +323,7 @@ def _statistics(distance: FloatArray) -> dict[str, float]:
 def _named(calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLike]) -> dict[str, CalibrationLike]:
     """Calibrations by names that differ."""
     if isinstance(calibrations, Mapping):
-        out = {str(name): item for name, item in calibrations.items()}
+        out = {str(name): calibration for name, calibration in calibrations.items()}
     elif isinstance(calibrations, (str, os.PathLike)) or not isinstance(calibrations, Sequence):
         raise OptionError(f"expected two or more calibrations, found {shown(calibrations)}", parameter="calibrations")
     else:
@@ -340,9 +343,11 @@ def _named(calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLik
     return out
 
 
-def _common(ready: Sequence[CleanedPoints], source: str) -> list[IntArray]:
+def _common(cleaned: Sequence[CleanedPoints], source: str) -> list[IntArray]:
     """Rows of each that are the same pose of the file and the same target, in one order."""
-    keys = [list(zip(one.number[one.points.pose].tolist(), one.points.names(), strict=True)) for one in ready]
+    keys = [
+        list(zip(points.number[points.points.pose].tolist(), points.points.names(), strict=True)) for points in cleaned
+    ]
     where = [{key: k for k, key in enumerate(rows)} for rows in keys]
     common = [key for key in keys[0] if all(key in rows for rows in where[1:])]
     if not common:
@@ -354,9 +359,9 @@ def _common(ready: Sequence[CleanedPoints], source: str) -> list[IntArray]:
     return [np.array([rows[key] for key in common], dtype=int) for rows in where]
 
 
-def _pairs(names: Sequence[str], error: FloatArray, mean: FloatArray, place: IntArray, seed: int) -> list[Pair]:
+def _pairs(names: Sequence[str], error: FloatArray, mean: FloatArray, position: IntArray, seed: int) -> list[Pair]:
     """All pairs with intervals that hold together; those with the best first."""
-    which = np.unique(place, return_inverse=True)[1].ravel()
+    which = np.unique(position, return_inverse=True)[1].ravel()
     by_place = np.column_stack([np.bincount(which, column) / np.bincount(which) for column in error.T])
     order = np.argsort(mean, kind="stable").tolist()
     pairs = list(combinations(order, 2))
@@ -365,8 +370,8 @@ def _pairs(names: Sequence[str], error: FloatArray, mean: FloatArray, place: Int
     for better, worse in pairs:
         change = by_place[:, worse] - by_place[:, better]
         interval = bootstrap.difference(change, seed=seed, level=level)
-        found = None if interval is None else tuple(interval)
-        out.append(Pair(names[better], names[worse], float((error[:, worse] - error[:, better]).mean()), found))
+        bounds = None if interval is None else tuple(interval)
+        out.append(Pair(names[better], names[worse], float((error[:, worse] - error[:, better]).mean()), bounds))
     return out
 
 

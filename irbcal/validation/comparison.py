@@ -97,13 +97,13 @@ def compare(
     """
     used, row = np.unique(pose, return_inverse=True)
     count = np.bincount(row)
-    one, two = (np.bincount(row, np.asarray(d, dtype=float)) / count for d in (first, second))
-    change = two - one
+    means, two = (np.bincount(row, np.asarray(d, dtype=float)) / count for d in (first, second))
+    change = two - means
     if place is not None:
         which = np.unique(place[used], return_inverse=True)[1].ravel()
         change = np.bincount(which, change) / np.bincount(which)
     interval = bootstrap.difference(change, seed=seed)
-    return Comparison(np.asarray(names)[used], one, two, None if interval is None else tuple(interval))
+    return Comparison(np.asarray(names)[used], means, two, None if interval is None else tuple(interval))
 
 
 def common_points(first: PointSet, second: PointSet) -> tuple[IntArray, IntArray]:
@@ -170,24 +170,24 @@ def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verifi
     """
     meant = replace_geometry(robot, nominal)
     row_of = {name: k for k, name in enumerate(expected.pose_ids)}
-    both = np.array([name in row_of for name in verified.pose_ids], dtype=bool)
-    if not both.any():
+    shared = np.array([name in row_of for name in verified.pose_ids], dtype=bool)
+    if not shared.any():
         raise MeasurementError(
             "the verification has no pose of the same name as the measurements: what was meant is unknown"
         )
-    verified = verified.select(both)
-    wanted = replace(verified, q=expected.q[[row_of[name] for name in verified.pose_ids]], previous=None)
+    verified = verified.select(shared)
+    expected_points = replace(verified, q=expected.q[[row_of[name] for name in verified.pose_ids]], previous=None)
     reached = robot.forward(verified.q, verified.previous)
-    apart = np.linalg.norm(reached[:, :3, 3] - meant.poses(wanted.q)[:, :3, 3], axis=1)
+    apart = np.linalg.norm(reached[:, :3, 3] - meant.poses(expected_points.q)[:, :3, 3], axis=1)
     ours = apart <= SAME_COMMAND
-    aside: list[str] = []
+    unlike: list[str] = []
     if ours.mean() > 0.5:  # else the whole run was made with other fake targets
-        aside = [str(name) for name in verified.pose_ids[~ours]]
-        verified, wanted, apart = verified.select(ours), wanted.select(ours), apart[ours]
+        unlike = [str(name) for name in verified.pose_ids[~ours]]
+        verified, expected_points, apart = verified.select(ours), expected_points.select(ours), apart[ours]
     errors = {
         "uncorrected": (distances(meant, expected), expected),
         "expected": (distances(robot, expected), expected),
-        "verified": (distances(meant, wanted), verified),
+        "verified": (distances(meant, expected_points), verified),
     }
     groups = sorted({str(g) for g in [*expected.groups, *verified.groups] if g})
     return {
@@ -197,7 +197,7 @@ def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verifi
             for g in groups
         },
         "command_mm": float(apart.max() / MM),
-        "poses": {"expected": expected.poses, "verified": verified.poses, "set_aside": aside},
+        "poses": {"expected": expected.poses, "verified": verified.poses, "set_aside": unlike},
     }
 
 

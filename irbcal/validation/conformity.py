@@ -114,9 +114,9 @@ class Conformity(Speaks):
 
     def rule_in_words(self) -> str:
         """What a pass needs."""
-        most = f" (the error that {LARGEST_SHARE:.0%} of all poses stay below)" if self.rule == "max" else ""
+        bound = f" (the error that {LARGEST_SHARE:.0%} of all poses stay below)" if self.rule == "max" else ""
         return (
-            f"A pass needs the one-sided 95 % upper bound of the {self.figure}{most}, {self.basis}, and the tracker's "
+            f"A pass needs the one-sided 95 % upper bound of the {self.figure}{bound}, {self.basis}, and the tracker's "
             f"expanded uncertainty of {self.tracker_u95_mm:.3f} mm ({self.tracker_source}) within the tolerance "
             "(ISO 14253-1, JCGM 106), and a verdict that may be trusted."
         )
@@ -124,7 +124,7 @@ class Conformity(Speaks):
     def told(self) -> Sequence[Told]:
         """Outcome, figures, what speaks against a pass, and the rule."""
         lines = [f"Tolerance: {self.outcome.upper()}. {self.sentence()}"]
-        lines += [f"Against a pass: {words}" for words in self.against]
+        lines += [f"Against a pass: {reason}" for reason in self.against]
         return [*lines, f"Note: {self.rule_in_words()}"]
 
     def to_dict(self) -> dict[str, Any]:
@@ -216,7 +216,7 @@ def conformity(
     -------
     Conformity
     """
-    words, key = FIGURES[rule]
+    figure, key = FIGURES[rule]
     distance, limit = np.asarray(distance, dtype=float), tolerance / MM
     value, places, u95 = float(statistics[key]), len(np.unique(place)), tracker[0] / MM
     against = _against(verdict, places, None if region_only else region)
@@ -226,7 +226,7 @@ def conformity(
         upper = bound / MM
         if value <= limit < upper + u95:
             against.append(
-                f"The {words} may be larger than it was on these poses: {upper + u95:.3f} mm with 95 % confidence "
+                f"The {figure} may be larger than it was on these poses: {upper + u95:.3f} mm with 95 % confidence "
                 "and the tracker's uncertainty. Measure more poses: the bound comes nearer to the figure."
             )
     outcome: Outcome = "fail" if not value <= limit else "not proven" if against else "pass"

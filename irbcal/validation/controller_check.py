@@ -115,14 +115,14 @@ class ControllerCheck(Speaks):
         """The rows: ``pose``, ``before_mm``, ``before_deg``, ``after_mm``, ``after_deg``, ``other_moment``."""
         import pandas as pd
 
-        before, after = (errors / (MM, DEG) for errors in (self.fit.before, self.fit.after))
+        nominal, fitted = (errors / (MM, DEG) for errors in (self.fit.before, self.fit.after))
         return pd.DataFrame(
             {
                 "pose": self.labels,
-                "before_mm": before[:, 0],
-                "before_deg": before[:, 1],
-                "after_mm": after[:, 0],
-                "after_deg": after[:, 1],
+                "before_mm": nominal[:, 0],
+                "before_deg": nominal[:, 1],
+                "after_mm": fitted[:, 0],
+                "after_deg": fitted[:, 1],
                 "other_moment": self.fit.moment,
             }
         )
@@ -134,13 +134,13 @@ class ControllerCheck(Speaks):
             kind = name.rstrip("0123456789")
             length = kind in ("a", "d", "b", "tool_x", "tool_y", "tool_z")
             unit = MM if length else DEG
-            own = 0.0 if name in TOOL else float(getattr(self.nominal.table, kind)[int(name[len(kind) :]) - 1])
+            urdf = 0.0 if name in TOOL else float(getattr(self.nominal.table, kind)[int(name[len(kind) :]) - 1])
             rows.append(
                 {
                     "number": name,
                     "unit": "mm" if length else "deg",
-                    "urdf": own / unit,
-                    "controller": (own + float(value)) / unit,
+                    "urdf": urdf / unit,
+                    "controller": (urdf + float(value)) / unit,
                     "difference": float(value) / unit,
                     "std": float(std) / unit,
                 }
@@ -166,22 +166,22 @@ class ControllerCheck(Speaks):
     def told(self) -> Sequence[Told]:
         """How near, with which numbers, whether an option is on, which rows do not count."""
         fit, count = self.fit, len(self.labels)
-        told: list[Told] = [
+        lines: list[Told] = [
             f"{self.agreeing} of {count} reported poses agree with {self.robot} to {self.median_mm():.3f} mm (median; "
             f"95 % within {np.percentile(fit.before[~fit.moment, 0], 95) / MM:.3f} mm)."
         ]
         if fit.frames_differ:
             base, tool = (_frame_in_words(T) for T in (fit.T_base, fit.T_tool))
-            told.append(
+            lines.append(
                 f"That is with frames of its own: base link at {base} in its base, its tool at {tool} in the tip link."
             )
         if fit.names:
-            told.append(f"With the numbers below they agree to {self.median_mm(True):.3f} mm (median).")
+            lines.append(f"With the numbers below they agree to {self.median_mm(True):.3f} mm (median).")
             rows = tuple(
                 (row["number"], row["urdf"], row["controller"], row["difference"], row["std"], row["unit"])
                 for row in self.numbers()
             )
-            told.append(
+            lines.append(
                 Table(
                     "Numbers of the DHM table that differ",
                     ("number", "URDF", "controller", "difference", "±", "unit"),
@@ -190,15 +190,15 @@ class ControllerCheck(Speaks):
                 )
             )
         else:
-            told.append("The controller computes with the numbers of the URDF.")
-        told.append(self._option_in_words())
-        other = self.other_moment
-        if other:
-            more = f" … and {len(other) - SHOWN} more" if len(other) > SHOWN else ""
-            told.append(
-                f"Note: left out, as joints and pose are of different moments, rows {', '.join(other[:SHOWN])}{more}"
+            lines.append("The controller computes with the numbers of the URDF.")
+        lines.append(self._option_in_words())
+        excluded = self.other_moment
+        if excluded:
+            more = f" … and {len(excluded) - SHOWN} more" if len(excluded) > SHOWN else ""
+            lines.append(
+                f"Note: left out, as joints and pose are of different moments, rows {', '.join(excluded[:SHOWN])}{more}"
             )
-        return [*told, *(f"Note: {text}" for text in self.notes)]
+        return [*lines, *(f"Note: {text}" for text in self.notes)]
 
     def _option_in_words(self) -> str:
         if self.absolute_accuracy == "seems to be on":
@@ -207,8 +207,8 @@ class ControllerCheck(Speaks):
                 "little. Do not correct programs for a controller that corrects them itself."
             )
         if self.absolute_accuracy == "no sign of it":
-            few = "; a few other lengths or zeros are another edition of the model" if self.fit.names else ""
-            return f"No sign of an absolute-accuracy option: it would change nearly all numbers a little{few}."
+            edition = "; a few other lengths or zeros are another edition of the model" if self.fit.names else ""
+            return f"No sign of an absolute-accuracy option: it would change nearly all numbers a little{edition}."
         return "Whether an absolute-accuracy option is on cannot be told: no rigid model explains what is left."
 
 
@@ -328,20 +328,20 @@ def _either(name: str, unit: float) -> dict[str, float]:
     return {f"controller_{name}": unit, name: unit}
 
 
-def _column(cells: pd.DataFrame, units: dict[str, float], source: str, what: str) -> FloatArray:
+def _column(cells: pd.DataFrame, units: dict[str, float], source: str, quantity: str) -> FloatArray:
     """The first of some columns that is there, in SI units."""
     for name, unit in units.items():
         if name in cells.columns:
             values = columns.numbers(cells, name, source, "a number")
-            most = columns.LARGEST_ANGLE_DEG if unit == DEG else columns.LARGEST_POSITION_MM
+            bound = columns.LARGEST_ANGLE_DEG if unit == DEG else columns.LARGEST_POSITION_MM
             columns.refuse_outside(
                 cells.assign(row=cells.index, **{name: values}),
-                [(name, -most, most, f"a number within ±{most:g}")],
+                [(name, -bound, bound, f"a number within ±{bound:g}")],
                 source,
             )
             return values * unit
     raise MeasurementError(
-        f"missing column for {what}: expected {' or '.join(units)}; found {columns.listed(list(cells.columns))}",
+        f"missing column for {quantity}: expected {' or '.join(units)}; found {columns.listed(list(cells.columns))}",
         file=source,
         row=columns.header_row(source),
     )

@@ -35,21 +35,21 @@ def predictions(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]
 
     ``None`` in place of both where too little is known of the robot's certainty.
     """
-    known = robot.certainty
+    certainty = robot.certainty
     if (
-        known is None
+        certainty is None
         or not len(points)
-        or any(known.left_out(points.target_names[k]) is None for k in set(points.target))
+        or any(certainty.left_out(points.target_names[k]) is None for k in set(points.target))
     ):
         return None
     position, width = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     for k in np.unique(points.target):
-        mine = points.target == k
-        rows = points.pose[mine]
+        rows_of_target = points.target == k
+        rows = points.pose[rows_of_target]
         previous = None if points.previous is None else points.previous[rows]
         load: dict[str, Any] = {key: None if value is None else value[rows] for key, value in points.load().items()}
-        seen = robot.predict(points.q[rows], previous, points.target_names[k], **load)
-        position[mine], width[mine] = seen.position, seen.interval
+        predicted = robot.predict(points.q[rows], previous, points.target_names[k], **load)
+        position[rows_of_target], width[rows_of_target] = predicted.position, predicted.interval
     return position, width
 
 
@@ -72,15 +72,15 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
     if points.poses > MOST_POSES:
         drawn = np.random.default_rng(0).permutation(points.poses)[:MOST_POSES]
         points = points.select(np.isin(np.arange(points.poses), drawn))
-    found = predictions(robot, points)
-    if found is None or robot.certainty is None:
+    predicted = predictions(robot, points)
+    if predicted is None or robot.certainty is None:
         return None
-    position, width = found
+    position, width = predicted
     inside = np.abs(points.xyz - position) < width
     outside = robot.certainty.outside(points.q)[points.pose]
     masks: dict[str, BoolArray] = {"all": np.ones(len(points), dtype=bool), "within": ~outside, "outside": outside}
     masks |= {name: points.target == k for k, name in enumerate(points.target_names)}
-    parts = {
+    shares = {
         name: {
             "n": 3 * int(mask.sum()),
             "inside": float(inside[mask].mean()),
@@ -89,18 +89,20 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
         for name, mask in masks.items()
         if mask.any()
     }
-    return {"expected": EXPECTED, "parts": parts}
+    return {"expected": EXPECTED, "parts": shares}
 
 
-def coverage_in_words(found: Mapping[str, Any]) -> str:
+def coverage_in_words(coverage: Mapping[str, Any]) -> str:
     """One sentence on what `coverage` found."""
-    parts = found["parts"]
-    whole = parts["all"]
+    parts_of = coverage["parts"]
+    total = parts_of["all"]
     text = (
-        f"{whole['inside']:.1%} of {whole['n']} measured coordinates lie within their predicted 95 % intervals (median "
-        f"half-width {whole['u95_mm']:.3f} mm)"
+        f"{total['inside']:.1%} of {total['n']} measured coordinates lie within their predicted 95 % intervals (median "
+        f"half-width {total['u95_mm']:.3f} mm)"
     )
-    if "outside" in parts:
-        inner = f"{parts['within']['inside']:.1%} within the joint ranges of the fit, " if "within" in parts else ""
-        text += f": {inner}{parts['outside']['inside']:.1%} outside"
+    if "outside" in parts_of:
+        inner = (
+            f"{parts_of['within']['inside']:.1%} within the joint ranges of the fit, " if "within" in parts_of else ""
+        )
+        text += f": {inner}{parts_of['outside']['inside']:.1%} outside"
     return text + "."

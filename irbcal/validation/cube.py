@@ -184,8 +184,8 @@ def five_poses(
         from irbcal.modeling.inverse import any_arm
         from irbcal.modeling.robot import Robot
 
-        found = any_arm.solve(Robot(arm), arm, T, at)
-        q, reached = found.joints, found.converged & found.inside
+        solution = any_arm.solve(Robot(arm), arm, T, at)
+        q, reached = solution.joints, solution.converged & solution.inside
     if not reached.all():
         k = int(np.flatnonzero(~reached)[0])
         x, y, z = T[k, :3, 3] / MM

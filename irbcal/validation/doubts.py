@@ -72,22 +72,22 @@ def mixed_poses(equations: PoseEquations, seed: int = 0) -> list[str]:
     H, g, yy = equations.sums
     if 3 * len(points) < SPARE * 2 * equations.sums.unknowns:
         return []
-    found = told_apart(H, g, yy, seed)
+    halves = told_apart(H, g, yy, seed)
     if (
-        found is None
-        or found.two > MIXED_SMALLER**2 * found.one
-        or found.sure < SURE
-        or _together(points.q, found.second)
+        halves is None
+        or halves.two > MIXED_SMALLER**2 * halves.one
+        or halves.sure < SURE
+        or _together(points.q, halves.second)
     ):
         return []
-    if predicted(H, g, yy, found.second, seed) < PREDICTED:
+    if predicted(H, g, yy, halves.second, seed) < PREDICTED:
         return []
-    before, after = (np.sqrt(rss / len(points)) / MM for rss in (found.one, found.two))
-    names = [str(points.pose_ids[k]) for k in np.flatnonzero(found.second)]
-    shown = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
+    rms_one, rms_two = (np.sqrt(rss / len(points)) / MM for rss in (halves.one, halves.two))
+    names = [str(points.pose_ids[k]) for k in np.flatnonzero(halves.second)]
+    listed = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
     return [
-        f"{len(names)} of {n} poses ({shown}) contradict the others: as two robots, or two tools, all poses are "
-        f"explained to {after:.3f} mm, as one to {before:.3f} mm only. Were files of two robots put together?"
+        f"{len(names)} of {n} poses ({listed}) contradict the others: as two robots, or two tools, all poses are "
+        f"explained to {rms_two:.3f} mm, as one to {rms_one:.3f} mm only. Were files of two robots put together?"
     ]
 
 
@@ -102,7 +102,7 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
     """
     n, p = g.shape
     firm = 1e-6 * np.eye(p)
-    one = float(yy.sum() - g.sum(axis=0) @ np.linalg.solve(H.sum(axis=0) + firm, g.sum(axis=0)))
+    rss_one = float(yy.sum() - g.sum(axis=0) @ np.linalg.solve(H.sum(axis=0) + firm, g.sum(axis=0)))
     best: Halves | None = None
     for second in _starts(H, g, seed):
         for _ in range(ROUNDS):
@@ -114,7 +114,7 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
                 two = float(cost.min(axis=0).sum())
                 if best is None or two < best.two:
                     clear = cost.max(axis=0) > CLEARLY * np.maximum(cost.min(axis=0), 0.25 * two / n)
-                    best = Halves(second if second.mean() <= 0.5 else ~second, one, two, float(clear.mean()))
+                    best = Halves(second if second.mean() <= 0.5 else ~second, rss_one, two, float(clear.mean()))
                 break
             second = new
     return best
@@ -133,12 +133,12 @@ def predicted(H: FloatArray, g: FloatArray, yy: FloatArray, second: BoolArray, s
     """
     n = len(second)
     fold = np.random.default_rng(seed).permutation(n) % FOLDS
-    least, most = np.zeros(n), np.zeros(n)
+    smaller, larger = np.zeros(n), np.zeros(n)
     for k in range(FOLDS):
-        mine, rest = fold == k, fold != k
-        costs = _costs(H, g, yy, np.stack([rest & ~second, rest & second]), 1e-6 * np.eye(g.shape[1]))[:, mine]
-        least[mine], most[mine] = costs.min(axis=0), costs.max(axis=0)
-    return float((most > CLEARLY * least).mean())
+        tested, trained = fold == k, fold != k
+        costs = _costs(H, g, yy, np.stack([trained & ~second, trained & second]), 1e-6 * np.eye(g.shape[1]))[:, tested]
+        smaller[tested], larger[tested] = costs.min(axis=0), costs.max(axis=0)
+    return float((larger > CLEARLY * smaller).mean())
 
 
 def _starts(H: FloatArray, g: FloatArray, seed: int) -> list[BoolArray]:
@@ -153,12 +153,12 @@ def _starts(H: FloatArray, g: FloatArray, seed: int) -> list[BoolArray]:
     return [*along, *(rng.uniform(size=n) < 0.5 for _ in range(STARTS))]
 
 
-def _costs(H: FloatArray, g: FloatArray, yy: FloatArray, parts: BoolArray, firm: FloatArray) -> FloatArray:
+def _costs(H: FloatArray, g: FloatArray, yy: FloatArray, subsets: BoolArray, firm: FloatArray) -> FloatArray:
     """Squares left of each pose with the change that fits each part (k, n) of the poses best, shape (k, n)."""
     n, p = g.shape
-    flat, weight = H.reshape(n, -1), parts.astype(float)
+    flat, weight = H.reshape(n, -1), subsets.astype(float)
     changes = np.linalg.solve((weight @ flat).reshape(-1, p, p) + firm, (weight @ g)[..., None])[..., 0]
-    squares = np.einsum("ki,kj->kij", changes, changes).reshape(len(parts), -1)
+    squares = np.einsum("ki,kj->kij", changes, changes).reshape(len(subsets), -1)
     return np.maximum(yy - 2 * changes @ g.T + squares @ flat.T, 0.0)
 
 
@@ -239,7 +239,7 @@ def doubts(
     list of str
     """
     if fit.level == "nominal":
-        out = [words for points in measured for words in moved_notes(points, fit.robot)]
+        out = [text for points in measured for text in moved_notes(points, fit.robot)]
         out += _too_far(nominal.rms) if nominal.rms > LARGE_NOMINAL else []
         return [*out, *_slip(nominal, fitted)]
     out = []
@@ -247,8 +247,8 @@ def doubts(
         warmth = fit.warmth(points, elapsed) if isinstance(fit, EvidenceFit) and elapsed is not None else None
         equations = PoseEquations(nominal.problem.arm, points)
         out += moved_notes(points, fit.robot, warmth) or contradicting_parts(equations) or mixed_poses(equations)
-    left = max(LEFT[0], LEFT[1] * spread(fitted))
-    if fit.rms > left:
+    limit = max(LEFT[0], LEFT[1] * spread(fitted))
+    if fit.rms > limit:
         out.append(
             f"The calibrated robot still misses the fitted points by {fit.rms / MM:.3g} mm (rms), more than tracker "
             "and model leave of a real robot: joints or positions are wrong in some poses, two robots or tools are "
@@ -272,11 +272,11 @@ def _slip(nominal: Fit, fitted: PointSet) -> list[str]:
 
 def _scale(nominal: Fit, fitted: PointSet) -> list[str]:
     """Whether all positions are too long or too short, which a fit takes for link lengths."""
-    expected, seen = fitted.predicted(nominal.robot), fitted.xyz
-    expected, seen = expected - expected.mean(axis=0), seen - seen.mean(axis=0)
-    scale = float((expected * seen).sum() / (expected**2).sum())
-    before, after = (float(((seen - s * expected) ** 2).sum()) for s in (1.0, scale))
-    if abs(scale - 1.0) < SCALE or after > SCALED**2 * before:
+    expected, measured = fitted.predicted(nominal.robot), fitted.xyz
+    expected, measured = expected - expected.mean(axis=0), measured - measured.mean(axis=0)
+    scale = float((expected * measured).sum() / (expected**2).sum())
+    rss, rss_scaled = (float(((measured - s * expected) ** 2).sum()) for s in (1.0, scale))
+    if abs(scale - 1.0) < SCALE or rss_scaled > SCALED**2 * rss:
         return []
     how = "long" if scale > 1.0 else "short"
     return [
@@ -287,8 +287,8 @@ def _scale(nominal: Fit, fitted: PointSet) -> list[str]:
 
 def _lengths(nominal: Arm, calibrated: Arm) -> list[str]:
     """Whether all link lengths are too long or too short, which a wrong scale of the tracker looks like."""
-    found = length_scale(nominal, calibrated)
-    return [found.doubt()] if found is not None and found.beyond_machining else []
+    scale = length_scale(nominal, calibrated)
+    return [scale.doubt()] if scale is not None and scale.beyond_machining else []
 
 
 def _too_far(rms: float) -> list[str]:
@@ -346,35 +346,35 @@ def contradicting_parts(equations: PoseEquations, seed: int = 0) -> list[str]:
         return []
     whole = yy.sum() - _explained(H.sum(axis=0), g.sum(axis=0))
 
-    def least(order: IntArray) -> tuple[float, int]:
+    def best_cut(order: IntArray) -> tuple[float, int]:
         H_of, g_of = np.cumsum(H[order], axis=0), np.cumsum(g[order], axis=0)
-        rest = [
+        costs = [
             yy.sum() - _explained(H_of[k - 1], g_of[k - 1]) - _explained(H_of[-1] - H_of[k - 1], g_of[-1] - g_of[k - 1])
             for k in cuts
         ]
-        best = int(np.argmin(rest))
-        return float(rest[best]), int(cuts[best])
+        best = int(np.argmin(costs))
+        return float(costs[best]), int(cuts[best])
 
-    found, cut = least(np.arange(n))
-    if not whole > 0.0 or found > SMALLER**2 * whole:
+    rss_cut, cut = best_cut(np.arange(n))
+    if not whole > 0.0 or rss_cut > SMALLER**2 * whole:
         return []
     rng = np.random.default_rng(seed)
     blocks = np.array_split(np.arange(n), min(n, BLOCK_SHARE))
     for _ in range(SHUFFLES):
-        if least(np.concatenate([blocks[k] for k in rng.permutation(len(blocks))]))[0] <= found:
+        if best_cut(np.concatenate([blocks[k] for k in rng.permutation(len(blocks))]))[0] <= rss_cut:
             return []
-    before, after = (np.sqrt(rss / len(points)) / MM for rss in (whole, found))
+    rms, rms_cut = (np.sqrt(rss / len(points)) / MM for rss in (whole, rss_cut))
     return [
         f"The poses before and after pose {points.pose_ids[cut]} or thereabouts contradict one another: with a robot "
-        f"and a tool of their own, residuals fall from {before:.3f} to {after:.3f} mm. Was the tool changed, are these "
+        f"and a tool of their own, residuals fall from {rms:.3f} to {rms_cut:.3f} mm. Was the tool changed, are these "
         "two robots, or did the arm collide? Calibrate the parts one by one."
     ]
 
 
 def _alike(q: FloatArray, k: int) -> bool:
     """Whether the poses before and after go through the same ranges."""
-    whole = q.std(axis=0)
-    return bool(all((part.std(axis=0) >= ALIKE * whole).all() for part in (q[:k], q[k:])))
+    spread = q.std(axis=0)
+    return bool(all((half.std(axis=0) >= ALIKE * spread).all() for half in (q[:k], q[k:])))
 
 
 def _explained(H: FloatArray, g: FloatArray) -> float:

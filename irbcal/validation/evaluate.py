@@ -145,42 +145,42 @@ def evaluate(
         checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
-    judged_by, told = check_options(tolerance, rule, tracker_u95, region_only), checked_info(info)
+    judged_by, stated = check_options(tolerance, rule, tracker_u95, region_only), checked_info(info)
     measurements = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
-    ready, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
-    ready = without_fitted(ready.without_copies(), record, include_fitted)
-    against = doubts_of(ready.points, robots["calibrated"], record)
-    ready = _inside(ready, robots["calibrated"], sphere)
-    seen, points = ready.measurements, ready.points
+    cleaned, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
+    cleaned = without_fitted(cleaned.without_copies(), record, include_fitted)
+    against = doubts_of(cleaned.points, robots["calibrated"], record)
+    cleaned = _inside(cleaned, robots["calibrated"], sphere)
+    measured, points = cleaned.measurements, cleaned.points
     errors = {name: distances(robot, points) for name, robot in robots.items()}
     turns = {name: rotation_statistics(rotation_distances(robot, points)) for name, robot in robots.items()}
-    parts = _parts(ready)
+    labels_of = _parts(cleaned)
 
-    def of(mask: BoolArray) -> ByModel:
+    def by_model(mask: BoolArray) -> ByModel:
         return {name: _known(statistics(error[mask])) for name, error in errors.items()}
 
-    of_parts = {part: _by_label(labels, of) for part, labels in parts.items()}
+    of_parts = {kind: _by_label(labels, by_model) for kind, labels in labels_of.items()}
     fit = record.used_points(heldout=False)
     covered = region(robots["calibrated"], points, None if fit is None else fit[0])
     scale = scale_in_words(
-        length_scale(record.arm(calibrated=False), record.arm()), points.xyz, told.get("scale_bar", "")
+        length_scale(record.arm(calibrated=False), record.arm()), points.xyz, stated.get("scale_bar", "")
     )
-    whole = of(np.ones(len(points), dtype=bool))
+    overall = by_model(np.ones(len(points), dtype=bool))
     percentiles = {name: _known(accuracy.percentiles(error)) for name, error in errors.items()}
-    covers, simulated = accuracy.largest_covers(len(np.unique(places(points)))), seen.simulated or record.simulated
-    found = judged(
+    covers, simulated = accuracy.largest_covers(len(np.unique(places(points)))), measured.simulated or record.simulated
+    outcome = judged(
         errors["nominal"] / MM,
         errors["calibrated"] / MM,
-        ready.number[points.pose],
-        counted(ready.excluded),
-        ready.proven,
+        cleaned.number[points.pose],
+        counted(cleaned.excluded),
+        cleaned.proven,
         against,
-        basis=ready.basis,
+        basis=cleaned.basis,
     )
     return Evaluation(
-        nominal=whole["nominal"],
-        calibrated=whole["calibrated"],
+        nominal=overall["nominal"],
+        calibrated=overall["calibrated"],
         per_target=of_parts["per_target"],
         per_group=of_parts["per_group"],
         per_payload=of_parts["per_payload"],
@@ -188,31 +188,31 @@ def evaluate(
         percentiles=percentiles,
         largest_covers=covers,
         orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
-        intervals=_intervals(errors, points, parts, seed) if intervals else None,
+        intervals=_intervals(errors, points, labels_of, seed) if intervals else None,
         coverage=None if refit_base else coverage(robots["calibrated"], points),
-        relative=_relative(robots, points, relative, frame_points, seen.source) if relative else None,
-        flange=_flange(robots, points, seen.source) if flange else None,
+        relative=_relative(robots, points, relative, frame_points, measured.source) if relative else None,
+        flange=_flange(robots, points, measured.source) if flange else None,
         comparison=None
         if compare is None
-        else _comparison(open_calibration(compare), ready, refit, robots["calibrated"], seed),
+        else _comparison(open_calibration(compare), cleaned, refit, robots["calibrated"], seed),
         verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),
-        excluded=tuple(ready.excluded),
-        verdict=found,
-        notes=(*against, *_notes(ready, record)),
+        excluded=tuple(cleaned.excluded),
+        verdict=outcome,
+        notes=(*against, *_notes(cleaned, record)),
         simulated=simulated,
         model=record.model,
         refit_base=refit_base,
         refit_tool=refit_tool,
         errors=_pose_errors(robots, points, errors),
-        origin=origin(calibration, record, ready, told, (*_scope(refit, sphere, ready), scale)),
+        origin=origin(calibration, record, cleaned, stated, (*_scope(refit, sphere, cleaned), scale)),
         region=covered,
         conformity=None
         if tolerance is None
         else conformity(
-            {**whole["calibrated"], **percentiles["calibrated"]},
+            {**overall["calibrated"], **percentiles["calibrated"]},
             errors["calibrated"],
             places(points)[points.pose],
-            found,
+            outcome,
             tolerance,
             judged_by,
             poses=points.poses,
@@ -251,29 +251,31 @@ def in_frame_of_calibration(
         If the measurements are refused, or are nowhere near what the calibrated robot predicts.
     """
     record = open_calibration(calibration)
-    seen = table.read(measurements)
-    seen = seen.of_arm(record.arm())
-    ready = prepare(seen, record, any_target=refit.tool, same_tool=same_tool)
+    measured = table.read(measurements)
+    measured = measured.of_arm(record.arm())
+    cleaned = prepare(measured, record, any_target=refit.tool, same_tool=same_tool)
     robots = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
 
     def placed(points: PointSet) -> dict[str, Robot]:
         if not refit:
             return robots
-        return {name: refit.placed(robot, points, seen.source) for name, robot in robots.items()}
+        return {name: refit.placed(robot, points, measured.source) for name, robot in robots.items()}
 
-    chosen, judged = refit.chosen(ready.points, seen.source) if refit else (np.ones(ready.points.poses, bool),) * 2
-    placing = ready.points.select(chosen)
-    robots, ready = placed(placing), ready.select(judged)
-    points, notes = with_last_moves(robots["calibrated"], ready.points)
-    ready = replace(ready, points=points, notes=(*ready.notes, *notes))
+    chosen, judged = (
+        refit.chosen(cleaned.points, measured.source) if refit else (np.ones(cleaned.points.poses, bool),) * 2
+    )
+    placing = cleaned.points.select(chosen)
+    robots, cleaned = placed(placing), cleaned.select(judged)
+    points, notes = with_last_moves(robots["calibrated"], cleaned.points)
+    cleaned = replace(cleaned, points=points, notes=(*cleaned.notes, *notes))
     if points.previous is None:
         robots = placed(replace(placing, previous=None))
     if not judged[chosen].any():
-        ready = replace(ready, notes=(*ready.notes, _placed_in_words(refit, placing.poses, points.poses)))
-    error = distances(robots["calibrated"], ready.points)
-    refuse_far_points(robots["calibrated"], ready.points, error, seen, bool(refit))
-    lost = lost_row(robots["calibrated"], ready.points, error, seen)
-    return replace(ready, notes=(*ready.notes, *lost)), robots
+        cleaned = replace(cleaned, notes=(*cleaned.notes, _placed_in_words(refit, placing.poses, points.poses)))
+    error = distances(robots["calibrated"], cleaned.points)
+    refuse_far_points(robots["calibrated"], cleaned.points, error, measured, bool(refit))
+    lost = lost_row(robots["calibrated"], cleaned.points, error, measured)
+    return replace(cleaned, notes=(*cleaned.notes, *lost)), robots
 
 
 def _placed_in_words(refit: Refit, placing: int, judged: int) -> str:
@@ -283,10 +285,10 @@ def _placed_in_words(refit: Refit, placing: int, judged: int) -> str:
     )
 
 
-def _scope(refit: Refit, sphere: Sequence[float] | None, ready: CleanedPoints) -> tuple[str, ...]:
+def _scope(refit: Refit, sphere: Sequence[float] | None, cleaned: CleanedPoints) -> tuple[str, ...]:
     """What an evaluation is limited to, in sentences."""
     out = []
-    if refit.base and not any("placed anew on" in note for note in ready.notes):
+    if refit.base and not any("placed anew on" in note for note in cleaned.notes):
         out.append("The base was placed anew on the judged poses themselves: these are relative errors.")
     if sphere is not None:
         x, y, z, diameter = (value / MM for value in sphere)
@@ -297,19 +299,19 @@ def _scope(refit: Refit, sphere: Sequence[float] | None, ready: CleanedPoints) -
     return tuple(out)
 
 
-def _inside(ready: CleanedPoints, robot: Robot, sphere: Sequence[float] | None) -> CleanedPoints:
+def _inside(cleaned: CleanedPoints, robot: Robot, sphere: Sequence[float] | None) -> CleanedPoints:
     if sphere is None:
-        return ready
-    inside = accuracy.within_sphere(robot, ready.points, sphere[:3], sphere[3])
+        return cleaned
+    inside = accuracy.within_sphere(robot, cleaned.points, sphere[:3], sphere[3])
     if not inside.any():
-        raise MeasurementError("no point was measured inside the sphere", file=ready.measurements.source)
-    return ready.keep(inside)
+        raise MeasurementError("no point was measured inside the sphere", file=cleaned.measurements.source)
+    return cleaned.keep(inside)
 
 
-def _notes(ready: CleanedPoints, record: Record) -> tuple[str, ...]:
-    seen = ready.measurements
-    notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
-    return (*notes, *_other_loads(ready.points, record), *_outside_ranges(ready.points, record))
+def _notes(cleaned: CleanedPoints, record: Record) -> tuple[str, ...]:
+    measured = cleaned.measurements
+    notes = (*cleaned.notes, *mixed_use(record.programmed, measured.programmed, measured.source))
+    return (*notes, *_other_loads(cleaned.points, record), *_outside_ranges(cleaned.points, record))
 
 
 def carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
@@ -330,19 +332,19 @@ def _other_loads(points: PointSet, record: Record) -> list[str]:
     joint_map = record.robot_calibrated().joint_map
     if usual is None or loads is None or joint_map.knows_loads:
         return []
-    other = np.unique(loads[np.isfinite(loads) & (loads != usual)])
-    if not len(other):
+    others = np.unique(loads[np.isfinite(loads) & (loads != usual)])
+    if not len(others):
         return []
     return [
-        f"Poses with {', '.join(f'{load:g}' for load in other)} kg are judged by a calibration that was measured with "
+        f"Poses with {', '.join(f'{load:g}' for load in others)} kg are judged by a calibration that was measured with "
         f"{usual:g} kg only: what the joints give way under another load is in their errors."
     ]
 
 
 def _outside_ranges(points: PointSet, record: Record) -> list[str]:
     """How many poses lie beyond the joint ranges of the calibration's fit, joint by joint."""
-    known = record.robot_calibrated().certainty
-    return [words] if known is not None and (words := known.outside_in_words(points.q)) else []
+    certainty = record.robot_calibrated().certainty
+    return [text] if certainty is not None and (text := certainty.outside_in_words(points.q)) else []
 
 
 def _known(values: Statistics | None) -> Statistics:
@@ -376,39 +378,41 @@ def _pose_errors(robots: Mapping[str, Robot], points: PointSet, errors: Mapping[
     )
 
 
-def _parts(ready: CleanedPoints) -> dict[str, NameArray]:
+def _parts(cleaned: CleanedPoints) -> dict[str, NameArray]:
     """Label of each point in each way of dividing the points; an empty label belongs to no part."""
-    points = ready.points
-    loads = ready.labels("payload_kg")
+    points = cleaned.points
+    loads = cleaned.labels("payload_kg")
     payload = np.array([f"{load} kg" if load else "" for load in loads], dtype=object)
-    both = np.array([f"{g}, {p}" if g and p else "" for g, p in zip(points.groups, payload, strict=True)], dtype=object)
+    combined = np.array(
+        [f"{g}, {p}" if g and p else "" for g, p in zip(points.groups, payload, strict=True)], dtype=object
+    )
     return {
         "per_target": points.names(),
         "per_group": points.groups[points.pose],
         "per_payload": payload[points.pose],
-        "per_group_payload": both[points.pose],
+        "per_group_payload": combined[points.pose],
     }
 
 
-def _by_label(labels: NameArray, of: Callable[[BoolArray], T]) -> dict[str, T]:
+def _by_label(labels: NameArray, compute: Callable[[BoolArray], T]) -> dict[str, T]:
     """``of(mask)`` for each label but the empty one."""
-    return {str(label): of(labels == label) for label in sorted(set(labels)) if label}
+    return {str(label): compute(labels == label) for label in sorted(set(labels)) if label}
 
 
 def _intervals(
-    errors: Mapping[str, FloatArray], points: PointSet, parts: Mapping[str, NameArray], seed: int
+    errors: Mapping[str, FloatArray], points: PointSet, labelled: Mapping[str, NameArray], seed: int
 ) -> dict[str, Any]:
-    place = places(points)[points.pose]  # repeats of one place are drawn together
+    position = places(points)[points.pose]  # repeats of one place are drawn together
 
-    def of(mask: BoolArray) -> dict[str, Any]:
-        return {name: bootstrap.intervals(e[mask], place[mask], seed=seed) for name, e in errors.items()}
+    def compute(mask: BoolArray) -> dict[str, Any]:
+        return {name: bootstrap.intervals(e[mask], position[mask], seed=seed) for name, e in errors.items()}
 
     return {
         "level": bootstrap.LEVEL,
         "resamples": bootstrap.RESAMPLES,
         "seed": seed,
-        **of(np.ones(len(points), dtype=bool)),
-        **{part: _by_label(labels, of) for part, labels in parts.items()},
+        **compute(np.ones(len(points), dtype=bool)),
+        **{kind: _by_label(labels, compute) for kind, labels in labelled.items()},
     }
 
 
@@ -430,47 +434,47 @@ def _relative(
         if missing:
             raise MeasurementError(f"pose {missing[0][0]} has no usable point of target {missing[0][1]}", file=source)
         rows = [names.index((pose, target)) for pose, target in frame_points]
-    found = {name: accuracy.relative_to_three_points(robot, points, rows) for name, robot in robots.items()}
+    errors = {name: accuracy.relative_to_three_points(robot, points, rows) for name, robot in robots.items()}
     return {
         "kind": kind,
-        "points": ["/".join(names[k]) for k in found["nominal"][1]],
-        **{name: statistics(d) for name, (d, _) in found.items()},
+        "points": ["/".join(names[k]) for k in errors["nominal"][1]],
+        **{name: statistics(d) for name, (d, _) in errors.items()},
     }
 
 
 def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[str, Any]:
     out = {}
     for name, robot in robots.items():
-        found = accuracy.tip_errors(robot, points, source)
-        turned = dict(_known(rotation_statistics(found.rotation)))
+        errors = accuracy.tip_errors(robot, points, source)
+        turned = dict(_known(rotation_statistics(errors.rotation)))
         turned["mean_plus_3sigma_deg"] = turned["mean_deg"] + 3 * turned["sigma_deg"]
-        out[name] = {"position": statistics(found.position), "orientation": turned}
+        out[name] = {"position": statistics(errors.position), "orientation": turned}
     return out
 
 
-def _comparison(other: Record, ready: CleanedPoints, refit: Refit, robot: Robot, seed: int) -> dict[str, Any]:
+def _comparison(other: Record, cleaned: CleanedPoints, refit: Refit, robot: Robot, seed: int) -> dict[str, Any]:
     """Two calibrations, pose by pose on the points that both know."""
-    theirs, robots = in_frame_of_calibration(other, ready.measurements, refit)
-    mine = [replace(item.points, pose_ids=item.number) for item in (ready, theirs)]
-    rows = comparison.common_points(*mine)
-    first = distances(robot, ready.points)[rows[0]]
+    theirs, robots = in_frame_of_calibration(other, cleaned.measurements, refit)
+    sets = [replace(cleaned_points.points, pose_ids=cleaned_points.number) for cleaned_points in (cleaned, theirs)]
+    rows = comparison.common_points(*sets)
+    first = distances(robot, cleaned.points)[rows[0]]
     second = distances(robots["calibrated"], theirs.points)[rows[1]]
-    found = comparison.compare(
-        first, second, ready.points.pose[rows[0]], ready.points.pose_ids, seed, places(ready.points)
+    result = comparison.compare(
+        first, second, cleaned.points.pose[rows[0]], cleaned.points.pose_ids, seed, places(cleaned.points)
     )
     return {
         "other_model": other.model,
         "this": statistics(first),
         "other": statistics(second),
-        "poses": len(found.pose),
-        "other_minus_this_mm": found.difference / MM,
-        "interval_mm": None if found.interval is None else [value / MM for value in found.interval],
-        "other_better_share": found.second_is_better,
-        "verdict": found.verdict("this calibration", "the other"),
+        "poses": len(result.pose),
+        "other_minus_this_mm": result.difference / MM,
+        "interval_mm": None if result.interval is None else [value / MM for value in result.interval],
+        "other_better_share": result.second_is_better,
+        "verdict": result.verdict("this calibration", "the other"),
         "per_pose": {
-            "pose": [str(name) for name in found.pose],
-            "this_mm": (found.first / MM).tolist(),
-            "other_mm": (found.second / MM).tolist(),
+            "pose": [str(name) for name in result.pose],
+            "this_mm": (result.first / MM).tolist(),
+            "other_mm": (result.second / MM).tolist(),
         },
     }
 
@@ -478,8 +482,8 @@ def _comparison(other: Record, ready: CleanedPoints, refit: Refit, robot: Robot,
 def _verified(
     calibration: Record, robot: Robot, points: PointSet, verified: table.MeasurementsLike
 ) -> Mapping[str, Any]:
-    seen = table.read(verified)
-    seen = seen.of_arm(calibration.arm())
-    other = prepare(seen, calibration).points
-    refuse_far_points(robot, other, distances(robot, other), seen, False)
-    return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)
+    measured = table.read(verified)
+    measured = measured.of_arm(calibration.arm())
+    points_verified = prepare(measured, calibration).points
+    refuse_far_points(robot, points_verified, distances(robot, points_verified), measured, False)
+    return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, points_verified)

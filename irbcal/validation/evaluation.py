@@ -111,7 +111,7 @@ class Evaluation(Speaks):
         names = (*MODELS, *PARTS, "percentiles", "largest_covers", "orientation", "intervals", "relative", "flange")
         return {
             **{name: getattr(self, name) for name in (*names, "comparison", "verified", "coverage")},
-            "excluded": [vars(item) for item in self.excluded],
+            "excluded": [vars(point) for point in self.excluded],
             "notes": list(self.notes),
             "simulated": self.simulated,
             "verdict": self.verdict.to_dict(),
@@ -151,37 +151,46 @@ class Evaluation(Speaks):
 
     def told(self, verbose: bool = False) -> Sequence[Told]:
         """What ``irbcal evaluate`` prints; ``verbose``: every point that was left out."""
-        shown = {"nominal": "nominal", "calibrated": f"model {self.model}"}
-        kept = () if self.conformity is None else self.conformity.told()
-        told: list[Told] = [*kept, *self.verdict.told(), self._error_table(shown)]
+        labels = {"nominal": "nominal", "calibrated": f"model {self.model}"}
+        judged = () if self.conformity is None else self.conformity.told()
+        lines: list[Told] = [*judged, *self.verdict.told(), self._error_table(labels)]
         if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
-            told.append("The base was placed anew on these points for each model: these are relative errors.")
+            lines.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
-            many = f"{len(self.excluded)} point{'' if len(self.excluded) == 1 else 's'}"
-            told += [f"Left out: {many}", *left_out(self.excluded, None if verbose else 8)]
-        for name, words in shown.items() if self.orientation else ():
+            count = f"{len(self.excluded)} point{'' if len(self.excluded) == 1 else 's'}"
+            lines += [f"Left out: {count}", *left_out(self.excluded, None if verbose else 8)]
+        for name, label in labels.items() if self.orientation else ():
             assert self.orientation is not None
-            told.append(orientation_line(words, self.orientation[name]))
-        for part in (self._intervals, self._coverage, self._flange, self._relative, self._comparison, self._verified):
-            told += part(shown)
+            lines.append(orientation_line(label, self.orientation[name]))
+        for section in (
+            self._intervals,
+            self._coverage,
+            self._flange,
+            self._relative,
+            self._comparison,
+            self._verified,
+        ):
+            lines += section(labels)
         scope = () if self.conformity is None or self.origin is None else self.origin.scope
-        told += [f"Note: {words}" for words in scope]
-        return [*told, *(f"Note: {note}" for note in self.notes if note not in self.verdict.doubts)]
+        lines += [f"Note: {text}" for text in scope]
+        return [*lines, *(f"Note: {note}" for note in self.notes if note not in self.verdict.doubts)]
 
-    def _error_table(self, shown: Mapping[str, str]) -> Table:
-        entries = [("all", words, getattr(self, name)) for name, words in shown.items()]
+    def _error_table(self, labels: Mapping[str, str]) -> Table:
+        entries = [("all", label, getattr(self, name)) for name, label in labels.items()]
         for part in PARTS:
-            found = getattr(self, part)
-            if len(found) > 1:
-                entries += [(label, words, of[name]) for label, of in found.items() for name, words in shown.items()]
+            by_label = getattr(self, part)
+            if len(by_label) > 1:
+                entries += [
+                    (label, words, errors[name]) for label, errors in by_label.items() for name, words in labels.items()
+                ]
         kind = "SIMULATED data: " if self.simulated else ""
         return statistics_table(f"{kind}position errors of model {self.model}, mm", entries, bold={1})
 
-    def _intervals(self, shown: Mapping[str, str]) -> list[Told]:
+    def _intervals(self, labels: Mapping[str, str]) -> list[Told]:
         if self.intervals is None:
             return []
         rows: list[tuple[Cell, ...]] = []
-        for name, words in shown.items():
+        for name, words in labels.items():
             ends, values = self.intervals[name] or {}, {**getattr(self, name), **self.percentiles[name]}
             for label, key in (
                 ("mean", "mean_mm"),
@@ -198,88 +207,90 @@ class Evaluation(Speaks):
             f"With 95 % confidence {self.largest_covers:.1%} of all such poses stay below the largest error seen.",
         ]
 
-    def _coverage(self, shown: Mapping[str, str]) -> list[Told]:
-        found = self.coverage
-        if found is None:
+    def _coverage(self, labels: Mapping[str, str]) -> list[Told]:
+        shares = self.coverage
+        if shares is None:
             return []
-        told: list[Told] = [coverage_in_words(found)]
+        lines: list[Told] = [coverage_in_words(shares)]
         if self.intervals is not None:
             rows = tuple(
-                (name, *(row[key] for key in ("n", "inside", "u95_mm"))) for name, row in found["parts"].items()
+                (name, *(row[key] for key in ("n", "inside", "u95_mm"))) for name, row in shares["parts"].items()
             )
             columns = ("", "coordinates", "within", "half-width (median, mm)")
-            told.append(Table("Coordinates within the predicted 95 % intervals (share)", columns, rows, 3))
-        return told
+            lines.append(Table("Coordinates within the predicted 95 % intervals (share)", columns, rows, 3))
+        return lines
 
-    def _flange(self, shown: Mapping[str, str]) -> list[Told]:
-        told: list[Told] = []
-        for what, unit, digits in (("position", "mm", 3), ("orientation", "deg", 4)) if self.flange else ():
+    def _flange(self, labels: Mapping[str, str]) -> list[Told]:
+        lines: list[Told] = []
+        for quantity, unit, digits in (("position", "mm", 3), ("orientation", "deg", 4)) if self.flange else ():
             assert self.flange is not None
             keys = [f"{key}_{unit}" for key in ("mean", "sigma", "max", "mean_plus_3sigma")]
-            rows = tuple((words, *(self.flange[name][what][key] for key in keys)) for name, words in shown.items())
-            n = self.flange["nominal"][what]["n"]
-            title = f"{what.capitalize()} errors of the flange ({n} poses), {unit}"
-            told.append(Table(title, ("model", "mean", "sigma", "max", "mean+3σ"), rows, digits))
-        return told
+            rows = tuple((label, *(self.flange[name][quantity][key] for key in keys)) for name, label in labels.items())
+            n = self.flange["nominal"][quantity]["n"]
+            title = f"{quantity.capitalize()} errors of the flange ({n} poses), {unit}"
+            lines.append(Table(title, ("model", "mean", "sigma", "max", "mean+3σ"), rows, digits))
+        return lines
 
-    def _relative(self, shown: Mapping[str, str]) -> list[Told]:
-        found = self.relative
-        if found is None:
+    def _relative(self, labels: Mapping[str, str]) -> list[Told]:
+        errors = self.relative
+        if errors is None:
             return []
-        rows = tuple((words, *(found[name][key] for key in FOUR)) for name, words in shown.items())
-        virtual = found["kind"] == "virtual"
-        how = "from a virtual frame" if virtual else f"in the frame of {', '.join(found['points'])}"
-        told: list[Told] = [
+        rows = tuple((label, *(errors[name][key] for key in FOUR)) for name, label in labels.items())
+        virtual = errors["kind"] == "virtual"
+        how = "from a virtual frame" if virtual else f"in the frame of {', '.join(errors['points'])}"
+        lines: list[Told] = [
             Table(f"Relative position errors {how}, mm", ("model", "mean", "sigma", "max", "mean+3σ"), rows)
         ]
         if virtual:
-            x, y, z = found["shift_mm"]["calibrated"]
-            told.append(f"Shift taken off for {shown['calibrated']}: {x:+.3f}, {y:+.3f}, {z:+.3f} mm in the base link")
-        return told
+            x, y, z = errors["shift_mm"]["calibrated"]
+            lines.append(
+                f"Shift taken off for {labels['calibrated']}: {x:+.3f}, {y:+.3f}, {z:+.3f} mm in the base link"
+            )
+        return lines
 
-    def _comparison(self, shown: Mapping[str, str]) -> list[Told]:
-        found = self.comparison
-        if found is None:
+    def _comparison(self, labels: Mapping[str, str]) -> list[Told]:
+        compared = self.comparison
+        if compared is None:
             return []
         rows = (
-            (shown["calibrated"], *(found["this"][key] for key in FOUR)),
-            (f"other, model {found['other_model']}", *(found["other"][key] for key in FOUR)),
+            (labels["calibrated"], *(compared["this"][key] for key in FOUR)),
+            (f"other, model {compared['other_model']}", *(compared["other"][key] for key in FOUR)),
         )
-        title = f"Two calibrations on the same {found['poses']} poses, mm"
-        share = f"{found['other_better_share']:.0%}"
+        title = f"Two calibrations on the same {compared['poses']} poses, mm"
+        share = f"{compared['other_better_share']:.0%}"
         return [
             Table(title, ("", "mean", "sigma", "max", "mean+3σ"), rows),
-            f"{found['verdict']} The other has the smaller error in {share} of the poses.",
+            f"{compared['verdict']} The other has the smaller error in {share} of the poses.",
         ]
 
-    def _verified(self, shown: Mapping[str, str]) -> list[Told]:
-        found = self.verified
-        if found is None:
+    def _verified(self, labels: Mapping[str, str]) -> list[Told]:
+        errors = self.verified
+        if errors is None:
             return []
         names = ("uncorrected", "expected", "verified")
-        rows: list[tuple[Cell, ...]] = [(name, found[name]["n"], *(found[name][k] for k in FOUR)) for name in names]
-        for group, values in found["per_group"].items():
+        rows: list[tuple[Cell, ...]] = [(name, errors[name]["n"], *(errors[name][k] for k in FOUR)) for name in names]
+        for group, values in errors["per_group"].items():
             rows += [
                 (f"{group}: {name}", values[name]["n"], *(values[name][k] for k in FOUR))
                 for name in names
                 if values[name]
             ]
         columns = ("", "points", "mean", "sigma", "max", "mean+3σ")
-        told: list[Told] = [Table("Expected against verified errors, mm", columns, tuple(rows))]
-        aside = found["poses"]["set_aside"]
-        if aside:
-            more = f" … and {len(aside) - 8} more" if len(aside) > 8 else ""
-            told.append(
+        lines: list[Told] = [Table("Expected against verified errors, mm", columns, tuple(rows))]
+        unlike = errors["poses"]["set_aside"]
+        if unlike:
+            more = f" … and {len(unlike) - 8} more" if len(unlike) > 8 else ""
+            lines.append(
                 "Note: verified poses left out, because their commands are no fake targets of this calibration: "
-                f"{', '.join(aside[:8])}{more}"
+                f"{', '.join(unlike[:8])}{more}"
             )
-        if found["command_mm"] > 0.1:
-            told.append(
+        if errors["command_mm"] > 0.1:
+            lines.append(
                 f"Note: the verified commands miss this calibration's own fake targets by up to "
-                f"{found['command_mm']:.3f} mm: they are not its fake targets for poses of these names (not filtered, "
+                f"{errors['command_mm']:.3f} mm: they are not its fake targets for poses of these names (not filtered, "
                 "filtered with another calibration, or poses named otherwise)"
             )
-        return told
+        return lines
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -59,12 +59,12 @@ class Iso9283(Speaks):
         lock(self)
 
     def _made(self) -> list[PoseCheck | Settling | PathCheck | PosingTimes | StaticCompliance]:
-        parts = (self.poses, self.stabilisation, self.path, self.posing, self.compliance)
-        return [part for part in parts if part is not None]
+        checks = (self.poses, self.stabilisation, self.path, self.posing, self.compliance)
+        return [check for check in checks if check is not None]
 
     def told(self) -> Sequence[Told]:
         """What each of the tests has to say."""
-        return [item for part in self._made() for item in part.told()]
+        return [line for check in self._made() for line in check.told()]
 
     def to_dict(self) -> dict[str, Any]:
         """``poses``, ``stabilisation``, ``path``, ``posing`` and ``compliance``; None for what was not made."""
@@ -95,9 +95,9 @@ class Iso9283(Speaks):
         if self.poses is not None and self.poses.has_drift:
             drawn["drift"] = self.poses.plot_drift()
         for name in ("stabilisation", "path", "posing", "compliance"):
-            part: Settling | PathCheck | PosingTimes | StaticCompliance | None = getattr(self, name)
-            if part is not None:
-                drawn[name] = part.plot()
+            check: Settling | PathCheck | PosingTimes | StaticCompliance | None = getattr(self, name)
+            if check is not None:
+                drawn[name] = check.plot()
         if not drawn:
             raise MeasurementError("there is nothing to draw: only directions of approach were measured")
         return drawn
@@ -205,10 +205,10 @@ def iso9283(
     poses = settled = None
     saved = None if calibration is None else open_calibration(calibration)
     if measurements is not None:
-        seen = table.read(measurements)
+        measured = table.read(measurements)
         if saved is not None:
-            seen = seen.of_arm(saved.arm())
-        poses = check_poses(seen, saved, commanded, target, set_size)
+            measured = measured.of_arm(saved.arm())
+        poses = check_poses(measured, saved, commanded, target, set_size)
     if band is None and (approaches is not None or moves is not None):
         band = None if poses is None else poses.default_band()
         if band is None:

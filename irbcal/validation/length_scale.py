@@ -64,7 +64,7 @@ def length_scale(nominal: Arm, calibrated: Arm) -> LengthScale | None:
     LengthScale or None
     """
     pairs = [(nominal.table.a, calibrated.table.a), (nominal.table.d, calibrated.table.d)]
-    length, change = (np.concatenate(parts) for parts in zip(*((a, b - a) for a, b in pairs), strict=True))
+    length, change = (np.concatenate(arrays) for arrays in zip(*((a, b - a) for a, b in pairs), strict=True))
     length, change = length[change != 0.0], change[change != 0.0]
     total = float((length**2).sum())
     if not total or len(length) < 2:
@@ -74,12 +74,12 @@ def length_scale(nominal: Arm, calibrated: Arm) -> LengthScale | None:
     return LengthScale(share, max(MACHINING, scatter) / float(np.sqrt(total)))
 
 
-def scale_in_words(known: LengthScale | None, xyz: ArrayLike, bar: str) -> str:
+def scale_in_words(scale: LengthScale | None, xyz: ArrayLike, bar: str) -> str:
     """What a certificate says of the scale.
 
     Parameters
     ----------
-    known : LengthScale or None
+    scale : LengthScale or None
         Of the calibration.
     xyz : array_like, shape (m, 3)
         Judged points, metres.
@@ -94,7 +94,7 @@ def scale_in_words(known: LengthScale | None, xyz: ArrayLike, bar: str) -> str:
         "The scale is not proven, for no known length is stated (scale_bar): a tracker whose scale is wrong by "
         f"{TYPICAL:.2%} would leave no trace here, and the robot would err by up to {TYPICAL * reach:.2f} mm more"
     )
-    if known is None:
+    if scale is None:
         return f"{text}."
-    most = abs(known.share) + 2.0 * known.std
-    return f"{text}; the nominal link lengths exclude no more than {most:.2%}, which is {most * reach:.2f} mm."
+    bound = abs(scale.share) + 2.0 * scale.std
+    return f"{text}; the nominal link lengths exclude no more than {bound:.2%}, which is {bound * reach:.2f} mm."

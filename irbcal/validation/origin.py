@@ -130,7 +130,7 @@ class Origin:
             "info": dict(self.info),
             "calibrated": self.calibrated,
             "fingerprint": self.fingerprint,
-            "files": [vars(item) for item in self.files],
+            "files": [vars(file) for file in self.files],
             "poses": {"judged": len(self.joints), "never_seen": self.unseen, "counted_out": self.counted_out},
         }
 
@@ -138,7 +138,7 @@ class Origin:
 def origin(
     calibration: object,
     record: Record,
-    ready: CleanedPoints,
+    cleaned: CleanedPoints,
     info: Mapping[str, str],
     scope: tuple[str, ...] = (),
 ) -> Origin:
@@ -149,7 +149,7 @@ def origin(
     calibration : str, Path or a loaded calibration
     record : Record
         What it holds.
-    ready : CleanedPoints
+    cleaned : CleanedPoints
         What is judged.
     info : dict of str to str
         As `checked_info` leaves it.
@@ -160,23 +160,23 @@ def origin(
     Origin
     """
     slides = np.array([kind == "prismatic" for kind in record.robot.joint_types])
-    seen = ready.measurements
-    fitted = None if ready.at_fitted is None else int(ready.at_fitted.sum())
+    measured = cleaned.measurements
+    fitted = None if cleaned.at_fitted is None else int(cleaned.at_fitted.sum())
     return Origin(
         record.robot.name,
-        {**_of_columns(ready), **info},
+        {**_of_columns(cleaned), **info},
         record.created,
         record.fingerprint,
         (
-            HashedFile("measurements", PurePath(seen.source).name, seen.sha256),
+            HashedFile("measurements", PurePath(measured.source).name, measured.sha256),
             *_hashed(calibration),
             HashedFile("calibrated URDF", URDF_NAME, record.calibrated_urdf_sha256),
-            *(HashedFile("calibration data", PurePath(item.file).name, item.sha256) for item in record.data),
+            *(HashedFile("calibration data", PurePath(file.file).name, file.sha256) for file in record.data),
         ),
         record.software,
         tuple("mm" if sliding else "deg" for sliding in slides),
-        ready.points.q / np.where(slides, MM, DEG),
-        ready.counted_out,
+        cleaned.points.q / np.where(slides, MM, DEG),
+        cleaned.counted_out,
         fitted,
         scope,
     )
@@ -241,14 +241,14 @@ def _key(name: str) -> str:
 
 
 def _label(key: str) -> str:
-    words = key.replace("_", " ")
-    return FIELDS.get(key, words[:1].upper() + words[1:])
+    text = key.replace("_", " ")
+    return FIELDS.get(key, text[:1].upper() + text[1:])
 
 
-def _of_columns(ready: CleanedPoints) -> dict[str, str]:
+def _of_columns(cleaned: CleanedPoints) -> dict[str, str]:
     """What columns of the file say of the judged poses."""
-    table = shared(ready.measurements)
-    rows = table[table["pose_index"].isin(ready.number)]
+    table = shared(cleaned.measurements)
+    rows = table[table["pose_index"].isin(cleaned.number)]
     out: dict[str, str] = {}
     for column in table.columns:
         key = _key(str(column))
@@ -256,7 +256,7 @@ def _of_columns(ready: CleanedPoints) -> dict[str, str]:
             text = _summed(rows[column], " °C" if column == "temperature_c" else "")
             if fault_of(text) is not None:
                 raise MeasurementError(
-                    f"column {column}: expected a short text for the certificate", file=ready.measurements.source
+                    f"column {column}: expected a short text for the certificate", file=cleaned.measurements.source
                 )
             out |= {key: text} if text else {}
     return out

@@ -100,7 +100,7 @@ def path_velocity(
     """
     if len(paths) < 2:
         raise MeasurementError("velocity accuracy and repeatability need two cycles or more")
-    found = []
+    speeds = []
     for number, (time, path) in enumerate(zip(times, paths, strict=True), 1):
         share = way_along(path, commanded)
         if window > 0:
@@ -111,8 +111,8 @@ def path_velocity(
         speed = speed[(share >= CENTRAL[0]) & (share <= CENTRAL[1]) & np.isfinite(speed)]
         if len(speed) < 2:
             raise MeasurementError(f"cycle {number} has fewer than two velocities on the middle half of the path")
-        found.append((speed.mean(), speed.min(), speed.max()))
-    mean, lowest, highest = np.array(found).T
+        speeds.append((speed.mean(), speed.min(), speed.max()))
+    mean, lowest, highest = np.array(speeds).T
     return PathVelocity(mean, lowest, highest, velocity)
 
 
@@ -121,16 +121,16 @@ def way_along(path: FloatArray, commanded: FloatArray) -> FloatArray:
     start, step = commanded[:-1], np.diff(commanded, axis=0)
     size = np.sum(step**2, axis=1)
     length = np.sqrt(size)
-    before = np.concatenate([[0.0], np.cumsum(length)])
+    start_length = np.concatenate([[0.0], np.cumsum(length)])
     out = np.empty(len(path))
     rows = max(1, VELOCITY_BLOCK // len(step))
     for first in range(0, len(path), rows):
-        part = path[first : first + rows]
-        t = np.clip(np.einsum("kmj,mj->km", part[:, None] - start, step) / np.maximum(size, 1e-300), 0.0, 1.0)
-        off = np.linalg.norm(part[:, None] - start - t[..., None] * step, axis=2)
+        block = path[first : first + rows]
+        t = np.clip(np.einsum("kmj,mj->km", block[:, None] - start, step) / np.maximum(size, 1e-300), 0.0, 1.0)
+        off = np.linalg.norm(block[:, None] - start - t[..., None] * step, axis=2)
         best = np.argmin(off, axis=1)
-        out[first : first + rows] = before[best] + t[np.arange(len(part)), best] * length[best]
-    return out / before[-1]
+        out[first : first + rows] = start_length[best] + t[np.arange(len(block)), best] * length[best]
+    return out / start_length[-1]
 
 
 def _slopes(time: FloatArray, path: FloatArray, window: float) -> FloatArray:
@@ -222,8 +222,8 @@ def path_errors(
     if len(paths) < 2:
         raise MeasurementError("path accuracy and repeatability need two cycles or more")
     along = _directions(commanded)
-    places, shares = zip(*(_cuts(path, commanded, along) for path in paths), strict=True)
-    cuts = np.array([_between(*cut) for cut in zip(paths, places, shares, strict=True)])
+    segments, shares = zip(*(_cuts(path, commanded, along) for path in paths), strict=True)
+    cuts = np.array([_between(*cut) for cut in zip(paths, segments, shares, strict=True)])
     planes = np.flatnonzero(np.isfinite(cuts).all(axis=(0, 2)))
     if not len(planes):
         raise MeasurementError("no plane normal to the commanded path is crossed by every cycle")
@@ -232,7 +232,7 @@ def path_errors(
     distance = np.linalg.norm(cuts - mean, axis=2)
     angles = None
     if rotations is not None and commanded_rotations is not None:
-        turned = zip(rotations, places, shares, strict=True)
+        turned = zip(rotations, segments, shares, strict=True)
         angles = np.array([_angles_between(*cut, commanded_rotations)[planes] for cut in turned])
     return PathErrors(
         mean - commanded[planes],
@@ -257,28 +257,28 @@ def _cuts(path: FloatArray, commanded: FloatArray, along: FloatArray) -> tuple[I
     at, share = np.full(len(commanded), -1), np.full(len(commanded), np.nan)
     step = max(1, BLOCK // len(path))
     for start in range(0, len(commanded), step):
-        part = slice(start, start + step)
+        block = slice(start, start + step)
         # height (planes, samples) above each plane
-        height = along[part] @ path.T - np.sum(along[part] * commanded[part], axis=1)[:, None]
+        height = along[block] @ path.T - np.sum(along[block] * commanded[block], axis=1)[:, None]
         low, high = height[:, :-1], height[:, 1:]
         crossed = (low * high <= 0) & (low != high)
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.where(crossed, low / (low - high), 0.0)
-        place = path[:-1] + t[..., None] * (path[1:] - path[:-1])
-        far = np.where(crossed, np.linalg.norm(place - commanded[part][:, None], axis=2), np.inf)
+        cut = path[:-1] + t[..., None] * (path[1:] - path[:-1])
+        far = np.where(crossed, np.linalg.norm(cut - commanded[block][:, None], axis=2), np.inf)
         best = np.argmin(far, axis=1)
         rows = np.arange(len(best))
-        found = np.isfinite(far[rows, best])
-        at[part] = np.where(found, best, -1)
-        share[part] = np.where(found, t[rows, best], np.nan)
+        is_cut = np.isfinite(far[rows, best])
+        at[block] = np.where(is_cut, best, -1)
+        share[block] = np.where(is_cut, t[rows, best], np.nan)
     return at, share
 
 
 def _between(path: FloatArray, at: IntArray, share: FloatArray) -> FloatArray:
     """Places of the cuts, shape (m, 3); NaN for none."""
     start = np.maximum(at, 0)
-    place = path[start] + share[:, None] * (path[start + 1] - path[start])
-    return np.where(at[:, None] >= 0, place, np.nan)
+    cut = path[start] + share[:, None] * (path[start + 1] - path[start])
+    return np.where(at[:, None] >= 0, cut, np.nan)
 
 
 def _angles_between(rotations: FloatArray, at: IntArray, share: FloatArray, commanded: FloatArray) -> FloatArray:
@@ -355,33 +355,33 @@ def cornering(paths: Sequence[FloatArray], commanded: FloatArray) -> tuple[Corne
     lengths = np.linalg.norm(steps, axis=1)
     along = steps / lengths[:, None]
     turn = np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0))
-    way = np.cumsum(lengths)
+    length = np.cumsum(lengths)
     out = []
     for k in np.flatnonzero(turn > SHARP):
-        first, second, place = along[k], along[k + 1], commanded[k + 1]
+        first, second, corner = along[k], along[k + 1], commanded[k + 1]
         straight = np.sum(along[k + 1 :] * second, axis=1) > np.cos(STRAIGHT)
         leg = float(lengths[k + 1 :][np.cumprod(straight).astype(bool)].sum())
-        found = [(_nearest(path, place), _overshoot(path, place, first, second, leg)) for path in paths]
-        round_off, overshoot = np.array(found).T
-        out.append(Corner(place, float(way[k]), float(turn[k]), round_off, overshoot))
+        errors = [(_nearest(path, corner), _overshoot(path, corner, first, second, leg)) for path in paths]
+        round_off, overshoot = np.array(errors).T
+        out.append(Corner(corner, float(length[k]), float(turn[k]), round_off, overshoot))
     return tuple(out)
 
 
-def _nearest(path: FloatArray, place: FloatArray) -> float:
+def _nearest(path: FloatArray, corner: FloatArray) -> float:
     """Smallest distance of a polyline from a place."""
-    start, step = path[:-1] - place, np.diff(path, axis=0)
+    start, step = path[:-1] - corner, np.diff(path, axis=0)
     size = np.maximum(np.sum(step**2, axis=1), 1e-300)
     t = np.clip(-np.sum(start * step, axis=1) / size, 0.0, 1.0)
     return float(np.linalg.norm(start + t[:, None] * step, axis=1).min())
 
 
-def _overshoot(path: FloatArray, place: FloatArray, first: FloatArray, second: FloatArray, leg: float) -> float:
+def _overshoot(path: FloatArray, corner: FloatArray, first: FloatArray, second: FloatArray, leg: float) -> float:
     """Largest distance from the second leg beyond the corner."""
-    arms = path - place
+    arms = path - corner
     arms = arms[int(np.argmin(np.linalg.norm(arms, axis=1))) :]
     forward = arms @ second
     passed = np.flatnonzero(forward > 0.5 * leg)
-    arms, forward = (part[: passed[0] if len(passed) else None] for part in (arms, forward))
+    arms, forward = (array[: passed[0] if len(passed) else None] for array in (arms, forward))
     beside = arms - forward[:, None] * second
     beyond = beside @ (first - (first @ second) * second) > 0
     return float(np.linalg.norm(beside[beyond], axis=1).max(initial=0.0))
@@ -468,18 +468,20 @@ class PathCheck(Speaks):
 
     def told(self) -> Sequence[Told]:
         """AT and RT, of orientations too where they were measured; velocities and corners."""
-        found = self.to_dict()
+        values = self.to_dict()
         out: list[Told] = [
-            f"{start_of(self.simulated)}Path: AT {found['AT_mm']:.3f} mm, RT {found['RT_mm']:.3f} mm "
-            f"({found['cycles']} cycles, {found['planes']} of {found['planes_of']} planes)"
+            f"{start_of(self.simulated)}Path: AT {values['AT_mm']:.3f} mm, RT {values['RT_mm']:.3f} mm "
+            f"({values['cycles']} cycles, {values['planes']} of {values['planes_of']} planes)"
         ]
-        if "AT_a_deg" in found:
-            angles = [f"AT_{a} {found[f'AT_{a}_deg']:.4f}, RT_{a} {found[f'RT_{a}_deg']:.4f}" for a in ANGLES]
+        if "AT_a_deg" in values:
+            angles = [f"AT_{a} {values[f'AT_{a}_deg']:.4f}, RT_{a} {values[f'RT_{a}_deg']:.4f}" for a in ANGLES]
             out.append(f"Orientation, degrees: {'; '.join(angles)}")
         if self.velocity is not None:
-            v = found["velocity"]
-            of = "" if v["AV_percent"] is None else f"AV {v['AV_percent']:+.2f} %, RV ±{v['RV_percent']:.2f} %, "
-            out.append(f"Velocity on the middle half: {of}FV {v['FV_mm_s']:.2f} mm/s, mean {v['mean_mm_s']:.2f} mm/s")
+            v = values["velocity"]
+            accuracy = "" if v["AV_percent"] is None else f"AV {v['AV_percent']:+.2f} %, RV ±{v['RV_percent']:.2f} %, "
+            out.append(
+                f"Velocity on the middle half: {accuracy}FV {v['FV_mm_s']:.2f} mm/s, mean {v['mean_mm_s']:.2f} mm/s"
+            )
         if self.corners:
             rows = tuple((k, c.way / MM, c.turn / DEG, c.CR / MM, c.CO / MM) for k, c in enumerate(self.corners, 1))
             columns = ("corner", "way mm", "turn deg", "CR mm", "CO mm")
@@ -550,7 +552,7 @@ def path_accuracy(
         raise MeasurementError(
             f"a commanded path needs three points or more, found {len(commanded)}", file=commanded.attrs["source"]
         )
-    place, turn, cycle = places(table), readings.rotations(table), names(table, "cycle")
+    position, turn, cycle = places(table), readings.rotations(table), names(table, "cycle")
     assert cycle is not None
     rows = [np.flatnonzero(cycle == name) for name in in_order(cycle)]
     short = [k for k in rows if len(k) < 2]
@@ -560,38 +562,38 @@ def path_accuracy(
         )
     if robot is not None:
         T = frames.inverse(robot.T_world_base)
-        place, turn = frames.apply(T, place), None if turn is None else T[:3, :3] @ turn
-    wanted, wanted_turn = _wanted(commanded, robot, target)
+        position, turn = frames.apply(T, position), None if turn is None else T[:3, :3] @ turn
+    meant, wanted_turn = _wanted(commanded, robot, target)
     times = _times(path, rows) if "time_s" in table.columns else None
     if velocity is not None and times is None:
         raise OptionError(f"velocity: the velocity takes the column time_s, {file} has none", parameter="velocity")
-    paths = [place[k] for k in rows]
+    paths = [position[k] for k in rows]
     try:
-        found = path_errors(paths, wanted, None if turn is None else [turn[k] for k in rows], wanted_turn)
-        speeds = None if times is None else path_velocity(times, paths, wanted, velocity, window)
+        errors = path_errors(paths, meant, None if turn is None else [turn[k] for k in rows], wanted_turn)
+        speeds = None if times is None else path_velocity(times, paths, meant, velocity, window)
     except MeasurementError as error:
         raise MeasurementError(str(error), file=file) from None
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(wanted, axis=0), axis=1))])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(meant, axis=0), axis=1))])
     return PathCheck(
-        found,
-        way[found.planes],
+        errors,
+        length[errors.planes],
         len(rows),
         len(commanded),
         speeds,
-        cornering(paths, wanted),
+        cornering(paths, meant),
         is_simulated(table) or is_simulated(commanded),
     )
 
 
 def _wanted(commanded: pd.DataFrame, robot: Robot | None, target: str | None) -> tuple[FloatArray, FloatArray | None]:
     """Commanded places and orientations of what was measured."""
-    place, turn = places(commanded), readings.rotations(commanded)
+    position, turn = places(commanded), readings.rotations(commanded)
     if target is None:
-        return place, turn
+        return position, turn
     targets: Mapping[str, FloatArray] = {} if robot is None else robot.targets
     if robot is None or target not in targets:
-        known = f"the calibration knows {', '.join(targets)}" if targets else "give a calibration that knows it"
-        raise OptionError(f"target: there is no target {target}: {known}", parameter="target")
+        hint = f"the calibration knows {', '.join(targets)}" if targets else "give a calibration that knows it"
+        raise OptionError(f"target: there is no target {target}: {hint}", parameter="target")
     if turn is None:
         raise MeasurementError(
             "missing columns qw, qx, qy, qz: where a target on the tool is commanded to be depends on the orientation",
@@ -599,7 +601,7 @@ def _wanted(commanded: pd.DataFrame, robot: Robot | None, target: str | None) ->
             row=1,
         )
     on_tip = robot.target_rotations.get(target)
-    return place + turn @ targets[target], None if on_tip is None else turn @ on_tip
+    return position + turn @ targets[target], None if on_tip is None else turn @ on_tip
 
 
 def _times(path: TableLike, rows: Sequence[IntArray]) -> list[FloatArray]:
@@ -607,12 +609,12 @@ def _times(path: TableLike, rows: Sequence[IntArray]) -> list[FloatArray]:
     table = readings.read_points(path, numbers=("time_s",))
     time, out = table["time_s"].to_numpy(dtype=float), []
     for k in rows:
-        back = np.flatnonzero(np.diff(time[k]) <= 0)
-        if len(back):
+        backwards = np.flatnonzero(np.diff(time[k]) <= 0)
+        if len(backwards):
             raise MeasurementError(
-                f"expected a later time than in the row before, found {time[k[back[0] + 1]]:g}",
+                f"expected a later time than in the row before, found {time[k[backwards[0] + 1]]:g}",
                 file=table.attrs["source"],
-                row=int(table["row"].iloc[k[back[0] + 1]]),
+                row=int(table["row"].iloc[k[backwards[0] + 1]]),
                 column="time_s",
             )
         out.append(time[k])

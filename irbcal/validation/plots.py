@@ -70,8 +70,8 @@ def _top(*values: ArrayLike) -> float:
 def _grouped(drawing: Drawing, labels: Sequence[str] | NameArray, y: Sequence[float], x: str, label: str) -> Panel:
     """A panel with runs of equal labels at x: lines between them, the labels under their middle."""
     groups = runs(labels)
-    words = [(a + b - 1) / 2 for a, b, _ in groups], [name for *_, name in groups]
-    panel = Panel(drawing, (-1, len(labels)), y, x, label, x_ticks=words)
+    ticks = [(a + b - 1) / 2 for a, b, _ in groups], [name for *_, name in groups]
+    panel = Panel(drawing, (-1, len(labels)), y, x, label, x_ticks=ticks)
     for start, _, _ in groups[1:]:
         panel.upright(start - 0.5, "line")
     return panel
@@ -111,10 +111,10 @@ def drift_sets(result: PoseCheck) -> Chart:
     """Accuracy and repeatability of each set of cycles of the drift test."""
     measured = {name: model.drift for name, model in result.models.items() if model.drift}
     rows: list[tuple[str, Sign, str, FloatArray]] = []
-    for name, found in measured.items():
-        x = np.arange(1.0, found["sets"] + 1) if found["time_s"] is None else np.array(found["time_s"]) / 3600
-        if "AP_mm" in found:
-            rows.append((name, "-", f"AP, {name}", np.array(found["AP_mm"])))
+    for name, values in measured.items():
+        x = np.arange(1.0, values["sets"] + 1) if values["time_s"] is None else np.array(values["time_s"]) / 3600
+        if "AP_mm" in values:
+            rows.append((name, "-", f"AP, {name}", np.array(values["AP_mm"])))
     last = list(measured.values())[-1]
     rows.append(("measured", "--", "RP", np.array(last["RP_mm"])))
     rows.append(("unknown", "--", "way of the mean", np.array(last["shift_mm"])))
@@ -124,7 +124,7 @@ def drift_sets(result: PoseCheck) -> Chart:
     for colour, sign, _, y in rows:
         panel.line(x, y, colour, dash="" if sign == "-" else DASHED)
         panel.dots(x, y, colour, DOT)
-    legend: list[LegendEntry] = [(colour, sign, words) for colour, sign, words, _ in rows]
+    legend: list[LegendEntry] = [(colour, sign, label) for colour, sign, label, _ in rows]
     caption = "Accuracy and repeatability of each set of cycles of the drift test"
     return Chart("drift", caption, [drawing], legend).marked(result.simulated)
 
@@ -289,22 +289,22 @@ def ballbar(result: BallbarCheck, magnification: float | None = None) -> Chart:
         drawing.add(Lines([at(*_closed(trace, radius, magnification))], colour, 1.4, dash))
         legend.append((colour, "--" if dash else "-", name))
     for ring in rings[[0, -1]]:
-        place = at(np.radians(22.5), radius + magnification * ring)[0]
-        drawing.add(Boxes(np.concatenate([place - [15, 7], place + np.array([15, 7])])[None], "page"))
-        drawing.add(Text(place[0], place[1], f"{ring:+.3g}", "middle", "soft", 10.0))
+        position = at(np.radians(22.5), radius + magnification * ring)[0]
+        drawing.add(Boxes(np.concatenate([position - [15, 7], position + np.array([15, 7])])[None], "page"))
+        drawing.add(Text(position[0], position[1], f"{ring:+.3g}", "middle", "soft", 10.0))
     for angle, beside, text in _spread(_marks(result.prediction.reversals)):
         paths = [at([angle, angle], [inside, rim]), at([angle, beside], [rim, 1.05 * rim])]
         drawing.add(Lines(paths, "soft", 0.8))
-        place = at(beside, 1.08 * rim)[0]
+        position = at(beside, 1.08 * rim)[0]
         across, up = np.cos(beside), np.sin(beside)
         lines = text.split("\n")
-        first = place[1] - 12.0 * (len(lines) - 1) * (0.5 if abs(up) < 0.4 else 1.0 if up > 0 else 0.0)
+        first = position[1] - 12.0 * (len(lines) - 1) * (0.5 if abs(up) < 0.4 else 1.0 if up > 0 else 0.0)
         for k, line in enumerate(lines):
             side: Any = "middle" if abs(across) < 0.4 else "start" if across > 0 else "end"
-            drawing.add(Text(place[0], first + 12.0 * k, line, side, size=10.0))
+            drawing.add(Text(position[0], first + 12.0 * k, line, side, size=10.0))
     for tick in np.arange(0, 360, 45):
-        place = at(np.radians(tick), 0.82 * inside)[0]
-        drawing.add(Text(place[0], place[1], f"{tick}°", "middle", "soft", 10.0))
+        position = at(np.radians(tick), 0.82 * inside)[0]
+        drawing.add(Text(position[0], position[1], f"{tick}°", "middle", "soft", 10.0))
     for k, line in enumerate((f"bar {radius:g} mm", f"errors × {magnification:g}", f"1 ring = {step:g} mm")):
         drawing.add(Text(SIDE / 2, SIDE / 2 + 13.0 * (k - 1), line, "middle", size=10.0))
     caption = (
@@ -315,23 +315,23 @@ def ballbar(result: BallbarCheck, magnification: float | None = None) -> Chart:
 
 
 def _spread(
-    marks: Sequence[tuple[float, str]], line: float = 3.2, least: float = 10.0
+    marks: Sequence[tuple[float, str]], line_angle: float = 3.2, smallest: float = 10.0
 ) -> list[tuple[float, float, str]]:
     """Marks with places of their words beside them, moved so far apart that the words do not overlap.
 
-    ``line`` is the height of a line and ``least`` the width of a word on the rim, degrees.
+    ``line_angle`` is the height of a line and ``smallest`` the width of a word on the rim, degrees.
     """
-    beside = np.array([place for place, _ in marks])
+    beside = np.array([angle for angle, _ in marks])
     lines = np.array([text.count("\n") + 1 for _, text in marks])
     for _ in range(50):
         for k in range(len(marks)):
-            after = (k + 1) % len(marks)
-            need = np.radians(max(least, line * (lines[k] + lines[after]) / 2 + 1.0))
-            gap = (beside[after] - beside[k]) % (2 * np.pi)
+            following = (k + 1) % len(marks)
+            need = np.radians(max(smallest, line_angle * (lines[k] + lines[following]) / 2 + 1.0))
+            gap = (beside[following] - beside[k]) % (2 * np.pi)
             if len(marks) > 1 and gap < need:
                 beside[k] -= 0.5 * (need - gap)
-                beside[after] += 0.5 * (need - gap)
-    return [(place, float(angle), text) for (place, text), angle in zip(marks, beside, strict=True)]
+                beside[following] += 0.5 * (need - gap)
+    return [(old, float(angle), text) for (old, text), angle in zip(marks, beside, strict=True)]
 
 
 def _looks(result: BallbarCheck) -> list[tuple[str, str]]:
@@ -353,11 +353,11 @@ def _closed(trace: Trace, radius: float, magnification: float) -> tuple[FloatArr
 def _marks(reversals: Sequence[Reversal], apart: float = 6.0) -> list[tuple[float, str]]:
     """Reversals within so many degrees of one another as one mark: (angle, text)."""
     groups: list[list[Reversal]] = []
-    for item in sorted(reversals, key=lambda r: r.s):
-        if groups and 360 * (item.s - groups[-1][-1].s) < apart:
-            groups[-1].append(item)
+    for reversal in sorted(reversals, key=lambda r: r.s):
+        if groups and 360 * (reversal.s - groups[-1][-1].s) < apart:
+            groups[-1].append(reversal)
         else:
-            groups.append([item])
+            groups.append([reversal])
     return [
         (float(2 * np.pi * np.mean([r.s for r in group])), "\n".join(f"J{r.joint} {r.kind}" for r in group))
         for group in groups

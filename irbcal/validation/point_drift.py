@@ -69,9 +69,9 @@ def correlation(first: FloatArray, second: FloatArray, level: float = 0.95) -> C
     a, b = first - first.mean(), second - second.mean()
     scale = np.sqrt((a @ a) * (b @ b))
     r = float(a @ b / scale) if scale > 0 else 0.0
-    own = [_autocorrelation(series) for series in (a, b)]
-    end = max(int(np.argmax(c <= 0)) if (c <= 0).any() else len(c) for c in own)
-    shared = float(own[0][1:end] @ own[1][1:end])
+    functions = [_autocorrelation(series) for series in (a, b)]
+    end = max(int(np.argmax(c <= 0)) if (c <= 0).any() else len(c) for c in functions)
+    shared = float(functions[0][1:end] @ functions[1][1:end])
     effective = len(a) / (1 + 2 * max(0.0, shared))
     if effective < 4 or abs(r) >= 1:
         return Correlation(r, effective, None, bool(abs(r) >= 1))
@@ -158,7 +158,7 @@ class PointDrift(Speaks):
                 name: {
                     "low": float(np.nanmin(values)),
                     "high": float(np.nanmax(values)),
-                    **{key: found.to_dict() for key, found in self.correlation[name].items()},
+                    **{key: value.to_dict() for key, value in self.correlation[name].items()},
                 }
                 for name, values in self.air.items()
             },
@@ -191,11 +191,11 @@ class PointDrift(Speaks):
             "together",
         ]
         rows: list[tuple[Cell, ...]] = []
-        for name, found in self.correlation.items():
-            for key, c in found.items():
+        for name, by_quantity in self.correlation.items():
+            for key, c in by_quantity.items():
                 interval = "–" if c.interval is None else f"{c.interval[0]:.2f} … {c.interval[1]:.2f}"
                 rows.append((name, key, c.r, interval, round(c.n_eff), "yes" if c.told else "no"))
-            if not found:
+            if not by_quantity:
                 rows.append((name, "constant", None, "–", None, "–"))
         if rows:
             columns = ("air", "of", "r", "95 % interval", "n effective", "told from none")
@@ -249,8 +249,8 @@ def drift(source: TableLike) -> PointDrift:
     rate = np.polynomial.polynomial.polyfit(time / HOUR, offset, 1)[1] / HOUR
     air = {name: table[name].to_numpy(dtype=float) for name in ENVIRONMENT if name in table.columns}
     air = {name: values for name, values in air.items() if np.isfinite(values).sum() >= FEWEST}
-    found = {name: _with_air(values, offset) for name, values in air.items()}
-    return PointDrift(time, xyz.mean(axis=0), offset, rate, air, found, lost)
+    by_air = {name: _with_air(values, offset) for name, values in air.items()}
+    return PointDrift(time, xyz.mean(axis=0), offset, rate, air, by_air, lost)
 
 
 def _with_air(air: FloatArray, offset: FloatArray) -> dict[str, Correlation]:

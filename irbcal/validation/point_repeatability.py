@@ -125,10 +125,10 @@ def repeatability(source: TableLike) -> PointRepeatability:
     position, xyz = positions_of(table), places(table)
     error = np.empty(len(xyz))
     for name in in_order(position):
-        mine = position == name
-        if mine.sum() < 2:
+        rows = position == name
+        if rows.sum() < 2:
             raise MeasurementError(
                 f"position {name} has one reading only: repeatability needs two", file=table.attrs["source"]
             )
-        _, error[mine] = position_repeatability(xyz[mine])
+        _, error[rows] = position_repeatability(xyz[rows])
     return PointRepeatability(position, xyz, error, table.attrs["lost"])

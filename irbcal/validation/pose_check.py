@@ -127,8 +127,8 @@ def criteria(attained: Attained, set_size: int) -> ModelCriteria:
 
 def _in_order(names: NDArray[np.str_]) -> list[str]:
     """Names as they come first, P1 to P5 in that order."""
-    found = [str(name) for name in dict.fromkeys(names)]
-    return sorted(found) if set(found) <= set(POSES) else found
+    ordered = [str(name) for name in dict.fromkeys(names)]
+    return sorted(ordered) if set(ordered) <= set(POSES) else ordered
 
 
 def _mm(value: float) -> float:
@@ -136,13 +136,13 @@ def _mm(value: float) -> float:
 
 
 def _pose(cycles: Attained, name: str) -> PoseValues:
-    mine = cycles.select(cycles.pose == name)
-    n = len(mine.xyz)
+    cycles_of_pose = cycles.select(cycles.pose == name)
+    n = len(cycles_of_pose.xyz)
     if n < 2:
         raise MeasurementError(
             f"pose {name} was measured in one cycle only: repeatability needs two", file=cycles.source
         )
-    repeatability, distance = pose_criteria.position_repeatability(mine.xyz)
+    repeatability, distance = pose_criteria.position_repeatability(cycles_of_pose.xyz)
     out: PoseValues = {
         "n": n,
         "AP_mm": None,
@@ -151,17 +151,17 @@ def _pose(cycles: Attained, name: str) -> PoseValues:
         "l_sigma_mm": _mm(distance.std(ddof=1)),
         "l_max_mm": _mm(distance.max()),
     }
-    if mine.wanted is not None:
+    if cycles_of_pose.wanted is not None:
         # the joints, and so the commanded places, may differ between cycles by the readings' last digit
-        shift = mine.xyz - mine.wanted
+        shift = cycles_of_pose.xyz - cycles_of_pose.wanted
         total, axes = pose_criteria.pose_accuracy(shift, 0.0)
         out["AP_mm"] = _mm(total)
         out |= {f"AP_{axis}_mm": _mm(value) for axis, value in zip(AXES, axes, strict=True)}
-    angles = mine.angles()
+    angles = cycles_of_pose.angles()
     if angles is not None:
         spread = pose_criteria.angle_repeatability(angles)
         out |= {f"RP_{a}_deg": float(value / DEG) for a, value in zip(ANGLES, spread, strict=True)}
-        if mine.wanted_rotation is not None:
+        if cycles_of_pose.wanted_rotation is not None:
             mean = pose_criteria.angle_accuracy(angles)
             out |= {f"AP_{a}_deg": float(value / DEG) for a, value in zip(ANGLES, mean, strict=True)}
     return out
@@ -175,8 +175,8 @@ def _overall(cycles: Attained) -> tuple[dict[str, Any], dict[str, Any]]:
     else:
         error = np.empty(len(cycles.xyz))
         for name in names:
-            mine = cycles.pose == name
-            error[mine] = pose_criteria.position_repeatability(cycles.xyz[mine])[1]
+            rows = cycles.pose == name
+            error[rows] = pose_criteria.position_repeatability(cycles.xyz[rows])[1]
     turn = None
     if cycles.rotation is not None:
         about = cycles.wanted_rotation
@@ -200,20 +200,20 @@ def _overall(cycles: Attained) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _distance(cycles: Attained) -> dict[str, Any] | None:
     """Between P2 and P4, in the cycles that have both; None for fewer than two."""
-    parts = [cycles.select(cycles.pose == name) for name in ("P2", "P4")]
-    common = [c for c in parts[0].cycle if c in set(parts[1].cycle)]
+    pair = [cycles.select(cycles.pose == name) for name in ("P2", "P4")]
+    common = [c for c in pair[0].cycle if c in set(pair[1].cycle)]
     if len(common) < 2:
         return None
-    parts = [part.select(np.array([list(part.cycle).index(c) for c in common])) for part in parts]
-    wanted = [None if part.wanted is None else part.wanted.mean(axis=0) for part in parts]
-    total, spread = pose_criteria.distance_accuracy(parts[0].xyz, parts[1].xyz, wanted[0], wanted[1])
+    pair = [pose.select(np.array([list(pose.cycle).index(c) for c in common])) for pose in pair]
+    wanted = [None if pose.wanted is None else pose.wanted.mean(axis=0) for pose in pair]
+    total, spread = pose_criteria.distance_accuracy(pair[0].xyz, pair[1].xyz, wanted[0], wanted[1])
     out: dict[str, Any] = {
         "poses": ["P2", "P4"],
         "n": len(common),
         "AD_mm": None if total is None else _mm(total),
         "RD_mm": _mm(spread),
     }
-    first, second = parts
+    first, second = pair
     along = pose_criteria.distance_along_axes(first.xyz, second.xyz, *wanted)
     out |= _by_axis(*along, AXES, MM, "mm")
     if first.rotation is not None and second.rotation is not None:
@@ -239,8 +239,8 @@ def _directions(approached: Attained) -> dict[str, dict[str, float]]:
     """Variation of each pose over its directions of approach."""
     out: dict[str, dict[str, float]] = {}
     for name in _in_order(approached.pose):
-        mine = approached.select(approached.pose == name)
-        ways = list(dict.fromkeys(mine.direction))
+        cycles = approached.select(approached.pose == name)
+        ways = list(dict.fromkeys(cycles.direction))
         if len(ways) < 2:
             raise MeasurementError(
                 f"pose {name} was approached from {ways[0]} only: the variation needs several directions (ISO 9283: "
@@ -248,12 +248,12 @@ def _directions(approached: Attained) -> dict[str, dict[str, float]]:
                 file=approached.source,
                 column="direction",
             )
-        means = np.array([mine.xyz[mine.direction == way].mean(axis=0) for way in ways])
+        means = np.array([cycles.xyz[cycles.direction == direction].mean(axis=0) for direction in ways])
         out[name] = {"directions": len(ways), "vAP_mm": _mm(pose_criteria.multidirectional_variation(means))}
         out[name] |= {f"vAP_{axis}_mm": _mm(np.ptp(means[:, k])) for k, axis in enumerate(AXES)}
-        angles = mine.angles()
+        angles = cycles.angles()
         if angles is not None:
-            means = np.array([angles[mine.direction == way].mean(axis=0) for way in ways])
+            means = np.array([angles[cycles.direction == direction].mean(axis=0) for direction in ways])
             out[name] |= {f"vAP_{a}_deg": float(np.ptp(means[:, k]) / DEG) for k, a in enumerate(ANGLES)}
     return out
 
@@ -261,29 +261,29 @@ def _directions(approached: Attained) -> dict[str, dict[str, float]]:
 def _drift(drifting: Attained, set_size: int) -> dict[str, Any]:
     """Of the first pose of the group (P1)."""
     name = _in_order(drifting.pose)[0]
-    mine = drifting.select(drifting.pose == name)
-    rows = [np.flatnonzero(mine.order // set_size == k) for k in range(int(mine.order.max()) // set_size + 1)]
+    cycles = drifting.select(drifting.pose == name)
+    rows = [np.flatnonzero(cycles.order // set_size == k) for k in range(int(cycles.order.max()) // set_size + 1)]
     rows = [k for k in rows if len(k) > set_size // 2 and len(k) > 1]  # lost points and an unfinished last set
     if len(rows) < 2:
         raise MeasurementError(
-            f"group {DRIFT} has {len(mine.xyz)} cycles of {name}: drift needs two sets of {set_size}",
+            f"group {DRIFT} has {len(cycles.xyz)} cycles of {name}: drift needs two sets of {set_size}",
             file=drifting.source,
         )
-    wanted = None if mine.wanted is None else mine.wanted.mean(axis=0)
-    found = pose_criteria.drift([mine.xyz[k] for k in rows], wanted)
-    timed = (mine.time != "").all()
+    meant = None if cycles.wanted is None else cycles.wanted.mean(axis=0)
+    values = pose_criteria.drift([cycles.xyz[k] for k in rows], meant)
+    timed = (cycles.time != "").all()
     out: dict[str, Any] = {
         "pose": name,
         "sets": len(rows),
         "set_size": set_size,
         "n": [len(k) for k in rows],
-        "RP_mm": (found.RP / MM).tolist(),
-        "shift_mm": (found.shift / MM).tolist(),
-        "dRP_mm": _mm(found.dRP),
+        "RP_mm": (values.RP / MM).tolist(),
+        "shift_mm": (values.shift / MM).tolist(),
+        "dRP_mm": _mm(values.dRP),
     }
-    if found.AP is not None and found.dAP is not None:
-        out |= {"AP_mm": (found.AP / MM).tolist(), "dAP_mm": _mm(found.dAP)}
-    return out | {"time_s": [float(np.mean(mine.time[k].astype(float))) for k in rows] if timed else None}
+    if values.AP is not None and values.dAP is not None:
+        out |= {"AP_mm": (values.AP / MM).tolist(), "dAP_mm": _mm(values.dAP)}
+    return out | {"time_s": [float(np.mean(cycles.time[k].astype(float))) for k in rows] if timed else None}
 
 
 SET_SIZE = 10
@@ -329,7 +329,7 @@ class PoseCheck(Speaks):
         return {
             "subject": self.subject,
             "models": models,
-            "excluded": [asdict(item) for item in self.excluded],
+            "excluded": [asdict(point) for point in self.excluded],
             "notes": list(self.notes),
             "simulated": self.simulated,
         }
@@ -349,8 +349,8 @@ class PoseCheck(Speaks):
         """A row for each model and cycle: ``model``, ``pose``, ``cycle``, ``position_mm``, ``orientation_deg``."""
         import pandas as pd
 
-        parts = [pd.DataFrame({"model": name, **m.history}) for name, m in self.models.items() if m.history]
-        return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+        tables = [pd.DataFrame({"model": name, **m.history}) for name, m in self.models.items() if m.history]
+        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
     def told(self) -> Sequence[Told]:
         """The criteria pose by pose, over all poses, and what was left out."""
@@ -435,8 +435,8 @@ class PoseCheck(Speaks):
 def _plain(value: Any) -> Any:
     """Locked dicts and tuples as dicts and lists."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+        return {key: _plain(element) for key, element in value.items()}
+    return [_plain(element) for element in value] if isinstance(value, tuple) else value
 
 
 def _tables_of_poses(title: str, poses: Mapping[str, PoseValues]) -> list[Told]:
@@ -447,7 +447,7 @@ def _tables_of_poses(title: str, poses: Mapping[str, PoseValues]) -> list[Told]:
     rows = tuple((pose, values["n"], *(values.get(key) for key in keys)) for pose, values in poses.items())
     out: list[Told] = [Table(f"{title}, mm", ("pose", "n", *columns), rows)]
     if all("RP_a_deg" in values for values in poses.values()):
-        keys = [f"{what}_{a}_deg" for what in ("AP", "RP") for a in ANGLES]
+        keys = [f"{key}_{a}_deg" for key in ("AP", "RP") for a in ANGLES]
         turned = tuple((pose, *(values.get(key) for key in keys)) for pose, values in poses.items())
         columns = ["pose", "AP a", "AP b", "AP c", "RP a ±", "RP b ±", "RP c ±"]
         out.append(Table(f"{title}, orientation, degrees", tuple(columns), turned, digits=4))
@@ -457,15 +457,15 @@ def _tables_of_poses(title: str, poses: Mapping[str, PoseValues]) -> list[Told]:
 def _of_distance(name: str, d: Mapping[str, Any]) -> list[Told]:
     """AD and RD in a sentence, and along and about the axes."""
     accuracy = "–" if d["AD_mm"] is None else f"{d['AD_mm']:.3f}"
-    parts = []
+    texts = []
     for axes, unit, digits in ((AXES, "mm", 3), (ANGLES, "deg", 4)):
         for axis in (axis for axis in axes if f"RD_{axis}_{unit}" in d):
             total = d[f"AD_{axis}_{unit}"]
             first = "" if total is None else f"{total:+.{digits}f} "
-            parts.append(f"{axis} {first}±{d[f'RD_{axis}_{unit}']:.{digits}f}{'°' if unit == 'deg' else ''}")
+            texts.append(f"{axis} {first}±{d[f'RD_{axis}_{unit}']:.{digits}f}{'°' if unit == 'deg' else ''}")
     return [
         f"Distance P2 to P4, {name}: AD {accuracy} mm, RD ±{d['RD_mm']:.3f} mm",
-        f"Distance P2 to P4, {name}, AD ± RD by axis, mm, and angle: {', '.join(parts)}",
+        f"Distance P2 to P4, {name}, AD ± RD by axis, mm, and angle: {', '.join(texts)}",
     ]
 
 
@@ -517,35 +517,35 @@ def check_poses(
         If the file has no cycles, a pose was measured once only, or a target or a commanded pose is missing.
     """
     _check_cycles(measurements)
-    ready = prepare(measurements, calibration)
+    cleaned = prepare(measurements, calibration)
     if target is not None:
-        ready = _only(ready, target)
+        cleaned = _only(cleaned, target)
     robots: dict[str, Robot | None] = {"measured": None}
     if calibration is not None:
         robots = {"nominal": calibration.robot_nominal(), "calibrated": calibration.robot_calibrated()}
     table = None if commanded is None else commanded_poses(commanded)
-    whole = target is None and measured_whole(ready.points, robots, table)
-    if not whole and target is None:
-        ready = ready.keep(ready.points.target == int(np.argmax(np.bincount(ready.points.target))))
+    full_poses = target is None and measured_whole(cleaned.points, robots, table)
+    if not full_poses and target is None:
+        cleaned = cleaned.keep(cleaned.points.target == int(np.argmax(np.bincount(cleaned.points.target))))
     models = {}
     for name, robot in robots.items():
-        found = attained(ready, robot, whole).commanded_by(robot, table)
-        models[name] = criteria(found if robot is None else found.seen_from(robot.T_world_base), set_size)
-    subject = f"target {ready.points.names()[0]}"
-    if whole:
-        subject = "flange" if calibration else ("measured frame" if ready.points.oriented().any() else "all targets")
+        cycles = attained(cleaned, robot, full_poses).commanded_by(robot, table)
+        models[name] = criteria(cycles if robot is None else cycles.seen_from(robot.T_world_base), set_size)
+    subject = f"target {cleaned.points.names()[0]}"
+    if full_poses:
+        subject = "flange" if calibration else ("measured frame" if cleaned.points.oriented().any() else "all targets")
     simulated = measurements.simulated or (calibration is not None and calibration.simulated)
-    return PoseCheck(subject, models, ready.excluded, ready.notes, simulated)
+    return PoseCheck(subject, models, cleaned.excluded, cleaned.notes, simulated)
 
 
-def _only(ready: CleanedPoints, target: str) -> CleanedPoints:
-    if target not in ready.points.target_names:
+def _only(cleaned: CleanedPoints, target: str) -> CleanedPoints:
+    if target not in cleaned.points.target_names:
         raise MeasurementError(
-            f"no usable point of target {target}; targets are {', '.join(ready.points.target_names)}",
-            file=ready.measurements.source,
+            f"no usable point of target {target}; targets are {', '.join(cleaned.points.target_names)}",
+            file=cleaned.measurements.source,
             parameter="target",
         )
-    return ready.keep(ready.points.names() == target)
+    return cleaned.keep(cleaned.points.names() == target)
 
 
 def _check_cycles(measurements: MeasurementSet) -> None:

@@ -51,12 +51,12 @@ class PoseEquations:
     arm: Arm
     points: PointSet
 
-    def of_most(self, most: int) -> PoseEquations:
+    def of_most(self, count: int) -> PoseEquations:
         """The same of at most so many poses, evenly chosen."""
         n = self.points.poses
-        if n <= most:
+        if n <= count:
             return self
-        return replace(self, points=self.points.select(np.isin(np.arange(n), evenly(n, most))))
+        return replace(self, points=self.points.select(np.isin(np.arange(n), evenly(n, count))))
 
     @cached_property
     def sums(self) -> PoseSums | None:
@@ -68,9 +68,9 @@ class PoseEquations:
         return sums(fit, self.points.poses)
 
 
-def evenly(n: int, most: int) -> IntArray:
+def evenly(n: int, count: int) -> IntArray:
     """Numbers of so many of n poses, evenly chosen."""
-    return np.linspace(0, n - 1, most).astype(int)
+    return np.linspace(0, n - 1, count).astype(int)
 
 
 def sums(fit: Fit, n: int) -> PoseSums:

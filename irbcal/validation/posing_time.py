@@ -105,14 +105,14 @@ class PosingTimes(Speaks):
 
     def told(self) -> Sequence[Told]:
         """Posing times move by move."""
-        found = self.to_frame()
-        if found["angle_deg"].isna().all():
-            found = found.drop(columns="angle_deg")
+        table = self.to_frame()
+        if table["angle_deg"].isna().all():
+            table = table.drop(columns="angle_deg")
         rows = tuple(
             tuple(None if value != value else value for value in row)
-            for row in found.itertuples(index=False, name=None)
+            for row in table.itertuples(index=False, name=None)
         )
-        columns = tuple(name.replace("_", " ") for name in found.columns)
+        columns = tuple(name.replace("_", " ") for name in table.columns)
         title = f"{start_of(self.simulated)}Posing time from rest to rest, limit band {self.band / MM:.4g} mm"
         return [Table(title, columns, rows)]
 
@@ -160,7 +160,7 @@ def posing_times(moves: TableLike, band: float) -> PosingTimes:
     for name in in_order(move):
         cycles = [""] if cycle is None else in_order(cycle[move == name])
         rows = [np.flatnonzero((move == name) & ((cycle is None) | (cycle == c))) for c in cycles]
-        found = []
+        moves_found = []
         for k in rows:
             if (np.diff(time[k]) <= 0).any():
                 bad = k[int(np.argmax(np.diff(time[k]) <= 0)) + 1]
@@ -171,10 +171,10 @@ def posing_times(moves: TableLike, band: float) -> PosingTimes:
                     column="time_s",
                 )
             try:
-                found.append(_from_rest_to_rest(time[k], xyz[k], band))
+                moves_found.append(_from_rest_to_rest(time[k], xyz[k], band))
             except MeasurementError as error:
                 raise MeasurementError(f"move {name}: {error}", file=file, row=int(table["row"].iloc[k[0]])) from None
-        departure, arrival, distance = np.array(found).T
+        departure, arrival, distance = np.array(moves_found).T
         turned = None
         if turn is not None:
             ends = np.array([[k[0], k[-1]] for k in rows])
@@ -185,13 +185,13 @@ def posing_times(moves: TableLike, band: float) -> PosingTimes:
 
 def _from_rest_to_rest(time: FloatArray, xyz: FloatArray, band: float) -> tuple[float, float, float]:
     """Departure and arrival (s) and the distance between both places of rest (m)."""
-    first, last = (_rest(part, band) for part in (xyz, xyz[::-1]))
+    first, last = (_rest(samples, band) for samples in (xyz, xyz[::-1]))
     distance = float(np.linalg.norm(last - first))
     if distance <= 2 * band:
         raise MeasurementError(f"it goes {distance / MM:.3g} mm far, no farther than twice the limit band")
     # leaving is arriving in the time that runs back
-    left = stabilisation(-time[::-1], xyz[::-1], first, band)
-    return -left.settled, stabilisation(time, xyz, last, band).settled, distance
+    reverse = stabilisation(-time[::-1], xyz[::-1], first, band)
+    return -reverse.settled, stabilisation(time, xyz, last, band).settled, distance
 
 
 def _rest(xyz: FloatArray, band: float) -> FloatArray:

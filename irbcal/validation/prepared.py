@@ -63,9 +63,9 @@ class CleanedPoints:
 
     def keep(self, mask: BoolArray) -> CleanedPoints:
         """The points that a mask of shape (m,) keeps, without empty poses."""
-        rest = replace(self.points.take(mask), pose_ids=np.arange(self.points.poses)).without_empty_poses()
-        rows = rest.pose_ids
-        points = replace(rest, pose_ids=self.points.pose_ids[rows])
+        remaining = replace(self.points.take(mask), pose_ids=np.arange(self.points.poses)).without_empty_poses()
+        rows = remaining.pose_ids
+        points = replace(remaining, pose_ids=self.points.pose_ids[rows])
         return replace(self, points=points, number=self.number[rows], at_fitted=_rows(self.at_fitted, rows))
 
     def without_copies(self) -> CleanedPoints:
@@ -84,8 +84,8 @@ class CleanedPoints:
         note = (
             f"{count} point{'s stand' if count > 1 else ' stands'} in the file again, to the last digit: counted once."
         )
-        rest = self.keep(first)
-        return replace(rest, notes=(*rest.notes, note))
+        remaining = self.keep(first)
+        return replace(remaining, notes=(*remaining.notes, note))
 
     def select(self, mask: BoolArray) -> CleanedPoints:
         """The poses that a mask of shape (n,) keeps."""
@@ -101,8 +101,8 @@ def _alike(rows: FloatArray) -> IntArray:
         mark *= np.uint64(0x9E3779B97F4A7C15)
         mark ^= mark >> np.uint64(32)
     order = np.argsort(mark, kind="stable")
-    same = mark[order[1:]] == mark[order[:-1]]
-    either = np.append(same, False) | np.append(False, same)
+    equal = mark[order[1:]] == mark[order[:-1]]
+    either = np.append(equal, False) | np.append(False, equal)
     return np.sort(order[either[: len(order)]])
 
 
@@ -156,11 +156,11 @@ def prepare(
     else:
         shape = calibration.tool_shape()
         targets = list(shape or calibration.robot_calibrated().targets)
-        known = None if any_target else targets
-        cleaned = cleaning.clean(numbered, calibration.reference_places() or None, known)
+        known_targets = None if any_target else targets
+        cleaned = cleaning.clean(numbered, calibration.reference_places() or None, known_targets)
     points = as_poses(cleaned.points, measurements.source, shape)[0] if shape else cleaned.points
     number = points.pose_ids.astype(int)
-    excluded = tuple(replace(item, pose=str(names[int(item.pose)])) for item in cleaned.excluded)
+    excluded = tuple(replace(point, pose=str(names[int(point.pose)])) for point in cleaned.excluded)
     return CleanedPoints(
         replace(points, pose_ids=names[number]), number, measurements, excluded, (*notes, *cleaned.notes)
     )

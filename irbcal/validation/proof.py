@@ -14,35 +14,35 @@ from irbcal.validation.evaluation import statistics_table
 DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 
 
-def parameter_row(item: ParameterSection) -> tuple[Cell, ...]:
+def parameter_row(row: ParameterSection) -> tuple[Cell, ...]:
     """A parameter for a table: name, value, standard deviation, unit, state."""
-    digits = DIGITS.get(item.unit, 6)
-    std = "–" if item.std is None else f"{item.std:.{digits}f}"
-    return item.name, f"{item.value:+.{digits}f}", std, item.unit, item.state
+    digits = DIGITS.get(row.unit, 6)
+    std = "–" if row.std is None else f"{row.std:.{digits}f}"
+    return row.name, f"{row.value:+.{digits}f}", std, row.unit, row.state
 
 
 def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool, targets: bool = True) -> Table:
     """Position errors of a calibration and its nominal robot, all and by target on request."""
-    both, model = r.model != "nominal", f"model {r.model}"
+    compared, model = r.model != "nominal", f"model {r.model}"
     entries: list[tuple[str, str, Mapping[str, Any]]] = []
-    if both:
+    if compared:
         entries.append(("all targets", "nominal", nominal.all.model_dump()))
     headline = len(entries)
     entries.append(("all targets", model, calibrated.all.model_dump()))
     if proven and r.heldout_least_squares:
         entries.append(("all targets", "… by rms", r.heldout_least_squares.all.model_dump()))
     for name in calibrated.per_target if targets and len(calibrated.per_target) > 1 else ():
-        if both:
+        if compared:
             entries.append((name, "nominal", nominal.per_target[name].model_dump()))
         entries.append((name, model, calibrated.per_target[name].model_dump()))
     kind = "SIMULATED data: " if r.simulated else ""
     errors = "position errors" if r.features is None else "distances of rows from their features"
-    what = (
+    scope = (
         f"{errors} on {r.poses_heldout} poses that the fit never saw"
         if proven
         else f"{errors} on the fitted poses: NOTHING WAS HELD OUT, this is not the robot's accuracy"
     )
-    return statistics_table(f"{kind}{what}, mm", entries, {headline})
+    return statistics_table(f"{kind}{scope}, mm", entries, {headline})
 
 
 def reached(r: Record) -> str:
@@ -58,24 +58,24 @@ def held_lines(r: Record, verbose: bool) -> list[str]:
     """What is held, each in a line, or how many in one."""
     if verbose or not r.held:
         return [f"  held: {sentence}" for sentence in r.held]
-    many = f"{len(r.held)} combinations" if len(r.held) > 1 else "1 combination"
-    return [f"  held: {many} of these parameters, which these poses do not show: --verbose lists them"]
+    count = f"{len(r.held)} combinations" if len(r.held) > 1 else "1 combination"
+    return [f"  held: {count} of these parameters, which these poses do not show: --verbose lists them"]
 
 
 def left_out_lines(r: Record, verbose: bool) -> list[str]:
     """How many points were left out, and which ones: the first of each reason, or all."""
     if not r.excluded:
         return []
-    whole = f" ({r.poses_excluded} poses left out whole)" if r.poses_excluded else ""
+    full = f" ({r.poses_excluded} poses left out whole)" if r.poses_excluded else ""
     return [
-        f"Left out: {len(r.excluded)} point{'' if len(r.excluded) == 1 else 's'}{whole}",
+        f"Left out: {len(r.excluded)} point{'' if len(r.excluded) == 1 else 's'}{full}",
         *left_out(r.excluded, None if verbose else 8),
     ]
 
 
 def _held(r: Record) -> str:
     """What a certificate rests on."""
-    names = [item.name for item in r.parameters if item.state == "held"]
+    names = [parameter.name for parameter in r.parameters if parameter.state == "held"]
     return f" and with {', '.join(names)} held" if names else ""
 
 
@@ -84,10 +84,10 @@ def feature_tables(r: Record, verbose: bool) -> list[Told]:
     section = r.features
     if section is None:
         return []
-    told: list[Told] = []
+    lines: list[Told] = []
     pair = section.length_error()
     if pair is not None:
-        told.append(
+        lines.append(
             f"Known lengths at places left out: wrong by {pair[1]:.3f} mm on average ({pair[0]:.3f} mm with the "
             "nominal robot)"
         )
@@ -96,23 +96,25 @@ def feature_tables(r: Record, verbose: bool) -> list[Told]:
             (row.name, row.rows, row.nominal_mean_mm, row.mean_mm, row.rms_mm, row.max_mm) for row in section.places
         )
         columns = (section.left_out or "", "rows", "nominal mean", "mean", "rms", "max")
-        told.append(Table(f"Each {_one(section.left_out)} left out of the fit in turn, mm", columns, rows))
+        lines.append(Table(f"Each {_one(section.left_out)} left out of the fit in turn, mm", columns, rows))
     if verbose:
-        own = tuple((row.name, row.kind, row.rows, row.nominal_rms_mm, row.rms_mm) for row in section.features)
-        told.append(Table("Features in the fit, rms in mm", ("feature", "kind", "rows", "nominal", "calibrated"), own))
-    return told
+        fitted = tuple((row.name, row.kind, row.rows, row.nominal_rms_mm, row.rms_mm) for row in section.features)
+        lines.append(
+            Table("Features in the fit, rms in mm", ("feature", "kind", "rows", "nominal", "calibrated"), fitted)
+        )
+    return lines
 
 
 def model_tables(r: Record) -> list[Told]:
     """Why this model, and the error models that were compared."""
-    told: list[Told] = [r.choice.explanation] if r.choice else []
+    lines: list[Told] = [r.choice.explanation] if r.choice else []
     if isinstance(r.choice, EvidenceChoice):
         rows = [
             (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)
             for row in r.choice.table
         ]
-        told.append(models_table(rows))
-    return told
+        lines.append(models_table(rows))
+    return lines
 
 
 def _one(by: str | None) -> str:

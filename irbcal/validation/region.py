@@ -120,8 +120,8 @@ def _extent(rows: FloatArray) -> FloatArray:
 
 def _share(width: FloatArray, of: FloatArray) -> FloatArray:
     """Shares of ranges; all of a range that has no width."""
-    whole = of[1] - of[0]
-    return np.where(whole > 0.0, width / np.where(whole > 0.0, whole, 1.0), 1.0)
+    extent = of[1] - of[0]
+    return np.where(extent > 0.0, width / np.where(extent > 0.0, extent, 1.0), 1.0)
 
 
 def _ranges(names: tuple[str, ...], ends: FloatArray, units: tuple[str, ...], shares: FloatArray | None) -> str:

@@ -149,8 +149,8 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
 
 def positions_of(table: pd.DataFrame) -> NameArray:
     """Position of each row, shape (rows,); `EVERYWHERE` without a column ``position``."""
-    found = names(table, "position")
-    return np.full(len(table), EVERYWHERE, dtype=object) if found is None else found
+    positions = names(table, "position")
+    return np.full(len(table), EVERYWHERE, dtype=object) if positions is None else positions
 
 
 def _read(table: pd.DataFrame) -> tuple[NameArray, FloatArray]:

@@ -53,7 +53,7 @@ class Stabilisation:
         return self.settled - self.first_entry
 
 
-def final_position(time: FloatArray, xyz: FloatArray, after: float = REST, count: int = READINGS) -> FloatArray:
+def final_position(time: FloatArray, xyz: FloatArray, earliest: float = REST, count: int = READINGS) -> FloatArray:
     """Where a robot came to rest: mean of the first ``count`` readings from a time on (annex V: 100 after 10 s).
 
     Parameters
@@ -62,7 +62,7 @@ def final_position(time: FloatArray, xyz: FloatArray, after: float = REST, count
         Seconds.
     xyz : ndarray, shape (n, 3)
         Metres.
-    after : float
+    earliest : float
         Seconds.
     count : int
 
@@ -76,10 +76,10 @@ def final_position(time: FloatArray, xyz: FloatArray, after: float = REST, count
     MeasurementError
         If no reading is that late.
     """
-    late = np.flatnonzero(time >= after)
+    late = np.flatnonzero(time >= earliest)
     if not len(late):
         raise MeasurementError(
-            f"the readings end at {time.max():g} s: the final position is the mean of those after {after:g} s"
+            f"the readings end at {time.max():g} s: the final position is the mean of those after {earliest:g} s"
         )
     return xyz[late[:count]].mean(axis=0)
 

@@ -54,8 +54,8 @@ class Settling(Speaks):
     @property
     def overshoot(self) -> float | None:
         """Largest overshoot, metres; None where no run entered the band."""
-        found = [run.overshoot for run in self.runs.values() if np.isfinite(run.overshoot)]
-        return max(found) if found else None
+        overshoots = [run.overshoot for run in self.runs.values() if np.isfinite(run.overshoot)]
+        return max(overshoots) if overshoots else None
 
     def to_dict(self) -> dict[str, Any]:
         """What the command prints as JSON, mm and seconds.
@@ -87,11 +87,11 @@ class Settling(Speaks):
         """A row for each reading: ``run``, ``time_s``, ``distance_mm`` from the final position."""
         import pandas as pd
 
-        parts = [
+        tables = [
             pd.DataFrame({"run": name, "time_s": run.instant, "distance_mm": run.distance / MM})
             for name, run in self.runs.items()
         ]
-        return pd.concat(parts, ignore_index=True)
+        return pd.concat(tables, ignore_index=True)
 
     def told(self) -> Sequence[Told]:
         """Mean time and largest overshoot, and both run by run."""
@@ -143,17 +143,17 @@ def read_approaches(source: TableLike) -> dict[str, tuple[FloatArray, FloatArray
 def _approaches(table: pd.DataFrame) -> dict[str, tuple[FloatArray, FloatArray]]:
     runs, out = names(table, "run"), {}
     for name in ["1"] if runs is None else in_order(runs):
-        part = table if runs is None else table[runs == name]
-        time = part["time_s"].to_numpy(dtype=float)
-        back = np.flatnonzero(np.diff(time) <= 0)
-        if len(back):
+        rows = table if runs is None else table[runs == name]
+        time = rows["time_s"].to_numpy(dtype=float)
+        backwards = np.flatnonzero(np.diff(time) <= 0)
+        if len(backwards):
             raise MeasurementError(
-                f"expected a later time than in the row before, found {time[back[0] + 1]:g}",
+                f"expected a later time than in the row before, found {time[backwards[0] + 1]:g}",
                 file=table.attrs["source"],
-                row=int(part["row"].iloc[back[0] + 1]),
+                row=int(rows["row"].iloc[backwards[0] + 1]),
                 column="time_s",
             )
-        out[name] = time, places(part)
+        out[name] = time, places(rows)
     return out
 
 

@@ -135,7 +135,7 @@ class StaticCompliance(Speaks):
 
     def headline(self) -> str:
         """The softest direction."""
-        name, worst = max(self.directions.items(), key=lambda item: item[1].along)
+        name, worst = max(self.directions.items(), key=lambda entry: entry[1].along)
         return f"{start_of(self.simulated)}static compliance up to {worst.along / MM:.5f} mm/N ({name})"
 
     def plot(self) -> Chart:
@@ -170,27 +170,27 @@ def static_compliance(forces: TableLike, R_frame_world: FloatArray | None = None
     xyz = xyz if R_frame_world is None else xyz @ R_frame_world.T
     way, cycle = names(table, "direction"), names(table, "cycle")
     assert way is not None
-    for bad, words in (
+    for bad, expected in (
         (np.flatnonzero(~np.isin(way.astype(str), DIRECTIONS)), f"expected {', '.join(DIRECTIONS)}"),
         (np.flatnonzero(force < 0), "expected a force that is not negative: the direction has the sign"),
     ):
         if len(bad):
-            column = "direction" if words.endswith("z") else "force_n"
-            found = way[bad[0]] if column == "direction" else f"{force[bad[0]]:g}"
+            column = "direction" if expected.endswith("z") else "force_n"
+            value = way[bad[0]] if column == "direction" else f"{force[bad[0]]:g}"
             row = int(table["row"].iloc[bad[0]])
-            raise MeasurementError(f"{words}, found {found}", file=file, row=row, column=column)
+            raise MeasurementError(f"{expected}, found {value}", file=file, row=row, column=column)
     out = {}
     for name in in_order(way):
         slopes, loads, moved = [], [], []
         for c in [""] if cycle is None else in_order(cycle[way == name]):
-            mine = (way == name) & ((cycle is None) | (cycle == c))
-            f, p = force[mine], xyz[mine]
+            rows = (way == name) & ((cycle is None) | (cycle == c))
+            f, p = force[rows], xyz[rows]
             if np.ptp(f) == 0:
                 said = f" of cycle {c}" if c else ""
                 raise MeasurementError(
                     f"direction {name}{said} has one force only: compliance needs two, 0 for the unloaded place",
                     file=file,
-                    row=int(table["row"].iloc[int(np.argmax(mine))]),
+                    row=int(table["row"].iloc[int(np.argmax(rows))]),
                     column="force_n",
                 )
             off = f - f.mean()

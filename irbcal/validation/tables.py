@@ -34,8 +34,8 @@ def in_order(labels: NameArray) -> list[str]:
 
 def is_simulated(table: pd.DataFrame) -> bool:
     """Whether a table of readings says so itself, as a measurement file does: not ``no`` in a column ``simulated``."""
-    found = names(table, "simulated")
-    return found is not None and any(str(value).lower() not in ("", "no", "0", "false", "nan") for value in found)
+    values = names(table, "simulated")
+    return values is not None and any(str(value).lower() not in ("", "no", "0", "false", "nan") for value in values)
 
 
 def start_of(simulated: bool) -> str:

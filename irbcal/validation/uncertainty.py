@@ -34,7 +34,7 @@ def position_std(
     """
     robot = calibration.robot_calibrated() if robot is None else robot
     assert robot.certainty is not None
-    place = np.zeros(3) if target is None else robot.targets[target]
+    position = np.zeros(3) if target is None else robot.targets[target]
     load = robot.joint_map.load(len(q))
-    _, covariance, _ = robot.certainty.positions(robot.walk, q, None, place, target, robot.T_world_base, load)
+    _, covariance, _ = robot.certainty.positions(robot.walk, q, None, position, target, robot.T_world_base, load)
     return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))

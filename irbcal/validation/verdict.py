@@ -116,25 +116,25 @@ def verdict(
     figures = f"mean {b.mean():.3f} mm against {a.mean():.3f} mm, largest {b.max():.3f} against {a.max():.3f} mm"
     poses = f"{n} pose{'s' if n > 1 else ''}"
     on = f"{poses} {basis or ('that the fit never saw' if proven else 'that were fitted, which proves nothing')}"
-    words = {
+    text = {
         "better": f"better than the nominal robot on {on} ({figures}).",
         "no better": f"NO BETTER than the nominal robot on {on}, beyond chance ({figures}).",
         "worse": f"WORSE than the nominal robot on {on} ({figures}). Is it this robot's calibration, with this tool, "
         "and are these poses like those of the fit? Do not correct programs with it.",
     }[outcome]
     if np.array_equal(a, b):
-        words = f"the nominal robot itself, its base and targets identified, on {on}: mean {b.mean():.3f} mm, largest "
-        words += f"{b.max():.3f} mm."
+        text = f"the nominal robot itself, its base and targets identified, on {on}: mean {b.mean():.3f} mm, largest "
+        text += f"{b.max():.3f} mm."
     share = left_out / (left_out + (len(a) if used is None else used))
     if share > MOST_LEFT_OUT:
-        words += (
+        text += (
             f" {share:.0%} of the points were left out: this is the verdict on the rest only, and what was left out "
             "may be the rule. See why each was."
         )
     against = [] if proven else [NO_PROOF.format(basis=basis or "that were fitted")]
     against += [LEFT_OUT.format(share=share)] if share > MOST_LEFT_OUT else []
     reasons = (*doubts, *(reason for reason in against if reason not in doubts))
-    return Verdict(outcome, words, float(share), outcome == "better" and not reasons, reasons)
+    return Verdict(outcome, text, float(share), outcome == "better" and not reasons, reasons)
 
 
 def verdict_of(record: Record) -> Verdict:
@@ -142,15 +142,17 @@ def verdict_of(record: Record) -> Verdict:
     p = record.points
     heldout = np.array(p.heldout, dtype=bool)
     proven = bool(heldout.any())
-    mine = heldout == proven
-    pose = np.array(p.row if p.row else p.pose)[mine]
-    nominal, calibrated = (np.array(column)[mine] for column in (p.nominal_mm, p.calibrated_mm))
+    rows = heldout == proven
+    pose = np.array(p.row if p.row else p.pose)[rows]
+    nominal, calibrated = (np.array(column)[rows] for column in (p.nominal_mm, p.calibrated_mm))
     if record.model == "nominal":
         calibrated = nominal
     warning = record.certainty.warning()
     doubts = [*record.doubts, *([warning] if warning and warning not in record.doubts else [])]
-    found = verdict(nominal, calibrated, pose, counted(record.excluded), proven, doubts, len(heldout))
-    return found if record.features is None else replace(found, words=f"{found.words} {_at_features(record.features)}")
+    result = verdict(nominal, calibrated, pose, counted(record.excluded), proven, doubts, len(heldout))
+    return (
+        result if record.features is None else replace(result, words=f"{result.words} {_at_features(record.features)}")
+    )
 
 
 def _at_features(section: FeaturesSection) -> str:
@@ -164,4 +166,4 @@ def _at_features(section: FeaturesSection) -> str:
 
 def counted(excluded: Sequence[LeftOut]) -> int:
     """How many points were left out though they were measured and known."""
-    return sum(not item.reason.startswith(NOT_COUNTED) for item in excluded)
+    return sum(not point.reason.startswith(NOT_COUNTED) for point in excluded)

@@ -144,7 +144,7 @@ class FolderVerification(Speaks):
             self.explanation,
             *([unlisted] if self.unlisted else []),
             *([unchecked] if self.signature == "unchecked" else []),
-            *(f"Accepted change: {line}" for line in self.changes),
+            *(f"Accepted change: {change}" for change in self.changes),
         ]
 
 
@@ -244,40 +244,40 @@ def _verify_folder(
     if public_key is not None and folder.is_file():
         return FileVerification(fault is None, fault or "it is as it was signed with this key")
     check = calibration_folder.checked(folder)
-    found = check.differences + (() if fault is None else (fault,))
+    differences = check.differences + (() if fault is None else (fault,))
     signed: Literal["absent", "unchecked", "good", "bad"] = "absent"
     if public_key is not None:
         signed = "good" if fault is None else "bad"
     elif (folder / calibration_folder.SIGNATURE_NAME).exists():
         signed = "unchecked"
-    words = (
+    text = (
         f"{', '.join(check.files[:-1])} and {check.files[-1]} are as they were sealed, and agree with each other; "
         f"fingerprint {check.record.fingerprint}{', signed with this key' if signed == 'good' else ''}"
     )
     changes = () if check.record.seal is None else tuple(check.record.seal.changes)
     return FolderVerification(
-        not found,
+        not differences,
         check.record.fingerprint,
-        found,
+        differences,
         check.files,
         check.unlisted,
         changes,
         signed,
-        "; ".join(found) or words,
+        "; ".join(differences) or text,
     )
 
 
 def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
     mark = fingerprint_of(program)
-    found: Literal["same", "other", "absent"] = (
+    state: Literal["same", "other", "absent"] = (
         "absent" if mark is None else "same" if mark == record.fingerprint else "other"
     )
-    words = {
+    texts = {
         "same": "this program bears the mark of this calibration (its targets are not checked)",
         "other": "this program holds fake targets of ANOTHER calibration: correct the original program anew",
         "absent": "this program bears no mark of irbcal: its targets were not corrected, or the mark was taken out",
-    }[found]
-    return ProgramVerification(found == "same", found, words)
+    }[state]
+    return ProgramVerification(state == "same", state, texts)
 
 
 def verify_bytes(
@@ -285,20 +285,20 @@ def verify_bytes(
 ) -> Verification:
     """As `verify`, from the URDF's content; ``source`` names it in errors."""
     arms = {"calibrated": calibration.arm(), "nominal": calibration.arm(calibrated=False)}
-    own = arms["calibrated"]
-    found = urdf_file.from_bytes(data, source, base or own.base_link, tip or own.tip_link).arm
-    same_joints = len(found.joint_names) == len(own.joint_names) and all(
-        name == mine or ((base or tip) and name.endswith(mine))
-        for name, mine in zip(found.joint_names, own.joint_names, strict=True)
+    calibrated = arms["calibrated"]
+    loaded = urdf_file.from_bytes(data, source, base or calibrated.base_link, tip or calibrated.tip_link).arm
+    same_joints = len(loaded.joint_names) == len(calibrated.joint_names) and all(
+        name == joint or ((base or tip) and name.endswith(joint))
+        for name, joint in zip(loaded.joint_names, calibrated.joint_names, strict=True)
     )
-    if not same_joints or (found.table.prismatic != own.table.prismatic).any():
+    if not same_joints or (loaded.table.prismatic != calibrated.table.prismatic).any():
         raise RobotError(
-            f"expected the joints {', '.join(own.joint_names)} between {found.base_link} and "
-            f"{found.tip_link}, found {', '.join(found.joint_names)}",
+            f"expected the joints {', '.join(calibrated.joint_names)} between {loaded.base_link} and "
+            f"{loaded.tip_link}, found {', '.join(loaded.joint_names)}",
             file=source,
         )
-    q = own.random_joints(POSES, 0)
-    T = found.forward(q)
+    q = calibrated.random_joints(POSES, 0)
+    T = loaded.forward(q)
     differences = {name: relative_difference(T, arm.forward(q)) for name, arm in arms.items()}
     geometry: Literal["calibrated", "rounded", "nominal", "other"] = "other"
     if max(differences["calibrated"]) <= SAME:

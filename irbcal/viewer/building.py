@@ -96,21 +96,21 @@ def build(
         measurements, plan = None, table
     _check_request(opened, measurements is not None, plan is not None)
     urdf, shadow = _documents(opened)
-    for name, asked in (("refit_base", refit_base), ("refit_tool", refit_tool)):
-        if rows and asked:
-            what = name.removeprefix("refit_")
-            raise OptionError(f"rows at features do not place the {what}: leave {name} out", parameter=name)
+    for name, requested in (("refit_base", refit_base), ("refit_tool", refit_tool)):
+        if rows and requested:
+            frame = name.removeprefix("refit_")
+            raise OptionError(f"rows at features do not place the {frame}: leave {name} out", parameter=name)
     refit = Refit(refit_base, refit_tool)
-    shown = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit)
-    points, T_scene_world = shown.points, frames.inverse(shown.robot.T_world_base)
+    gathered = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit)
+    points, T_scene_world = gathered.points, frames.inverse(gathered.robot.T_world_base)
     tree = links(urdf)
     ghost = None
-    if shown.ghost is not None:
-        ghost = _drawn(shadow, links(shadow), T_scene_world @ shown.ghost.T_world_base)
+    if gathered.ghost is not None:
+        ghost = _drawn(shadow, links(shadow), T_scene_world @ gathered.ghost.T_world_base)
     folders = [package_dir] if isinstance(package_dir, (str, Path)) else list(package_dir)
     meshes, problems = looks.meshes(urdf, tree, opened.folder, robots.package_dirs(*folders))
-    places = {} if opened.record is None else opened.record.reference_places()
-    references = {name: frames.apply(T_scene_world, place[None])[0] for name, place in places.items()}
+    points_of = {} if opened.record is None else opened.record.reference_places()
+    references = {name: frames.apply(T_scene_world, xyz[None])[0] for name, xyz in points_of.items()}
     models: tuple[Model, ...] = ("nominal", "calibrated")
     each = {} if points is None else {name: e for name in models if (e := points.distance(name)) is not None}
     errors = list(each.values()) or None
@@ -118,42 +118,42 @@ def build(
     section = None if opened.record is None else opened.record.features
     return PageScene(
         title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
-        simulated=shown.simulated,
-        mode=shown.mode,
-        robot=shown.robot,
+        simulated=gathered.simulated,
+        mode=gathered.mode,
+        robot=gathered.robot,
         drawn=_drawn(urdf, tree, np.eye(4)),
         ghost=ghost,
         meshes=meshes,
-        q=shown.q,
-        effective=_effective(shown),
-        pose_ids=np.asarray(shown.ids, dtype=object),
-        groups=np.asarray(shown.groups, dtype=object),
-        targets=shown.targets,
+        q=gathered.q,
+        effective=_effective(gathered),
+        pose_ids=np.asarray(gathered.ids, dtype=object),
+        groups=np.asarray(gathered.groups, dtype=object),
+        targets=gathered.targets,
         points=points,
-        prismatic=np.array([_slides(tree, k) for k in range(len(shown.robot.arm.joint_names))]),
+        prismatic=np.array([_slides(tree, k) for k in range(len(gathered.robot.arm.joint_names))]),
         T_scene_world=T_scene_world,
         tracker=opened.record is not None and section is None and tracker_at_origin(T_scene_world, references, points),
         references=references,
         cube=_cube(cube, opened.nominal),
-        path=shown.path,
+        path=gathered.path,
         magnification=float(magnify or default_magnification(errors, size)),
         scale_top=scale_top(errors),
-        notes=(*shown.notes, *_not_drawn(shown.robot), *problems),
+        notes=(*gathered.notes, *_not_drawn(gathered.robot), *problems),
         own_scales={
             name: (float(magnify or default_magnification([error], size)), scale_top([error]))
             for name, error in each.items()
         },
-        fitted=shown.fitted,
+        fitted=gathered.fitted,
         features=() if section is None else feature_views.shown(section, size, T_scene_world),
         at_features=rows,
     )
 
 
-def _effective(shown: _Shown) -> FloatArray:
+def _effective(gathered: _Shown) -> FloatArray:
     """Effective joints of the poses, given their last moves and loads where these are known, shape (n, joints)."""
-    if shown.effective is not None:
-        return shown.effective
-    return shown.robot.joint_map.effective(shown.q) if len(shown.q) else shown.q
+    if gathered.effective is not None:
+        return gathered.effective
+    return gathered.robot.joint_map.effective(gathered.q) if len(gathered.q) else gathered.q
 
 
 def _not_drawn(robot: Robot) -> list[str]:
@@ -211,22 +211,22 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
     ghost = None if opened.record is None else opened.record.robot_nominal()
     simulated = opened.record is not None and opened.record.simulated
     if measurements is not None and opened.record is not None:
-        there = point_sets.registered(opened.record, measurements, refit)
-        found, model, ghost = there.points, there.calibrated, there.nominal
-        points = point_sets.measured_points(model, ghost, found, frames.inverse(model.T_world_base))
+        registered = point_sets.registered(opened.record, measurements, refit)
+        measured, model, ghost = registered.points, registered.calibrated, registered.nominal
+        points = point_sets.measured_points(model, ghost, measured, frames.inverse(model.T_world_base))
         return _Shown(
             mode="measured",
             robot=model,
             ghost=ghost,
             targets=model.targets,
-            q=found.q,
-            simulated=simulated or there.seen.simulated,
-            ids=found.pose_ids.astype(str),
-            groups=found.groups.astype(str),
+            q=measured.q,
+            simulated=simulated or registered.seen.simulated,
+            ids=measured.pose_ids.astype(str),
+            groups=measured.groups.astype(str),
             points=points,
-            notes=list(there.notes),
-            fitted=there.fitted,
-            effective=model.joint_map.effective(found.q, found.previous, **found.load()),
+            notes=list(registered.notes),
+            fitted=registered.fitted,
+            effective=model.joint_map.effective(measured.q, measured.previous, **measured.load()),
         )
     targets = model.targets or {model.arm.tip_link: np.zeros(3)}
     if plan is None:
@@ -254,27 +254,27 @@ def _at_features(opened: Opened, table: str | Path | pd.DataFrame | None) -> _Sh
     """Rows at the features of a calibration."""
     assert opened.record is not None
     record, model = opened.record, opened.robot
-    there = feature_views.at_rows(record, table)
-    motion = there.motion
+    rows = feature_views.at_rows(record, table)
+    motion = rows.motion
     return _Shown(
         mode="measured",
         robot=model,
         ghost=record.robot_nominal(),
         targets=model.targets,
         q=motion.q,
-        simulated=record.simulated or there.simulated,
-        ids=there.ids,
-        groups=there.groups,
-        points=there.points,
-        notes=there.notes,
+        simulated=record.simulated or rows.simulated,
+        ids=rows.ids,
+        groups=rows.groups,
+        points=rows.points,
+        notes=rows.notes,
         effective=model.joint_map.effective(motion.q, None if motion.move is None else motion.q - motion.move),
-        fitted=there.fitted,
+        fitted=rows.fitted,
     )
 
 
 def _slides(tree: Sequence[Link], joint: int) -> bool:
-    own = (link.kind for link in tree if link.joint == joint and link.factor == 1.0)
-    return next(own, "revolute") == "prismatic"
+    kinds = (link.kind for link in tree if link.joint == joint and link.factor == 1.0)
+    return next(kinds, "revolute") == "prismatic"
 
 
 def _drawn(urdf: UrdfArm, tree: tuple[Link, ...], T_scene_base: FloatArray) -> Drawn:
@@ -291,8 +291,8 @@ def tracker_at_origin(T_scene_world: FloatArray, references: Mapping[str, FloatA
     near = list(references.values())
     if points is not None:
         near.append(points.calibrated)
-    places = np.concatenate([np.atleast_2d(place) for place in near]) if near else np.zeros((0, 3))
-    return bool((np.linalg.norm(places - origin, axis=1) > NEAR_TRACKER).all())
+    xyz = np.concatenate([np.atleast_2d(place) for place in near]) if near else np.zeros((0, 3))
+    return bool((np.linalg.norm(xyz - origin, axis=1) > NEAR_TRACKER).all())
 
 
 def _cube(cube: CubeLike | None, nominal: Arm) -> tuple[FloatArray, float] | None:

@@ -108,9 +108,9 @@ def record(scene: PageScene) -> Recorder:
         if glass:
             _add(view, "/irbcal/features/glass", _painted(glass), transparent=True, opacity=0.35)
     if scene.path is not None:
-        line = g.PointsGeometry(scene.path.T.astype(np.float32))
+        geometry = g.PointsGeometry(scene.path.T.astype(np.float32))
         colour = int(sum(int(255 * v) << s for v, s in zip(PATH, (16, 8, 0), strict=True)))
-        view["/irbcal/path"].set_object(g.Line(line, g.LineBasicMaterial(color=colour)))
+        view["/irbcal/path"].set_object(g.Line(geometry, g.LineBasicMaterial(color=colour)))
     return recorder
 
 
@@ -119,22 +119,22 @@ def _add(view: Any, path: str, mesh: shapes.Mesh, **material: Any) -> None:
     view[path].set_object(g.Mesh(_Body(mesh), g.MeshPhongMaterial(vertexColors=True, **material)))
 
 
-def _painted(parts: Sequence[tuple[FloatArray, FloatArray]]) -> shapes.Mesh:
+def _painted(bodies: Sequence[tuple[FloatArray, FloatArray]]) -> shapes.Mesh:
     """One mesh of bodies and their colours."""
     return shapes.smooth(
-        np.concatenate([body for body, _ in parts]),
-        np.concatenate([np.broadcast_to(colour, (len(body), 3)) for body, colour in parts]),
+        np.concatenate([body for body, _ in bodies]),
+        np.concatenate([np.broadcast_to(colour, (len(body), 3)) for body, colour in bodies]),
     )
 
 
 def _tracker(scene: PageScene) -> shapes.Mesh:
     """A laser tracker with its head in the origin of the measuring frame, upright, on a tripod."""
     T = scene.T_scene_world
-    heights = [place[2] for place in scene.references.values()]
+    heights = [xyz[2] for xyz in scene.references.values()]
     floor = min([0.0, *heights])
     height = T[2, 3] - floor
     height = float(height) if 0.5 < height < 2.5 else 1.1
-    parts = [
+    bodies = [
         (shapes.sphere(0.075), BODY),
         (shapes.moved(shapes.cylinder(0.028, 0.03), [0, 0, 0.075]), GLASS),
         (shapes.moved(shapes.box([0.045, 0.24, 0.22]), [0, 0, -0.03]), INK),
@@ -143,8 +143,8 @@ def _tracker(scene: PageScene) -> shapes.Mesh:
     ]
     for angle in np.radians([90, 210, 330]):
         foot = np.array([0.38 * np.cos(angle), 0.38 * np.sin(angle), -height])
-        parts.append((shapes.rod([0, 0, -0.40], foot, 0.016), INK))
-    mesh = _painted(parts)
+        bodies.append((shapes.rod([0, 0, -0.40], foot, 0.016), INK))
+    mesh = _painted(bodies)
     upright = T[2, 2] > 0.8
     R = T[:3, :3] if upright else np.eye(3)
     return shapes.Mesh(
@@ -157,23 +157,23 @@ def _tracker(scene: PageScene) -> shapes.Mesh:
 
 def _references(scene: PageScene) -> shapes.Mesh:
     radius = float(np.clip(0.014 * scene.reach, 0.008, 0.03))
-    parts = []
-    for place in scene.references.values():
-        parts.append((shapes.moved(shapes.sphere(radius), place), TEAL))
-        parts.append((shapes.moved(shapes.cone(1.8 * radius, 1.1 * radius, -1.7 * radius, -0.6 * radius), place), INK))
-    return _painted(parts)
+    bodies = []
+    for xyz in scene.references.values():
+        bodies.append((shapes.moved(shapes.sphere(radius), xyz), TEAL))
+        bodies.append((shapes.moved(shapes.cone(1.8 * radius, 1.1 * radius, -1.7 * radius, -0.6 * radius), xyz), INK))
+    return _painted(bodies)
 
 
 def _cube(centre: FloatArray, edge: float) -> shapes.Mesh:
     """Edges of a cube and of its inclined plane (ISO 9283), as thin beams."""
     half, width = edge / 2, 0.006 * edge
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    parts = []
+    bodies = []
     for axis in range(3):
         size = np.full(3, width)
         size[axis] = edge + width
         for sign in signs[signs[:, axis] > 0]:
             at = half * sign
             at[axis] = 0.0
-            parts.append((shapes.moved(shapes.box(size), centre + at), CUBE))
-    return _painted(parts)
+            bodies.append((shapes.moved(shapes.box(size), centre + at), CUBE))
+    return _painted(bodies)

@@ -102,13 +102,13 @@ def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | Non
                 np.clip(1.5 * row.spread_mm * MM, 0.05 * reach, (0.25 if row.kind == "plane" else 0.5) * reach)
             )
         out.append(ShownFeature(row.name, row.kind, f"{row.name} · {KINDS[row.kind].shown_as or row.kind}", T, size))
-    centres = {one.name: one.T_scene[:3, 3] for one in out}
+    centres = {feature.name: feature.T_scene[:3, 3] for feature in out}
     for length in section.lengths:
         if length.first in centres and length.second in centres:
             ends = centres[length.first], centres[length.second]
-            way = ends[1] - ends[0]
-            size = float(np.linalg.norm(way)) / 2
-            T = frames.transform(with_third(way / (2 * size)) if size else None, (ends[0] + ends[1]) / 2)
+            direction = ends[1] - ends[0]
+            size = float(np.linalg.norm(direction)) / 2
+            T = frames.transform(with_third(direction / (2 * size)) if size else None, (ends[0] + ends[1]) / 2)
             out.append(ShownFeature(length.name, DISTANCE, f"{length.length_mm:.10g} mm", T, size))
     if "pose" in section.kinds and T_base_world is not None:
         out.append(ShownFeature("measuring frame", FRAME, "measuring frame of the poses", T_base_world, 0.08 * reach))
@@ -117,19 +117,19 @@ def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | Non
 
 def _placed(row: FeatureRow) -> FloatArray | None:
     """Where a feature stands in the base link; None where it has no place, or an earlier version did not keep it."""
-    own, middle = _unknowns(row), np.array(row.middle_mm or [0.0, 0.0, 0.0]) * MM
-    if "centre" in own:
-        turn = own["axes"] if "axes" in row.found else own.get("attitude")
-        return frames.transform(turn, own["centre"])
-    if "line" in own:
-        Q, a = own["line"][:, :3], own["line"][:, 3]
+    values, middle = _unknowns(row), np.array(row.middle_mm or [0.0, 0.0, 0.0]) * MM
+    if "centre" in values:
+        turn = values["axes"] if "axes" in row.found else values.get("attitude")
+        return frames.transform(turn, values["centre"])
+    if "line" in values:
+        Q, a = values["line"][:, :3], values["line"][:, 3]
         u = Q[:, 2]
         return frames.transform(Q, a + u * (u @ (middle - a)) if row.middle_mm else a)
-    if "normal" in own and "height" in own:
-        n = own["normal"][:, 2]
-        foot = middle if row.kind == "gauge" and row.middle_mm else middle + n * (own["height"][0] - n @ middle)
-        return frames.transform(own["normal"], foot)
-    return frames.transform(own["up"]) if "up" in own else None
+    if "normal" in values and "height" in values:
+        n = values["normal"][:, 2]
+        foot = middle if row.kind == "gauge" and row.middle_mm else middle + n * (values["height"][0] - n @ middle)
+        return frames.transform(values["normal"], foot)
+    return frames.transform(values["up"]) if "up" in values else None
 
 
 def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:
@@ -155,37 +155,37 @@ def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any],
     solid: list[tuple[FloatArray, FloatArray]] = []
     glass: list[tuple[FloatArray, FloatArray]] = []
     thin = 0.0018 * reach
-    for one in features:
-        parts, T, size = solid, one.T_scene, one.size
-        if one.kind in (DISTANCE, "line"):
+    for feature in features:
+        meshes, T, size = solid, feature.T_scene, feature.size
+        if feature.kind in (DISTANCE, "line"):
             half = T[:3, 2] * size
-            colour, width = (LENGTH, 0.6 * thin) if one.kind == DISTANCE else (FLAT, thin)
-            parts.append((shapes.rod(T[:3, 3] - half, T[:3, 3] + half, width), colour))
-        elif one.kind == "sphere":
+            colour, width = (LENGTH, 0.6 * thin) if feature.kind == DISTANCE else (FLAT, thin)
+            meshes.append((shapes.rod(T[:3, 3] - half, T[:3, 3] + half, width), colour))
+        elif feature.kind == "sphere":
             glass.append((shapes.moved(shapes.sphere(size), T[:3, 3]), BALL))
-        elif TARGETS.get(one.kind) == "board":  # a camera with the way it looks
+        elif TARGETS.get(feature.kind) == "board":  # a camera with the way it looks
             cone = shapes.cone(0.4 * size, 1.8 * size, 0.0, 2.5 * size)
             body = shapes.box([2.4 * size, 2.4 * size, 3.0 * size]) - np.array([0.0, 0.0, 1.5 * size])
-            parts += [(part @ T[:3, :3].T + T[:3, 3], SOCKET) for part in (cone, body)]
-        elif one.kind == "plane" or TARGETS.get(one.kind) == "camera":
+            meshes += [(mesh @ T[:3, :3].T + T[:3, 3], SOCKET) for mesh in (cone, body)]
+        elif feature.kind == "plane" or TARGETS.get(feature.kind) == "camera":
             patch = shapes.box([2 * size, 2 * size, 0.6 * thin])
             glass.append((patch @ T[:3, :3].T + T[:3, 3], FLAT))
             solid.append((shapes.rod(T[:3, 3], T[:3, 3] + 0.2 * size * T[:3, 2], 0.6 * thin), FLAT))
-        elif one.kind == "angle":  # what is level, and upwards
+        elif feature.kind == "angle":  # what is level, and upwards
             disc = shapes.cone(size, size, -0.3 * thin, 0.3 * thin)
             glass.append((disc @ T[:3, :3].T + T[:3, 3], FLAT))
             solid.append((shapes.rod(T[:3, 3], T[:3, 3] + size * T[:3, 2], 0.6 * thin), SOCKET))
-        elif one.kind == FRAME:
+        elif feature.kind == FRAME:
             colours = (BALL, FLAT, LENGTH)
             solid += [
                 (shapes.rod(T[:3, 3], T[:3, 3] + size * T[:3, k], thin), colour) for k, colour in enumerate(colours)
             ]
-        elif one.kind == "gauge":
-            parts.append((shapes.rod(T[:3, 3] - T[:3, 2] * size, T[:3, 3], thin), SOCKET))
+        elif feature.kind == "gauge":
+            meshes.append((shapes.rod(T[:3, 3] - T[:3, 2] * size, T[:3, 3], thin), SOCKET))
         else:
-            parts.append((shapes.moved(shapes.sphere(size), T[:3, 3]), BALL))
+            meshes.append((shapes.moved(shapes.sphere(size), T[:3, 3]), BALL))
             foot = shapes.cone(1.7 * size, 1.0 * size, -1.7 * size, -0.6 * size)
-            parts.append((shapes.moved(foot, T[:3, 3]), SOCKET))
+            meshes.append((shapes.moved(foot, T[:3, 3]), SOCKET))
     return solid, glass
 
 
@@ -221,8 +221,8 @@ def are_rows(record: Record, header: list[str]) -> bool:
     """Whether columns are those of rows at features of a calibration: they name one, by themselves or together."""
     if record.features is None:
         return False
-    named = {column for _, column, *_ in Formatter().parse(record.features.named) if column}
-    return "feature" in header or (bool(named) and named <= set(header))
+    columns = {column for _, column, *_ in Formatter().parse(record.features.named) if column}
+    return "feature" in header or (bool(columns) and columns <= set(header))
 
 
 def at_rows(record: Record, table: Any) -> AtFeatures:
@@ -244,47 +244,51 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
     section = record.features
     assert section is not None
     calibrated, nominal = record.robot_calibrated(), record.robot_nominal()
-    seen = feature_files.read(table, _known(section), nominal.arm)
-    there_too = [one for one in section.lengths if {one.first, one.second} <= set(seen.features)]
-    lengths = tuple(Length(one.name, one.first, one.second, one.length_mm * MM) for one in there_too)
-    seen = replace(seen, lengths=lengths)
-    _refuse_strangers(seen, section, calibrated)
+    features = feature_files.read(table, _known(section), nominal.arm)
+    there_too = [length for length in section.lengths if {length.first, length.second} <= set(features.features)]
+    lengths = tuple(Length(length.name, length.first, length.second, length.length_mm * MM) for length in there_too)
+    features = replace(features, lengths=lengths)
+    _refuse_strangers(features, section, calibrated)
     fitted: dict[Key, FloatArray] = {}
     for row in section.features:
-        of_target = {name for name, item in KINDS[row.kind].own.items() if item.of == "target"}
+        of_target = {name for name, unknown in KINDS[row.kind].own.items() if unknown.of == "target"}
         for name, value in _unknowns(row).items():
             fitted[name, row.target if name in of_target else row.name] = value
-    there = FeatureState(_tools(calibrated) | fitted, np.zeros(0), calibrated.T_world_base)
-    found, drawn = _missed(calibrated, _problem(calibrated, seen), there)
-    anew = _problem(nominal, seen)
+    state = FeatureState(_tools(calibrated) | fitted, np.zeros(0), calibrated.T_world_base)
+    misses, drawn = _missed(calibrated, _problem(calibrated, features), state)
+    anew = _problem(nominal, features)
     try:
         begin = FeatureState(_tools(nominal), np.zeros(0), nominal.T_world_base)
         placed = feature_problem.start_of_features(anew, begin)
-        before = _missed(nominal, anew, placed)[0]
+        misses_nominal = _missed(nominal, anew, placed)[0]
     except IdentificationError as error:
         raise MeasurementError(
-            f"these rows do not place the features about the nominal robot: {error}", file=seen.source
+            f"these rows do not place the features about the nominal robot: {error}", file=features.source
         ) from None
-    rows = np.isfinite(found).all(axis=1)
+    rows = np.isfinite(misses).all(axis=1)
     if not rows.any():
-        raise MeasurementError("these rows have angles only: nothing of them can be drawn", file=seen.source)
-    index, first, pose = np.unique(seen.pose_index, return_index=True, return_inverse=True)
+        raise MeasurementError("these rows have angles only: nothing of them can be drawn", file=features.source)
+    index, first, pose = np.unique(features.pose_index, return_index=True, return_inverse=True)
     names = list(calibrated.targets)
-    groups = seen.cells["place"].astype(str).to_numpy(dtype=object) if "place" in seen.cells.columns else seen.feature
-    own = any(one.sha256 == seen.sha256 for one in record.data)
+    groups = (
+        features.cells["place"].astype(str).to_numpy(dtype=object)
+        if "place" in features.cells.columns
+        else features.feature
+    )
+    fitted_here = any(file.sha256 == features.sha256 for file in record.data)
     return AtFeatures(
         points=Points(
             pose[rows],
-            np.array([names.index(str(name)) for name in seen.target])[rows],
+            np.array([names.index(str(name)) for name in features.target])[rows],
             drawn[rows],
-            (drawn + found)[rows],
-            (drawn + found - before)[rows],
+            (drawn + misses)[rows],
+            (drawn + misses - misses_nominal)[rows],
         ),
-        motion=seen.motion().select(first),
-        ids=seen.pose[first].astype(str),
+        motion=features.motion().select(first),
+        ids=features.pose[first].astype(str),
         groups=groups[first].astype(str),
-        fitted=np.ones(len(index), dtype=bool) if own else None,
-        simulated=seen.simulated,
+        fitted=np.ones(len(index), dtype=bool) if fitted_here else None,
+        simulated=features.simulated,
         notes=[
             "Errors are distances of rows from their features, whose own places are fitted: how well the robot agrees "
             "with itself, not its accuracy in a measuring frame."
@@ -294,7 +298,7 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
 
 def _known(section: FeaturesSection) -> pd.DataFrame:
     """The features of a calibration as the second file of `irbcal.measurement.features` has them."""
-    rows = [{"feature": one.name, "kind": one.kind, "target": one.target} for one in section.features]
+    rows = [{"feature": feature.name, "kind": feature.kind, "target": feature.target} for feature in section.features]
     for one, row in zip(section.features, rows, strict=True):
         row |= {f"{name}_mm": repr(one.known[name][0]) for name in ("radius", "offset") if name in one.known}
         row |= one.imaging
@@ -303,42 +307,45 @@ def _known(section: FeaturesSection) -> pd.DataFrame:
     return pd.DataFrame(rows).fillna("")
 
 
-def _refuse_strangers(seen: FeatureSet, section: FeaturesSection, robot: Robot) -> None:
-    known = {one.name for one in section.features} | {""}
-    for what, column, names in (("feature", seen.feature, known), ("target", seen.target, set(robot.targets))):
+def _refuse_strangers(features: FeatureSet, section: FeaturesSection, robot: Robot) -> None:
+    names_known = {feature.name for feature in section.features} | {""}
+    for kind, column, names in (
+        ("feature", features.feature, names_known),
+        ("target", features.target, set(robot.targets)),
+    ):
         strange = np.flatnonzero(~np.isin(column.astype(str), list(names)))
         if len(strange):
             raise MeasurementError(
-                f"the calibration does not know the {what} {column[strange[0]]}: it has "
+                f"the calibration does not know the {kind} {column[strange[0]]}: it has "
                 f"{', '.join(sorted(names - {''}))}",
-                file=seen.source,
-                row=int(seen.row[strange[0]]),
-                column=what,
+                file=features.source,
+                row=int(features.row[strange[0]]),
+                column=kind,
             )
 
 
 def _tools(robot: Robot) -> dict[Key, FloatArray]:
     """What a robot knows of its targets."""
-    out: dict[Key, FloatArray] = {(TOOL, name): place for name, place in robot.targets.items()}
+    out: dict[Key, FloatArray] = {(TOOL, name): xyz for name, xyz in robot.targets.items()}
     return out | {("axes", name): turn for name, turn in robot.target_rotations.items()}
 
 
-def _problem(robot: Robot, seen: FeatureSet) -> FeatureProblem:
-    return FeatureProblem(robot.arm, seen, [], _tools(robot), robot.T_world_base)
+def _problem(robot: Robot, features: FeatureSet) -> FeatureProblem:
+    return FeatureProblem(robot.arm, features, [], _tools(robot), robot.T_world_base)
 
 
 def _missed(robot: Robot, problem: FeatureProblem, state: FeatureState) -> tuple[FloatArray, FloatArray]:
     """Ways (m, 3) from the model's points to their features, and these points, in the base link; NaN for angles."""
-    way, place = np.full((2, len(problem.seen), 3), np.nan)
+    shift, origin = np.full((2, len(problem.seen), 3), np.nan)
     for group in problem.groups:
         if not group.kind.pointed:
             continue
         tip = robot.walk(problem.motion.select(group.rows)).tip
-        seen, own = problem.seen_of(state, group, tip), problem.own_of(state, group)
-        missed = group.kind.misses(seen, own)
+        views, values = problem.seen_of(state, group, tip), problem.own_of(state, group)
+        missed = group.kind.misses(views, values)
         across = np.linalg.pinv(missed.point, rcond=0.3)  # along the view images tell little: that is left out
-        way[group.rows] = -np.einsum("mik,mk->mi", across, missed.r)
-        place[group.rows] = seen.p
+        shift[group.rows] = -np.einsum("mik,mk->mi", across, missed.r)
+        origin[group.rows] = views.p
         if group.kind.name == "offset-on-tool":  # where the sensor says that the ball is
-            place[group.rows] = own["centre"] - way[group.rows]
-    return way, place
+            origin[group.rows] = values["centre"] - shift[group.rows]
+    return shift, origin

@@ -125,8 +125,8 @@ def place(tree: Sequence[Link], q: ArrayLike, T_base_root: FloatArray | None = N
             T = T @ frames.transform(frames.rotation_from_vector(value * link.axis))
         elif link.kind == "prismatic":
             T = T @ frames.transform(None, link.axis * value)
-        before = out[link.parent] if link.parent >= 0 else (np.eye(4) if T_base_root is None else T_base_root)
-        out.append(before @ T)
+        T_parent = out[link.parent] if link.parent >= 0 else (np.eye(4) if T_base_root is None else T_base_root)
+        out.append(T_parent @ T)
     return np.array(out)
 
 
@@ -134,14 +134,14 @@ def reach(tree: Sequence[Link]) -> float:
     """Length of the longest chain of joint origins, metres: the scale of the robot."""
     lengths: list[float] = []
     for link in tree:
-        before = lengths[link.parent] if link.parent >= 0 else 0.0
-        lengths.append(before + float(np.linalg.norm(link.T_parent_joint[:3, 3])))
+        length = lengths[link.parent] if link.parent >= 0 else 0.0
+        lengths.append(length + float(np.linalg.norm(link.T_parent_joint[:3, 3])))
     return max(max(lengths), 0.1)
 
 
 def vector(text: str | None, count: int) -> FloatArray:
     """So many finite numbers of a URDF's text; ValueError for anything else."""
-    values = np.array([float(part) for part in (text or "").split()])
+    values = np.array([float(word) for word in (text or "").split()])
     if len(values) != count or not np.isfinite(values).all():
         raise ValueError(f"expected {count} numbers, found {text!r}")
     return values
@@ -149,9 +149,9 @@ def vector(text: str | None, count: int) -> FloatArray:
 
 def origin(element: XmlElement) -> FloatArray:
     """The ``origin`` in an element of a URDF; identity without one."""
-    found = element.find("origin")
-    if found is None:
+    child = element.find("origin")
+    if child is None:
         return np.eye(4)
     return frames.transform(
-        frames.matrix_from_rpy(vector(found.get("rpy") or "0 0 0", 3)), vector(found.get("xyz") or "0 0 0", 3)
+        frames.matrix_from_rpy(vector(child.get("rpy") or "0 0 0", 3)), vector(child.get("xyz") or "0 0 0", 3)
     )

@@ -57,8 +57,8 @@ def render(scene: PageScene) -> str:
 
     data = content(scene)
     data["commands"] = drawing.record(scene).as_text()
-    own = "".join(_own(f"script/{name}.js") for name in SCRIPTS)
-    scripts = {"viewer": _viewer("main.min.js"), "overlay": f'"use strict";\n(function () {{\n{own}}})();\n'}
+    script = "".join(_own(f"script/{name}.js") for name in SCRIPTS)
+    scripts = {"viewer": _viewer("main.min.js"), "overlay": f'"use strict";\n(function () {{\n{script}}})();\n'}
     for name, text in scripts.items():
         if "</script" in text.lower() or "<!--" in text:
             raise AssertionError(f"the script {name} cannot stand inside a page")
@@ -112,8 +112,8 @@ def content(scene: PageScene) -> dict[str, Any]:
         "reach": scene.reach,
         "joints": {
             "names": list(arm.joint_names),
-            "units": ["mm" if own else "deg" for own in scene.prismatic],
-            "factors": [MM if own else DEG for own in scene.prismatic],
+            "units": ["mm" if slides else "deg" for slides in scene.prismatic],
+            "factors": [MM if slides else DEG for slides in scene.prismatic],
             "lower": lower.tolist(),
             "upper": upper.tolist(),
         },
@@ -126,13 +126,14 @@ def content(scene: PageScene) -> dict[str, Any]:
             "effective": _floats(scene.effective),
             "fitted": None if scene.fitted is None else scene.fitted.tolist(),
         },
-        "targets": [{"name": name, "place": place.tolist()} for name, place in scene.targets.items()],
+        "targets": [{"name": name, "place": xyz.tolist()} for name, xyz in scene.targets.items()],
         "points": None if points is None else _points(points),
         "world": scene.T_scene_world.T.ravel().tolist(),
         "tracker": scene.tracker,
-        "references": [{"name": name, "place": place.tolist()} for name, place in scene.references.items()],
+        "references": [{"name": name, "place": xyz.tolist()} for name, xyz in scene.references.items()],
         "features": [
-            {"label": one.label, "kind": one.kind, "place": one.T_scene[:3, 3].tolist()} for one in scene.features
+            {"label": feature.label, "kind": feature.kind, "place": feature.T_scene[:3, 3].tolist()}
+            for feature in scene.features
         ],
         "at_features": scene.at_features,
         "cube": None if scene.cube is None else {"centre": scene.cube[0].tolist(), "edge": scene.cube[1]},
@@ -140,7 +141,7 @@ def content(scene: PageScene) -> dict[str, Any]:
         "scale": {
             "colours": ERRORS,
             "common": _scale(scene.magnification, scene.scale_top),
-            **{model: _scale(*own) for model, own in scene.own_scales.items()},
+            **{model: _scale(*scales) for model, scales in scene.own_scales.items()},
         },
     }
 

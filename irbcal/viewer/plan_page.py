@@ -27,7 +27,7 @@ def page(plan: Plan) -> str:
     """
     scene, setting = plan.scene, plan.scene.setting
     base, tip = scene.links
-    shown = view(
+    view_page = view(
         scene.source,
         plan=np.array(plan.q),
         package_dir=scene.package_dirs,
@@ -39,7 +39,7 @@ def page(plan: Plan) -> str:
     T_scene_world = frames.inverse(scene.T_world_base)
     return View(
         replace(
-            shown,
+            view_page,
             robot=setting.robot.replace(T_world_base=scene.T_world_base),
             targets=dict(zip(setting.targets.names, setting.targets.places, strict=True)),
             points=Points(pose, target, frames.apply(T_scene_world, xyz)),

@@ -54,11 +54,11 @@ def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[st
     dict of str to ndarray, shape (m, 3)
         Family's name in words; metres in the scene.
     """
-    whole = points.predicted(model)
+    predicted = points.predicted(model)
     turn = frames.transform(T_scene_world[:3, :3])
     out = {}
     for family in families(model):
-        shift = frames.apply(turn, points.predicted(without(model, family)) - whole)
+        shift = frames.apply(turn, points.predicted(without(model, family)) - predicted)
         if np.abs(shift).max(initial=0.0) > SMALLEST:
             out[WORDS.get(family, family.replace("_", " "))] = shift
     return out
@@ -66,10 +66,10 @@ def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[st
 
 def families(model: Robot) -> list[str]:
     """Families with terms in a robot's joint map or among its frame terms, in their order."""
-    found = [term.family for term in model.joint_map.terms.terms]
+    names = [term.family for term in model.joint_map.terms.terms]
     if model.frame_terms is not None:
-        found += [term.family for term in model.frame_terms.terms]
-    return list(dict.fromkeys(found))
+        names += [term.family for term in model.frame_terms.terms]
+    return list(dict.fromkeys(names))
 
 
 def without(model: Robot, family: str) -> Robot:
@@ -133,22 +133,22 @@ def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit
     -------
     Registered
     """
-    ready, robots = in_frame_of_calibration(calibration, measurements, refit)
-    seen, notes = ready.measurements, list(ready.notes)
-    if ready.excluded:
-        count = len(ready.excluded)
+    cleaned, robots = in_frame_of_calibration(calibration, measurements, refit)
+    measured, notes = cleaned.measurements, list(cleaned.notes)
+    if cleaned.excluded:
+        count = len(cleaned.excluded)
         notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
-    notes += without_fitted(ready, calibration, include=True).notes[len(ready.notes) :]
+    notes += without_fitted(cleaned, calibration, include=True).notes[len(cleaned.notes) :]
     used = calibration.used_points(heldout=False)
-    fit = None if used is None else fitted.poses_of(ready.points, used[0], calibration.arm().table.prismatic)
-    return Registered(seen, ready.points, robots["calibrated"], robots["nominal"], fit, notes)
+    fit = None if used is None else fitted.poses_of(cleaned.points, used[0], calibration.arm().table.prismatic)
+    return Registered(measured, cleaned.points, robots["calibrated"], robots["nominal"], fit, notes)
 
 
 def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_world: FloatArray) -> Points:
     """Measured points in the scene, and what both models say of them."""
     modelled = [frames.apply(T_scene_world, points.predicted(robot)) for robot in (model, nominal)]
     turns = [_turns(robot, points) for robot in (model, nominal)]
-    known = predictions(model, points) if len(points) <= MOST_KNOWN else None
+    predicted = predictions(model, points) if len(points) <= MOST_KNOWN else None
     return Points(
         points.pose,
         _target_index(model, points),
@@ -157,7 +157,7 @@ def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_worl
         modelled[1],
         turn_calibrated=turns[0],
         turn_nominal=turns[1],
-        u95=None if known is None else known[1].max(axis=1),
+        u95=None if predicted is None else predicted[1].max(axis=1),
         attitudes=_attitudes({"calibrated": model, "nominal": nominal}, points, T_scene_world),
         without=shifts(model, points, T_scene_world) if len(points) <= MOST_KNOWN else {},
     )
@@ -185,11 +185,11 @@ def _target_index(model: Robot, points: PointSet) -> IntArray:
 
 def _turns(robot: Robot, points: PointSet) -> FloatArray | None:
     """Orientation error of each point, radians; None where no orientation was measured."""
-    found = rotation_distances(robot, points)
-    if not len(found):
+    turns = rotation_distances(robot, points)
+    if not len(turns):
         return None
     out = np.full(len(points), np.nan)
-    out[points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))] = found
+    out[points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))] = turns
     return out
 
 
@@ -209,7 +209,7 @@ def header(table: object) -> list[str]:
             frame = table if isinstance(table, pd.DataFrame) else pd.read_parquet(str(table))
             return [str(name).strip() for name in frame.columns]
         lines = read_bytes(str(table), MeasurementError).decode("utf-8-sig").splitlines()
-        first = next((line for line in lines[:100] if line.strip()), "")
+        first = next((text for text in lines[:100] if text.strip()), "")
         return [name.strip().strip('"') for name in first.split(",")]
     except Exception:  # whatever is wrong with the file, its reader says it better
         return []
@@ -253,8 +253,8 @@ def planned_points(model: Robot, ghost: Robot | None, q: FloatArray, T_scene_wor
         and len(rows) <= MOST_KNOWN
         and all(certainty.left_out(n) is not None for n in model.targets)
     ):
-        known = [model.predict(q, None, name).interval.max(axis=1) for name in model.targets]
-        u95 = np.column_stack(known).ravel()
+        half_widths = [model.predict(q, None, name).interval.max(axis=1) for name in model.targets]
+        u95 = np.column_stack(half_widths).ravel()
     return Points(
         rows,
         np.tile(np.arange(count), len(q)),
@@ -264,12 +264,12 @@ def planned_points(model: Robot, ghost: Robot | None, q: FloatArray, T_scene_wor
     )
 
 
-def path_of(model: Robot, q: FloatArray, T_scene_world: FloatArray, most: int = 20_000) -> FloatArray | None:
+def path_of(model: Robot, q: FloatArray, T_scene_world: FloatArray, limit: int = 20_000) -> FloatArray | None:
     """Way of the first target when the robot goes from pose to pose linearly in its joints."""
     if len(q) < 2:
         return None
-    steps = int(np.clip(most // len(q), 2, 24))
-    part = np.arange(steps) / steps
-    between = q[:-1, None] + part[:, None] * (q[1:] - q[:-1])[:, None]
-    way = np.concatenate([between.reshape(-1, q.shape[1]), q[-1:]])
-    return frames.apply(T_scene_world, model.points(way, next(iter(model.targets))))
+    steps = int(np.clip(limit // len(q), 2, 24))
+    fraction = np.arange(steps) / steps
+    between = q[:-1, None] + fraction[:, None] * (q[1:] - q[:-1])[:, None]
+    q_path = np.concatenate([between.reshape(-1, q.shape[1]), q[-1:]])
+    return frames.apply(T_scene_world, model.points(q_path, next(iter(model.targets))))

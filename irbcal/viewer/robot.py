@@ -74,40 +74,40 @@ def _read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatA
     if ending == "dae":
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise MeshProblem("document types and entities are refused", name)
-        found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([\d.eE+-]+)[\"']", data[:100_000])
-        unit = float(found[1]) if found else 1.0
+        unit_text = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([\d.eE+-]+)[\"']", data[:100_000])
+        unit = float(unit_text[1]) if unit_text else 1.0
     try:
         # without a resolver nothing but these bytes is read: no textures, no material files
         scene = trimesh.load_scene(BytesIO(data), file_type=ending, process=False)
-        parts = list(_scene_parts(scene, budget))
+        meshes = list(_scene_parts(scene, budget))
     except MeshProblem:
         raise
     except Exception as error:  # whatever a parser raises on a damaged file
         raise MeshProblem(f"it is not a readable mesh ({type(error).__name__})", name) from None
-    if not parts:
+    if not meshes:
         raise MeshProblem("there are no triangles in it", name)
-    triangles = np.concatenate([part for part, _ in parts]) * unit
+    triangles = np.concatenate([mesh for mesh, _ in meshes]) * unit
     good = np.isfinite(triangles).all(axis=(1, 2))
-    coloured = any(colour is not None for _, colour in parts)
-    colours = np.concatenate([np.broadcast_to(GREY if c is None else c, (len(t), 3)) for t, c in parts])
+    coloured = any(colour is not None for _, colour in meshes)
+    colours = np.concatenate([np.broadcast_to(GREY if c is None else c, (len(t), 3)) for t, c in meshes])
     return triangles[good], colours[good] if coloured else None
 
 
 def _scene_parts(scene: Any, budget: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
     for node in scene.graph.nodes_geometry:
         T, name = scene.graph[node]
-        part = scene.geometry[name]
-        if not hasattr(part, "faces") or not len(part.faces):
+        mesh = scene.geometry[name]
+        if not hasattr(mesh, "faces") or not len(mesh.faces):
             continue
-        budget -= len(part.faces)
+        budget -= len(mesh.faces)
         if budget < 0:
             raise MeshProblem(f"the robot has more than {MAX_TRIANGLES:,} triangles", name)
-        triangles = part.triangles @ np.asarray(T)[:3, :3].T + np.asarray(T)[:3, 3]
-        yield triangles, _part_colours(part)
+        triangles = mesh.triangles @ np.asarray(T)[:3, :3].T + np.asarray(T)[:3, 3]
+        yield triangles, _part_colours(mesh)
 
 
-def _part_colours(part: Any) -> FloatArray | None:
-    visual = part.visual
+def _part_colours(mesh: Any) -> FloatArray | None:
+    visual = mesh.visual
     if not visual.defined:
         return None
     if visual.kind == "texture":
@@ -151,7 +151,7 @@ def meshes(
     materials = {m.get("name"): _colour(m) for m in root.findall("material")}
     elements = {link.get("name"): link for link in root.findall("link")}
     finder = MeshFinder(folder, package_dirs)
-    parts: dict[int, list[Painted]] = {}
+    painted: dict[int, list[Painted]] = {}
     bare: set[int] = set()
     problems: dict[str, list[str]] = {}
     budget = MAX_TRIANGLES
@@ -164,17 +164,17 @@ def meshes(
                 bare.add(k)
                 continue
             budget -= len(triangles)
-            parts.setdefault(k, []).append((triangles, colours))
+            painted.setdefault(k, []).append((triangles, colours))
     size = reach(tree)
-    if not parts:
+    if not painted:
         bare = set(range(len(tree)))
-    for k in sorted(bare - set(parts)):
+    for k in sorted(bare - set(painted)):
         rod = _rods(tree, k, size)
         if rod is not None:
-            parts[k] = [(rod, _grey(rod))]
+            painted[k] = [(rod, _grey(rod))]
     found = {
-        k: shapes.smooth(np.concatenate([t for t, _ in own]), np.concatenate([c for _, c in own]))
-        for k, own in parts.items()
+        k: shapes.smooth(np.concatenate([t for t, _ in pieces]), np.concatenate([c for _, c in pieces]))
+        for k, pieces in painted.items()
     }
     return found, _problem_note(problems)
 
@@ -203,12 +203,12 @@ def _visual(
         colour = materials.get(material.get("name")) if colour is None else colour
     try:
         T = origin(visual)
-        triangles, own = _shape(shape, finder, budget)
+        triangles, colours_of_shape = _shape(shape, finder, budget)
     except (ValueError, TypeError) as error:
         raise MeshProblem(f"not understood ({' '.join(str(error).split())})", f"<{shape.tag}>") from None
-    if own is None:
-        own = _grey(triangles) if colour is None else np.broadcast_to(colour, (len(triangles), 3))
-    return triangles @ T[:3, :3].T + T[:3, 3], own
+    if colours_of_shape is None:
+        colours_of_shape = _grey(triangles) if colour is None else np.broadcast_to(colour, (len(triangles), 3))
+    return triangles @ T[:3, :3].T + T[:3, 3], colours_of_shape
 
 
 def _shape(shape: XmlElement, finder: MeshFinder, budget: int) -> tuple[FloatArray, FloatArray | None]:
@@ -248,17 +248,17 @@ def _colour(material: XmlElement) -> FloatArray | None:
 def _rods(tree: Sequence[Link], k: int, size: float) -> FloatArray | None:
     """A link as rods from its frame to the joints that it carries, with a drum about each moving joint."""
     radius = 0.022 * size
-    parts = []
+    rods = []
     for child in tree:
         if child.parent != k:
             continue
         end = child.T_parent_joint[:3, 3]
         if np.linalg.norm(end) > 2 * radius:
-            parts.append(shapes.rod(np.zeros(3), end, radius))
+            rods.append(shapes.rod(np.zeros(3), end, radius))
     link = tree[k]
     if link.kind == "revolute":
-        parts.append(shapes.rod(-1.6 * radius * link.axis, 1.6 * radius * link.axis, 1.5 * radius))
-    return np.concatenate(parts) if parts else None
+        rods.append(shapes.rod(-1.6 * radius * link.axis, 1.6 * radius * link.axis, 1.5 * radius))
+    return np.concatenate(rods) if rods else None
 
 
 def _grey(triangles: FloatArray) -> FloatArray:

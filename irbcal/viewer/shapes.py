@@ -90,16 +90,16 @@ def _corner_normals(vertex: IntArray, face: IntArray, across: FloatArray, unit: 
     count = np.bincount(vertex)
     start = np.concatenate([[0], np.cumsum(count)[:-1]])
     total = across[face].copy()  # corners with very many faces keep their own
-    few = count[vertex] <= MOST_FACES_AT_A_CORNER
-    rows = np.flatnonzero(few)
+    simple = count[vertex] <= MOST_FACES_AT_A_CORNER
+    rows = np.flatnonzero(simple)
     repeats = count[vertex[rows]]
     corner = np.repeat(rows, repeats)
     within = np.arange(len(corner)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
-    other = face[order[np.repeat(start[vertex[rows]], repeats) + within]]
-    near = np.einsum("ij,ij->i", unit[face[corner]], unit[other]) > CREASE
+    neighbour = face[order[np.repeat(start[vertex[rows]], repeats) + within]]
+    near = np.einsum("ij,ij->i", unit[face[corner]], unit[neighbour]) > CREASE
     for axis in range(3):
-        summed = np.bincount(corner[near], across[other[near], axis], len(face))
-        total[few, axis] = summed[few]
+        summed = np.bincount(corner[near], across[neighbour[near], axis], len(face))
+        total[simple, axis] = summed[simple]
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.where(length > 0, total / np.where(length > 0, length, 1.0), unit[face])
 
@@ -120,7 +120,7 @@ def _turned(profile: ArrayLike, segments: int = SEGMENTS) -> FloatArray:
     points = np.array([np.column_stack([r * ring, np.full(segments + 1, z)]) for r, z in np.asarray(profile, float)])
     a, b = points[:-1, :-1], points[:-1, 1:]
     c, d = points[1:, 1:], points[1:, :-1]
-    return np.concatenate([np.stack(part, axis=-2).reshape(-1, 3, 3) for part in ((a, b, c), (a, c, d))])
+    return np.concatenate([np.stack(triangle, axis=-2).reshape(-1, 3, 3) for triangle in ((a, b, c), (a, c, d))])
 
 
 def cylinder(radius: float, length: float) -> FloatArray:

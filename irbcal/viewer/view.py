@@ -138,18 +138,18 @@ class View(Speaks):
     def told(self) -> list[Told]:
         """What there is to see, how large the errors are, and what the user should know."""
         scene = self.scene
-        what = f"{scene.title}{', SIMULATED' if scene.simulated else ''}: "
+        title = f"{scene.title}{', SIMULATED' if scene.simulated else ''}: "
         if scene.points is None:
-            what += "its joints have sliders"
+            title += "its joints have sliders"
         else:
             kind = "poses of a plan" if scene.mode == "plan" else "measured poses"
-            what += f"{len(scene.q)} {kind}, {len(scene.points.pose)} points of {', '.join(scene.targets)}"
-        told: list[Told] = [what]
+            title += f"{len(scene.q)} {kind}, {len(scene.points.pose)} points of {', '.join(scene.targets)}"
+        lines: list[Told] = [title]
         if scene.features:
-            told.append(f"{len(scene.features)} features and known lengths stand at their fitted places")
+            lines.append(f"{len(scene.features)} features and known lengths stand at their fitted places")
         if scene.points is not None:
-            told += _errors(scene)
-        return told + [f"Note: {note}" for note in scene.notes]
+            lines += _errors(scene)
+        return lines + [f"Note: {note}" for note in scene.notes]
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each point, metres and radians, in the base link; no rows for a robot without poses.
@@ -257,20 +257,20 @@ def _errors(scene: PageScene) -> list[Told]:
     points = scene.points
     models: tuple[Model, ...] = ("nominal", "calibrated")
     assert points is not None
-    found = {model: error for model in models if (error := points.distance(model)) is not None}
-    if not found:
+    errors = {model: error for model in models if (error := points.distance(model)) is not None}
+    if not errors:
         return []
     kinds: dict[str, Any] = {"": slice(None)}
     if scene.fitted is not None and scene.fitted.any():
         fitted = scene.fitted[points.pose]
         kinds = {" of held-out poses": ~fitted, " of fitted poses": fitted}
-    what = "Distances of rows from their features" if scene.at_features else "Errors"
-    told: list[Told] = []
+    title = "Distances of rows from their features" if scene.at_features else "Errors"
+    lines: list[Told] = []
     for kind, rows in kinds.items():
-        words = [
+        figures = [
             f"{model} {error[rows].mean() / MM:.3f} mm on average and at most {error[rows].max() / MM:.3f} mm"
-            for model, error in found.items()
+            for model, error in errors.items()
             if len(error[rows])
         ]
-        told += [f"{what}{kind}: {'; '.join(words)}"] if words else []
-    return told
+        lines += [f"{title}{kind}: {'; '.join(figures)}"] if figures else []
+    return lines

@@ -191,7 +191,7 @@ def test_impossible_wishes_are_refused():
     with pytest.raises(RobotError, match="by a tolerance or by a length"):
         subdivide(path, robot, nominal, seed)
     with pytest.raises(RobotError, match="takes more than 8 moves"):
-        subdivide(path, robot, nominal, seed, tolerance=1e-12, most=8)
+        subdivide(path, robot, nominal, seed, tolerance=1e-12, most_pieces=8)
     far = StraightMove(path.T_start, frames.transform(path.T_start[:3, :3], [4.0, 0, 1]))
     with pytest.raises(RobotError, match="does not reach point"):
         subdivide(far, robot, nominal, seed, length=0.1)

@@ -95,7 +95,7 @@ def test_the_true_tool_reaches_the_true_work_object(language, numbers):
     tools = {key: T @ MOTION for key, T in before.tools.items()}
     work_objects = {key: T @ np.linalg.inv(MOTION) for key, T in before.work_objects.items()}
     known = TrueFrames(cell_with(tools, work_objects), numbers=numbers)
-    found = filter_program(robot, nominal, before, DIGEST, known=known)
+    found = filter_program(robot, nominal, before, DIGEST, true_frames=known)
     assert found.left == ()
     assert found.unknown_frames is None
     files = found.files if language in ("krl", "val3") else found.data
@@ -185,7 +185,7 @@ class TaughtCell:
         return off_and_turned(self.robot, q, self.wanted, self.tool, self.work_object)[0]
 
     def filtered(self, data, **known):
-        return filter_program(self.robot, self.nominal, rapid.parse(data), DIGEST, known=TrueFrames(**known))
+        return filter_program(self.robot, self.nominal, rapid.parse(data), DIGEST, true_frames=TrueFrames(**known))
 
 
 def _solved(forward, T, seed):

@@ -53,7 +53,7 @@ def test_axis_moves_are_those_of_the_thesis():
         (angle * np.eye(6)[joint]).tolist() for joint in range(6) for angle in (-30.0, 0.0, 30.0)
     ]
     assert few.groups.tolist() == [f"axis{joint}" for joint in range(1, 7) for _ in range(3)]
-    many = sources.axis_moves(setting(), many=True)
+    many = sources.axis_moves(setting(), wide=True)
     assert len(many.q) == 158
     second = np.degrees(many.q[many.groups == "axis2"])
     assert second[:, 1].round(9).tolist() == [*range(-40, 41, 10), *range(30, -41, -10)]

@@ -124,12 +124,14 @@ def by_name() -> dict[str, Language]:
     """All languages by the names of their files; a table is called ``csv``."""
     from irbcal.correction.languages import table
 
-    return {"csv" if one is table else one.__name__.rsplit(".", 1)[1]: one for one in known()}  # type: ignore[attr-defined]
+    return {"csv" if language is table else language.__name__.rsplit(".", 1)[1]: language for language in known()}  # type: ignore[attr-defined]
 
 
 def of_robot(name: str) -> Language | None:
     """The language of a robot's maker, by the robot's name; None where the name does not tell."""
-    return next((one for one in known() if one.ROBOTS and re.search(one.ROBOTS, name.lower())), None)
+    return next(
+        (language for language in known() if language.ROBOTS and re.search(language.ROBOTS, name.lower())), None
+    )
 
 
 SHARED = (".yaml", ".yml")
@@ -159,12 +161,14 @@ def of(path: str | Path) -> Language:
     if len(looks) == 1:
         return looks[0]
     expected = ", ".join(f"{language.NAME} ({', '.join(language.ENDINGS)})" for language in known())
-    found = f"the ending {ending}" if ending else "a name without ending"
+    ending_or_kind = f"the ending {ending}" if ending else "a name without ending"
     if ending == ".tp":
-        found = "a binary FANUC program: have the controller write it as .LS"
+        ending_or_kind = "a binary FANUC program: have the controller write it as .LS"
     else:
-        found = next((words for begin, words in _ELSEWISE if data.startswith(begin)), found)
-    raise ProgramError(f"expected a program in one of {expected}, found {found}", file=path)
+        ending_or_kind = next(
+            (description for begin, description in _ELSEWISE if data.startswith(begin)), ending_or_kind
+        )
+    raise ProgramError(f"expected a program in one of {expected}, found {ending_or_kind}", file=path)
 
 
 def files_of(programs: Sequence[str | Path]) -> tuple[Language, list[Path]]:
@@ -194,7 +198,7 @@ def files_of(programs: Sequence[str | Path]) -> tuple[Language, list[Path]]:
         if language is not languages[0]:
             message = f"this is {language.NAME}, but {files[0].name} is {languages[0].NAME}: filter them one by one"
             raise ProgramError(message, file=file)
-    doubled = [file for k, file in enumerate(files) if file.name in {other.name for other in files[:k]}]
+    doubled = [file for k, file in enumerate(files) if file.name in {earlier.name for earlier in files[:k]}]
     if doubled:
         raise ProgramError("there are two files of this name: filter them one by one", file=doubled[0])
     return languages[0], files
@@ -230,7 +234,7 @@ def write(language: Language, moves: Moves) -> dict[str, bytes]:
         for name, data in contents.items():
             (Path(folder) / name).write_bytes(data)
         files = [path for path in sorted(Path(folder).iterdir()) if path.suffix.lower() in language.ENDINGS]
-        q = np.concatenate([commanded(one, moves.arm) for one in language.read_for(moves.arm, files, setup)])
+        q = np.concatenate([commanded(program, moves.arm) for program in language.read_for(moves.arm, files, setup)])
     if q.shape != moves.q.shape or (np.abs(q - moves.q) > _printed(moves)).any():
         raise ProgramError(f"the {language.NAME} program does not hold the joints that were to be written")
     return contents

@@ -62,8 +62,8 @@ def config(text: str, start: int) -> tuple[Posture | None, tuple[Span, ...], str
     """
     match = _CONFIG.match(text)
     if match is None:
-        what = "is empty" if not text.strip() else f"{text.strip()[:20]!r} is of another kind of arm"
-        return None, (), f"its CONFIG {what}"
+        problem = "is empty" if not text.strip() else f"{text.strip()[:20]!r} is of another kind of arm"
+        return None, (), f"its CONFIG {problem}"
     wrist, elbow, front = match.group(1, 2, 3)
     if front == "B":
         return None, (), "its CONFIG says B: how U and D are counted behind axis 1 is not confirmed"
@@ -162,11 +162,11 @@ def sections(listing: Listing) -> dict[str, tuple[int, int]]:
 def instructions(listing: Listing, start: int, end: int) -> list[Instruction]:
     """Instructions, with the lines that go on behind a colon without a number."""
     out: list[Instruction] = []
-    for line in _LINE.finditer(listing.text, start, end):
-        if line[1] or not out:
-            out.append(Instruction(int(line[1][:9] or 0), line.start(2), line.end(2)))
+    for match in _LINE.finditer(listing.text, start, end):
+        if match[1] or not out:
+            out.append(Instruction(int(match[1][:9] or 0), match.start(2), match.end(2)))
         else:
-            out[-1] = out[-1]._replace(end=line.end(2))
+            out[-1] = out[-1]._replace(end=match.end(2))
     return out
 
 
@@ -184,14 +184,14 @@ def _point(listing: Listing, match: re.Match[str]) -> ProgramPoint:
         return ProgramPoint(number, None, "it is of another motion group", "", "", match.start())
     begin = groups[first].end()
     end = groups[first + 1].start() if first + 1 < len(groups) else match.end(2)
-    held = _FRAMES.search(listing.text, begin, end)
-    frames = (held[1], held[2]) if held else ("", "")
-    found, reason = _target(listing, f"P[{number}]", match.start(), begin, end)
-    if found is not None and not all(frame.isdecimal() for frame in frames):
-        found.conflicts.append("it names no user frame or tool by number")
-    if found is not None and len(groups) > 1:
-        found.external = "other groups"
-    return ProgramPoint(number, found, reason, *frames, match.start())
+    frame_numbers = _FRAMES.search(listing.text, begin, end)
+    frames = (frame_numbers[1], frame_numbers[2]) if frame_numbers else ("", "")
+    target, reason = _target(listing, f"P[{number}]", match.start(), begin, end)
+    if target is not None and not all(frame.isdecimal() for frame in frames):
+        target.conflicts.append("it names no user frame or tool by number")
+    if target is not None and len(groups) > 1:
+        target.external = "other groups"
+    return ProgramPoint(number, target, reason, *frames, match.start())
 
 
 def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple[Target | None, str]:
@@ -255,33 +255,33 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> LsProgr
         If this is none, or a frame that is needed is not known.
     """
     listing = Listing([(source, data)], "FANUC LS")
-    places = sections(listing)
-    if "PROG" not in places or "MN" not in places:
+    sections_of = sections(listing)
+    if "PROG" not in sections_of or "MN" not in sections_of:
         raise ProgramError("expected a FANUC listing with /PROG and /MN", file=source)
-    if "END" not in places:
+    if "END" not in sections_of:
         raise ProgramError("the listing does not end with /END", file=source)
     taught: dict[int, ProgramPoint] = {}
-    for point in points(listing, *places["POS"]) if "POS" in places else ():
+    for point in points(listing, *sections_of["POS"]) if "POS" in sections_of else ():
         if point.number in taught:
             raise listing.error(point.start, f"P[{point.number}] stands here a second time")
         taught[point.number] = point
     moves = _Moves(listing, taught)
-    steps = instructions(listing, *places["MN"])
+    steps = instructions(listing, *sections_of["MN"])
     for step in steps:
         moves.take(step)
-    found = [point.target for point in taught.values() if point.target is not None]
+    targets = [point.target for point in taught.values() if point.target is not None]
     eye = {"0": frames.transform()}
     return LsProgram.assembled(
         FANUC,
         arm,
         moves.flow,
-        found,
+        targets,
         setup,
         eye,
         eye,
-        notes=moves.notes(found),
+        notes=moves.notes(targets),
         comments=_joined(moves.comments),
-        mark_at=places["MN"][1],
+        mark_at=sections_of["MN"][1],
         mark_number=max((step.number for step in steps), default=0) + 1,
     )
 
@@ -301,7 +301,7 @@ class _Moves:
         if text.lstrip().startswith(("!", "//", "--")):
             self.comments.append(text)
             return
-        text = re.sub(r"'[^'\r\n]*'|\"[^\"\r\n]*\"", lambda found: " " * len(found[0]), text)
+        text = re.sub(r"'[^'\r\n]*'|\"[^\"\r\n]*\"", lambda match: " " * len(match[0]), text)
         move = _MOVE.match(text)
         if move is not None:
             self._move(step, text, move)
@@ -333,7 +333,7 @@ class _Moves:
             goals.append(goal)
             at = goal.end()
         options = text[at:].upper()
-        reason = next((words for sign, words in _REASONS if sign.search(options)), "")
+        reason = next((text_of_reason for sign, text_of_reason in _REASONS if sign.search(options)), "")
         if _OFFSET.search(options) and not reason:
             line = self.listing.line(step.start)
             self._noted = self._noted or [Note(line, "an offset moves targets that are corrected without it")]
@@ -350,25 +350,25 @@ class _Moves:
         if goal[1] == "PR":
             self.flow.leave(step.start, move, text, "a position register stands in the controller only")
             return None
-        named, missing = self._named(goal[2])
+        points, missing = self._named(goal[2])
         if missing:
             self.flow.leave(step.start, move, text, missing)
-        for point in named:
+        for point in points:
             if point.target is None:
                 self.flow.leave(step.start, move, f"P[{point.number}]", point.reason)
                 continue
             point.target.conflicts += [reason] if reason else []
             state = FrameState(point.tool, point.user_frame)
             self.flow.use(point.target, step.start, move, "via" if role == "via" else "to", state)
-        return named[0].target if len(named) == 1 and not reason else None
+        return points[0].target if len(points) == 1 and not reason else None
 
     def _changes(self, step: Instruction, text: str) -> None:
         """Frames that the program sets itself."""
         for change in _FRAME.finditer(text.upper()):
             line = self.listing.line(step.start)
             for point in self.taught.values():
-                held = point.user_frame if change[1] == "UFRAME" else point.tool
-                if point.target is not None and (held == change[2] or not change[2].isdecimal()):
+                frame_number = point.user_frame if change[1] == "UFRAME" else point.tool
+                if point.target is not None and (frame_number == change[2] or not change[2].isdecimal()):
                     point.target.conflicts.append(f"line {line} changes {change[1]}[{change[2]}]")
 
     def notes(self, targets: Sequence[Target]) -> list[Note]:

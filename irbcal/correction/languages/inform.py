@@ -132,12 +132,12 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> JobProg
         raise ProgramError("expected a Yaskawa job that begins with /JOB", file=source)
     job = _Job(listing, setup.pulses)
     job.read()
-    found = list(job.points.values())
+    targets = list(job.points.values())
     return JobProgram.assembled(
         YASKAWA,
         arm,
         job.flow,
-        found,
+        targets,
         setup,
         {},
         {WORLD: frames.transform()},
@@ -186,15 +186,15 @@ class _Job:
                 target.conflicts.append(self._trouble)
 
     def _pseudo(self, text: str) -> None:
-        word, _, rest = text[3:].partition(" ")
+        word, _, value = text[3:].partition(" ")
         if word in self._now:
-            self._now[word] = rest.strip()
+            self._now[word] = value.strip()
         elif word == "PULSE":
             self._now["POSTYPE"] = "PULSE"
         elif word.startswith("GROUP"):
-            if word != "GROUP1" or not rest.strip().startswith("RB1"):
+            if word != "GROUP1" or not value.strip().startswith("RB1"):
                 self._trouble = "the job moves other groups than one robot"
-            elif "BS" in rest:
+            elif "BS" in value:
                 self._trouble = "the robot stands on base axes, which carry its frames"
 
     def _position(self, name: str, text: str, at: int) -> None:
@@ -223,7 +223,7 @@ class _Job:
 
     def _instruction(self, text: str, at: int) -> None:
         move = _MOVE.match(text)
-        names = [found[0] for found in _POINT.finditer(text)]
+        names = [match[0] for match in _POINT.finditer(text)]
         if move is None:
             if _FLOW.match(text):
                 self.flow.forget()
@@ -234,8 +234,8 @@ class _Job:
             return
         at += len(text) - len(text.lstrip())
         first = names[0] if names else ""
-        found = self.points.get(first)
-        if move[1] in ("IMOV", "REFP") or found is None:
+        target = self.points.get(first)
+        if move[1] in ("IMOV", "REFP") or target is None:
             reason = self._missing.get(first, "it is not a step point of this job")
             reason = "it moves on by a distance" if move[1] == "IMOV" else reason
             self.flow.leave(at, move[1], first or self.listing.quote(at, at + 40), reason)
@@ -243,12 +243,12 @@ class _Job:
             self._otherwise(names, at)
             return
         if "+MOV" in text or any(name.startswith("B") for name in names) or re.search(r"\b(?:TL|UF)#", text):
-            found.conflicts.append(f"line {self.listing.line(at)} moves other groups, or names another tool or frame")
+            target.conflicts.append(f"line {self.listing.line(at)} moves other groups, or names another tool or frame")
         if any(name.startswith("E") for name in names):
             moved = "stations move together with the robot: where they carry the work, its place is another"
             self.notes.setdefault("stations", Note(self.listing.line(at), moved))
-        self.flow.use(found, at, move[1], state=self._frames[first])
-        self.flow.stop(found, at)
+        self.flow.use(target, at, move[1], state=self._frames[first])
+        self.flow.stop(target, at)
 
     def _otherwise(self, names: Sequence[str], at: int) -> None:
         for name in names:

@@ -74,13 +74,13 @@ def ends(arm: Arm, joints: FloatArray, pose: FloatArray) -> ControllerFrames:
     good, nearest = [], (np.inf, np.inf)
     for base, flange in product(range(4), repeat=2):
         B, F = (frames.from_xyz_angles([0.0, 0.0, 0.0, 0.0, 0.0, k * np.pi / 2]) for k in (base, flange))
-        found = frames.inverse(B) @ T @ F
-        off = found[:3, 3] - pose[:3, 3]
+        base_error = frames.inverse(B) @ T @ F
+        off = base_error[:3, 3] - pose[:3, 3]
         B[2, 3] = off[2]
-        angle = float(frames.rotation_distance(found[None, :3, :3], pose[None, :3, :3])[0])
-        away = float(np.linalg.norm(off[:2]))
-        nearest = min(nearest, (away, angle))
-        if away < FIT_M and angle < FIT_RAD:
+        angle = float(frames.rotation_distance(base_error[None, :3, :3], pose[None, :3, :3])[0])
+        distance = float(np.linalg.norm(off[:2]))
+        nearest = min(nearest, (distance, angle))
+        if distance < FIT_M and angle < FIT_RAD:
             good.append(ControllerFrames(B, F, True, True))
     if not good:
         raise OptionError(
@@ -160,9 +160,9 @@ def read(listing: Listing) -> Sections:
     """Read all programs, ``.TRANS`` and ``.JOINTS`` of the files; other sections are passed over."""
     out = Sections()
     section = ""
-    for part in listing.parts:
+    for file in listing.parts:
         section = ""
-        for line in _LINE.finditer(listing.text, part.start, part.end):
+        for line in _LINE.finditer(listing.text, file.start, file.end):
             head = _SECTION.match(line[0])
             if head is not None and (head[1] or head[3]):
                 section = (head[1] or head[3]).upper()
@@ -204,17 +204,17 @@ def _location(out: Sections, text: str, start: int, section: str) -> None:
         numbers.append(Number(float(value[1]), start + value.start(1), start + value.end(1)))
         at = value.end()
     key = plain = keyed(head[1], head[2])
-    shown = text[head.start(1) : head.end()].strip()
-    whole = len(numbers) >= 6 and not text[at:].strip()
+    name = text[head.start(1) : head.end()].strip()
+    complete = len(numbers) >= 6 and not text[at:].strip()
     empty = [Number(0.0, start, start)] * 6
-    target = Target(shown, "joint" if section == "JOINTS" else "pose", start, numbers[:6] if whole else empty)
-    if not whole:
+    target = Target(name, "joint" if section == "JOINTS" else "pose", start, numbers[:6] if complete else empty)
+    if not complete:
         target.conflicts.append("its six numbers are not understood")
     if len(numbers) > 6:
         target.external = "JT7"
     if key in out.locations:
-        for other in (target, out.locations[key]):
-            other.conflicts.append("there are two of this name")
+        for target_of_name in (target, out.locations[key]):
+            target_of_name.conflicts.append("there are two of this name")
         key = f"{key} (again in line {start})"
     out.locations[key] = target
     out.names.setdefault(head[1].lower(), []).append(key)
@@ -272,30 +272,30 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         If the pair of joints and pose does not fit the arm.
     """
     listing = Listing(files, "Kawasaki AS")
-    for part in listing.parts:
-        if not looks_like(listing.text[part.start : part.end].encode("latin-1")):
-            raise ProgramError("expected a Kawasaki file with .PROGRAM, .TRANS or .JOINTS", file=part.name)
+    for file in listing.parts:
+        if not looks_like(listing.text[file.start : file.end].encode("latin-1")):
+            raise ProgramError("expected a Kawasaki file with .PROGRAM, .TRANS or .JOINTS", file=file.name)
     sections = read(listing)
     reader = _Reader(listing, sections)
     for line in sections.lines:
         reader.take(line)
     reader.conclude()
-    found = sorted([*sections.locations.values(), *reader.literals], key=lambda target: target.start)
+    targets = sorted([*sections.locations.values(), *reader.literals], key=lambda target: target.start)
     if setup.where is None:
-        for target in found:
+        for target in targets:
             target.conflicts += [NO_WHERE] if target.kind == "pose" and target.uses else []
     else:
         setup = setup._replace(controller=ends(arm, *setup.where))
-    known = {**reader.frames(), NULL: frames.transform()}
+    frame_values = {**reader.frames(), NULL: frames.transform()}
     return AsProgram.assembled(
         KAWASAKI,
         arm,
         reader.flow,
-        found,
+        targets,
         setup,
-        known,
-        known,
-        notes=reader.flow.external_axes(found),
+        frame_values,
+        frame_values,
+        notes=reader.flow.external_axes(targets),
         comments=sections.comments,
         mark_at=sections.begins[0] if sections.begins else len(listing.text),
     )
@@ -309,7 +309,7 @@ class _Reader:
         self.flow = ControlFlow(listing)
         self.literals: list[Target] = []
         self._literal_frames: dict[str, FloatArray] = {}
-        self._bad = {key for key, one in sections.locations.items() if one.conflicts}
+        self._bad = {key for key, location in sections.locations.items() if location.conflicts}
         self._framed: dict[str, int] = {}
         self._quiet = _quiet(sections.lines)
 
@@ -321,37 +321,37 @@ class _Reader:
         tokens = self._without_label(line.tokens)
         if not tokens:
             return
-        word, rest, at = tokens[0].word, tokens[1:], tokens[0].start
+        word, arguments, at = tokens[0].word, tokens[1:], tokens[0].start
         if word in MOVES:
-            self._move(word, rest, at)
-        elif word in BLOCKS and any(token.word == "#" for token in rest):
-            first = next(k for k, token in enumerate(rest) if token.word == "#")
-            self._mention(rest[:first], at)
-            self._go(word, rest[first:], at, "via" if word == "cir1" else "to")
+            self._move(word, arguments, at)
+        elif word in BLOCKS and any(token.word == "#" for token in arguments):
+            first = next(k for k, token in enumerate(arguments) if token.word == "#")
+            self._mention(arguments[:first], at)
+            self._go(word, arguments[first:], at, "via" if word == "cir1" else "to")
         elif word in ("tool", "base"):
-            self._frame(word, rest, at)
+            self._frame(word, arguments, at)
         elif word in RELATIVE:
             self.flow.leave(at, word.upper(), self.listing.quote(at, tokens[-1].end), "it moves by a distance")
             self.flow.stop(None, at)
-            self._mention(rest, at)
+            self._mention(arguments, at)
         else:
             self._flow(word, tokens, at)
             self._mention(tokens, at)
 
     def _without_label(self, tokens: Tokens) -> Tokens:
         """The statement behind a label; behind one nothing is known."""
-        named = len(tokens) > 1 and tokens[1].word == ":" and tokens[0].word not in ("any", "else")
-        if tokens[0].kind != "number" and not named:
+        has_name = len(tokens) > 1 and tokens[1].word == ":" and tokens[0].word not in ("any", "else")
+        if tokens[0].kind != "number" and not has_name:
             return tokens
-        why = f"the label in line {self.listing.line(tokens[0].start)} is jumped to"
+        reason = f"the label in line {self.listing.line(tokens[0].start)} is jumped to"
         self.flow.forget()
-        self.flow.state = FrameState(None, None, why)
-        return tokens[2 if named else 1 :]
+        self.flow.state = FrameState(None, None, reason)
+        return tokens[2 if has_name else 1 :]
 
     def _flow(self, word: str, tokens: Tokens, at: int) -> None:
-        words = [token.word for token in tokens if token.kind == "name"]
+        names = [token.word for token in tokens if token.kind == "name"]
         if word in ("if", "while", "for", "do", "case", "scase"):
-            if word != "if" or words[-1] == "then":
+            if word != "if" or names[-1] == "then":
                 self.flow.open(word in ("while", "for", "do"))
         elif word in ("else", "elseif", "value", "svalue", "any"):
             self.flow.alternative()
@@ -359,20 +359,20 @@ class _Reader:
             self.flow.close(at)
         elif word in POSTURES or word in ("return", "goto", "here", "point"):
             self.flow.forget()
-        if "call" in words or word in ("gosub", "on", "oni", "pcexecute"):
-            callee = words[words.index("call") + 1 :][:1] if "call" in words else []
+        if "call" in names or word in ("gosub", "on", "oni", "pcexecute"):
+            callee = names[names.index("call") + 1 :][:1] if "call" in names else []
             self.flow.forget()
             if not callee or callee[0] not in self._quiet:
-                why = f"what is called in line {self.listing.line(at)} may set the tool or base"
-                self.flow.state = FrameState(None, None, why)
-        elif "goto" in words:
+                reason = f"what is called in line {self.listing.line(at)} may set the tool or base"
+                self.flow.state = FrameState(None, None, reason)
+        elif "goto" in names:
             self.flow.forget()
 
-    def _move(self, word: str, rest: Tokens, at: int) -> None:
-        till = next((k for k, token in enumerate(rest) if token.word == "till"), len(rest))
-        points = split(rest[:till])
-        for other in [*points[1:], rest[till:]]:
-            self._mention(other, at)
+    def _move(self, word: str, arguments: Tokens, at: int) -> None:
+        till = next((k for k, token in enumerate(arguments) if token.word == "till"), len(arguments))
+        points = split(arguments[:till])
+        for tokens in [*points[1:], arguments[till:]]:
+            self._mention(tokens, at)
         self._go(word, points[0], at, "via" if word == "c1move" else "to")
         if word == "xmove":  # a signal may stop it on the way
             self.flow.forget()
@@ -391,9 +391,9 @@ class _Reader:
 
     def _goals(self, tokens: Tokens, name: str) -> tuple[list[Target], str]:
         """The locations that an argument names, all of an array where its index is computed."""
-        named = self._named(tokens)
-        if named is not None:
-            keys = named
+        keys_of_name = self._named(tokens)
+        if keys_of_name is not None:
+            keys = keys_of_name
             return [self.sections.locations[key] for key in keys], "" if keys else "it is not in these files"
         head = tokens[0].word if tokens else ""
         joint = head in ("#ppoint", "#")
@@ -419,25 +419,25 @@ class _Reader:
         key = keyed(name, "".join(token.word for token in inside) if len(tokens) > 1 else None)
         return self.sections.numbered.get(key, [])
 
-    def _frame(self, word: str, rest: Tokens, at: int) -> None:
+    def _frame(self, word: str, arguments: Tokens, at: int) -> None:
         """``TOOL`` and ``BASE``."""
         set_to = self.flow.tool if word == "tool" else self.flow.frame
         line = self.listing.line(at)
-        values = numbers(rest[1:], LISTS) if rest and rest[0].word == "trans" else None
+        values = numbers(arguments[1:], LISTS) if arguments and arguments[0].word == "trans" else None
         if values is not None and len(values) == 6:
             name = f"of line {line}"
             self._literal_frames[name] = KAWASAKI.frame([value.value for value in values])
             set_to(name)
-        elif len(rest) == 1 and rest[0].word == NULL:
+        elif len(arguments) == 1 and arguments[0].word == NULL:
             set_to(NULL)
         else:
-            index = rest[2:-1]
-            plain = self._named(rest) is not None and all(t.kind == "number" or t.word == "," for t in index)
-            inside = "".join(token.word for token in index) if len(rest) > 1 else None
-            key = keyed(rest[0].word, inside) if plain else None
+            index = arguments[2:-1]
+            plain = self._named(arguments) is not None and all(t.kind == "number" or t.word == "," for t in index)
+            inside = "".join(token.word for token in index) if len(arguments) > 1 else None
+            key = keyed(arguments[0].word, inside) if plain else None
             set_to(key, f"{word.upper()} in line {line} is computed")
             if key is None:
-                self._mention(rest, at)
+                self._mention(arguments, at)
             else:
                 self._framed[key] = at
 
@@ -450,12 +450,12 @@ class _Reader:
 
     def frames(self) -> dict[str, FloatArray]:
         """Transformations that may serve as tool or base: those that nothing changes."""
-        own = {
-            key: KAWASAKI.frame([number.value for number in one.numbers])
-            for key, one in self.sections.locations.items()
-            if one.kind == "pose" and key not in self._bad
+        constant_frames = {
+            key: KAWASAKI.frame([number.value for number in location.numbers])
+            for key, location in self.sections.locations.items()
+            if location.kind == "pose" and key not in self._bad
         }
-        return {**own, **self._literal_frames}
+        return {**constant_frames, **self._literal_frames}
 
     def conclude(self) -> None:
         """Tell the targets that are a tool or base as well."""
@@ -467,13 +467,13 @@ class _Reader:
 
 def _quiet(lines: Sequence[Statement]) -> set[str]:
     """Programs that set no tool or base and call none."""
-    words: dict[str, set[str]] = {}
+    names_in_program: dict[str, set[str]] = {}
     name = ""
     for line in lines:
         name = line.program or name
-        words.setdefault(name, set()).update(token.word for token in line.tokens if token.kind == "name")
+        names_in_program.setdefault(name, set()).update(token.word for token in line.tokens if token.kind == "name")
     loud = {"tool", "base", "call", "gosub", "on", "oni"}
-    return {name for name, inside in words.items() if not inside & loud}
+    return {name for name, inside in names_in_program.items() if not inside & loud}
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:

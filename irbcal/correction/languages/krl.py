@@ -126,14 +126,14 @@ class TokenLine:
     Attributes
     ----------
     tokens : list of Token
-    part : int
+    file : int
         Number of the file.
     at : int
         The token that comes next.
     """
 
-    def __init__(self, tokens: list[Token], part: int) -> None:
-        self.tokens, self.part, self.at = tokens, part, 0
+    def __init__(self, tokens: list[Token], file: int) -> None:
+        self.tokens, self.part, self.at = tokens, file, 0
 
     @property
     def next(self) -> Token:
@@ -145,9 +145,9 @@ class TokenLine:
         k = self.at + ahead
         return self.tokens[k].word if 0 <= k < len(self.tokens) else ""
 
-    def take(self, *words: str) -> bool:
+    def take(self, *spellings: str) -> bool:
         """Whether the next token is one of these words; it is taken then."""
-        if self.word() in words and self.next is not END:
+        if self.word() in spellings and self.next is not END:
             self.at += 1
             return True
         return False
@@ -205,10 +205,10 @@ def lines_of(listing: Listing) -> tuple[list[TokenLine], list[str]]:
     """
     lines: list[TokenLine] = []
     comments: list[str] = []
-    for number, part in enumerate(listing.parts):
+    for number, file in enumerate(listing.parts):
         tokens: list[Token] = []
-        start = part.start + (len(BOM) if listing.text.startswith(BOM, part.start, part.end) else 0)
-        for match in TOKEN.finditer(listing.text, start, part.end):
+        start = file.start + (len(BOM) if listing.text.startswith(BOM, file.start, file.end) else 0)
+        for match in TOKEN.finditer(listing.text, start, file.end):
             kind = str(match.lastgroup)
             if kind == "newline":
                 if tokens:
@@ -272,8 +272,8 @@ class Variable:
         Its targets.
     """
 
-    def __init__(self, spelling: str, type_name: str, part: int) -> None:
-        self.spelling, self.type, self.part = spelling, type_name, part
+    def __init__(self, spelling: str, type_name: str, file: int) -> None:
+        self.spelling, self.type, self.part = spelling, type_name, file
         self.entries: list[tuple[Index, Aggregate]] = []
         self.changes: list[int] = []
         self.targets: dict[Index, Target] = {}
@@ -324,31 +324,31 @@ def _skip(line: TokenLine) -> Token:
     return last
 
 
-def target(name: str, type_name: str, one: Aggregate, listing: Listing) -> tuple[Target | None, str]:
+def target(name: str, type_name: str, braces: Aggregate, listing: Listing) -> tuple[Target | None, str]:
     """The target that an aggregate is, or why it is none."""
-    kind = type_name or one.type
-    joint = kind in ("axis", "e6axis") or (not kind and "a1" in one.values)
+    kind = type_name or braces.type
+    joint = kind in ("axis", "e6axis") or (not kind and "a1" in braces.values)
     names = JOINTS if joint else POSE
-    missing = [key.upper() for key in names if key not in one.values]
+    missing = [key.upper() for key in names if key not in braces.values]
     if missing:
         return None, f"it has no {missing[0]}, so that the value before stays"
-    numbers = [one.values[key].number for key in names]
+    numbers = [braces.values[key].number for key in names]
     plain = [number for number in numbers if number is not None]
     if len(plain) < 6:
         return None, "some of its numbers are computed"
-    found = Target(name, "joint" if joint else "pose", one.start, plain)
-    external = [value for key, value in one.values.items() if key[0] == "e" and key[1:].isdecimal()]
-    found.external = ", ".join(value.text for value in external if re.search(r"[1-9]", value.text))
-    if not joint and "s" in one.values and "t" in one.values:
-        status, turn = integer(one.values["s"].text), integer(one.values["t"].text)
+    parsed = Target(name, "joint" if joint else "pose", braces.start, plain)
+    external = [value for key, value in braces.values.items() if key[0] == "e" and key[1:].isdecimal()]
+    parsed.external = ", ".join(value.text for value in external if re.search(r"[1-9]", value.text))
+    if not joint and "s" in braces.values and "t" in braces.values:
+        status, turn = integer(braces.values["s"].text), integer(braces.values["t"].text)
         if status is None or turn is None:
-            found.conflicts.append("its S or T is no number")
+            parsed.conflicts.append("its S or T is no number")
         else:
-            found.configuration = posture = posture_of(status, turn)
+            parsed.configuration = posture = posture_of(status, turn)
             if posture.wrist != (-1 if status & 4 else 1):
-                found.conflicts.append("its S and T contradict one another about the sign of A5")
-            found.configuration_spans = tuple((one.values[key].start, one.values[key].end) for key in ("s", "t"))
-    return found, ""
+                parsed.conflicts.append("its S and T contradict one another about the sign of A5")
+            parsed.configuration_spans = tuple((braces.values[key].start, braces.values[key].end) for key in ("s", "t"))
+    return parsed, ""
 
 
 class KrlData:
@@ -363,9 +363,9 @@ class KrlData:
         self.listing, self.stems = listing, stems
         self.variables: dict[Key, Variable] = {}
 
-    def lookup(self, part: int, name: str) -> Variable | None:
+    def lookup(self, file: int, name: str) -> Variable | None:
         """The variable that a name stands for in a file."""
-        return self.variables.get((self.stems[part], name)) or self.variables.get(("", name))
+        return self.variables.get((self.stems[file], name)) or self.variables.get(("", name))
 
     def declaration(self, line: TokenLine) -> bool:
         """Take a declaration; whether the line is one."""
@@ -375,8 +375,8 @@ class KrlData:
             public |= line.word() in ("global", "public")
             line.at += 1
         kind = line.word()
-        named = line.next.kind == "name" and (line.tokens[line.at + 1 : line.at + 2] or [END])[0].kind == "name"
-        if not named or (kind not in TYPES and line.at == begin and kind not in PLAIN):
+        typed = line.next.kind == "name" and (line.tokens[line.at + 1 : line.at + 2] or [END])[0].kind == "name"
+        if not typed or (kind not in TYPES and line.at == begin and kind not in PLAIN):
             line.at = begin
             return False
         line.at += 1
@@ -397,27 +397,27 @@ class KrlData:
     def value(self, variable: Variable, index: Index | None, line: TokenLine) -> None:
         """A value of a variable: components in numbers, or something else."""
         at = line.next.start if line.next is not END else line.end
-        one = aggregate(line, self.listing)
-        if one is None or index is None or line.word() not in ("", ","):
+        braces = aggregate(line, self.listing)
+        if braces is None or index is None or line.word() not in ("", ","):
             variable.changes.append(at)
         else:
-            variable.entries.append((index, one))
+            variable.entries.append((index, braces))
 
     def collect(self) -> None:
         """Make targets of all literal values."""
         for variable in self.variables.values():
             if variable.type not in ("pos", "e6pos", "axis", "e6axis", "frame"):
                 continue
-            for index, one in variable.entries:
+            for index, braces in variable.entries:
                 inside = ",".join(str(k) for k in index)
                 name = variable.spelling + (f"[{inside}]" if index else "")
-                found, _ = target(name, variable.type, one, self.listing)
-                if found is not None and index in variable.targets:
-                    variable.changes.append(one.start)
-                elif found is not None:
-                    variable.targets[index] = found
+                parsed, _ = target(name, variable.type, braces, self.listing)
+                if parsed is not None and index in variable.targets:
+                    variable.changes.append(braces.start)
+                elif parsed is not None:
+                    variable.targets[index] = parsed
                 else:
-                    variable.changes.append(one.start)
+                    variable.changes.append(braces.start)
 
 
 MOVES = {name.lower(): name for name in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL")}
@@ -507,8 +507,8 @@ class Statements:
             self._forget_fdat()
         elif word == "endspline":
             if self.flow.state != self._before_spline:
-                why = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
-                self.flow.state = FrameState(None, None, why)
+                reason = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
+                self.flow.state = FrameState(None, None, reason)
         elif word in ("goto", "interrupt", "return", "halt") or (line.word(1) == ":" and len(line.tokens) == 2):
             self.flow.forget()
             if line.word(1) == ":" and len(line.tokens) == 2:
@@ -538,8 +538,8 @@ class Statements:
         elif command == "#ex_base":
             self.flow.frame(None, f"BAS in line {where} ties the base to an external axis")
         elif command in TAKES_FDAT:
-            why = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
-            self.flow.state = self._fdat or FrameState(None, None, why)
+            reason = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
+            self.flow.state = self._fdat or FrameState(None, None, reason)
             self._fdat_taken = True
         elif command == "#initmov":
             self.flow.state = FrameState()
@@ -558,9 +558,9 @@ class Statements:
         names = f"tool {fdat.tool} and base {fdat.frame}"
         return FrameState(None, None, fdat.why or f"FDAT_ACT names {names}, but no BAS sets them before the move")
 
-    def _of_fdat(self, part: int, name: str) -> FrameState:
+    def _of_fdat(self, file: int, name: str) -> FrameState:
         """Tool and base of the frame data of an inline form."""
-        variable = self.data.lookup(part, name)
+        variable = self.data.lookup(file, name)
         if variable is None or len(variable.entries) != 1 or variable.changes:
             return FrameState(None, None, f"the frame data {name.upper()} are not in these files")
         return self._of_frame_data(variable.entries[0][1], name.upper())
@@ -620,8 +620,8 @@ class Statements:
         word = first.word
         if word in ("$tool", "$base"):
             name = self._frame_value(line, word == "$tool")
-            why = f"{word.upper()} is computed in line {self.listing.line(first.start)}"
-            (self.flow.tool if word == "$tool" else self.flow.frame)(name, why)
+            reason = f"{word.upper()} is computed in line {self.listing.line(first.start)}"
+            (self.flow.tool if word == "$tool" else self.flow.frame)(name, reason)
             return
         if word == "$ipo_mode":
             if any(token.word == "#tcp" for token in line.tokens):
@@ -631,8 +631,8 @@ class Statements:
             self._set_fdat(line)
             return
         if word in ("tool_data", "base_data") and index:
-            one = aggregate(line, self.listing)
-            numbers = [one.values[key].number for key in POSE if key in one.values] if one is not None else []
+            braces = aggregate(line, self.listing)
+            numbers = [braces.values[key].number for key in POSE if key in braces.values] if braces is not None else []
             plain = [number.value for number in numbers if number is not None]
             frames = self.tools if word == "tool_data" else self.frames
             if len(plain) == 6:
@@ -650,10 +650,10 @@ class Statements:
     def _frame_value(self, line: TokenLine, tool: bool) -> str | None:
         """Name of the frame that is assigned to ``$TOOL`` or ``$BASE``; None where it is computed."""
         frames = self.tools if tool else self.frames
-        at, part = line.next.start, line.part
-        one = aggregate(line, self.listing)
-        if one is not None:
-            numbers = [one.values[key].number for key in POSE if key in one.values]
+        at, file = line.next.start, line.part
+        braces = aggregate(line, self.listing)
+        if braces is not None:
+            numbers = [braces.values[key].number for key in POSE if key in braces.values]
             plain = [number.value for number in numbers if number is not None]
             if len(plain) < 6 or line.word() not in ("", ","):
                 return None
@@ -670,7 +670,7 @@ class Statements:
             while depth and line.next is not END:
                 depth += (line.word() == "(") - (line.word() == ")")
                 line.at += 1
-            state = self._of_fdat(part, name)
+            state = self._of_fdat(file, name)
             return state.tool if tool else state.frame
         index = line.index()
         if line.word() not in ("", ",", "c_spl", "c_ptp", "c_dis", "c_vel", "c_ori") or index is None:
@@ -679,18 +679,18 @@ class Statements:
             return NULLFRAME
         if word in ("tool_data", "base_data"):
             return str(index[0]) if len(index) == 1 and (word == "tool_data") is tool else None
-        return self._variable_frame(part, word, index, frames)
+        return self._variable_frame(file, word, index, frames)
 
     def _variable_frame(
-        self, part: int, word: str, index: tuple[int, ...], frames: dict[str, FloatArray]
+        self, file: int, word: str, index: tuple[int, ...], frames: dict[str, FloatArray]
     ) -> str | None:
-        variable = self.data.lookup(part, word)
+        variable = self.data.lookup(file, word)
         if variable is None:
             return word
-        found = variable.targets.get(index)
-        if found is None or variable.changes or len(variable.entries) != len(variable.targets):
+        frame_target = variable.targets.get(index)
+        if frame_target is None or variable.changes or len(variable.entries) != len(variable.targets):
             return None
-        frames[word + str(index or "")] = KUKA.frame([number.value for number in found.numbers])
+        frames[word + str(index or "")] = KUKA.frame([number.value for number in frame_target.numbers])
         return word + str(index or "")
 
     def _with(self, line: TokenLine, state: FrameState, lasting: bool = False) -> FrameState:
@@ -704,9 +704,9 @@ class Statements:
                     state = FrameState(None, None, FIXED_TOOL) if fixed else state
                     continue
                 name = self._frame_value(line, token.word == "$tool")
-                why = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
+                reason = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
                 new = (name, state.frame) if token.word == "$tool" else (state.tool, name)
-                state = FrameState(*new, why if None in new else state.why)
+                state = FrameState(*new, reason if None in new else state.why)
         if lasting:
             self.flow.state = state
         return state
@@ -723,30 +723,30 @@ class Statements:
             if k and not line.take(","):
                 self.flow.leave(line.start, name, self._rest(line, 1), "its end point is missing")
                 break
-            found, text, reason = self._point(line, name)
+            targets, text, reason = self._point(line, name)
             if reason:
                 self.flow.leave(line.start, name, text, reason)
-            for one in found:
-                self.flow.use(one, line.start, name, role, state)
+            for goal_target in targets:
+                self.flow.use(goal_target, line.start, name, role, state)
                 if reason:
-                    one.conflicts.append(reason)
-            goal = found[0] if len(found) == 1 and not reason else None
+                    goal_target.conflicts.append(reason)
+            goal = targets[0] if len(targets) == 1 and not reason else None
         self.flow.stop(goal, line.start)
-        rest = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
-        self._mention([token for token in rest if not token.word.startswith("c_")], line.part)
+        unused = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
+        self._mention([token for token in unused if not token.word.startswith("c_")], line.part)
 
     def _point(self, line: TokenLine, move: str) -> tuple[list[Target], str, str]:
         """Targets that an argument stands for, its text, and why they are not all or not to be changed."""
         begin = line.at
-        one = aggregate(line, self.listing)
-        if one is not None and line.word() != ":":
-            name = f"of {move} in line {self.listing.line(one.start)}"
-            found, reason = target(name, "", one, self.listing)
-            text = self.listing.quote(one.start, one.end)
-            if found is None:
+        braces = aggregate(line, self.listing)
+        if braces is not None and line.word() != ":":
+            name = f"of {move} in line {self.listing.line(braces.start)}"
+            parsed, reason = target(name, "", braces, self.listing)
+            text = self.listing.quote(braces.start, braces.end)
+            if parsed is None:
                 return [], text, reason
-            self.literals.append(found)
-            return [found], text, ""
+            self.literals.append(parsed)
+            return [parsed], text, ""
         line.at = begin
         token = line.next
         if token.kind != "name":
@@ -769,24 +769,24 @@ class Statements:
     def _of_variable(
         self, variable: Variable, index: tuple[int, ...] | None, text: str
     ) -> tuple[list[Target], str, str]:
-        found = [one for at, one in variable.targets.items() if index is None or at == index]
+        targets = [target_at for at, target_at in variable.targets.items() if index is None or at == index]
         if variable.changes:
             line = self.listing.line(variable.changes[0])
-            return found, text, f"{text} is computed, changed or not whole in line {line}"
-        if not found:
+            return targets, text, f"{text} is computed, changed or not whole in line {line}"
+        if not targets:
             return [], text, f"{text} has no value in these files"
-        return found, text, ""
+        return targets, text, ""
 
-    def _mention(self, tokens: list[Token], part: int) -> None:
+    def _mention(self, tokens: list[Token], file: int) -> None:
         """Note names that are used in another way than as the target of a move."""
-        self._mentioned += [(token, part) for token in names_in(tokens)]
+        self._mentioned += [(token, file) for token in names_in(tokens)]
 
     def conclude(self) -> None:
         """Tell the targets where they are used in another way than as the target of a move."""
-        for token, part in self._mentioned:
-            variable = self.data.lookup(part, token.word)
-            for found in variable.targets.values() if variable is not None else ():
-                self.flow.mention(found, token.start)
+        for token, file in self._mentioned:
+            variable = self.data.lookup(file, token.word)
+            for mentioned in variable.targets.values() if variable is not None else ():
+                self.flow.mention(mentioned, token.start)
 
     def _rest(self, line: TokenLine, begin: int, end: int | None = None) -> str:
         tokens = line.tokens[begin:end]
@@ -826,29 +826,29 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
         if not looks_like(listing.text[part.start : part.end].encode("latin-1")):
             raise ProgramError("expected a KRL program with DEF or DEFDAT", file=part.name)
     lines, comments = lines_of(listing)
-    data = KrlData(listing, [Path(part.name).stem.lower() for part in listing.parts])
-    rest = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
+    data = KrlData(listing, [Path(file.name).stem.lower() for file in listing.parts])
+    statements_left = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
     statements = Statements(listing, data)
-    rest = _values_first(statements, data, rest)
+    statements_left = _values_first(statements, data, statements_left)
     data.collect()
-    for line in rest:
+    for line in statements_left:
         line.at = 0
         statements.statement(line)
     statements.conclude()
-    found = [one for variable in data.variables.values() for one in variable.targets.values()]
-    return _program(arm, maker, listing, setup, statements, [*found, *statements.literals], comments)
+    targets = [literal for variable in data.variables.values() for literal in variable.targets.values()]
+    return _program(arm, maker, listing, setup, statements, [*targets, *statements.literals], comments)
 
 
 def _values_first(statements: Statements, data: KrlData, lines: list[TokenLine]) -> list[TokenLine]:
     """Take values of data files and assignments in numbers; returns the other lines."""
-    rest = []
+    statements_left = []
     for line in lines:
         line.at = 0
         if _is_value(line, data):
             statements.statement(line)
         else:
-            rest.append(line)
-    return rest
+            statements_left.append(line)
+    return statements_left
 
 
 def _is_value(line: TokenLine, data: KrlData) -> bool:
@@ -876,7 +876,7 @@ def _program(
     targets: list[Target],
     comments: list[str],
 ) -> KrlProgram:
-    targets.sort(key=lambda one: one.start)
+    targets.sort(key=lambda target: target.start)
     if len(listing.parts) > 1:
         for one in targets:
             one.name += f" of {Path(listing.parts[listing.part(one.start)].name).name}"
@@ -884,7 +884,9 @@ def _program(
     main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
     notes = [Note(listing.line(at), text) for at, text in statements.notes]
     notes += statements.flow.external_axes(targets)
-    status = [integer(listing.text[slice(*one.configuration_spans[0])]) for one in targets if one.configuration_spans]
+    status = [
+        integer(listing.text[slice(*target.configuration_spans[0])]) for target in targets if target.configuration_spans
+    ]
     if any((value or 0) & 16 for value in status) and setup.own_model is None:
         text = (
             "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice; what such a "

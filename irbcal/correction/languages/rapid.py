@@ -102,9 +102,9 @@ Scope: TypeAlias = "dict[str, RapidData]"
 """Data of a routine by their names in lower case."""
 
 
-def may_be(index: Index, other: Index) -> bool:
+def may_be(index: Index, index_of_other: Index) -> bool:
     """Whether two indices may name the same element; None, or no index at all, stands for any."""
-    return all(a is None or b is None or a == b for a, b in zip(index, other, strict=False))
+    return all(a is None or b is None or a == b for a, b in zip(index, index_of_other, strict=False))
 
 
 class Node(NamedTuple):
@@ -294,8 +294,8 @@ class Reader:
             elif _KINDS[k] == "comment":
                 self.comments.append(word)
             elif _KINDS[k] == "other":
-                what = "the string is not closed in its line" if word == '"' else f"unexpected character {word!r}"
-                raise self.error(end - 1, what)
+                problem = "the string is not closed in its line" if word == '"' else f"unexpected character {word!r}"
+                raise self.error(end - 1, problem)
             else:
                 append(make((_KINDS[k], word, end - len(word), end)))
 
@@ -303,8 +303,8 @@ class Reader:
 
     def lookup(self, scope: Scope | None, name: str) -> RapidData | None:
         """What a name stands for in a routine or in the module; None if it is not declared here."""
-        found = scope.get(name) if scope is not None else None
-        return found if found is not None else self.data.get(name)
+        declared = scope.get(name) if scope is not None else None
+        return declared if declared is not None else self.data.get(name)
 
     def _declare(self, scope: Scope, data: RapidData, name: str) -> None:
         if name in scope:
@@ -370,8 +370,8 @@ class Reader:
         if self.scope is not None:
             raise self.error(token.start, "ENDMODULE stands in a routine: its end is missing")
         if tokens[i + 1].kind != "end":
-            found = self._found(i + 1)
-            raise self.error(tokens[i + 1].start, f"expected the end of the file after ENDMODULE, found {found}")
+            spelling = self._found(i + 1)
+            raise self.error(tokens[i + 1].start, f"expected the end of the file after ENDMODULE, found {spelling}")
 
     def _declaration(self, i: int) -> int:
         type_token, local = self._name(i + 1, "a data type"), self.tokens[i - 1].word == "local"
@@ -406,13 +406,13 @@ class Reader:
         return bool(i) and self.tokens[i].word == ":="
 
     def _assignment(self, i: int) -> int:
-        name, whole = self.tokens[i], True
+        name, constant = self.tokens[i], True
         index: Index = ()
         i += 1
         if self.tokens[i].word == "{":
             index, i = self._index(i)
         while self.tokens[i].word != ":=":
-            whole = False
+            constant = False
             i = self._index(i)[1] if self.tokens[i].word == "{" else i + 2
         node = None
         if self.tokens[i + 1].word == "[":
@@ -420,7 +420,7 @@ class Reader:
         else:
             i = self._expression(i + 1, (";",))
         i = self._expect(i, ";")
-        self.assignments.append(Assignment(self.scope, name.word, index, node if whole else None, name.start))
+        self.assignments.append(Assignment(self.scope, name.word, index, node if constant else None, name.start))
         return i
 
     def _routine(self, i: int) -> int:
@@ -529,9 +529,9 @@ class Reader:
             raise self.error(self.tokens[i].start, f"expected {word!r}, found {self._found(i)}")
         return i + 1
 
-    def _name(self, i: int, what: str) -> Token:
+    def _name(self, i: int, expected: str) -> Token:
         if not self._is_data(i):
-            raise self.error(self.tokens[i].start, f"expected {what}, found {self._found(i)}")
+            raise self.error(self.tokens[i].start, f"expected {expected}, found {self._found(i)}")
         return self.tokens[i]
 
     def _is_data(self, i: int) -> bool:
@@ -609,27 +609,27 @@ class Reader:
             raise self.error(begin, f"more than {DEEPEST} lists within each other")
         if kind == "list":
             return Node(self._plain_items(begin, end), None, begin, end), i + 1
-        items: list[Node] = []
+        nodes: list[Node] = []
         self._level += 1
         while True:
             i += 1
             node, i = self._list(i) if self.tokens[i].word == "[" else self._item(i)
-            items.append(node)
+            nodes.append(node)
             if self.tokens[i].word not in (",", "]"):
                 raise self.error(self.tokens[i].start, f"expected ',' or ']', found {self._found(i)}")
             if self.tokens[i].word == "]":
                 self._level -= 1
-                return Node(items, None, begin, self.tokens[i].end), i + 1
+                return Node(nodes, None, begin, self.tokens[i].end), i + 1
 
     def _plain_items(self, begin: int, end: int) -> list[Node]:
         """Nodes of a list of plain numbers."""
-        items, at = [], begin + 1
-        for part in self.text[at : end - 1].split(","):
-            word = part.strip()
-            start = at if len(word) == len(part) else at + part.index(word)
-            items.append(_NODE((None, float(word), start, start + len(word))))
-            at += len(part) + 1
-        return items
+        nodes, at = [], begin + 1
+        for word_text in self.text[at : end - 1].split(","):
+            word = word_text.strip()
+            start = at if len(word) == len(word_text) else at + word_text.index(word)
+            nodes.append(_NODE((None, float(word), start, start + len(word))))
+            at += len(word_text) + 1
+        return nodes
 
     def _item(self, i: int) -> tuple[Node, int]:
         j = self._expression(i, (",", "]"))
@@ -646,12 +646,12 @@ class Reader:
 
     def _index(self, i: int) -> tuple[Index, int]:
         """Index that begins at token i: whole numbers, None for computed ones; and the number of the token behind."""
-        parts: list[int | None] = []
-        while not parts or self.tokens[i].word == ",":
+        indices: list[int | None] = []
+        while not indices or self.tokens[i].word == ",":
             j = self._expression(i + 1, (",", "}"))
-            parts.append(self._whole(i + 1) if j == i + 2 else None)
+            indices.append(self._whole(i + 1) if j == i + 2 else None)
             i = j
-        return tuple(parts), i + 1
+        return tuple(indices), i + 1
 
     def _behind_index(self, i: int) -> int:
         """Number of the token behind the braces that begin at token i; 0 if they do not end in the statement."""
@@ -741,7 +741,7 @@ class Literals:
                     continue
                 if sizes[0] is not None and len(node.items) != sizes[0]:
                     raise self._wrong(node, data.type, data.spelling, f"{sizes[0]} elements", len(node.items))
-                new = [((*index, k + 1), item, sizes[1:]) for k, item in enumerate(node.items)]
+                new = [((*index, k + 1), node_of_element, sizes[1:]) for k, node_of_element in enumerate(node.items)]
                 pending.extend(reversed(new))
                 continue
             inside = ",".join("?" if k is None else str(k) for k in index)
@@ -751,17 +751,17 @@ class Literals:
             else:
                 data.entries.append((index, literal))
 
-    def _wrong(self, node: Node, type_name: str, name: str, expected: str, found: str | int) -> ProgramError:
-        return self.reader.error(node.start, f"{type_name} {name!r}: expected {expected}, found {found}")
+    def _wrong(self, node: Node, type_name: str, name: str, expected: str, spelling: str | int) -> ProgramError:
+        return self.reader.error(node.start, f"{type_name} {name!r}: expected {expected}, found {spelling}")
 
     def literal(self, node: Node, kind: Kind, name: str) -> Literal | None:
         """The literal that a list of values is; None if some of its numbers are computed."""
         if node.items is None:
             return None
         self._check_parts(node, node.items, kind, name)
-        values = [part.items for part in (node.items[:2] if kind == "pose" else node.items[:1])]
-        numbers = [leaf for items in values for leaf in items or ()]
-        if any(items is None for items in values):
+        values = [component.items for component in (node.items[:2] if kind == "pose" else node.items[:1])]
+        numbers = [leaf for leaves in values for leaf in leaves or ()]
+        if any(leaves is None for leaves in values):
             return None
         for leaf in numbers:
             if leaf.items is not None:
@@ -786,28 +786,30 @@ class Literals:
         self.targets.append(literal)
         return literal
 
-    def _check_parts(self, node: Node, items: list[Node], kind: Kind, name: str) -> None:
+    def _check_parts(self, node: Node, components: list[Node], kind: Kind, name: str) -> None:
         """Refuse a list that has not the parts of a target."""
-        if len(items) != len(_PARTS[kind]):
+        if len(components) != len(_PARTS[kind]):
             expected = "[" + ", ".join(text for _, text in _PARTS[kind]) + "]"
-            raise self._wrong(node, TYPE_OF[kind], name, expected, f"{len(items)} parts")
-        for part, (size, text) in zip(items, _PARTS[kind], strict=True):
-            if part.number is not None or (part.items is not None and len(part.items) != size):
-                raise self._wrong(part, TYPE_OF[kind], name, text, self.reader.quote(part.start, part.end))
+            raise self._wrong(node, TYPE_OF[kind], name, expected, f"{len(components)} parts")
+        for component, (size, text) in zip(components, _PARTS[kind], strict=True):
+            if component.number is not None or (component.items is not None and len(component.items) != size):
+                raise self._wrong(
+                    component, TYPE_OF[kind], name, text, self.reader.quote(component.start, component.end)
+                )
 
-    def _configuration(self, part: Node, name: str) -> list[Node]:
+    def _configuration(self, component: Node, name: str) -> list[Node]:
         """The four numbers of configuration data; empty if they are computed."""
-        numbers = [leaf.number for leaf in part.items or () if leaf.number is not None]
-        if part.items is None or len(numbers) < len(part.items):
+        numbers = [leaf.number for leaf in component.items or () if leaf.number is not None]
+        if component.items is None or len(numbers) < len(component.items):
             return []
         if any(abs(number) > ABSENT * 100 or number % 1 for number in numbers):
-            found = self.reader.quote(part.start, part.end)
-            raise self._wrong(part, TYPE_OF["pose"], name, "a configuration in whole numbers", found)
-        return part.items
+            spelling = self.reader.quote(component.start, component.end)
+            raise self._wrong(component, TYPE_OF["pose"], name, "a configuration in whole numbers", spelling)
+        return component.items
 
 
 def _looks_like_target(node: Node) -> bool:
-    sizes = [len(part.items) if part.items is not None else None for part in node.items or []]
+    sizes = [len(component.items) if component.items is not None else None for component in node.items or []]
     return sizes in ([3, 4, 4, 6], [6, 6])
 
 
@@ -826,11 +828,11 @@ class OtherModules:
     ----------
     module : Literals
         Of the module.
-    others : sequence of Literals
+    other_modules : sequence of Literals
         Of the other files of the call.
     frames : dict of str to dict of str to dict of str to ndarray
         Tools and work objects that each file defines in numbers, by file, by type and by name.
-    given : dict of str to dict of str to ndarray
+    frames_given : dict of str to dict of str to ndarray
         Those from the caller, which go before.
 
     Attributes
@@ -842,41 +844,41 @@ class OtherModules:
     def __init__(
         self,
         module: Literals,
-        others: Sequence[Literals] = (),
+        other_modules: Sequence[Literals] = (),
         frames: Mapping[str, Frames] | None = None,
-        given: Frames | None = None,
+        frames_given: Frames | None = None,
     ) -> None:
-        self.module, self.frames, self.given = module, frames or {}, given or {"tooldata": {}, "wobjdata": {}}
-        self.modules = [module, *others]
+        self.module, self.frames, self.given = module, frames or {}, frames_given or {"tooldata": {}, "wobjdata": {}}
+        self.modules = [module, *other_modules]
         self.data: dict[str, RapidData] = {}
-        seen: dict[str, list[tuple[RapidData, str]]] = {}
-        for other in others:
-            for name, data in other.reader.data.items():
+        sources_by_name: dict[str, list[tuple[RapidData, str]]] = {}
+        for other_module in other_modules:
+            for name, data in other_module.reader.data.items():
                 if not data.local and name not in module.reader.data:
-                    seen.setdefault(name, []).append((data, Path(other.source).name))
+                    sources_by_name.setdefault(name, []).append((data, Path(other_module.source).name))
         self.twice = {
-            name: " and ".join(source for _, source in found)
-            for name, found in seen.items()
-            if len(found) > 1 and any(data.type in KIND_OF for data, _ in found)
+            name: " and ".join(source for _, source in sources)
+            for name, sources in sources_by_name.items()
+            if len(sources) > 1 and any(data.type in KIND_OF for data, _ in sources)
         }
-        for name, found in seen.items():
+        for name, found in sources_by_name.items():
             if found[0][0].type in KIND_OF and len(found) == 1:
                 self.data[name] = found[0][0]
-        self._twice_declared = {name: [data for data, _ in seen[name]] for name in self.twice}
+        self._twice_declared = {name: [data for data, _ in sources_by_name[name]] for name in self.twice}
 
     def frame_problem(self, type_name: str, name: str) -> str:
         """What speaks against a tool or work object of a move here to a target there; empty where nothing does."""
         if name in self.given[type_name]:
             return ""
-        declared = [one.reader.data[name] for one in self.modules if name in one.reader.data]
-        found = [types[type_name][name] for types in self.frames.values() if name in types[type_name]]
-        what = "tool" if type_name == "tooldata" else "work object"
-        if not found or len(found) < len(declared):
-            return f"the {what} {name} is not defined in numbers in these modules"
-        if any(not np.array_equal(T, found[0]) for T in found):
-            return f"the {what} {name} is another one in another module"
-        if any(change.name == name for one in self.modules for change in one.reader.assignments):
-            return f"the {what} {name} is changed"
+        declared = [reader_of.reader.data[name] for reader_of in self.modules if name in reader_of.reader.data]
+        definitions = [types[type_name][name] for types in self.frames.values() if name in types[type_name]]
+        type_words = "tool" if type_name == "tooldata" else "work object"
+        if not definitions or len(definitions) < len(declared):
+            return f"the {type_words} {name} is not defined in numbers in these modules"
+        if any(not np.array_equal(T, definitions[0]) for T in definitions):
+            return f"the {type_words} {name} is another one in another module"
+        if any(change.name == name for reader_of in self.modules for change in reader_of.reader.assignments):
+            return f"the {type_words} {name} is changed"
         return ""
 
     def gather(self) -> None:
@@ -885,7 +887,10 @@ class OtherModules:
         file = Path(self.module.source).name
         for scope, name, index, start in reader.mentions:
             self._against(scope, name, index, f"line {reader.line(start)} of {file} uses it in another way")
-        changes = [(one.scope, one.name, one.indices, one.start) for one in reader.assignments]
+        changes = [
+            (assignment.scope, assignment.name, assignment.indices, assignment.start)
+            for assignment in reader.assignments
+        ]
         for move in reader.moves:
             changes += [
                 (move.scope, arg.name, arg.indices, move.start) for role, arg in move.points if role == "w" and arg.name
@@ -931,9 +936,9 @@ class Uses:
     ----------
     literals : Literals
         As collected; gathers the uses.
-    given : dict of str to dict of str to ndarray
+    frames_given : dict of str to dict of str to ndarray
         Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name.
-    others : OtherModules, optional
+    other_modules : OtherModules, optional
 
     Attributes
     ----------
@@ -942,10 +947,13 @@ class Uses:
     """
 
     def __init__(
-        self, literals: Literals, given: Mapping[str, Mapping[str, FloatArray]], others: OtherModules | None = None
+        self,
+        literals: Literals,
+        frames_given: Mapping[str, Mapping[str, FloatArray]],
+        other_modules: OtherModules | None = None,
     ) -> None:
-        self.others = others or OtherModules(literals)
-        self.literals, self.reader, self.given = literals, literals.reader, given
+        self.others = other_modules or OtherModules(literals)
+        self.literals, self.reader, self.given = literals, literals.reader, frames_given
         self.goals: list[tuple[MoveInstruction, list[tuple[list[Literal], bool]]]] = []
 
     def gather(self) -> None:
@@ -979,11 +987,11 @@ class Uses:
             if self._goes_to_other_module(move, arg, kind, replace(use, role=as_role), unknown):
                 points.append(([], True))
                 continue
-            found, reason = self._goals(move, arg, kind, line)
-            points.append((found, bool(reason)))
+            literals, reason = self._goals(move, arg, kind, line)
+            points.append((literals, bool(reason)))
             if reason or unknown:
                 self.literals.flow.leave(move.start, move.name, arg.text, reason or unknown)
-            for literal in found:
+            for literal in literals:
                 literal.uses.append(replace(use, role=as_role))
                 literal.conflicts.extend(text for text in (reason, unknown) if text)
 
@@ -995,16 +1003,18 @@ class Uses:
         if arg.name is None or data is None or KIND_OF[data.type] != kind or len(arg.indices) != len(data.sizes):
             return False
         file = Path(self.literals.source).name
-        found = self.others.literals(arg.name, arg.indices)
+        literals = self.others.literals(arg.name, arg.indices)
         frames = (("tooldata", use.tool), ("wobjdata", use.work_object)) if kind == "pose" else ()
         against = [f"{unknown} of {file}"] if unknown else []
-        against += [why for of, name in frames if name and (why := self.others.frame_problem(of, name))]
+        against += [
+            problem for frame_type, name in frames if name and (problem := self.others.frame_problem(frame_type, name))
+        ]
         changes = [start for index, start in data.changes if may_be(index, arg.indices)]
         against += ["it is computed or changed in its own module"] if changes else []
-        for literal in found:
+        for literal in literals:
             literal.uses.append(replace(use, file=file))
             literal.conflicts.extend(against)
-        if against or not found:
+        if against or not literals:
             self.literals.flow.leave(
                 move.start, move.name, arg.text, "; ".join(against) or "it has no value in numbers"
             )
@@ -1033,29 +1043,31 @@ class Uses:
         if len(arg.indices) != len(data.sizes):
             message = f"{data.spelling} has {len(data.sizes)} indices, but {arg.text} has {len(arg.indices)}"
             raise reader.error(arg.start, message)
-        found = data.literals(arg.indices)
+        literals = data.literals(arg.indices)
         changes = sorted(position for index, position in data.changes if may_be(index, arg.indices))
         if changes:
-            return found, f"{arg.text} is computed or changed in line {reader.line(changes[0])}"
-        return found, "" if found else f"{arg.text} has no value in this module"
+            return literals, f"{arg.text} is computed or changed in line {reader.line(changes[0])}"
+        return literals, "" if literals else f"{arg.text} has no value in this module"
 
-    def _frame_name(self, move: MoveInstruction, arg: Arg | None, type_name: str, what: str) -> tuple[str | None, str]:
+    def _frame_name(
+        self, move: MoveInstruction, arg: Arg | None, type_name: str, type_words: str
+    ) -> tuple[str | None, str]:
         """Name of a tool or work object, or None and why there is no one name."""
         if arg is None:
             return "wobj0", ""
         if arg.name is None or arg.indices:
             return (
                 None,
-                f"the {what} of {move.name} in line {self.reader.line(move.start)} is computed: {arg.text}",
+                f"the {type_words} of {move.name} in line {self.reader.line(move.start)} is computed: {arg.text}",
             )
         data = self.reader.lookup(move.scope, arg.name)
         if data is None or (arg.name in self.given[type_name] and data.type != "parameter"):
             return arg.name, ""
         if data.type == "parameter" or self.reader.data.get(arg.name) is not data:
             kind = "a parameter of" if data.type == "parameter" else "declared in"
-            return None, f"the {what} {arg.text} is {kind} the routine"
+            return None, f"the {type_words} {arg.text} is {kind} the routine"
         if data.changes:
-            return None, f"the {what} {arg.text} is changed in line {self.reader.line(data.changes[0][1])}"
+            return None, f"the {type_words} {arg.text} is changed in line {self.reader.line(data.changes[0][1])}"
         if data.type != type_name:
             raise self.reader.error(arg.start, f"expected a {type_name}, but {arg.text} is declared as {data.type}")
         return arg.name, ""
@@ -1091,9 +1103,9 @@ class Uses:
                 literal.conflicts.append(f"so do {len(lines) - _QUOTED} more lines")
             literal.conflicts = list(dict.fromkeys(literal.conflicts))
         declared = self._declared_frames()
-        given = ControllerSetup(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
+        setup = ControllerSetup(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
         tools, work_objects = needed_frames(
-            literals, given, declared["tooldata"], declared["wobjdata"], listing.parts[0].name
+            literals, setup, declared["tooldata"], declared["wobjdata"], listing.parts[0].name
         )
         targets = tuple(sorted(literals, key=lambda literal: literal.start))
         in_order = self._in_order(breaks(reader))
@@ -1133,25 +1145,25 @@ class Uses:
                             raise
         return out
 
-    def _in_order(self, places: Sequence[int]) -> list[InOrder]:
+    def _in_order(self, starts_of_breaks: Sequence[int]) -> list[InOrder]:
         """The moves as they stand in the text, each with the one before where that is known; notes their stops."""
         out: list[InOrder] = []
         flow, last = self.literals.flow, 0
-        before: tuple[MoveInstruction, Target] | None = None
+        previous_move: tuple[MoveInstruction, Target] | None = None
         for move, points in sorted(self.goals, key=lambda goal: goal[0].start):
-            if bisect.bisect_left(places, move.start) > bisect.bisect_left(places, last):
+            if bisect.bisect_left(starts_of_breaks, move.start) > bisect.bisect_left(starts_of_breaks, last):
                 flow.forget()
-                before = None
+                previous_move = None
             last = move.start
             ends = [literals[0] if len(literals) == 1 and not computed else None for literals, computed in points]
-            out.append(InOrder(move, ends, before))
+            out.append(InOrder(move, ends, previous_move))
             for (literals, _), end in zip(points, ends, strict=True):
                 before_it = None if end is None else flow.previous
                 flow.stops += [(move.start, literal, before_it) for literal in literals or (None,)]
                 flow.previous = end
             if move.name.startswith("Search"):  # it ends where something was found
                 flow.forget()
-            before = None if flow.previous is None else (move, flow.previous)
+            previous_move = None if flow.previous is None else (move, flow.previous)
         return out
 
 
@@ -1177,28 +1189,28 @@ def read_frame(reader: Reader, data: RapidData, line: int) -> FloatArray:
         If it does not stand there in numbers, or is of a kind that is not supported.
     """
     tool = data.type == "tooldata"
-    what = f"{'tool' if tool else 'work object'} {data.spelling}"
-    items = data.node.items if data.node is not None else None
-    if items is None or len(items) != (3 if tool else 5):
-        raise reader.error(data.start, f"{what} has no frame in numbers, but line {line} uses it: give its frame")
-    words = [reader.text[item.start : item.end].lower() for item in items]
-    if words[0] != ("true" if tool else "false"):
-        held = "is not held by the robot" if tool else "is held by the robot"
-        raise reader.error(data.start, f"{what} {held} (robhold {words[0].upper()}): this is not supported")
-    if not tool and words[1] != "true":
-        moved = f"is moved by a mechanical unit (ufprog {words[1].upper()})"
-        raise reader.error(data.start, f"{what} {moved}: this is not supported")
+    title = f"{'tool' if tool else 'work object'} {data.spelling}"
+    nodes = data.node.items if data.node is not None else None
+    if nodes is None or len(nodes) != (3 if tool else 5):
+        raise reader.error(data.start, f"{title} has no frame in numbers, but line {line} uses it: give its frame")
+    texts = [reader.text[node_of_item.start : node_of_item.end].lower() for node_of_item in nodes]
+    if texts[0] != ("true" if tool else "false"):
+        holder = "is not held by the robot" if tool else "is held by the robot"
+        raise reader.error(data.start, f"{title} {holder} (robhold {texts[0].upper()}): this is not supported")
+    if not tool and texts[1] != "true":
+        moved = f"is moved by a mechanical unit (ufprog {texts[1].upper()})"
+        raise reader.error(data.start, f"{title} {moved}: this is not supported")
     T = np.eye(4)
-    for node in items[1:2] if tool else items[3:5]:
-        parts = [part.items or [] for part in node.items or []]
-        leaves = [leaf.number for part in parts for leaf in part if leaf.number is not None]
-        if [len(part) for part in parts] != [3, 4] or len(leaves) < 7:
+    for node in nodes[1:2] if tool else nodes[3:5]:
+        lists = [leaf_nodes.items or [] for leaf_nodes in node.items or []]
+        leaves = [leaf.number for leaf_nodes in lists for leaf in leaf_nodes if leaf.number is not None]
+        if [len(leaf_nodes) for leaf_nodes in lists] != [3, 4] or len(leaves) < 7:
             expected = "a frame [[x, y, z], [q1, q2, q3, q4]] in numbers"
-            found = reader.quote(node.start, node.end)
-            raise reader.error(node.start, f"{what}: expected {expected}, found {found}")
+            spelling = reader.quote(node.start, node.end)
+            raise reader.error(node.start, f"{title}: expected {expected}, found {spelling}")
         problem = ABB.problem("pose", leaves)
         if problem:
-            raise reader.error(node.start, f"{what}: {problem}")
+            raise reader.error(node.start, f"{title}: {problem}")
         T = T @ ABB.frame(leaves)
     return T
 
@@ -1206,10 +1218,10 @@ def read_frame(reader: Reader, data: RapidData, line: int) -> FloatArray:
 def frames_in_numbers(reader: Reader) -> dict[str, dict[str, FloatArray]]:
     """Tools and work objects that a module defines in numbers, by type and by name."""
     out: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
-    for name, item in reader.data.items():
-        if item.type in out:
+    for name, declared in reader.data.items():
+        if declared.type in out:
             with suppress(ProgramError):  # refused where a move needs it
-                out[item.type][name] = read_frame(reader, item, reader.line(item.start))
+                out[declared.type][name] = read_frame(reader, declared, reader.line(declared.start))
     return out
 
 
@@ -1232,26 +1244,26 @@ HARMLESS = frozenset(_HARMLESS.split())
 
 def breaks(reader: Reader) -> list[int]:
     """Places in the text behind which the stop before is not known, in order."""
-    found = []
+    positions = []
     tokens = reader.tokens
     begin, compact = True, False
     for i, (kind, word, start, _) in enumerate(tokens[:-1]):
         if kind == "name":
             if word in BRANCHES:
-                found.append(start)
+                positions.append(start)
                 if word == "if":
                     compact = not _has_then(reader, i)
             elif begin and word not in MOVES and word not in HARMLESS and not reader._is_assignment(i):
-                found.append(start)  # a declaration, a label or a call
+                positions.append(start)  # a declaration, a label or a call
             begin = word in _BEFORE
             continue
         if begin and word == "%":  # a routine by its name in a text
-            found.append(start)
+            positions.append(start)
         if word == ";" and compact:  # the move behind IF without THEN may not have been made
-            found.append(start)
+            positions.append(start)
             compact = False
         begin = word == ";" or word == ":"
-    return found
+    return positions
 
 
 def _has_then(reader: Reader, i: int) -> bool:
@@ -1300,46 +1312,52 @@ def paths(
 ) -> tuple[tuple[PathMove, PathText], ...]:
     """The straight and circular moves of a module in the order of its text."""
     numbers = {id(target): k for k, target in enumerate(targets)}
-    return tuple(_path(reader, one, numbers, tools) for one in in_order if _STRAIGHT.match(one.move.name))
+    return tuple(
+        _path(reader, ordered_move, numbers, tools)
+        for ordered_move in in_order
+        if _STRAIGHT.match(ordered_move.move.name)
+    )
 
 
 def _path(
-    reader: Reader, here: InOrder, numbers: Mapping[int, int], tools: Mapping[str, FloatArray]
+    reader: Reader, ordered_move: InOrder, numbers: Mapping[int, int], tools: Mapping[str, FloatArray]
 ) -> tuple[PathMove, PathText]:
-    move, ends, before = here
+    move, ends, previous_move = ordered_move
     circular = len(ends) > 1
-    place = reader.line(move.start), reader.listing.column(move.start)
-    uses = [use for end in ends if end is not None for use in end.uses if (use.line, use.column) == place]
+    position = reader.line(move.start), reader.listing.column(move.start)
+    uses = [use for end in ends if end is not None for use in end.uses if (use.line, use.column) == position]
     use = uses[0] if uses else None
     tool, work_object = (None, None) if use is None else (use.tool, use.work_object)
     T = tools.get(tool or "")
     name = f"{move.name} {move.points[-1][1].text}"
-    zones = [_zone(reader, one) for one in ([] if before is None else [before[0]]) + [move]]
-    start = None if before is None else before[1]
-    why = _doubt(reader, move, T, zones, [target for target in (start, *ends) if target is not None])
+    zones = [
+        _zone(reader, instruction) for instruction in ([] if previous_move is None else [previous_move[0]]) + [move]
+    ]
+    start = None if previous_move is None else previous_move[1]
+    reason = _doubt(reader, move, T, zones, [target for target in (start, *ends) if target is not None])
     text = reader.text
     speed, tool_arg = move.args[len(move.points)], move.tool
     v, load = (move.options.get(option) for option in KEPT)
-    rest = text[speed.start : speed.end] + ("" if v is None else f"\\V:={text[v.start : v.end]}")
-    rest += f",z0,{text[tool_arg.start : tool_arg.end]}"
+    arguments = text[speed.start : speed.end] + ("" if v is None else f"\\V:={text[v.start : v.end]}")
+    arguments += f",z0,{text[tool_arg.start : tool_arg.end]}"
     if move.work_object is not None:
-        rest += f"\\WObj:={text[move.work_object.start : move.work_object.end]}"
-    rest += "" if load is None else f"\\TLoad:={text[load.start : load.end]}"
-    if re.search(r"[\r\n!]", rest):
-        why = why or "an argument goes over several lines"
+        arguments += f"\\WObj:={text[move.work_object.start : move.work_object.end]}"
+    arguments += "" if load is None else f"\\TLoad:={text[load.start : load.end]}"
+    if re.search(r"[\r\n!]", arguments):
+        reason = reason or "an argument goes over several lines"
     via = (move.points[0][1].start, move.points[0][1].end) if circular else None
     radii = tuple(0.0 if zone is None else zone for zone in zones)
     path = PathMove(
-        place[0],
+        position[0],
         name,
         None if start is None else numbers[id(start)],
         numbers[id(ends[0])] if circular and ends[0] is not None else None,
         numbers[id(ends[-1])] if None not in ends else None,
         _HERE if T is None else T,
         (radii[0], radii[-1]),
-        why,
+        reason,
     )
-    return path, PathText(move.start, via, rest, work_object, tool)
+    return path, PathText(move.start, via, arguments, work_object, tool)
 
 
 _ONE_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
@@ -1355,9 +1373,9 @@ def _doubt(
     """Why no points can be put into a move; empty where they can."""
     if move.name not in EXACT:
         return f"no points are put into {move.name}: what it does on its way belongs to a place on the path"
-    others = [option for option in move.options if option not in ("wobj", "tool", *KEPT, *OF_THE_END)]
-    if others:
-        return f"no points are put into a move with \\{others[0]}: it would mean something else for each piece"
+    unsupported = [option for option in move.options if option not in ("wobj", "tool", *KEPT, *OF_THE_END)]
+    if unsupported:
+        return f"no points are put into a move with \\{unsupported[0]}: it would mean something else for each piece"
     if T is None:
         return "its tool is not known"
     if None in zones:
@@ -1381,10 +1399,10 @@ def _no_axes(external: str) -> bool:
 
 def _zone(reader: Reader, move: MoveInstruction) -> float | None:
     """Radius of the zone at the end of a move, metres; None where it is not known."""
-    place = len([role for role in PATTERNS[move.name].split() if role in ("to", "via", "w")]) + 1
-    if move.name not in EXACT or "z" in move.options or len(move.args) <= place:
+    position = len([role for role in PATTERNS[move.name].split() if role in ("to", "via", "w")]) + 1
+    if move.name not in EXACT or "z" in move.options or len(move.args) <= position:
         return None
-    zone: Arg = move.args[place]
+    zone: Arg = move.args[position]
     name = reader.text[zone.start : zone.end].lower()
     if reader.lookup(move.scope, name) is not None:  # the module's own
         return None
@@ -1402,22 +1420,22 @@ def insertions(
     edits: list[Edit] = []
     replaced: list[Span] = []
     newline = "\r\n" if "\r\n" in text else "\n" if "\n" in text or "\r" not in text else "\r"
-    for (move, place), cut in zip(moves, cuts, strict=True):
+    for (move, path_text), cut in zip(moves, cuts, strict=True):
         if not len(cut.q) or move.to is None:
             continue
         to = targets[move.to]
-        points = _points(cut, to, work_objects[place.work_object or ""])
-        line_start = max(text.rfind("\n", 0, place.at), text.rfind("\r", 0, place.at)) + 1
-        indent = text[line_start : place.at]
+        points = _points(cut, to, work_objects[path_text.work_object or ""])
+        line_start = max(text.rfind("\n", 0, path_text.at), text.rfind("\r", 0, path_text.at)) + 1
+        indent = text[line_start : path_text.at]
         gap = newline + indent if not indent.strip(" \t\ufeff") else " "
-        if place.via is None:
-            pieces = [f"MoveL {point},{place.rest};{gap}" for point in points]
+        if path_text.via is None:
+            pieces = [f"MoveL {point},{path_text.rest};{gap}" for point in points]
         else:
             pairs = zip(points[:-1:2], points[1::2], strict=True)
-            pieces = [f"MoveC {via},{end},{place.rest};{gap}" for via, end in pairs]
-            edits.append((*place.via, points[-1]))
-            replaced.append(place.via)
-        edits.append((place.at, place.at, "".join(pieces)))
+            pieces = [f"MoveC {via},{end},{path_text.rest};{gap}" for via, end in pairs]
+            edits.append((*path_text.via, points[-1]))
+            replaced.append(path_text.via)
+        edits.append((path_text.at, path_text.at, "".join(pieces)))
     return edits, replaced
 
 
@@ -1429,10 +1447,10 @@ def _points(cut: CutPath, to: Target, T_base_wobj: FloatArray) -> list[str]:
     assert isinstance(to.configuration, ConfData)
     external = re.sub(r"\s", "", to.external)
     for row, q in zip(numbers_from_poses(T, near), cut.q, strict=True):
-        place = ",".join(number_text(value, DECIMALS) for value in row[:3])
+        xyz = ",".join(number_text(value, DECIMALS) for value in row[:3])
         turn = ",".join(number_text(value, QUATERNION_DECIMALS) for value in row[3:])
         conf = ",".join(map(str, configuration_of(q, to.configuration.cfx)))
-        out.append(f"[[{place}],[{turn}],[{conf}],{external}]")
+        out.append(f"[[{xyz}],[{turn}],[{conf}],{external}]")
     return out
 
 
@@ -1468,13 +1486,13 @@ class Module(TextProgram):
     def mark(self, fingerprint: str) -> Edit:
         """A comment behind the line with ``MODULE``."""
         newline = self.listing.newline()
-        rest = re.match(r"[ \t]*(?:![^\r\n]*)?(\r\n|\n|\r)", self.text[self.mark_at :])
-        at, before = (self.mark_at + rest.end(), "") if rest else (self.mark_at, newline)
-        return at, at, f"{before}! irbcal: fake targets, calibration {fingerprint}{newline}"
+        line_end = re.match(r"[ \t]*(?:![^\r\n]*)?(\r\n|\n|\r)", self.text[self.mark_at :])
+        at, line_break = (self.mark_at + line_end.end(), "") if line_end else (self.mark_at, newline)
+        return at, at, f"{line_break}! irbcal: fake targets, calibration {fingerprint}{newline}"
 
-    def number_text(self, old: Number, new: float, least: int) -> str | None:
+    def number_text(self, old: Number, new: float, decimals: int) -> str | None:
         """A number without needless zeros; the old text stays where it is the same within the decimals written."""
-        return None if abs(new - old.value) <= 0.5 * 10.0**-least else number_text(new, least)
+        return None if abs(new - old.value) <= 0.5 * 10.0**-decimals else number_text(new, decimals)
 
     def configuration_edits(self, target: Target, configuration: Configuration) -> list[Edit]:
         """New text of the quadrants that change."""
@@ -1505,7 +1523,7 @@ def looks_like(data: bytes) -> bool:
     return re.search(rb"^\s*(?:%%%[\s\S]{0,200}?)?MODULE\s+\w+", data, re.IGNORECASE | re.MULTILINE) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: ControllerSetup) -> list[Module]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Module]:
     """Read RAPID modules for an arm; see `irbcal.correction.languages.Language`.
 
     Tools and work objects that one of them defines in numbers serve all others.
@@ -1514,17 +1532,25 @@ def read_for(arm: Arm, files: Sequence[Path], given: ControllerSetup) -> list[Mo
         raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=files[0])
     modules = [Literals(_listing(read_bytes(path), str(path))) for path in files]
     numbers = {module.source: frames_in_numbers(module.reader) for module in modules} if len(files) > 1 else {}
-    everywhere = _with_null(given.tools, given.work_objects)
+    everywhere = _with_null(setup.tools, setup.work_objects)
     gathered = []
     for module in modules:
-        own = numbers.get(module.source, {"tooldata": {}, "wobjdata": {}})
-        others = [one for source, one in numbers.items() if source != module.source]
+        module_frames = numbers.get(module.source, {"tooldata": {}, "wobjdata": {}})
+        other_frames = [frames_of_module for source, frames_of_module in numbers.items() if source != module.source]
         shared = {
-            kind: {name: T for one in others for name, T in one[kind].items() if name not in own[kind]} for kind in own
+            kind: {
+                name: T
+                for frames_of_module in other_frames
+                for name, T in frames_of_module[kind].items()
+                if name not in module_frames[kind]
+            }
+            for kind in module_frames
         }
-        known = {kind: shared[kind] | everywhere[kind] for kind in shared}
-        beside = OtherModules(module, [one for one in modules if one is not module], numbers, everywhere)
-        gathered.append(Uses(module, known, beside))
+        available = {kind: shared[kind] | everywhere[kind] for kind in shared}
+        beside = OtherModules(
+            module, [other_module for other_module in modules if other_module is not module], numbers, everywhere
+        )
+        gathered.append(Uses(module, available, beside))
     for uses in gathered:
         uses.gather()
     return [uses.module() for uses in gathered]
@@ -1589,16 +1615,16 @@ def fingerprint(data: bytes, source: str = "program") -> str | None:
 
 def _notes(reader: Reader, targets: list[Literal]) -> tuple[Note, ...]:
     """What the corrections do not know about."""
-    seen: dict[str, Note] = {}
+    noted: dict[str, Note] = {}
     for mention in reader.mentions:
         if mention.name in _NOTES:
-            seen.setdefault(mention.name, Note(reader.line(mention.start), _NOTES[mention.name]))
+            noted.setdefault(mention.name, Note(reader.line(mention.start), _NOTES[mention.name]))
     for literal in targets:
         axes = literal.axes.items or ()
         if literal.uses and any(leaf.number is not None and abs(leaf.number) < ABSENT for leaf in axes):
             text = f"{literal.name} has external axes: where they carry the robot or the work, its place is another"
-            seen.setdefault("external", Note(reader.line(literal.start), text))
-    return tuple(sorted(seen.values(), key=lambda note: note.line))
+            noted.setdefault("external", Note(reader.line(literal.start), text))
+    return tuple(sorted(noted.values(), key=lambda note: note.line))
 
 
 SPEED_NAMES = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000, 2500, 3000)

@@ -37,7 +37,7 @@ def document(text: str, source: str) -> yaml.Node:
         If the text is no YAML, or holds none or several documents.
     """
     try:
-        found = [node for node in yaml.compose_all(text, Loader=LOADER) if node is not None and not _is_null(node)]
+        documents = [node for node in yaml.compose_all(text, Loader=LOADER) if node is not None and not _is_null(node)]
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "it cannot be read"
@@ -45,9 +45,9 @@ def document(text: str, source: str) -> yaml.Node:
         raise ProgramError(f"this is no YAML: {problem}", file=source, line=line) from None
     except RecursionError:
         raise ProgramError("this is no trajectory: its lists are nested too deep", file=source) from None
-    if len(found) != 1:
-        raise ProgramError(f"expected one trajectory, found {len(found)} YAML documents", file=source)
-    return found[0]
+    if len(documents) != 1:
+        raise ProgramError(f"expected one trajectory, found {len(documents)} YAML documents", file=source)
+    return documents[0]
 
 
 def _is_null(node: yaml.Node) -> bool:
@@ -69,39 +69,39 @@ class NodeReader:
         """A refusal of a node."""
         return ProgramError(message, file=self.source, line=line(node))
 
-    def mapping(self, node: yaml.Node, what: str) -> dict[str, yaml.Node]:
+    def mapping(self, node: yaml.Node, expected: str) -> dict[str, yaml.Node]:
         """Values by their keys."""
         if not isinstance(node, yaml.MappingNode):
-            raise self.error(node, f"expected {what} with names and values")
-        found: dict[str, yaml.Node] = {}
+            raise self.error(node, f"expected {expected} with names and values")
+        values: dict[str, yaml.Node] = {}
         for key, value in node.value:
             name = key.value if isinstance(key, yaml.ScalarNode) else ""
-            if name in found:
+            if name in values:
                 raise self.error(key, f"{name} stands here a second time")
-            found[name] = value
-        return found
+            values[name] = value
+        return values
 
-    def items(self, node: yaml.Node, what: str) -> Sequence[yaml.Node]:
+    def items(self, node: yaml.Node, expected: str) -> Sequence[yaml.Node]:
         """The items of a list."""
         if not isinstance(node, yaml.SequenceNode):
-            raise self.error(node, f"expected {what} as a list")
+            raise self.error(node, f"expected {expected} as a list")
         return list(node.value)
 
-    def text(self, node: yaml.Node, what: str) -> str:
+    def text(self, node: yaml.Node, expected: str) -> str:
         """A word."""
         if not isinstance(node, yaml.ScalarNode):
-            raise self.error(node, f"expected {what}")
+            raise self.error(node, f"expected {expected}")
         return str(node.value)
 
-    def number(self, node: yaml.Node, what: str) -> Number:
+    def number(self, node: yaml.Node, expected: str) -> Number:
         """A finite number with its place in the text."""
-        shown = self.text(node, what)
+        spelling = self.text(node, expected)
         try:
-            value = float(shown) if shown.isascii() and "_" not in shown else math.nan
+            value = float(spelling) if spelling.isascii() and "_" not in spelling else math.nan
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise self.error(node, f"expected {what} as a finite number, found {shown[:40]!r}")
+            raise self.error(node, f"expected {expected} as a finite number, found {spelling[:40]!r}")
         return Number(value, int(node.start_mark.index), int(node.end_mark.index))
 
 
@@ -182,10 +182,10 @@ class RosProgram(Program):
         for start, stop, value in sorted(edits):
             pieces += [self.text[end:start], number_like(self.text[start:stop], value, DECIMALS)]
             end = stop
-        rest = self.text[end:]
+        tail = self.text[end:]
         newline = "\r\n" if "\r\n" in self.text else "\n"
         mark = "" if fingerprint is None else f"# irbcal fake targets, calibration {fingerprint}{newline}"
-        return {self.source: "".join([*pieces, rest, "" if rest.endswith("\n") else newline, mark]).encode("utf-8")}
+        return {self.source: "".join([*pieces, tail, "" if tail.endswith("\n") else newline, mark]).encode("utf-8")}
 
 
 AROUND = ("trajectory", "joint_trajectory", "goal")
@@ -220,7 +220,9 @@ def decoded(data: bytes, source: str) -> str:
 
 def fingerprint(data: bytes, source: str) -> str | None:
     """Fingerprint in the mark of a trajectory; empty where it names none, None without mark."""
-    return mark_in([one[1:] for one in decoded(data, source).splitlines() if one.startswith("#")])
+    return mark_in(
+        [comment_line[1:] for comment_line in decoded(data, source).splitlines() if comment_line.startswith("#")]
+    )
 
 
 def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
@@ -234,31 +236,31 @@ def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
     text = decoded(data, source)
     read = NodeReader(source)
     node = _trajectory(read, document(text.removeprefix("\ufeff"), source))
-    names = [read.text(one, "a joint's name") for one in read.items(node["joint_names"], "joint_names")]
+    names = [read.text(name_node, "a joint's name") for name_node in read.items(node["joint_names"], "joint_names")]
     for k, name in enumerate(names):
         if name in names[:k]:
             raise read.error(node["joint_names"], f"the joint {name} stands in joint_names a second time")
     missing = [name for name in arm.joint_names if name not in names]
     if missing:
-        expected, found = ", ".join(arm.joint_names), ", ".join(names) or "none"
-        raise read.error(node["joint_names"], f"expected the joints {expected}, found {found}")
-    points = [read.mapping(one, "a point") for one in read.items(node["points"], "points")]
-    lines = [line(one) for one in read.items(node["points"], "points")]
+        expected, names_read = ", ".join(arm.joint_names), ", ".join(names) or "none"
+        raise read.error(node["joint_names"], f"expected the joints {expected}, found {names_read}")
+    points = [read.mapping(point_node, "a point") for point_node in read.items(node["points"], "points")]
+    lines = [line(point_node) for point_node in read.items(node["points"], "points")]
     if not points:
         raise read.error(node["points"], "the trajectory has no points")
     columns = [names.index(name) for name in arm.joint_names]
     values: dict[str, FloatArray] = {}
-    places: dict[str, list[list[Number]]] = {}
+    numbers_of_kind: dict[str, list[list[Number]]] = {}
     for kind in KINDS:
         rows = [_row(read, point, kind, len(names), k) for k, point in enumerate(points)]
         _all_or_none(read, node["points"], kind, rows)
         if rows[0]:
-            places[kind] = [[row[k] for k in columns] for row in rows]
-            values[kind] = np.array([[one.value for one in row] for row in places[kind]])
-    _once(places, source)
+            numbers_of_kind[kind] = [[row[k] for k in columns] for row in rows]
+            values[kind] = np.array([[number.value for number in row] for row in numbers_of_kind[kind]])
+    _once(numbers_of_kind, source)
     if "positions" not in values:
         raise read.error(node["points"], "the points have no positions")
-    times = np.array([_seconds(read, point, one) for point, one in zip(points, lines, strict=True)])
+    times = np.array([_seconds(read, point, node_line) for point, node_line in zip(points, lines, strict=True)])
     derivatives = values.get("velocities"), values.get("accelerations")
     try:
         motion = Trajectory(times, values["positions"], *derivatives, arm.joint_names, arm.table.prismatic)
@@ -266,8 +268,8 @@ def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
         raise ProgramError(str(error), file=source) from None
     shift = len(text) - len(text.removeprefix("\ufeff"))
     spans = {
-        kind: tuple((one.start + shift, one.end + shift) for row in rows for one in row)
-        for kind, rows in places.items()
+        kind: tuple((number.start + shift, number.end + shift) for row in rows for number in row)
+        for kind, rows in numbers_of_kind.items()
     }
     notes = [Note(k, "efforts are kept as they are") for k, p in zip(lines, points, strict=True) if _has_effort(p)][:1]
     return RosProgram(source, data, text, arm, motion, tuple(lines), spans, tuple(notes), fingerprint(data, source))
@@ -275,37 +277,37 @@ def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
 
 def _trajectory(read: NodeReader, node: yaml.Node) -> Mapping[str, yaml.Node]:
     """The mapping with joint names and points."""
-    found = read.mapping(node, "a trajectory")
+    trajectory = read.mapping(node, "a trajectory")
     for _ in range(3):
-        inside = next((found[key] for key in AROUND if key in found), None)
-        if "joint_names" in found or inside is None:
+        inside = next((trajectory[key] for key in AROUND if key in trajectory), None)
+        if "joint_names" in trajectory or inside is None:
             break
-        found = read.mapping(inside, "a trajectory")
+        trajectory = read.mapping(inside, "a trajectory")
     for key in ("joint_names", "points"):
-        if key not in found:
+        if key not in trajectory:
             raise read.error(node, f"expected a trajectory with joint_names and points, {key} is missing")
-    return found
+    return trajectory
 
 
 def _row(read: NodeReader, point: Mapping[str, yaml.Node], kind: str, joints: int, k: int) -> list[Number]:
     node = point.get(kind)
     if node is None:
         return []
-    row = [read.number(one, f"one of the {kind}") for one in read.items(node, kind)]
+    row = [read.number(number_node, f"one of the {kind}") for number_node in read.items(node, kind)]
     if row and len(row) != joints:
         raise read.error(node, f"point {k + 1} has {len(row)} {kind} for {joints} joints")
     return row
 
 
 def _all_or_none(read: NodeReader, node: yaml.Node, kind: str, rows: Sequence[Sequence[Number]]) -> None:
-    some = [bool(row) for row in rows]
-    if any(some) and not all(some):
-        raise read.error(node, f"point {some.index(False) + 1} has no {kind}, others have")
+    present = [bool(row) for row in rows]
+    if any(present) and not all(present):
+        raise read.error(node, f"point {present.index(False) + 1} has no {kind}, others have")
 
 
-def _once(places: Mapping[str, Sequence[Sequence[Number]]], source: str) -> None:
+def _once(numbers_of_kind: Mapping[str, Sequence[Sequence[Number]]], source: str) -> None:
     """Numbers that an alias (``*name``) repeats cannot be changed one by one."""
-    starts = [one.start for rows in places.values() for row in rows for one in row]
+    starts = [number.start for rows in numbers_of_kind.values() for row in rows for number in row]
     if len(set(starts)) < len(starts):
         raise ProgramError("two points share one list of numbers (an alias): write them out", file=source)
 
@@ -316,11 +318,11 @@ def _seconds(read: NodeReader, point: Mapping[str, yaml.Node], row: int) -> floa
         raise ProgramError("a point has no time_from_start", file=read.source, line=row)
     if isinstance(node, yaml.ScalarNode):
         return read.number(node, "time_from_start").value
-    parts = read.mapping(node, "time_from_start")
-    for whole, rest in (("sec", "nanosec"), ("secs", "nsecs")):
-        if whole in parts:
-            nano = read.number(parts[rest], rest).value if rest in parts else 0.0
-            return read.number(parts[whole], whole).value + 1e-9 * nano
+    fields = read.mapping(node, "time_from_start")
+    for seconds, nanoseconds in (("sec", "nanosec"), ("secs", "nsecs")):
+        if seconds in fields:
+            nano = read.number(fields[nanoseconds], nanoseconds).value if nanoseconds in fields else 0.0
+            return read.number(fields[seconds], seconds).value + 1e-9 * nano
     raise read.error(node, "expected time_from_start with sec and nanosec")
 
 

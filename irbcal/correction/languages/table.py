@@ -309,7 +309,7 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Ta
             message = "the poses of a CSV program are those of the tip in the base link: there is no frame to give"
             raise OptionError(f"{parameter}: {message}", file=files[0], parameter=parameter)
     programs = [read(path, arm.joint_columns) for path in files]
-    return [along_time(one, arm) if has_times(one) else one for one in programs]
+    return [along_time(program, arm) if has_times(program) else program for program in programs]
 
 
 def read(path: str | Path, joints: Sequence[str] = JOINTS) -> TableProgram:
@@ -437,8 +437,8 @@ def _check_size(written: FloatArray, names: Sequence[str], table: pd.DataFrame, 
     if bad.any():
         row, column = np.argwhere(bad)[0]
         name = names[column]
-        found = repr(table[name].iloc[row].strip())
-        message = f"expected a number up to {LARGEST:g}, found {found}"
+        spelling = repr(table[name].iloc[row].strip())
+        message = f"expected a number up to {LARGEST:g}, found {spelling}"
         raise ProgramError(message, file=source, row=int(table.index[row]), column=name)
 
 
@@ -446,8 +446,8 @@ def _check_quaternions(quaternions: FloatArray, lines: Sequence[int], source: st
     bad = np.abs(np.linalg.norm(quaternions, axis=1) - 1) > QUATERNION_TOLERANCE
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
-        found = ", ".join(f"{value:g}" for value in quaternions[k])
-        message = f"expected a unit quaternion, found {found}"
+        spelling = ", ".join(f"{value:g}" for value in quaternions[k])
+        message = f"expected a unit quaternion, found {spelling}"
         raise ProgramError(message, file=source, row=int(lines[k]), column=QUATERNION)
 
 

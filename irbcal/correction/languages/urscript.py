@@ -156,14 +156,14 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptP
     for line in lines:
         script.take(line)
     script.conclude()
-    found = sorted([*script.variables.values(), *script.literals], key=lambda target: target.start)
+    targets = sorted([*script.variables.values(), *script.literals], key=lambda target: target.start)
     head = _DEF.search(listing.text)
-    poses = any(target.kind == "pose" and target.uses for target in found)
+    poses = any(target.kind == "pose" and target.uses for target in targets)
     return ScriptProgram.assembled(
         UNIVERSAL_ROBOTS,
         arm,
         script.flow,
-        found,
+        targets,
         setup,
         script.tools,
         {"base": frames.transform()},
@@ -218,8 +218,8 @@ class _Script:
 
     def _other(self, tokens: list[Token]) -> None:
         first, at = tokens[0].word, tokens[0].start
-        words = [token.word for token in tokens]
-        inside = next((word for word in words if word in (*GOALS, *OTHER_MOVES)), None)
+        words_of_line = [token.word for token in tokens]
+        inside = next((word for word in words_of_line if word in (*GOALS, *OTHER_MOVES)), None)
         self._mentioned += [token for token in tokens if token.kind == "name"]
         if first in ("def", "thread"):
             self._ends.append((first, self.flow.state))
@@ -238,7 +238,7 @@ class _Script:
                 self.flow.forget()
             else:
                 self.flow.close(at)
-        elif first not in QUIET and "(" in words:
+        elif first not in QUIET and "(" in words_of_line:
             self.flow.forget()
         if inside is not None:
             text = self.listing.quote(at, tokens[-1].end)
@@ -284,8 +284,8 @@ class _Script:
         for role, point in zip(roles, points, strict=False):
             stop = self._goal(move, at, point, role)
         self.flow.stop(stop, at)
-        taken = {id(token) for point in points for token in point}
-        self._mentioned += [token for token in tokens[1:] if token.kind == "name" and id(token) not in taken]
+        in_points = {id(token) for point in points for token in point}
+        self._mentioned += [token for token in tokens[1:] if token.kind == "name" and id(token) not in in_points]
 
     def _goal(self, move: str, at: int, point: Tokens, role: Role) -> Target | None:
         near: FloatArray | None = None
@@ -345,17 +345,19 @@ class _Script:
 
 def _assignment(tokens: Tokens) -> tuple[Token | None, Tokens | None]:
     """Name and value of an assignment; no value for that of an element."""
-    rest = tokens[1:] if tokens[0].word in ("global", "local") else tokens
-    if len(rest) < 2 or rest[0].kind != "name":
+    statement = tokens[1:] if tokens[0].word in ("global", "local") else tokens
+    if len(statement) < 2 or statement[0].kind != "name":
         return None, None
-    if rest[1].word == "=":
-        return rest[0], rest[2:]
-    if rest[1].word == "[":
+    if statement[1].word == "=":
+        return statement[0], statement[2:]
+    if statement[1].word == "[":
         depth = 0
-        for k, token in enumerate(rest[1:], start=1):
+        for k, token in enumerate(statement[1:], start=1):
             depth += (token.word == "[") - (token.word == "]")
             if depth == 0:
-                return (rest[0], None) if rest[k + 1 : k + 2] and rest[k + 1].word == "=" else (None, None)
+                return (
+                    (statement[0], None) if statement[k + 1 : k + 2] and statement[k + 1].word == "=" else (None, None)
+                )
     return None, None
 
 

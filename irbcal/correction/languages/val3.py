@@ -46,17 +46,17 @@ def posture_of(attributes: Mapping[str, str]) -> tuple[Posture, str]:
     shoulder, elbow, wrist = (attributes.get(key, "") for key in ("shoulder", "elbow", "wrist"))
     if shoulder == "righty":
         return Posture(), "its shoulder is righty: how the elbow is counted behind axis 1 is not confirmed"
-    known = {
+    meanings = {
         "shoulder": ("lefty", "ssame", "sfree", ""),
         "elbow": ("epositive", "enegative", "esame", "efree", ""),
         "wrist": ("wpositive", "wnegative", "wsame", "wfree", ""),
     }
     for key, value in (("shoulder", shoulder), ("elbow", elbow), ("wrist", wrist)):
-        if value not in known[key]:
+        if value not in meanings[key]:
             return Posture(), f"its {key} {value[:20]!r} is not known"
-    back = False if shoulder == "lefty" else None
+    shoulder_back = False if shoulder == "lefty" else None
     bent = {"epositive": False, "enegative": True}.get(elbow)
-    return Posture(back, bent, {"wpositive": 1, "wnegative": -1}.get(wrist)), ""
+    return Posture(shoulder_back, bent, {"wpositive": 1, "wnegative": -1}.get(wrist)), ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,9 +110,9 @@ def read(listing: Listing) -> tuple[list[DatumValue], list[Code], list[str]]:
     values: list[DatumValue] = []
     codes: list[Code] = []
     comments: list[str] = []
-    for part in listing.parts:
+    for file in listing.parts:
         datum: dict[str, str] = {}
-        for piece in _PIECE.finditer(listing.text, part.start, part.end):
+        for piece in _PIECE.finditer(listing.text, file.start, file.end):
             if piece["comment"]:
                 comments.append(piece["comment"])
             elif piece["code"] is not None:
@@ -120,21 +120,21 @@ def read(listing: Listing) -> tuple[list[DatumValue], list[Code], list[str]]:
             elif piece["tag"] == "Data":
                 datum = {} if piece["end"] else _attributes(piece)[0]
             elif piece["tag"] == "Value" and datum and not piece["end"]:
-                attributes, places = _attributes(piece)
+                attributes, positions = _attributes(piece)
                 key = attributes.get("key", "0")
                 kind, name = datum.get("type", ""), datum.get("name", "")
-                values.append(DatumValue(kind, name, key, attributes, places, piece.start()))
+                values.append(DatumValue(kind, name, key, attributes, positions, piece.start()))
     return values, codes, comments
 
 
 def _attributes(piece: re.Match[str]) -> tuple[dict[str, str], dict[str, int]]:
     texts: dict[str, str] = {}
-    places: dict[str, int] = {}
+    positions: dict[str, int] = {}
     for match in _ATTRIBUTE.finditer(piece["rest"]):
         which = 2 if match[2] is not None else 3
         texts.setdefault(match[1], match[which])
-        places.setdefault(match[1], piece.start("rest") + match.start(which))
-    return texts, places
+        positions.setdefault(match[1], piece.start("rest") + match.start(which))
+    return texts, positions
 
 
 def numbers(value: DatumValue, names: tuple[str, ...], absent: bool = False) -> list[Number] | None:
@@ -144,9 +144,9 @@ def numbers(value: DatumValue, names: tuple[str, ...], absent: bool = False) -> 
         text = value.attributes.get(name, "0" if absent else "").strip()
         if not _NUMBER.match(text):
             return None
-        place = value.places.get(name, value.start)
+        position = value.places.get(name, value.start)
         raw = value.attributes.get(name, text)
-        start = place + raw.index(text)
+        start = position + raw.index(text)
         out.append(Number(float(text), start, start + len(text)))
     return out
 
@@ -156,10 +156,10 @@ def target(value: DatumValue) -> Target | None:
     if value.type not in ("pointRx", "jointRx"):
         return None
     joint = value.type == "jointRx"
-    found = numbers(value, JOINTS if joint else POSE)
+    target_numbers = numbers(value, JOINTS if joint else POSE)
     none = [Number(0.0, value.start, value.start)] * 6
-    out = Target(value.shown, "joint" if joint else "pose", value.start, found or none)
-    if found is None:
+    out = Target(value.shown, "joint" if joint else "pose", value.start, target_numbers or none)
+    if target_numbers is None:
         out.conflicts.append("not all of its numbers are written")
         return out
     if not joint:
@@ -215,14 +215,14 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     for code in codes:
         application.follow(code)
     application.conclude()
-    found = [one for _, one in application.targets]
-    main = next((part for part in listing.parts if part.name.lower().endswith(".dtx")), listing.parts[0])
+    targets = [target for _, target in application.targets]
+    main = next((file for file in listing.parts if file.name.lower().endswith(".dtx")), listing.parts[0])
     head = _HEAD.match(listing.text, main.start, main.end)
     return Val3Program.assembled(
         STAUBLI,
         arm,
         application.flow,
-        found,
+        targets,
         setup,
         application.tools(),
         application.frames(),
@@ -243,13 +243,13 @@ class _Application:
         self.listing, self.values = listing, values
         self.flow = ControlFlow(listing)
         pairs = [(value, target(value)) for value in values]
-        self.targets = [(value, one) for value, one in pairs if one is not None]
-        seen: dict[str, Target] = {}
+        self.targets = [(value, target) for value, target in pairs if target is not None]
+        first_of_name: dict[str, Target] = {}
         for _, one in self.targets:
-            if one.name in seen:
+            if one.name in first_of_name:
                 one.conflicts.append("there are two of this name")
-                seen[one.name].conflicts.append("there are two of this name")
-            seen[one.name] = one
+                first_of_name[one.name].conflicts.append("there are two of this name")
+            first_of_name[one.name] = one
         self.named: dict[str, list[tuple[DatumValue, Target]]] = {}
         self.single: dict[tuple[str, str], list[tuple[DatumValue, Target]]] = {}
         for pair in self.targets:
@@ -269,8 +269,8 @@ class _Application:
         """Take the text of a program."""
         self.flow.restart()
         for line in re.finditer(r"[^\r\n]+", self.listing.text[code.start : code.end]):
-            text = re.sub(r"\"[^\"]*\"", lambda found: " " * len(found[0]), line[0])
-            text = _QUIET.sub(lambda found: " " * len(found[0]), text.split("//", maxsplit=1)[0])
+            text = re.sub(r"\"[^\"]*\"", lambda match: " " * len(match[0]), line[0])
+            text = _QUIET.sub(lambda match: " " * len(match[0]), text.split("//", maxsplit=1)[0])
             self._line(code.start + line.start(), text)
 
     def _line(self, at: int, text: str) -> None:
@@ -287,29 +287,29 @@ class _Application:
 
     def _mention(self, at: int, text: str) -> None:
         for name in set(_NAME.findall(text)) & self.names:
-            why = f"line {self.listing.line(at)} uses {name} in another way"
-            self._touched[name.lower()] = why
+            reason = f"line {self.listing.line(at)} uses {name} in another way"
+            self._touched[name.lower()] = reason
             self._mentions[name] += 1
             if self._mentions[name] > MENTIONS:
                 continue
-            ones = [*(one for _, one in self.named.get(name, ())), *self.inside.get(name.lower(), ())]
-            for one in {id(one): one for one in ones}.values():
-                one.conflicts.append(why)
+            ones = [*(target for _, target in self.named.get(name, ())), *self.inside.get(name.lower(), ())]
+            for one in {id(target): target for target in ones}.values():
+                one.conflicts.append(reason)
 
     def _fathers(self, value: DatumValue) -> set[str]:
         """Names of all frames that a point stands in, without index."""
-        at, seen = self._father(value), set()
-        while at not in seen:
-            seen.add(at)
+        at, visited = self._father(value), set()
+        while at not in visited:
+            visited.add(at)
             at = self._father(self.own[at]) if at in self.own else at
-        return {place.partition("[")[0] for place in seen}
+        return {father.partition("[")[0] for father in visited}
 
     def conclude(self) -> None:
         """Tell the targets of tools that the programs use in another way."""
-        for _, one in self.targets:
-            for use in one.uses:
+        for _, target in self.targets:
+            for use in target.uses:
                 name = (use.tool or "").split("[", maxsplit=1)[0]
-                one.conflicts += [self._touched[name]] if name in self._touched else []
+                target.conflicts += [self._touched[name]] if name in self._touched else []
 
     def _father(self, value: DatumValue) -> str:
         return value.attributes.get("fatherId", "world[0]").lower()
@@ -325,24 +325,24 @@ class _Application:
         name = _shown(tool[1], index) if tool is not None and index.isdecimal() else None
         stop: Target | None = None
         for role, argument in zip(roles, arguments, strict=False):
-            found, reason = self._goal(argument)
+            goals, reason = self._goal(argument)
             if reason:
                 self.flow.leave(at, move, argument.strip()[:50], reason)
-            for value, one in found:
+            for value, target in goals:
                 state = FrameState(name, self._father(value), f"the tool of line {self.listing.line(at)} is computed")
-                self.flow.use(one, at, move, "via" if role == "via" else "to", state)
-            stop = found[0][1] if len(found) == 1 else None
-            if not found:
+                self.flow.use(target, at, move, "via" if role == "via" else "to", state)
+            stop = goals[0][1] if len(goals) == 1 else None
+            if not goals:
                 self._mention(at, argument)
         self.flow.stop(stop, at)
 
     def _goal(self, argument: str) -> tuple[list[tuple[DatumValue, Target]], str]:
-        item = _ITEM.match(argument)
-        if item is None:
+        reference = _ITEM.match(argument)
+        if reference is None:
             return [], "its target is computed"
-        index = item[2] or "0"
-        found = self.single.get((item[1], index), []) if index.isdecimal() else self.named.get(item[1], [])
-        return found, "" if found else "it is not declared in this application"
+        index = reference[2] or "0"
+        goals = self.single.get((reference[1], index), []) if index.isdecimal() else self.named.get(reference[1], [])
+        return goals, "" if goals else "it is not declared in this application"
 
     def tools(self) -> dict[str, FloatArray]:
         """Tools by name, on the flange."""
@@ -356,21 +356,21 @@ class _Application:
 
     def frames(self) -> dict[str, FloatArray]:
         """Frames by name, in the world."""
-        own, out = self.own, {"world[0]": frames.transform()}
-        for name in own:
-            T, at, seen = np.eye(4), name, set()
-            while at in own and at not in seen:
-                seen.add(at)
-                step = self._frame(own[at])
+        frame_values, out = self.own, {"world[0]": frames.transform()}
+        for name in frame_values:
+            T, at, visited = np.eye(4), name, set()
+            while at in frame_values and at not in visited:
+                visited.add(at)
+                step = self._frame(frame_values[at])
                 T = np.full((4, 4), np.nan) if step is None else step @ T
-                at = self._father(own[at])
+                at = self._father(frame_values[at])
             if at == "world[0]" and np.isfinite(T).all():
                 out[name] = T
         return out
 
     def _frame(self, value: DatumValue) -> FloatArray | None:
-        found = numbers(value, POSE, absent=True)
-        return None if found is None else STAUBLI.frame([number.value for number in found])
+        coordinates = numbers(value, POSE, absent=True)
+        return None if coordinates is None else STAUBLI.frame([number.value for number in coordinates])
 
 
 def _inside(text: str, begin: int) -> tuple[list[str], int]:

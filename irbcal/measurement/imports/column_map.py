@@ -257,13 +257,17 @@ class ImportMap(_MapModel):
         columns = values.get("columns") if isinstance(values, dict) else None
         if not isinstance(columns, dict) or columns.get("transform") is None:
             return values
-        given = columns["transform"]
-        if not isinstance(given, list) or len(given) not in (12, 16):
+        matrix = columns["transform"]
+        if not isinstance(matrix, list) or len(matrix) not in (12, 16):
             raise ValueError("columns.transform: expected 12 or 16 columns, the rows of a matrix one after the other")
-        rest = {key: value for key, value in columns.items() if key != "transform"}
-        rest |= {"position": given[3:12:4], "orientation": [given[k] for k in range(12) if k % 4 != 3]}
-        own = values.get("orientation") or {}
-        return {**values, "columns": rest, "orientation": {"kind": "matrix", **own} if isinstance(own, dict) else own}
+        others_ = {key: value for key, value in columns.items() if key != "transform"}
+        others_ |= {"position": matrix[3:12:4], "orientation": [matrix[k] for k in range(12) if k % 4 != 3]}
+        orientation = values.get("orientation") or {}
+        return {
+            **values,
+            "columns": others_,
+            "orientation": {"kind": "matrix", **orientation} if isinstance(orientation, dict) else orientation,
+        }
 
     @model_validator(mode="after")
     def _one_orientation_for_one_target(self) -> ImportMap:
@@ -274,20 +278,20 @@ class ImportMap(_MapModel):
     @model_validator(mode="after")
     def _as_many_programmed_joints(self) -> ImportMap:
         files = [("columns", self.columns), ("joints_file.columns", self.joints_file and self.joints_file.columns)]
-        for place, columns in files:
+        for key, columns in files:
             if columns and columns.programmed and len(columns.programmed) != len(columns.joints or ()):
                 raise ValueError(
-                    f"{place}.programmed: expected a column for each of the {len(columns.joints or ())} columns of "
+                    f"{key}.programmed: expected a column for each of the {len(columns.joints or ())} columns of "
                     f"joints, found {len(columns.programmed)}"
                 )
         return self
 
     @model_validator(mode="after")
     def _kept_columns_are_new(self) -> ImportMap:
-        taken = [name for name in self.columns.keep if name in RESERVED or re.fullmatch(r"[qc]\d+_(deg|mm)", name)]
-        if taken:
+        reserved = [name for name in self.columns.keep if name in RESERVED or re.fullmatch(r"[qc]\d+_(deg|mm)", name)]
+        if reserved:
             raise ValueError(
-                f"columns.keep: expected a new name for the column, found {taken[0]!r}, which has a meaning"
+                f"columns.keep: expected a new name for the column, found {reserved[0]!r}, which has a meaning"
             )
         return self
 
@@ -308,17 +312,17 @@ def pattern_regex(pattern: str) -> str:
     ValueError
         If a field is unknown, stands there twice or touches another one.
     """
-    parts = re.split(r"\{([^{}]*)\}", pattern)
-    fields = parts[1::2]
+    pieces = re.split(r"\{([^{}]*)\}", pattern)
+    fields = pieces[1::2]
     strange = [name for name in fields if name not in FIELDS]
     if strange or not 1 <= len(fields) <= len(FIELDS):
-        found = f"{{{strange[0]}}}" if strange else pattern
-        raise ValueError(f"expected a pattern of {', '.join(f'{{{name}}}' for name in FIELDS)}, found {found!r}")
+        problem = f"{{{strange[0]}}}" if strange else pattern
+        raise ValueError(f"expected a pattern of {', '.join(f'{{{name}}}' for name in FIELDS)}, found {problem!r}")
     double = [name for name in fields if name != "ignore" and fields.count(name) > 1]
-    if double or any(part == "" for part in parts[2:-1:2]):
+    if double or any(piece == "" for piece in pieces[2:-1:2]):
         raise ValueError(f"expected each field once with something between the fields, found {pattern!r}")
     text = ""
-    for k, part in enumerate(parts):
+    for k, part in enumerate(pieces):
         if k % 2 == 0:
             text += re.escape(part)
         else:

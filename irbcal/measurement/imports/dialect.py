@@ -83,17 +83,17 @@ class TextTable:
         spellings: tuple[dict[str, list[int]], ...] = ({}, {}, {})
         for k, name in enumerate(self.names or ()):
             bare = _without_unit(name)[0]
-            for found, text in zip(spellings, (name, _folded(name), _folded(bare)), strict=True):
-                found.setdefault(text, []).append(k)
+            for by_spelling, text in zip(spellings, (name, _folded(name), _folded(bare)), strict=True):
+                by_spelling.setdefault(text, []).append(k)
         return spellings
 
     @overload
-    def find(self, column: str | int, what: str, optional: Literal[False] = False) -> int: ...
+    def find(self, column: str | int, use: str, optional: Literal[False] = False) -> int: ...
 
     @overload
-    def find(self, column: str | int, what: str, optional: bool) -> int | None: ...
+    def find(self, column: str | int, use: str, optional: bool) -> int | None: ...
 
-    def find(self, column: str | int, what: str, optional: bool = False) -> int | None:
+    def find(self, column: str | int, use: str, optional: bool = False) -> int | None:
         """Index of a column.
 
         Names are compared as they are, then without regard to case and blanks, then without a unit in brackets.
@@ -102,7 +102,7 @@ class TextTable:
         ----------
         column : str or int
             Name, or number from 1 (from -1 backwards).
-        what : str
+        use : str
             What it is for, in messages.
         optional : bool
             Return None where there is no such column.
@@ -119,31 +119,31 @@ class TextTable:
             if optional:
                 return None
             raise MeasurementError(
-                f"expected a column {column} for {what}, found {self.width} columns",
+                f"expected a column {column} for {use}, found {self.width} columns",
                 file=self.source,
                 row=int(self.lines[0]),
             )
         if self.names is None:
             raise MeasurementError(
-                f"expected the number of the column for {what}, as the file has no header (file.header: false), found "
+                f"expected the number of the column for {use}, as the file has no header (file.header: false), found "
                 f"the name {column!r}",
                 file=self.source,
             )
-        for found, text in zip(self._places, (column.strip(), _folded(column), _folded(column)), strict=True):
-            places = found.get(text, [])
-            if len(places) > 1:
+        for by_spelling, text in zip(self._places, (column.strip(), _folded(column), _folded(column)), strict=True):
+            matches = by_spelling.get(text, [])
+            if len(matches) > 1:
                 raise MeasurementError(
-                    f"expected one column {column!r} for {what}, found {len(places)}; give its number",
+                    f"expected one column {column!r} for {use}, found {len(matches)}; give its number",
                     file=self.source,
                     row=self.header_line,
                 )
-            if places:
-                return places[0]
+            if matches:
+                return matches[0]
         if optional:
             return None
         listed = ", ".join(short(name) for name in self.names[:40])
         raise MeasurementError(
-            f"there is no column {column!r} for {what}; found {listed}", file=self.source, row=self.header_line
+            f"there is no column {column!r} for {use}; found {listed}", file=self.source, row=self.header_line
         )
 
     def check_unit(self, k: int, declared: str | None, key: str) -> None:
@@ -176,14 +176,14 @@ class TextTable:
         commas = cells[cells.str.contains(",", regex=False)]
         if commas.empty:
             return replace(self, decimal=".")
-        line, found = commas.index[0], commas.iloc[0]
+        row, cell = commas.index[0], commas.iloc[0]
         dots = cells.str.contains(".", regex=False).any()
         if dots or commas.str.fullmatch(r"[+-]?\d{1,3}(,\d{3})+").all():
             raise MeasurementError(
-                f"expected to see which mark is the decimal one, found {short(found)!r}"
+                f"expected to see which mark is the decimal one, found {short(cell)!r}"
                 f"{' and dots in other cells' if dots else ''}; declare file.decimal",
                 file=self.source,
-                row=int(line),
+                row=int(row),
             )
         return replace(self, decimal=",")
 
@@ -202,10 +202,10 @@ class TextTable:
     def is_one_of(self, k: int, texts: Collection[str], numbers: Collection[float] = ()) -> BoolArray:
         """Rows of a column that hold one of some texts (in lower case) or one of some numbers, shape (rows,)."""
         values = self.parsed(k)
-        found = np.isin(values, list(numbers)) if numbers else np.zeros(len(values), dtype=bool)
+        matches = np.isin(values, list(numbers)) if numbers else np.zeros(len(values), dtype=bool)
         rows = np.flatnonzero(~np.isfinite(values))  # texts are no numbers
-        found[rows] |= self.cells[k].iloc[rows].str.lower().isin(texts).to_numpy(dtype=bool)
-        return found
+        matches[rows] |= self.cells[k].iloc[rows].str.lower().isin(texts).to_numpy(dtype=bool)
+        return matches
 
     def numbers(self, k: int, expected: str, absent: BoolArray | None = None) -> FloatArray:
         """A column as numbers.
@@ -230,13 +230,13 @@ class TextTable:
             values[absent] = np.nan
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            found = self.cells[k].iloc[row]
-            other = "." if self.decimal == "," else ","
+            cell = self.cells[k].iloc[row]
+            mark = "." if self.decimal == "," else ","
             hint = ""
-            if re.fullmatch(rf"[+-]?\d+[{other}]\d+([eE][+-]?\d+)?", found):
+            if re.fullmatch(rf"[+-]?\d+[{mark}]\d+([eE][+-]?\d+)?", cell):
                 hint = f"; the map says file.decimal: '{self.decimal}'"
             raise MeasurementError(
-                f"expected {expected}, found {repr(short(found)) if found else 'nothing'}{hint}",
+                f"expected {expected}, found {repr(short(cell)) if cell else 'nothing'}{hint}",
                 file=self.source,
                 row=int(self.lines[row]),
                 column=self.label(k),
@@ -244,9 +244,9 @@ class TextTable:
         return values
 
 
-def short(text: str, most: int = 40) -> str:
+def short(text: str, limit: int = 40) -> str:
     """A cell for messages."""
-    return text if len(text) <= most else text[:most] + "…"
+    return text if len(text) <= limit else text[:limit] + "…"
 
 
 def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[str] = ()) -> TextTable:
@@ -274,9 +274,9 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
     if dialect.comment:
         rows = [(k, line) for k, line in rows if not line.lstrip().startswith(dialect.comment)]
     if len(rows) < 1 + dialect.header:
-        what = "a header and rows" if dialect.header else "rows"
+        content = "a header and rows" if dialect.header else "rows"
         raise MeasurementError(
-            f"expected {what} after {dialect.skip_rows} skipped rows, found {len(rows)} rows", file=source
+            f"expected {content} after {dialect.skip_rows} skipped rows, found {len(rows)} rows", file=source
         )
     separator = _separator(dialect, [line for _, line in rows[:50]])
     names = None
@@ -367,10 +367,10 @@ def _cells(lines: Sequence[str], numbers: IntArray, separator: str, width: int, 
                 index_col=False,
             ).iloc[1:]
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-        if found:
-            row = numbers[int(found[2]) - 2]
-            raise MeasurementError(f"expected {found[1]} values, found {found[3]}", file=source, row=int(row)) from None
+        match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+        if match:
+            row = numbers[int(match[2]) - 2]
+            raise MeasurementError(f"expected {match[1]} values, found {match[3]}", file=source, row=int(row)) from None
         reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
         raise MeasurementError(f"not a table: {reason}", file=source) from None
     if len(cells) != len(numbers):
@@ -391,9 +391,9 @@ def _refuse_short_rows(
     """Refuse rows with fewer values than the others, but for lost points: a shift of columns must not pass for one."""
     width = cells.shape[1]
     for row in np.flatnonzero((cells.iloc[:, -1] == "").to_numpy()).tolist():
-        found = len(_fields(lines[row], separator))
-        if found < width and not any(cell.lower() in excuses for cell in cells.iloc[row]):
-            raise MeasurementError(f"expected {width} values, found {found}", file=source, row=int(cells.index[row]))
+        count = len(_fields(lines[row], separator))
+        if count < width and not any(cell.lower() in excuses for cell in cells.iloc[row]):
+            raise MeasurementError(f"expected {width} values, found {count}", file=source, row=int(cells.index[row]))
 
 
 def _named_columns(cells: pd.DataFrame, names: Sequence[str] | None, source: str) -> pd.DataFrame:
@@ -402,9 +402,9 @@ def _named_columns(cells: pd.DataFrame, names: Sequence[str] | None, source: str
     while width > 1 and not (names and names[width - 1]) and (cells[width - 1] == "").all():
         width -= 1
     if names is not None and not names[width - 1]:
-        line = cells.index[(cells[width - 1] != "").to_numpy()][0]
+        row = cells.index[(cells[width - 1] != "").to_numpy()][0]
         raise MeasurementError(
-            f"expected {width - 1} values as the header has names, found more", file=source, row=int(line)
+            f"expected {width - 1} values as the header has names, found more", file=source, row=int(row)
         )
     return cells.iloc[:, :width]
 
@@ -415,8 +415,8 @@ def _folded(name: str) -> str:
 
 def _without_unit(name: str) -> tuple[str, str | None]:
     """A header's name without a unit in brackets at its end, and the unit if it is a known one."""
-    found = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", name[:200])
-    if not found:
+    match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", name[:200])
+    if not match:
         return name, None
-    spelled = found[2].casefold()
-    return found[1], next((unit for unit, spellings in UNITS.items() if spelled in spellings), None)
+    spelled = match[2].casefold()
+    return match[1], next((unit for unit, spellings in UNITS.items() if spelled in spellings), None)

@@ -143,10 +143,10 @@ class ImportedRows(Speaks):
 
     def csv(self) -> bytes:
         """The file as bytes."""
-        own = self.table.copy()
-        numbers = own.select_dtypes("number").columns
-        own[numbers] = own[numbers].round(9) + 0.0
-        return bytes(without_formulas(own).to_csv(index=False, lineterminator="\n").encode("utf-8"))
+        rounded = self.table.copy()
+        numbers = rounded.select_dtypes("number").columns
+        rounded[numbers] = rounded[numbers].round(9) + 0.0
+        return bytes(without_formulas(rounded).to_csv(index=False, lineterminator="\n").encode("utf-8"))
 
     def to_frame(self) -> pd.DataFrame:
         """The table."""
@@ -167,10 +167,12 @@ class ImportedRows(Speaks):
         """Counts; what was not written yet is shown."""
         names = ", ".join(f"{name} {count}" for name, count in self.counts.items())
         poses = self.table["pose"].nunique()
-        told = [f"{len(self.table)} rows in {poses} poses, {self.lost} lost readings" + (f"; {names}" if names else "")]
+        lines = [
+            f"{len(self.table)} rows in {poses} poses, {self.lost} lost readings" + (f"; {names}" if names else "")
+        ]
         if self.out is not None:
-            return [*told, f"Written to {self.out}"]
-        return [*told, *self.csv().decode().splitlines()[:6]]
+            return [*lines, f"Written to {self.out}"]
+        return [*lines, *self.csv().decode().splitlines()[:6]]
 
 
 def is_of_features(name: str | PathLike[str]) -> bool:
@@ -218,72 +220,78 @@ def import_features(
     if isinstance(as_, FeatureMap):
         if set_:
             raise OptionError("set_: expected no changes beside a FeatureMap: change the map itself", parameter="set_")
-        wanted = as_
+        feature_map = as_
     else:
         source = f"preset {NAME}" if str(as_) == NAME else str(as_)
         values = map_file.changed(TEXT, source, set_) if str(as_) == NAME else map_file.values_of(as_, set_)[0]
-        wanted = map_file.validated(FeatureMap, values, source)
+        feature_map = map_file.validated(FeatureMap, values, source)
     if out is not None:
         refuse_sources(Path(out), sources)
-    parts, lost, poses = [], 0, 0
+    frames, lost, poses = [], 0, 0
     for path in sources:
-        frame, gone, count = _understood(dialect.read(path, wanted.file, _markers(wanted)), wanted, poses)
-        parts.append(frame)
+        frame, gone, count = _understood(
+            dialect.read(path, feature_map.file, _markers(feature_map)), feature_map, poses
+        )
+        frames.append(frame)
         lost, poses = lost + gone, poses + count
-    found = ImportedRows(pd.concat(parts, ignore_index=True).drop(columns=[SOURCE, ROW]), lost, wanted)
+    imported = ImportedRows(pd.concat(frames, ignore_index=True).drop(columns=[SOURCE, ROW]), lost, feature_map)
     if out is None or dry_run:
-        return found
+        return imported
     out = Path(out)
-    write_together(out.parent, {out.name: found.csv()})
-    return replace(found, out=out)
+    write_together(out.parent, {out.name: imported.csv()})
+    return replace(imported, out=out)
 
 
-def _markers(wanted: FeatureMap) -> list[str]:
-    return [str(marker).strip().lower() for marker in wanted.lost.markers]
+def _markers(feature_map: FeatureMap) -> list[str]:
+    return [str(marker).strip().lower() for marker in feature_map.lost.markers]
 
 
-def _understood(text: TextTable, wanted: FeatureMap, before: int) -> tuple[pd.DataFrame, int, int]:
+def _understood(text: TextTable, feature_map: FeatureMap, first_pose: int) -> tuple[pd.DataFrame, int, int]:
     """Rows of one file, how many readings are lost, and its poses."""
-    columns, units = wanted.columns, wanted.units
+    columns, units = feature_map.columns, feature_map.units
     if units.joints is None:
         undeclared(
             text.source, "the unit of the joints", "units.joints=deg", "rad, or a list with a unit for each joint"
         )
     joints = [text.find(name, f"joint {k}") for k, name in enumerate(columns.joints, 1)]
-    asked = [text.find(name, f"programmed joint {k}") for k, name in enumerate(columns.programmed or (), 1)]
+    programmed = [text.find(name, f"programmed joint {k}") for k, name in enumerate(columns.programmed or (), 1)]
     readings = {name: text.find(column, f"the value of {name}") for name, column in columns.values.items()}
     single = {} if columns.value is None else {"": text.find(columns.value, "the value")}
     position = [text.find(name, "the position") for name in columns.position or ()]
-    numeric = [*joints, *asked, *readings.values(), *single.values(), *position]
+    numeric = [*joints, *programmed, *readings.values(), *single.values(), *position]
     text = text.with_decimal(numeric)
     count = len(text.cells)
-    shared: dict[str, Any] = {SOURCE: text.source, ROW: text.lines, "pose": (np.arange(count) + before + 1).astype(str)}
+    shared: dict[str, Any] = {
+        SOURCE: text.source,
+        ROW: text.lines,
+        "pose": (np.arange(count) + first_pose + 1).astype(str),
+    }
     shared |= joint_values(text, joints, units.joints)
-    shared |= joint_values(text, asked, units.joints, "c") if asked else {}
-    shared |= _beside(text, wanted)
+    shared |= joint_values(text, programmed, units.joints, "c") if programmed else {}
+    shared |= _beside(text, feature_map)
     if position:
         for axis, k in zip("xyz", position, strict=True):
-            shared[f"{axis}_mm"] = _measured(text, k, wanted, "a position or nothing")[1]
-    frame = joint_rules_applied(pd.DataFrame(shared, index=range(count)), wanted.joints)
+            shared[f"{axis}_mm"] = _measured(text, k, feature_map, "a position or nothing")[1]
+    frame = joint_rules_applied(pd.DataFrame(shared, index=range(count)), feature_map.joints)
     frames, lost = [], 0
-    places: dict[str, int | None] = {**(readings or single)} or {"": None}
-    for name, place in places.items():
-        own = frame if not name else frame.assign(feature=name)
-        if place is not None:
-            gone = _gone(text, place, wanted)
-            unit, values = _measured(text, place, wanted, "a value or nothing", wanted.values)
-            own = own.assign(**{f"value_{unit}": values})[~gone]
+    columns_of: dict[str, int | None] = {**(readings or single)} or {"": None}
+    for name, index in columns_of.items():
+        rows_of_feature = frame if not name else frame.assign(feature=name)
+        if index is not None:
+            gone = _gone(text, index, feature_map)
+            unit, values = _measured(text, index, feature_map, "a value or nothing", feature_map.values)
+            rows_of_feature = rows_of_feature.assign(**{f"value_{unit}": values})[~gone]
             lost += int(gone.sum())
-        frames.append(own)
+        frames.append(rows_of_feature)
     rows = pd.concat(frames).sort_index(kind="stable")
     first = ["pose", *(name for name in rows.columns if name[0] in "qc" and name.endswith(("_deg", "_mm")))]
     first += [name for name in ("target", "feature", "kind", "value_mm", "value_deg") if name in rows.columns]
     return rows[[*first, *(name for name in rows.columns if name not in first)]], lost, count
 
 
-def _beside(text: TextTable, wanted: FeatureMap) -> dict[str, Any]:
+def _beside(text: TextTable, feature_map: FeatureMap) -> dict[str, Any]:
     """Columns beside joints and readings, and values that the file does not hold."""
-    columns, out = wanted.columns, dict[str, Any]()
+    columns, out = feature_map.columns, dict[str, Any]()
     for name in ("pose", "target", "kind", "feature"):
         column = getattr(columns, name)
         if column is not None:
@@ -291,25 +299,27 @@ def _beside(text: TextTable, wanted: FeatureMap) -> dict[str, Any]:
     for new, column in columns.keep.items():
         out[new] = text.text(text.find(column, new)).to_numpy()
     if columns.u95 is not None:
-        unit, values = _measured(text, text.find(columns.u95, "the u95"), wanted, "a number or nothing", wanted.values)
+        unit, values = _measured(
+            text, text.find(columns.u95, "the u95"), feature_map, "a number or nothing", feature_map.values
+        )
         out[f"u95_{unit}"] = values
     if columns.payload is not None:
         k = text.find(columns.payload, "the payload")
-        out["payload_kg"] = text.numbers(k, "a number or nothing", _gone(text, k, wanted))
-    return out | {name: value for name, value in wanted.fixed.model_dump().items() if value is not None}
+        out["payload_kg"] = text.numbers(k, "a number or nothing", _gone(text, k, feature_map))
+    return out | {name: value for name, value in feature_map.fixed.model_dump().items() if value is not None}
 
 
-def _gone(text: TextTable, k: int, wanted: FeatureMap) -> BoolArray:
+def _gone(text: TextTable, k: int, feature_map: FeatureMap) -> BoolArray:
     """Cells of a column that hold no number."""
-    return text.is_one_of(k, [*ALWAYS_LOST, *_markers(wanted)])
+    return text.is_one_of(k, [*ALWAYS_LOST, *_markers(feature_map)])
 
 
 def _measured(
-    text: TextTable, k: int, wanted: FeatureMap, expected: str, what: Literal["length", "angle"] = "length"
+    text: TextTable, k: int, feature_map: FeatureMap, expected: str, quantity: Literal["length", "angle"] = "length"
 ) -> tuple[str, FloatArray]:
     """A column of lengths or angles: ``mm`` or ``deg``, and its numbers in that unit, NaN where lost."""
-    units = wanted.units
-    if what == "length":
+    units = feature_map.units
+    if quantity == "length":
         if units.lengths is None:
             undeclared(text.source, "the unit of the lengths", "units.lengths=mm", "m or inch")
         text.check_unit(k, units.lengths, "lengths in")
@@ -319,4 +329,4 @@ def _measured(
             undeclared(text.source, "the unit of the angles", "units.angles=deg", "rad")
         text.check_unit(k, units.angles, "angles in")
         unit, factor = "deg", ANGLE_DEG[units.angles]
-    return unit, text.numbers(k, expected, _gone(text, k, wanted)) * factor
+    return unit, text.numbers(k, expected, _gone(text, k, feature_map)) * factor

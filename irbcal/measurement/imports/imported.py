@@ -95,29 +95,29 @@ class Imported(OwnTables, Speaks):
         return self._written()[1]
 
     def _written(self) -> tuple[bytes, MeasurementSet]:
-        own, origin = self.table, self.origin
-        data = without_formulas(_rounded(own)).to_csv(index=False, lineterminator="\n").encode("utf-8")
+        written, origin = self.table, self.origin
+        data = without_formulas(_rounded(written)).to_csv(index=False, lineterminator="\n").encode("utf-8")
         source = str(origin["source"].iloc[0])
         try:
-            seen = table.parse(data, source)
+            reread = table.parse(data, source)
         except MeasurementError as error:
             k = -1 if error.row is None else error.row - 2
             if not 0 <= k < len(origin):
                 raise
             first, row = origin.iloc[k]
-            place = MeasurementError("", file=source, row=error.row, column=error.column)
-            reason = str(error).removeprefix(f"{place}: ")
+            prefix = MeasurementError("", file=source, row=error.row, column=error.column)
+            reason = str(error).removeprefix(f"{prefix}: ")
             raise MeasurementError(reason, file=first, row=int(row), column=error.column) from None
         names = [
-            *seen.joint_columns,
-            *seen.programmed_columns,
+            *reread.joint_columns,
+            *reread.programmed_columns,
             *POSITION,
-            *(name for name in QUATERNION if name in own.columns),
+            *(name for name in QUATERNION if name in written.columns),
         ]
-        same = np.isclose(seen.table[names], own[names], rtol=0, atol=1e-6, equal_nan=True)
-        if len(seen) != len(own) or not same.all():
+        equal = np.isclose(reread.table[names], written[names], rtol=0, atol=1e-6, equal_nan=True)
+        if len(reread) != len(written) or not equal.all():
             raise MeasurementError("the measurement file would not hold the numbers that were understood", file=source)
-        return data, seen
+        return data, reread
 
     def written_to(self, out: str | PathLike[str]) -> "Imported":
         """Write the measurement file, whole or not at all.
@@ -150,8 +150,8 @@ class Imported(OwnTables, Speaks):
         """The first rows as they are understood, None for what is lost, with ``source`` and ``row``."""
         rows = self.table.head(count)
         values = rows.astype(object).where(rows.notna(), None).to_dict(orient="records")
-        places = self.origin.head(count).to_dict(orient="records")
-        return [place | row for place, row in zip(places, values, strict=True)]
+        origins = self.origin.head(count).to_dict(orient="records")
+        return [origin | row for origin, row in zip(origins, values, strict=True)]
 
     def to_frame(self) -> pd.DataFrame:
         """The table as a measurement file has it: degrees and millimetres."""
@@ -160,15 +160,15 @@ class Imported(OwnTables, Speaks):
     def told(self) -> Sequence[Told]:
         """Counts and warnings; what was not written yet is shown: its first rows and the map in use."""
         targets = ", ".join(
-            f"{name} {seen}" + (f" (and {lost} lost)" if lost else "") for name, (seen, lost) in self.targets.items()
+            f"{name} {count}" + (f" (and {lost} lost)" if lost else "") for name, (count, lost) in self.targets.items()
         )
-        told: list[Told] = [
+        lines: list[Told] = [
             f"{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost points; points: {targets}",
             *(f"Note: {text}." for text in self.warnings),
         ]
         if self.out is not None:
-            return [*told, f"Written to {self.out}"]
-        return [*told, self._shown(), "The map in use:", self._map_in_use()]
+            return [*lines, f"Written to {self.out}"]
+        return [*lines, self._shown(), "The map in use:", self._map_in_use()]
 
     def _shown(self) -> Table:
         """The first rows, a column each, as a row has too many values for a page."""

@@ -145,9 +145,9 @@ def _yaml(text: str, source: str) -> Any:
 
 
 def _change(values: dict[str, Any], change: str) -> None:
-    key, found, text = change.partition("=")
+    key, equals, text = change.partition("=")
     steps = key.strip().split(".")
-    if not found or not all(steps):
+    if not equals or not all(steps):
         raise MeasurementError(f"--set {change}: expected key=value such as units.lengths=mm", parameter="set")
     if len(text) > LARGEST_MAP:
         raise MeasurementError(f"--set {key}: expected at most {LARGEST_MAP // 1024} KiB, found more", parameter="set")
@@ -170,15 +170,15 @@ def _put(values: dict[str, Any], steps: Sequence[str], value: Any, change: str) 
 
 def _sentence(error: ValidationError, model: type[BaseModel]) -> str:
     """The first fault in a map, with its place."""
-    fault = min(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
-    place = [str(step) for step in fault["loc"] if not re.search(r"[\[(]|^(str|int|list|dict|literal)$", str(step))]
-    key = ".".join(map(_plain, place)) or "the map"
+    fault = min(error.errors(include_url=False), key=lambda entry: entry["type"] != "extra_forbidden")
+    path = [str(step) for step in fault["loc"] if not re.search(r"[\[(]|^(str|int|list|dict|literal)$", str(step))]
+    key = ".".join(map(_plain, path)) or "the map"
     if fault["type"] == "extra_forbidden":
-        key, place = str(fault["loc"][-1]), [str(step) for step in fault["loc"][:-1]]
-        known = _keys(place, model)
-        near = difflib.get_close_matches(key, known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}" if known else "it is unknown"
-        return f"{'.'.join([*place, _plain(key)])}: there is no such key; {hint}"
+        key, path = str(fault["loc"][-1]), [str(step) for step in fault["loc"][:-1]]
+        keys = _keys(path, model)
+        near = difflib.get_close_matches(key, keys, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(keys)}" if keys else "it is unknown"
+        return f"{'.'.join([*path, _plain(key)])}: there is no such key; {hint}"
     if fault["type"] == "missing":
         return f"{key}: expected this key, found nothing"
     text = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
@@ -194,9 +194,9 @@ def _plain(text: str) -> str:
     return _short(text) if len(text) > 40 or not text.isprintable() else text
 
 
-def _keys(place: Sequence[str], model: type[BaseModel]) -> list[str]:
+def _keys(path: Sequence[str], model: type[BaseModel]) -> list[str]:
     """Keys that a part of the map may have."""
-    for step in place:
+    for step in path:
         inner = model.model_fields.get(step)
         kinds = [] if inner is None else [inner.annotation, *getattr(inner.annotation, "__args__", ())]
         models = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]

@@ -35,8 +35,8 @@ _COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)[.,]?(\d{0,6})$")
 
 def _spaced(stamp: re.Match[str]) -> str:
     """A time stamp with marks."""
-    year, month, day, hour, minute, second, part = stamp.groups()
-    return f"{year}-{month}-{day} {hour}:{minute}:{second}{f'.{part}' if part else ''}"
+    year, month, day, hour, minute, second, fraction = stamp.groups()
+    return f"{year}-{month}-{day} {hour}:{minute}:{second}{f'.{fraction}' if fraction else ''}"
 
 
 Values: TypeAlias = dict[str, Any]
@@ -103,7 +103,7 @@ class SourceFile:
         self.target_names = list(triples)
         self.joints = [text.find(name, f"joint {k}") for k, name in enumerate(columns.joints or (), 1)]
         self.programmed = self._programmed(text)
-        numeric = [k for places in (self.joints, self.programmed, *self.positions) for k in places]
+        numeric = [k for position in (self.joints, self.programmed, *self.positions) for k in position]
         double = [text.label(k) for k in numeric if numeric.count(k) > 1]
         if double:
             raise MeasurementError(
@@ -120,9 +120,9 @@ class SourceFile:
     def _programmed(self, text: TextTable) -> list[int]:
         """Places of the programmed joints; none where the map has none, or the file where they are optional."""
         columns, optional = self.map.columns.programmed or (), self._optional("programmed")
-        found = [text.find(name, f"programmed joint {k}", optional) for k, name in enumerate(columns, 1)]
-        places = [k for k in found if k is not None]
-        return places if len(places) == len(found) else []
+        indices = [text.find(name, f"programmed joint {k}", optional) for k, name in enumerate(columns, 1)]
+        present = [k for k in indices if k is not None]
+        return present if len(present) == len(indices) else []
 
     def frame(self, number: int) -> pd.DataFrame:
         """Rows of the output; ``number`` poses were counted before this file."""
@@ -135,9 +135,9 @@ class SourceFile:
         shared |= self._names()
         shared |= self._joint_values() | self._extras()
         frames = []
-        for name, places in zip(self.target_names, self.positions, strict=True):
-            own = {"target": name} if name is not None else {}
-            frames.append(pd.DataFrame(shared | own | self._pose_values(places), index=range(rows)))
+        for name, columns in zip(self.target_names, self.positions, strict=True):
+            target = {"target": name} if name is not None else {}
+            frames.append(pd.DataFrame(shared | target | self._pose_values(columns), index=range(rows)))
         # targets that share a row stay together
         return pd.concat(frames).sort_index(kind="stable") if len(frames) > 1 else frames[0]
 
@@ -156,13 +156,13 @@ class SourceFile:
     def _several(self, columns: Sequence[Column] | None, key: str) -> list[int] | None:
         if columns is None:
             return None
-        found = [self.table.find(column, f"the {key}", self._optional(key)) for column in columns]
-        places = [k for k in found if k is not None]
-        if len(places) < len(found) or (self._optional(key) and self.taken.intersection(places)):
+        indices = [self.table.find(column, f"the {key}", self._optional(key)) for column in columns]
+        present = [k for k in indices if k is not None]
+        if len(present) < len(indices) or (self._optional(key) and self.taken.intersection(present)):
             return None
-        _check_orientation(self.map, self.table.source, len(places))
-        self.taken |= set(places)
-        return places
+        _check_orientation(self.map, self.table.source, len(present))
+        self.taken |= set(present)
+        return present
 
     def _from_file_name(self) -> dict[str, str]:
         pattern = self.map.file_name
@@ -176,10 +176,10 @@ class SourceFile:
         columns, fixed = self.map.columns, {"target": self.map.fixed.target, "group": self.map.fixed.group}
         out: Values = {name: value for name, value in fixed.items() if value is not None} | self.file_fields
         if columns.name:
-            parts = [self.table.text(self.table.find(name, "the name")) for name in columns.name]
-            whole = parts[0].str.cat(parts[1:], sep="::") if len(parts) > 1 else parts[0]
-            found = take_apart(whole, self.map.names, self.source, self.table.lines)
-            out |= {name: found[name].to_numpy() for name in found.columns}
+            columns_text = [self.table.text(self.table.find(name, "the name")) for name in columns.name]
+            joined = columns_text[0].str.cat(columns_text[1:], sep="::") if len(columns_text) > 1 else columns_text[0]
+            fields = take_apart(joined, self.map.names, self.source, self.table.lines)
+            out |= {name: fields[name].to_numpy() for name in fields.columns}
         for key in ("pose", "target", "group", "cycle"):
             k = self._one(getattr(columns, key), key)
             if k is not None:
@@ -203,16 +203,16 @@ class SourceFile:
     def _joint_values(self) -> dict[str, FloatArray]:
         if not self.joints:
             return {}
-        found = joint_values(self.table, self.joints, self.units.joints)
-        return found | joint_values(self.table, self.programmed, self.units.joints, "c") if self.programmed else found
+        values = joint_values(self.table, self.joints, self.units.joints)
+        return values | joint_values(self.table, self.programmed, self.units.joints, "c") if self.programmed else values
 
-    def _pose_values(self, places: Sequence[int]) -> dict[str, FloatArray]:
+    def _pose_values(self, columns: Sequence[int]) -> dict[str, FloatArray]:
         """Position and orientation of one target, NaN where lost."""
         out: dict[str, FloatArray] = {}
         unit = self.units.lengths
-        empty = [self._is_marker(k) for k in places]
+        empty = [self._is_marker(k) for k in columns]
         lost = np.any(empty, axis=0) | self._bad_status()
-        for name, k, gap in zip(POSITION, places, empty, strict=True):
+        for name, k, gap in zip(POSITION, columns, empty, strict=True):
             self.table.check_unit(k, unit, "lengths in")
             absent = gap | lost if self.map.lost.status else gap
             values = self.table.numbers(k, f"a position in {unit} or a mark of a lost point", absent)
@@ -238,71 +238,71 @@ class SourceFile:
         text = self.table.text(self.table.find(status.column, "the status"))
         return ~text.str.lower().isin([str(value).strip().lower() for value in status.good]).to_numpy()
 
-    def _quaternions(self, places: Sequence[int], lost: BoolArray) -> FloatArray:
+    def _quaternions(self, columns: Sequence[int], lost: BoolArray) -> FloatArray:
         """Unit quaternions, scalar first, shape (rows, 4); NaN where lost or absent."""
         from scipy.spatial.transform import Rotation
 
-        given = self.map.orientation
-        absent = np.any([self._is_marker(k) for k in places], axis=0) | lost
-        angles = "rad" if given.kind == "ur" else self.map.units.angles
-        if given.kind not in ("quaternion", "matrix"):
-            for k in places:
+        convention = self.map.orientation
+        absent = np.any([self._is_marker(k) for k in columns], axis=0) | lost
+        angles = "rad" if convention.kind == "ur" else self.map.units.angles
+        if convention.kind not in ("quaternion", "matrix"):
+            for k in columns:
                 self.table.check_unit(k, angles, "angles in")
         numbers = {"quaternion": "a quaternion's number", "matrix": "a number of a rotation matrix"}
-        expected = numbers.get(given.kind or "", f"an angle in {angles}")
-        values = np.column_stack([self.table.numbers(k, expected, absent) for k in places])
+        expected = numbers.get(convention.kind or "", f"an angle in {angles}")
+        values = np.column_stack([self.table.numbers(k, expected, absent) for k in columns])
         out = np.full((len(values), 4), np.nan)
         have = ~absent
         if not have.any():
             return out
         values = values[have]
-        if given.kind == "matrix":
-            rotation = Rotation.from_matrix(self._rotations(places, values.reshape(-1, 3, 3), np.flatnonzero(have)))
-        elif given.kind == "quaternion":
-            self._check_unit_length(places, values, np.flatnonzero(have))
-            rotation = Rotation.from_quat(values if given.scalar == "last" else np.roll(values, -1, axis=1))
+        if convention.kind == "matrix":
+            rotation = Rotation.from_matrix(self._rotations(columns, values.reshape(-1, 3, 3), np.flatnonzero(have)))
+        elif convention.kind == "quaternion":
+            self._check_unit_length(columns, values, np.flatnonzero(have))
+            rotation = Rotation.from_quat(values if convention.scalar == "last" else np.roll(values, -1, axis=1))
         else:
             radians = values * (ANGLE_DEG[angles or "rad"] * DEG)
-            if given.kind == "euler":
-                axes = given.axes or ""
-                rotation = Rotation.from_euler(axes.upper() if given.about == "moving" else axes, radians)
+            if convention.kind == "euler":
+                axes = convention.axes or ""
+                rotation = Rotation.from_euler(axes.upper() if convention.about == "moving" else axes, radians)
             else:
                 rotation = Rotation.from_rotvec(radians)
-        if given.maps == "tracker-to-target":
+        if convention.maps == "tracker-to-target":
             rotation = rotation.inv()
         out[have] = np.roll(rotation.as_quat(canonical=True), 1, axis=1)
         return out
 
-    def _rotations(self, places: Sequence[int], values: FloatArray, rows: IntArray) -> FloatArray:
+    def _rotations(self, columns: Sequence[int], values: FloatArray, rows: IntArray) -> FloatArray:
         """Rotation matrices as read, (n, 3, 3), refused where they are none."""
         off = np.abs(values @ values.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         bad = (off > 2e-3) | (np.linalg.det(values) < 0)
         if bad.any():
             k = int(np.flatnonzero(bad)[0])
-            what = (
+            problem = (
                 "a left-handed one"
                 if off[k] <= 2e-3
                 else f"rows that are no unit vectors at right angles ({off[k]:.2g})"
             )
             raise MeasurementError(
-                f"expected a rotation matrix, found {what}",
+                f"expected a rotation matrix, found {problem}",
                 file=self.source,
                 row=int(self.table.lines[rows[k]]),
-                column=[self.table.label(place) for place in places],
+                column=[self.table.label(column) for column in columns],
             )
         return values
 
-    def _check_unit_length(self, places: Sequence[int], values: FloatArray, rows: IntArray) -> None:
+    def _check_unit_length(self, columns: Sequence[int], values: FloatArray, rows: IntArray) -> None:
         norm = np.linalg.norm(values, axis=1)
         bad = np.abs(norm - 1.0) > 1e-3
         if bad.any():
             k = int(np.flatnonzero(bad)[0])
-            found = ", ".join(f"{value:g}" for value in values[k])
+            numbers = ", ".join(f"{value:g}" for value in values[k])
             raise MeasurementError(
-                f"expected a unit quaternion, found {found}",
+                f"expected a unit quaternion, found {numbers}",
                 file=self.source,
                 row=int(self.table.lines[rows[k]]),
-                column=[self.table.label(place) for place in places],
+                column=[self.table.label(column) for column in columns],
             )
 
     def _extras(self) -> Values:
@@ -332,10 +332,10 @@ class SourceFile:
     def _used(self) -> set[int]:
         """Places of all columns that the map names beside those of numbers."""
         columns, status = self.map.columns, self.map.lost.status
-        own = [getattr(columns, key) for key in ("pose", "target", "group", "cycle", "time", "u95", "payload")]
-        own += [*(columns.name or ()), *columns.keep.values(), *([] if status is None else [status.column])]
-        found = (self.table.find(column, "a use", True) for column in own if column is not None)
-        return {k for k in found if k is not None}
+        keys = [getattr(columns, key) for key in ("pose", "target", "group", "cycle", "time", "u95", "payload")]
+        keys += [*(columns.name or ()), *columns.keep.values(), *([] if status is None else [status.column])]
+        indices = (self.table.find(column, "a use", True) for column in keys if column is not None)
+        return {k for k in indices if k is not None}
 
     def _time(self, k: int) -> FloatArray:
         text, unit = self.table.text(k), self.units.time
@@ -387,9 +387,9 @@ def take_apart(names: pd.Series, patterns: Sequence[str], source: str, rows: Int
     """
 
     def refusal(k: int, expected: str) -> MeasurementError:
-        found, row = short(names.iloc[k]), None if rows is None else int(rows[k])
+        name, row = short(names.iloc[k]), None if rows is None else int(rows[k])
         return MeasurementError(
-            f"{'file name: ' if rows is None else ''}expected {expected}, found {found!r}", file=source, row=row
+            f"{'file name: ' if rows is None else ''}expected {expected}, found {name!r}", file=source, row=row
         )
 
     names = names.astype(object)
@@ -402,65 +402,66 @@ def take_apart(names: pd.Series, patterns: Sequence[str], source: str, rows: Int
         fits = names.str.fullmatch(regex).to_numpy(dtype=bool)
         if fits.all():
             fields = list(regex.groupindex)
-            found = names.str.extract(regex)
-            found.columns = [
+            fields_read = names.str.extract(regex)
+            fields_read.columns = [
                 next((name for name in fields if regex.groupindex[name] == k), None) for k in range(1, regex.groups + 1)
             ]
-            return found[fields]
+            return fields_read[fields]
         worst = int(np.flatnonzero(~fits)[0])
     raise refusal(worst, f"a name such as {' or '.join(patterns)}")
 
 
 def joint_values(
-    text: TextTable, places: Sequence[int], units: str | Sequence[str], letter: str = "q"
+    text: TextTable, columns: Sequence[int], units: str | Sequence[str], letter: str = "q"
 ) -> dict[str, FloatArray]:
     """Joint columns of a file in degrees and mm, dict of name to values; those of programmed joints begin with c."""
-    units = [units] * len(places) if isinstance(units, str) else units
-    if len(units) != len(places):
+    units = [units] * len(columns) if isinstance(units, str) else units
+    if len(units) != len(columns):
         raise MeasurementError(
-            f"units.joints: expected one unit or {len(places)}, one for each joint, found {len(units)}",
+            f"units.joints: expected one unit or {len(columns)}, one for each joint, found {len(units)}",
             file=text.source,
         )
     out = {}
-    for number, (k, unit) in enumerate(zip(places, units, strict=True), 1):
+    for number, (k, unit) in enumerate(zip(columns, units, strict=True), 1):
         text.check_unit(k, unit, "joints in")
         turns = unit in ANGLE_DEG
-        what = "a joint angle" if turns else "a joint's travel"
+        quantity = "a joint angle" if turns else "a joint's travel"
         factor = ANGLE_DEG[unit] if turns else LENGTH_MM[unit]
-        out[f"{letter}{number}_{'deg' if turns else 'mm'}"] = text.numbers(k, f"{what} in {unit}") * factor
+        out[f"{letter}{number}_{'deg' if turns else 'mm'}"] = text.numbers(k, f"{quantity} in {unit}") * factor
     return out
 
 
 def _check_orientation(import_map: ImportMap, source: str, count: int) -> None:
     """Refuse an orientation whose convention is not declared."""
-    given = import_map.orientation
-    what = "the orientation"
-    if given.kind is None:
+    convention = import_map.orientation
+    title = "the orientation"
+    if convention.kind is None:
         undeclared(
             source,
             f"what the {count} orientation columns mean",
             "orientation.kind=euler",
             "quaternion, rotation-vector, ur or matrix; --set columns.orientation=null leaves them out",
         )
-    if given.kind == "quaternion" and given.scalar is None:
-        undeclared(source, f"{what}'s order of numbers", "orientation.scalar=first", "last")
-    if given.kind == "euler" and given.axes is None:
-        undeclared(source, f"{what}'s order of turns", "orientation.axes=xyz", "another order")
-    if given.kind == "euler" and given.about is None:
-        undeclared(source, f"{what}'s axes", "orientation.about=moving", "fixed")
-    if given.kind in ("euler", "rotation-vector") and import_map.units.angles is None:
-        undeclared(source, f"{what}'s unit", "units.angles=deg", "rad")
-    wanted = {"quaternion": 4, "matrix": 9}.get(given.kind or "", 3)
-    if count != wanted:
+    if convention.kind == "quaternion" and convention.scalar is None:
+        undeclared(source, f"{title}'s order of numbers", "orientation.scalar=first", "last")
+    if convention.kind == "euler" and convention.axes is None:
+        undeclared(source, f"{title}'s order of turns", "orientation.axes=xyz", "another order")
+    if convention.kind == "euler" and convention.about is None:
+        undeclared(source, f"{title}'s axes", "orientation.about=moving", "fixed")
+    if convention.kind in ("euler", "rotation-vector") and import_map.units.angles is None:
+        undeclared(source, f"{title}'s unit", "units.angles=deg", "rad")
+    count_expected = {"quaternion": 4, "matrix": 9}.get(convention.kind or "", 3)
+    if count != count_expected:
         raise MeasurementError(
-            f"columns.orientation: expected {wanted} columns for {given.kind}, found {count}", file=source
+            f"columns.orientation: expected {count_expected} columns for {convention.kind}, found {count}", file=source
         )
 
 
-def undeclared(source: str, what: str, example: str, others: str) -> NoReturn:
+def undeclared(source: str, subject: str, example: str, choices: str) -> NoReturn:
     """Refuse what the map leaves open, with an example of how to say it."""
     raise MeasurementError(
-        f"expected {what} to be declared in the map (--set {example}; or {others}), found nothing: it is not guessed",
+        f"expected {subject} to be declared in the map (--set {example}; or {choices}), found nothing: "
+        "it is not guessed",
         file=source,
         parameter=example.partition("=")[0],
     )

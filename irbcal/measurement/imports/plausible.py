@@ -29,18 +29,18 @@ def check_joint_sizes(frame: pd.DataFrame, source: str, units: str | Sequence[st
     columns, units = columns + programmed, units * 2 if programmed else units
     if import_map.trust_units or len(frame[columns].drop_duplicates()) < ENOUGH:
         return
-    for unit, other in (("deg", "rad"), ("rad", "deg")):
-        mine = [name for name, its in zip(columns, units, strict=True) if its == unit]
-        if not mine:
+    for unit, other_unit in (("deg", "rad"), ("rad", "deg")):
+        columns_of_unit = [name for name, its in zip(columns, units, strict=True) if its == unit]
+        if not columns_of_unit:
             continue
-        size = frame[mine].abs() / ANGLE_DEG[unit]
+        size = frame[columns_of_unit].abs() / ANGLE_DEG[unit]
         largest = float(size.to_numpy().max())
         column = size.max().idxmax()
         if (unit == "deg" and 0.0 < largest <= MOST_RADIANS) or (unit == "rad" and largest > MOST_TURNS):
             row = frame[ROW].iloc[int(size[column].to_numpy().argmax())]
             raise MeasurementError(
                 f"row {row}, joint {column.partition('_')[0][1:]}: expected joints in {unit} as declared, found "
-                f"{largest:.4g} as the largest angle of all: these look like {other} (units.joints: {other}; "
+                f"{largest:.4g} as the largest angle of all: these look like {other_unit} (units.joints: {other_unit}; "
                 "trust_units: true takes them as they are)",
                 file=source,
             )

@@ -46,18 +46,20 @@ def joint_rules_applied(frame: pd.DataFrame, rules: JointRules) -> pd.DataFrame:
     """The same table, with readings as irbcal's joints."""
     columns = joint_columns(frame.columns)
     n = len(columns)
-    for key, given in (("signs", rules.signs), ("offsets_deg", rules.offsets_deg)):
-        if given is not None and len(given) != n:
+    for key, values in (("signs", rules.signs), ("offsets_deg", rules.offsets_deg)):
+        if values is not None and len(values) != n:
             raise MeasurementError(
-                f"the map: joints.{key}: expected {n} numbers, one for each joint, found {len(given)}"
+                f"the map: joints.{key}: expected {n} numbers, one for each joint, found {len(values)}"
             )
     if rules.signs is None and rules.offsets_deg is None and not rules.add:
         return frame
     matrix = np.eye(n)
-    for to, of in rules.add.items():
-        if not (1 <= to <= n and 1 <= abs(of) <= n and to != abs(of)):
-            raise MeasurementError(f"the map: joints.add: expected two different joints of 1 to {n}, found {to}: {of}")
-        matrix[to - 1, abs(of) - 1] = np.sign(of)
+    for to, source_joint in rules.add.items():
+        if not (1 <= to <= n and 1 <= abs(source_joint) <= n and to != abs(source_joint)):
+            raise MeasurementError(
+                f"the map: joints.add: expected two different joints of 1 to {n}, found {to}: {source_joint}"
+            )
+        matrix[to - 1, abs(source_joint) - 1] = np.sign(source_joint)
     offsets = np.array(rules.offsets_deg if rules.offsets_deg is not None else np.zeros(n))
     sliding = [k for k, name in enumerate(columns) if name.endswith("_mm") and offsets[k]]
     if sliding:
@@ -79,11 +81,11 @@ def check_one_pose_one_joints(frame: pd.DataFrame) -> None:
     if (off > SAME_JOINTS).any():
         k = int(np.flatnonzero((off > SAME_JOINTS).any(axis=1))[0])
         joint = int(off[k].argmax())
-        row, other = frame.iloc[k], frame.iloc[first[k]]
+        row, first_row = frame.iloc[k], frame.iloc[first[k]]
         count = q.shape[1] - len(programmed)
-        what, number = ("joints", joint + 1) if joint < count else ("programmed joints", joint + 1 - count)
+        quantity, number = ("joints", joint + 1) if joint < count else ("programmed joints", joint + 1 - count)
         raise MeasurementError(
-            f"expected the {what} of pose {short(row['pose'])} as in row {other[ROW]} of {other[SOURCE]} "
+            f"expected the {quantity} of pose {short(row['pose'])} as in row {first_row[ROW]} of {first_row[SOURCE]} "
             f"(joint {number}: {q[first[k], joint]:.6g}), found {q[k, joint]:.6g}",
             file=row[SOURCE],
             row=int(row[ROW]),
@@ -103,7 +105,7 @@ def name_groups(frame: pd.DataFrame, import_map: ImportMap) -> list[str]:
         return warnings
     number, names = pd.factorize(frame["pose"])
     names = pd.Series(names, dtype=object)
-    own = np.full(len(names), "", dtype=object)
+    groups = np.full(len(names), "", dtype=object)
     open_ = np.ones(len(names), dtype=bool)
     for rule in import_map.groups:
         if rule.poses is not None:
@@ -113,10 +115,10 @@ def name_groups(frame: pd.DataFrame, import_map: ImportMap) -> list[str]:
             fits = (place >= (rule.first or 1)) & (place <= (rule.last or len(names)))
         if not fits.any():
             warnings.append(f"The rule for group {rule.group} fits no pose")
-        own[fits & open_] = rule.group
+        groups[fits & open_] = rule.group
         open_ &= ~fits
-    before = (
+    previous = (
         frame["group"].to_numpy(dtype=object) if "group" in frame.columns else np.full(len(frame), "", dtype=object)
     )
-    frame["group"] = np.where(open_[number], before, own[number])
+    frame["group"] = np.where(open_[number], previous, groups[number])
     return warnings

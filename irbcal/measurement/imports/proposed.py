@@ -91,26 +91,29 @@ def proposed(data: bytes, source: str, header: Sequence[str] | None = None) -> s
         return None
     cells.columns = cells.columns.str.strip()
     options = [f"columns.joints=[{', '.join(map(_quoted, (name.text for name in joints)))}]", _option_of(position)]
-    taken = {name.text for name in joints} | {name.text for three in position.values() for name in three}
-    for key, known in (("pose", POSE), ("target", TARGET)):
+    used = {name.text for name in joints} | {name.text for three in position.values() for name in three}
+    for key, names_known in (("pose", POSE), ("target", TARGET)):
         of_one = key == "pose" or None in position
-        match = next((name for name in found if name.bare in known and name.text not in taken), None)
+        match = next((name for name in found if name.bare in names_known and name.text not in used), None)
         if match is not None and of_one:
             options.append(f"columns.{key}={_quoted(match.text)}")
-            taken.add(match.text)
+            used.add(match.text)
         elif key == "target" and of_one:
             options.append("fixed.target=smr1")
     for four in QUATERNIONS:
-        mine = [next((name for name in found if name.bare == part and name.text not in taken), None) for part in four]
-        if None in position and all(mine):
-            columns = ", ".join(_quoted(name.text) for name in mine if name is not None)
+        quaternion = [
+            next((name for name in found if name.bare == name_part and name.text not in used), None)
+            for name_part in four
+        ]
+        if None in position and all(quaternion):
+            columns = ", ".join(_quoted(name.text) for name in quaternion if name is not None)
             options += [f"columns.orientation=[{columns}]", "orientation.kind=quaternion", "orientation.scalar=first"]
             break
     first = next(iter(position.values()))
     options.append(f"units.joints={_unit(joints, cells, ('deg', 'rad'), FEW_RADIANS)}")
     options.append(f"units.lengths={_unit(first, cells, ('mm', 'm', 'inch'), FEW_METRES)}")
-    words = [f"--set {shlex.quote(option)}" for option in options]
-    return f"irbcal import {shlex.quote(source)} --as table {' '.join(words)} --out measured.csv"
+    options_text = [f"--set {shlex.quote(option)}" for option in options]
+    return f"irbcal import {shlex.quote(source)} --as table {' '.join(options_text)} --out measured.csv"
 
 
 def _parsed(name: str) -> _Name:
@@ -132,26 +135,28 @@ def _joints(names: Sequence[_Name]) -> list[_Name] | None:
         match = JOINT.fullmatch(name.bare)
         if match and name.unit not in ("mm", "m", "inch"):
             by_prefix.setdefault(name.bare[: match.start(1)], {}).setdefault(int(match[1]), name)
-    for found in sorted(by_prefix.values(), key=len, reverse=True):
-        first = 0 if 0 in found and len(found) not in found else 1
+    for by_number in sorted(by_prefix.values(), key=len, reverse=True):
+        first = 0 if 0 in by_number and len(by_number) not in by_number else 1
         count = 0
-        while first + count in found:
+        while first + count in by_number:
             count += 1
         if count >= 4:
-            return [found[first + k] for k in range(count)]
+            return [by_number[first + k] for k in range(count)]
     bare = {name.bare: name for name in names}
-    return next(([bare[part] for part in maker] for maker in MAKERS if set(maker) <= set(bare)), None)
+    return next(([bare[name] for name in maker] for maker in MAKERS if set(maker) <= set(bare)), None)
 
 
-def _position(names: Sequence[_Name], taken: set[str]) -> dict[str | None, list[_Name]] | None:
+def _position(names: Sequence[_Name], used: set[str]) -> dict[str | None, list[_Name]] | None:
     """Columns of the positions by target, None for one target in a row; None where there are none."""
-    found: dict[str, dict[str, _Name]] = {}
+    by_label: dict[str, dict[str, _Name]] = {}
     for name in names:
         match = AXIS.fullmatch(name.bare)
-        if match and name.text not in taken:
-            label = "_".join(part for part in (match["before"].strip(" _.-"), (match["after"] or "").strip()) if part)
-            found.setdefault(label, {}).setdefault(match["axis"], name)
-    whole = {label: [axes[k] for k in "xyz"] for label, axes in found.items() if len(axes) == 3}
+        if match and name.text not in used:
+            label = "_".join(
+                complete for complete in (match["before"].strip(" _.-"), (match["after"] or "").strip()) if complete
+            )
+            by_label.setdefault(label, {}).setdefault(match["axis"], name)
+    whole = {label: [axes[k] for k in "xyz"] for label, axes in by_label.items() if len(axes) == 3}
     plain = next((label for label in PLAIN if label in whole), None)
     if plain is not None:
         return {None: whole[plain]}

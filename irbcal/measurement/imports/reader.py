@@ -86,12 +86,12 @@ def read(path: str | PathLike[str]) -> pd.DataFrame | None:
         has no joints in its text.
     """
     path = Path(path)
-    language = next((one for one in LANGUAGES if path.suffix.lower() in one.endings), None)
+    language = next((language for language in LANGUAGES if path.suffix.lower() in language.endings), None)
     if language is None or not path.is_file():
         return None
     text = path.read_bytes().decode("utf-8-sig", errors="replace")
     blank = re.compile(rf"{re.escape(language.comment)}[^\n]*")
-    text = blank.sub(lambda found: " " * len(found[0]), text)
+    text = blank.sub(lambda match: " " * len(match[0]), text)
     rows, names, lines = [], [], []
     for found in language.literal.finditer(text):
         listed = found[found.lastindex or 0]
@@ -143,23 +143,23 @@ def join(
     how = import_map.join or ("name" if import_map.names_poses and "pose" in joints.columns else "order")
     columns = joint_columns(joints.columns) + programmed_columns(joints.columns, str(path))
     if how == "name":
-        place = _places_by_name(frame, joints, path)
+        row = _places_by_name(frame, joints, path)
     else:
-        place, named = pd.factorize(frame["pose"])
-        _check_counts(frame, len(named), len(joints), path, import_map)
+        row, pose_names = pd.factorize(frame["pose"])
+        _check_counts(frame, len(pose_names), len(joints), path, import_map)
     frame = frame.copy()
-    frame[columns] = joints[columns].to_numpy()[place]
+    frame[columns] = joints[columns].to_numpy()[row]
     if "group" in joints.columns and "group" not in frame.columns:
-        frame["group"] = joints["group"].to_numpy()[place]
+        frame["group"] = joints["group"].to_numpy()[row]
     if how == "order" and "pose" in joints.columns and not import_map.names_poses and joints["pose"].is_unique:
-        frame["pose"] = joints["pose"].to_numpy()[place]
-    unused = np.setdiff1d(np.arange(len(joints)), place)
+        frame["pose"] = joints["pose"].to_numpy()[row]
+    unused = np.setdiff1d(np.arange(len(joints)), row)
     if len(unused):
         warnings.append(
             f"{len(unused)} poses of {path} have no row in the measurements, the first in row {joints[ROW][unused[0]]}"
         )
     if how == "name":  # the joints file knows the order in which the robot visited them
-        frame = frame.iloc[np.argsort(place, kind="stable")].reset_index(drop=True)
+        frame = frame.iloc[np.argsort(row, kind="stable")].reset_index(drop=True)
     return frame, warnings
 
 
@@ -171,8 +171,8 @@ def _row_by_row(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[
             file=frame[SOURCE].iloc[0],
         )
     frame = frame.copy()
-    own = [name for name in joints.columns if name != ROW and (name != "group" or "group" not in frame.columns)]
-    frame[own] = joints[own].to_numpy()
+    columns_new = [name for name in joints.columns if name != ROW and (name != "group" or "group" not in frame.columns)]
+    frame[columns_new] = joints[columns_new].to_numpy()
     frame = frame.astype({name: float for name in joints.columns if name.endswith(("_deg", "_mm"))})
     if "pose" not in joints.columns:
         frame["pose"] = _runs(joints).astype(str)
@@ -251,23 +251,28 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
     MeasurementError
         If it is neither.
     """
-    given = import_map.joints_file
-    if given is None:
+    layout = import_map.joints_file
+    if layout is None:
         program = read(path)
         if program is not None:
             check_joint_sizes(program, str(path), "deg", import_map)
             return program
-    text = dialect.read(path, given.file if given else Dialect())
+    text = dialect.read(path, layout.file if layout else Dialect())
     names: Sequence[Column]
     programmed: Sequence[Column]
     units: str | Sequence[str]
     pose: Column | None
     group: Column | None
     target: Column | None
-    if given:
-        names, units, pose, group = given.columns.joints, given.units.joints, given.columns.pose, given.columns.group
-        target = given.columns.target
-        programmed = given.columns.programmed or ()
+    if layout:
+        names, units, pose, group = (
+            layout.columns.joints,
+            layout.units.joints,
+            layout.columns.pose,
+            layout.columns.group,
+        )
+        target = layout.columns.target
+        programmed = layout.columns.programmed or ()
     else:
         header = text.names or ()
         names = columns = joint_columns(header)
@@ -283,11 +288,11 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
                 row=text.header_line,
             )
     places = [text.find(name, f"joint {k}") for k, name in enumerate(names, 1)]
-    asked = [text.find(name, f"programmed joint {k}") for k, name in enumerate(programmed, 1)]
-    text = text.with_decimal([*places, *asked])
+    columns_programmed = [text.find(name, f"programmed joint {k}") for k, name in enumerate(programmed, 1)]
+    text = text.with_decimal([*places, *columns_programmed])
     frame = pd.DataFrame(joint_values(text, places, units))
-    if asked:
-        frame = frame.assign(**joint_values(text, asked, units, "c"))
+    if columns_programmed:
+        frame = frame.assign(**joint_values(text, columns_programmed, units, "c"))
     frame[ROW] = text.lines
     for key, column in (("pose", pose), ("group", group), ("target", target)):
         if column is not None:
@@ -345,11 +350,11 @@ def import_measurements(
         import_map = as_
     else:
         import_map = read_map(as_, set_)
-    found = understand(sources, import_map, joints)
+    imported = understand(sources, import_map, joints)
     if out is None or dry_run:
-        found.csv()  # refuses what could not be written
-        return found
-    return found.written_to(out)
+        imported.csv()  # refuses what could not be written
+        return imported
+    return imported.written_to(out)
 
 
 def understand(
@@ -375,23 +380,23 @@ def understand(
     MeasurementError
         If a file does not fit the map; the sentence names file, row, column, what was expected and what was found.
     """
-    given = None if joints is None else read_joints(joints, import_map)
-    elsewhere = given is not None and "target" in given.columns
+    joints_read = None if joints is None else read_joints(joints, import_map)
+    elsewhere = joints_read is not None and "target" in joints_read.columns
     _check_declared(import_map, joints is not None, str(sources[0]), elsewhere)
-    parts: list[pd.DataFrame] = []
+    frames: list[pd.DataFrame] = []
     counted: Counter[str | None] = Counter()
     for path in sources:
-        part = SourceFile(dialect.read(path, import_map.file, import_map.lost_texts), import_map, elsewhere)
-        own = part.file_fields.get("target")  # logs of one target each count the same poses
-        parts.append(part.frame(counted[own]))
-        counted[own] += len(part.table.cells)
-    frame = pd.concat(parts, ignore_index=True)
+        source_file = SourceFile(dialect.read(path, import_map.file, import_map.lost_texts), import_map, elsewhere)
+        target = source_file.file_fields.get("target")  # logs of one target each count the same poses
+        frames.append(source_file.frame(counted[target]))
+        counted[target] += len(source_file.table.cells)
+    frame = pd.concat(frames, ignore_index=True)
     for name in ("group", "cycle"):
         if name in frame.columns:
             frame[name] = frame[name].fillna("")
     warnings: list[str] = []
-    if joints is not None and given is not None:
-        frame, warnings = join(frame, given, joints, import_map)
+    if joints is not None and joints_read is not None:
+        frame, warnings = join(frame, joints_read, joints, import_map)
     else:
         if import_map.pose_by == "joints" and not import_map.names_poses:
             frame["pose"] = poses.runs(frame).astype(str)

@@ -93,9 +93,9 @@ class Followed:
 class _Way:
     """Several solutions that are followed at a time."""
 
-    def __init__(self, robot: Robot, nominal: Arm, wanted: Criterion | None, tolerance: float) -> None:
+    def __init__(self, robot: Robot, nominal: Arm, criterion: Criterion | None, tolerance: float) -> None:
         self.chain, self.tolerance = newton.CalibratedChain(robot, any_arm.reach(nominal)), tolerance
-        self.wanted = wanted
+        self.wanted = criterion
 
     def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Whether both errors (n,) are within the tolerance."""
@@ -103,24 +103,27 @@ class _Way:
 
     def at(self, H: FloatArray, q: FloatArray) -> tuple[FloatArray, BoolArray]:
         """The solutions (k, joints) next to ``q`` at one pose (4, 3, 1), and which are near."""
-        there = np.repeat(H, len(q), axis=2)
-        new, *left, _ = newton.solve(self.chain, there, q.T.copy(), self.good)
+        targets = np.repeat(H, len(q), axis=2)
+        new, *errors, _ = newton.solve(self.chain, targets, q.T.copy(), self.good)
         if self.wanted is not None:
             _, slope, curvature = self.wanted(new.T)
-            step = redundancy.null_step(self.chain.linearised(there, new)[0], slope, curvature)
+            step = redundancy.null_step(self.chain.linearised(targets, new)[0], slope, curvature)
             step *= np.minimum(1.0, 0.3 * JUMP / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
-            again, *rest, _ = newton.solve(self.chain, there, new + step.T, self.good)
-            take = self.good(*rest)
-            new, left = np.where(take, again, new), [np.where(take, a, b) for a, b in zip(rest, left, strict=True)]
+            again, *errors_again, _ = newton.solve(self.chain, targets, new + step.T, self.good)
+            take = self.good(*errors_again)
+            new, errors = (
+                np.where(take, again, new),
+                [np.where(take, a, b) for a, b in zip(errors_again, errors, strict=True)],
+            )
         q_new = np.ascontiguousarray(new.T)
-        return q_new, self.good(*left) & (np.abs(q_new - q).max(axis=1) <= JUMP)
+        return q_new, self.good(*errors) & (np.abs(q_new - q).max(axis=1) <= JUMP)
 
     def smooth(self, H: FloatArray, q: FloatArray, to: FloatArray) -> BoolArray:
         """Whether the joints at a piece's middle (4, 3, 1) lie between those at its ends (k, joints): one solution."""
         mean = 0.5 * (q + to)
-        middle, *left, _ = newton.solve(self.chain, np.repeat(H, len(q), axis=2), mean.T.copy(), self.good)
+        middle, *errors, _ = newton.solve(self.chain, np.repeat(H, len(q), axis=2), mean.T.copy(), self.good)
         bend = np.abs(middle.T - mean).max(axis=1)
-        return self.good(*left) & (bend <= BEND * np.abs(to - q).max(axis=1) + 1e-9)
+        return self.good(*errors) & (bend <= BEND * np.abs(to - q).max(axis=1) + 1e-9)
 
     def between(self, H: FloatArray, turn: FloatArray, shift: FloatArray, share: float) -> FloatArray:
         """Columns (4, 3, 1) of the pose a share of the way from one pose to the next."""
@@ -134,16 +137,16 @@ class _Way:
         size = max(float(np.linalg.norm(turn)), float(np.linalg.norm(shift)) / self.chain.reach)
         pieces = max(1, int(np.ceil(size / PIECE)))
         q, ok, far = np.array(q), np.ones(len(q), dtype=bool), np.ones(len(q))
-        seen = list[tuple[float, FloatArray]]()
+        passed = list[tuple[float, FloatArray]]()
         for piece in range(pieces):
             self._cut((H, turn, shift), piece / pieces, (piece + 1) / pieces, q, ok, far, 0)
             if ok.any():
-                seen.append(((piece + 1) / pieces, q.copy()))
-        return q, ok, far, seen
+                passed.append(((piece + 1) / pieces, q.copy()))
+        return q, ok, far, passed
 
     def _cut(
         self,
-        way: tuple[FloatArray, FloatArray, FloatArray],
+        ends: tuple[FloatArray, FloatArray, FloatArray],
         start: float,
         end: float,
         q: FloatArray,
@@ -155,21 +158,21 @@ class _Way:
         rows = np.flatnonzero(ok)
         if not len(rows):
             return
-        new, near = self.at(self.between(*way, end), q[rows])
+        new, near = self.at(self.between(*ends, end), q[rows])
         if near.any():
-            near[near] = self.smooth(self.between(*way, 0.5 * (start + end)), q[rows[near]], new[near])
+            near[near] = self.smooth(self.between(*ends, 0.5 * (start + end)), q[rows[near]], new[near])
         q[rows[near]] = new[near]
-        left = rows[~near]
-        if not len(left):
+        unreached = rows[~near]
+        if not len(unreached):
             return
         if depth == DEPTH:
-            ok[left], far[left] = False, start
+            ok[unreached], far[unreached] = False, start
             return
-        mine = np.zeros(len(ok), dtype=bool)
-        mine[left] = True
+        reached = np.zeros(len(ok), dtype=bool)
+        reached[unreached] = True
         for a, b in ((start, 0.5 * (start + end)), (0.5 * (start + end), end)):
-            self._cut(way, a, b, q, mine, far, depth + 1)
-        ok[left] = mine[left]
+            self._cut(ends, a, b, q, reached, far, depth + 1)
+        ok[unreached] = reached[unreached]
 
     def values(self, H: FloatArray, q: FloatArray) -> tuple[float, tuple[int, ...]]:
         """Smallest singular value at joints (joints,), and the joints that move there without the tip."""
@@ -184,7 +187,7 @@ def follow(
     nominal: Arm,
     T_base_tip: FloatArray,
     near: FloatArray,
-    wanted: str | None = None,
+    criterion_name: str | None = None,
     tolerance: float = 1e-10,
 ) -> Followed:
     """Commanded joints along a path of poses, without jumps.
@@ -200,7 +203,7 @@ def follow(
     T_base_tip : ndarray, shape (n, 4, 4)
     near : ndarray, shape (joints,)
         Radians (metres for prismatic joints).
-    wanted : str, optional
+    criterion_name : str, optional
         One of `redundancy.CRITERIA`, for arms with more than six joints.
     tolerance : float
         Metres and radians.
@@ -209,39 +212,39 @@ def follow(
     -------
     Followed
     """
-    value = None if wanted is None or len(near) < 7 else redundancy.criterion(wanted, nominal, near)
-    way = _Way(robot, nominal, value, tolerance)
+    value = None if criterion_name is None or len(near) < 7 else redundancy.criterion(criterion_name, nominal, near)
+    path = _Way(robot, nominal, value, tolerance)
     H = pose_columns(T_base_tip)
-    start, far = _starts(way, robot, nominal, T_base_tip[:1], near)
+    start, far = _starts(path, robot, nominal, T_base_tip[:1], near)
     n, joints = len(T_base_tip), len(near)
     if not len(start):
         note = np.full(n, "no joints were found for the first pose", dtype=object)
         return Followed(np.full((n, joints), np.nan), note, ())
     q = np.full((n, len(start), joints), np.nan)
-    q[0] = here = start
+    q[0] = q_now = start
     alive, ends = np.arange(len(start)), np.full(len(start), n - 1.0)
     on_the_way: list[list[tuple[float, FloatArray]]] = []
     for k in range(1, n):
-        here, ok, share, seen = way.leg(H[..., k - 1 : k], H[..., k : k + 1], here)
-        wide = [(s, _spread(part, alive, len(start))) for s, part in seen]
+        q_now, ok, share, passed = path.leg(H[..., k - 1 : k], H[..., k : k + 1], q_now)
+        wide = [(s, _spread(q_part, alive, len(start))) for s, q_part in passed]
         on_the_way.append(wide)
         ends[alive[~ok]] = k - 1 + share[~ok]
-        alive, here = alive[ok], here[ok]
-        q[k, alive] = here
+        alive, q_now = alive[ok], q_now[ok]
+        q[k, alive] = q_now
         if not len(alive):
             break
     best = _best(nominal, q, ends, far)
-    singular = _places(way, H, q[:, best], ends[best], [[(s, p[best]) for s, p in leg] for leg in on_the_way])
+    singular = _places(path, H, q[:, best], ends[best], [[(s, p[best]) for s, p in leg] for leg in on_the_way])
     return Followed(q[:, best], _notes(nominal, q[:, best], singular), singular)
 
 
-def _spread(part: FloatArray, alive: IntArray, many: int) -> FloatArray:
-    out = np.full((many, part.shape[1]), np.nan)
-    out[alive] = part
+def _spread(q_part: FloatArray, alive: IntArray, count: int) -> FloatArray:
+    out = np.full((count, q_part.shape[1]), np.nan)
+    out[alive] = q_part
     return out
 
 
-def _starts(way: _Way, robot: Robot, nominal: Arm, T: FloatArray, near: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _starts(path: _Way, robot: Robot, nominal: Arm, T: FloatArray, near: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Solutions at the first pose (k, joints), and how far each is from what is wanted (k,)."""
     seeds = [near[None]]
     if closed_form.has_closed_form(nominal):
@@ -252,20 +255,20 @@ def _starts(way: _Way, robot: Robot, nominal: Arm, T: FloatArray, near: FloatArr
     q = np.concatenate(seeds)
     q = q[np.isfinite(q).all(axis=1)]
     H = np.repeat(pose_columns(T), len(q), axis=2)
-    found, *left, _ = newton.solve(way.chain, H, q.T.copy(), way.good)
-    q = np.ascontiguousarray(found.T)[way.good(*left)]
+    columns, *errors, _ = newton.solve(path.chain, H, q.T.copy(), path.good)
+    q = np.ascontiguousarray(columns.T)[path.good(*errors)]
     q = closed_form.into_limits(nominal, q, np.tile(near, (len(q), 1)))[0] if len(q) else q
     if len(q):
         H = H[..., : len(q)]
-        found, *left, _ = newton.solve(way.chain, H, q.T.copy(), way.good)
-        q = np.ascontiguousarray(found.T)[way.good(*left)]
-    if way.wanted is not None and len(q):
-        q = redundancy.settled(way.chain, H[..., : len(q)], q, way.wanted, way.good)
+        columns, *errors, _ = newton.solve(path.chain, H, q.T.copy(), path.good)
+        q = np.ascontiguousarray(columns.T)[path.good(*errors)]
+    if path.wanted is not None and len(q):
+        q = redundancy.settled(path.chain, H[..., : len(q)], q, path.wanted, path.good)
     _, first = np.unique(np.round(q, 5), axis=0, return_index=True)
     q = q[np.sort(first)]
     inside = ((q >= nominal.lower - 1e-9) & (q <= nominal.upper + 1e-9)).all(axis=1)
     q = q[inside] if inside.any() else q
-    far = np.linalg.norm(q - near, axis=1) if way.wanted is None else way.wanted(q)[0]
+    far = np.linalg.norm(q - near, axis=1) if path.wanted is None else path.wanted(q)[0]
     return q, far
 
 
@@ -277,48 +280,50 @@ def _best(nominal: Arm, q: FloatArray, ends: FloatArray, far: FloatArray) -> int
 
 
 def _places(
-    way: _Way, H: FloatArray, q: FloatArray, end: float, legs: list[list[tuple[float, FloatArray]]]
+    path: _Way, H: FloatArray, q: FloatArray, end: float, legs: list[list[tuple[float, FloatArray]]]
 ) -> tuple[SingularPlace, ...]:
     """Where the path comes near to singularities: the closest place of each passage."""
     rows = [(0, 0.0, q[0])]
     for k, leg in enumerate(legs):
-        rows += [(k + (share == 1.0), share % 1.0, part) for share, part in leg if np.isfinite(part).all()]
+        rows += [
+            (k + (share == 1.0), share % 1.0, joints_at) for share, joints_at in leg if np.isfinite(joints_at).all()
+        ]
     rows = [row for row in rows if row[0] + row[1] <= end + 1e-12]
-    found = []
+    candidates = []
     for row, share, joints in rows:
-        tip = way.chain.tip(joints[:, None])
-        value, moved = way.values(tip, joints)
+        tip = path.chain.tip(joints[:, None])
+        value, moved = path.values(tip, joints)
         x, y, z = (float(v) for v in tip[3, :, 0])
-        found.append(SingularPlace(row, share, (x, y, z), value, moved, False))
-    values = np.array([place.value for place in found])
-    places = []
+        candidates.append(SingularPlace(row, share, (x, y, z), value, moved, False))
+    values = np.array([candidate.value for candidate in candidates])
+    singular = []
     for place_number in np.flatnonzero(values < CLOSE).tolist():
         around = values[max(0, place_number - 1) : place_number + 2]
         if values[place_number] == around.min():
-            places.append(found[place_number])
+            singular.append(candidates[place_number])
     if end < H.shape[2] - 1:
         behind = int(end)
-        at = _between(way, H, behind, end - behind)
-        last = found[-1]
-        value, moved = way.values(at, rows[-1][2])
+        at = _between(path, H, behind, end - behind)
+        last = candidates[-1]
+        value, moved = path.values(at, rows[-1][2])
         x, y, z = (float(v) for v in at[3, :, 0])
-        places = [place for place in places if (place.row, place.share) != (last.row, last.share)]
-        places.append(SingularPlace(behind, float(end - behind), (x, y, z), min(value, last.value), moved, True))
-    return tuple(places)
+        singular = [passage for passage in singular if (passage.row, passage.share) != (last.row, last.share)]
+        singular.append(SingularPlace(behind, float(end - behind), (x, y, z), min(value, last.value), moved, True))
+    return tuple(singular)
 
 
-def _between(way: _Way, H: FloatArray, row: int, share: float) -> FloatArray:
+def _between(path: _Way, H: FloatArray, row: int, share: float) -> FloatArray:
     first, second = H[..., row : row + 1], H[..., row + 1 : row + 2]
-    return way.between(first, newton.rotation_vector(first, second), second[3] - first[3], share)
+    return path.between(first, newton.rotation_vector(first, second), second[3] - first[3], share)
 
 
 def _notes(nominal: Arm, q: FloatArray, singular: tuple[SingularPlace, ...]) -> NameArray:
     note = np.full(len(q), "", dtype=object)
     outside = ((q < nominal.lower - 1e-9) | (q > nominal.upper + 1e-9)).any(axis=1)
     note[outside] = "outside the joint limits"
-    for place in singular:
-        if not place.ends:
-            note[place.row] = place.in_words()
+    for singularity in singular:
+        if not singularity.ends:
+            note[singularity.row] = singularity.in_words()
     missing = ~np.isfinite(q).all(axis=1)
     note[missing] = singular[-1].in_words() if singular else "the path cannot be followed to here"
     return note

@@ -87,14 +87,14 @@ def solve(
         search.run(todo, seed[todo][None])
         if thorough:
             for number, (count, straighten, bounded) in enumerate(ROUNDS):
-                left = todo[~search.solved[todo]]
+                unsolved = todo[~search.solved[todo]]
                 if number:
-                    left = left[chain.merit(*search.errors[:, left]) < HOPELESS]
+                    unsolved = unsolved[chain.merit(*search.errors[:, unsolved]) < HOPELESS]
                 starts = nominal.random_joints(count, number)[:, None]  # the same whatever a pose's neighbours
                 again = partial(search.random, starts, straighten, bounded)
                 step = max(1, MANY // count)
-                blocks = [left[k : k + step] for k in range(0, len(left), step)]
-                for _ in parallel.threads(again, blocks, START_S * count * len(left)):
+                blocks = [unsolved[k : k + step] for k in range(0, len(unsolved), step)]
+                for _ in parallel.threads(again, blocks, START_S * count * len(unsolved)):
                     pass
     reason = np.full(n, Reason.NOT_FOUND)
     reason[~good_seed], reason[~good_pose] = Reason.BAD_SEED, Reason.NOT_A_POSE
@@ -154,23 +154,23 @@ class _Search:
         k, n = starts.shape[:2]
         if not n:
             return
-        many = np.tile(rows, k)
-        H, seed = self.H[:, :, many], self.seed[many]
+        repeated = np.tile(rows, k)
+        H, seed = self.H[:, :, repeated], self.seed[repeated]
         limits = (self.nominal.lower, self.nominal.upper) if bounded else None
-        columns, *both, evaluations = newton.solve(
+        columns, *residuals, evaluations = newton.solve(
             self.chain, H, starts.reshape(k * n, -1).T.copy(), self.good, straighten, limits=limits
         )
-        q, errors = columns.T.copy(), np.array(both)
+        q, errors = columns.T.copy(), np.array(residuals)
         turned, fits = closed_form.into_limits(self.nominal, q, seed, newton.ROUNDING)
         moved = np.flatnonzero(self.good(*errors) & fits & ((turned != q).any(axis=1) | ~_inside(self.nominal, q)))
         if len(moved):
-            _, better, left, more = newton.into_limits(
+            _, better, errors_new, more = newton.into_limits(
                 self.chain, self.nominal, H[:, :, moved], q[moved].T, seed[moved].T
             )
             evaluations[moved] += more
-            take = self.good(*left)
-            q[moved[take]], errors[:, moved[take]] = better[:, take].T, left[:, take]
-        np.add.at(self.iterations, many, evaluations)
+            take = self.good(*errors_new)
+            q[moved[take]], errors[:, moved[take]] = better[:, take].T, errors_new[:, take]
+        np.add.at(self.iterations, repeated, evaluations)
         converged = self.good(*errors)
         inside = converged & _inside(self.nominal, q)
         # a solution within the limits and near the seed, then one beyond them, then the least error

@@ -117,11 +117,11 @@ def solve_nearest(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: Float
         for stages in (NEWTON_STARTS[:2], NEWTON_STARTS[:3], NEWTON_STARTS):
             solver.stages = stages
             for configuration in (None, *range(8)):
-                left = np.flatnonzero(~result.inside & (result.reason != Reason.NOT_A_POSE))
-                if not len(left):
+                outside = np.flatnonzero(~result.inside & (result.reason != Reason.NOT_A_POSE))
+                if not len(outside):
                     return result
-                start = seed[left] if configuration is None else near
-                result = result.improved(left, solver.solve(T[left], start, configuration))
+                start = seed[outside] if configuration is None else near
+                result = result.improved(outside, solver.solve(T[outside], start, configuration))
     return result
 
 
@@ -195,12 +195,12 @@ class _Solver:
             todo += start
             first = np.full(len(todo), np.inf)
             work = Work(todo, branch_signs(branch[todo]), first, H, H, None if near is None else near[:, todo])
-            left, sums = self.iteration.run(work, state)
-            later[sums] += [] if left is None else [left]
+            unfinished, sums = self.iteration.run(work, state)
+            later[sums] += [] if unfinished is None else [unfinished]
         # the few that take longer, of all blocks together
-        for sums, parts in later.items():
-            together: list[NDArray[Any]] = [np.concatenate(values, axis=-1) for values in zip(*parts, strict=True)]
-            for start in range(0, len(together[0]) if parts else 0, BLOCK):
+        for sums, blocks in later.items():
+            together: list[NDArray[Any]] = [np.concatenate(values, axis=-1) for values in zip(*blocks, strict=True)]
+            for start in range(0, len(together[0]) if blocks else 0, BLOCK):
                 block = slice(start, start + BLOCK)
                 self.iteration.run(Work(*(np.ascontiguousarray(v[..., block]) for v in together)), state, sums)
         done = self.good(state.position, state.rotation)
@@ -238,7 +238,7 @@ class _Solver:
         self, state: FixedPointState, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray
     ) -> InverseResult:
         converged = self.good(state.position, state.rotation)
-        found = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
+        configuration = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
         state.q[:, ~converged] = np.nan
         reason = np.full(len(branch), Reason.NOT_FOUND)
         if not converged.all():
@@ -248,8 +248,8 @@ class _Solver:
             joints=state.q.T.copy(),
             converged=converged,
             inside=self.inside(state.q),
-            configuration=found,
-            branch_kept=found == branch,
+            configuration=configuration,
+            branch_kept=configuration == branch,
             iterations=state.iterations,
             method=np.where(converged, state.method, Method.NONE),
             position_residual=state.position,
@@ -294,9 +294,9 @@ class _Solver:
         for starts, straighten, patience in self.stages:
             if starts > 6:
                 lacking &= folds & ~(plain & self.out_of_reach(state, rows))
-            left = np.flatnonzero(lacking)
-            for first in range(0, len(left), BLOCK // starts):
-                todo = left[first : first + BLOCK // starts]
+            unsolved = np.flatnonzero(lacking)
+            for first in range(0, len(unsolved), BLOCK // starts):
+                todo = unsolved[first : first + BLOCK // starts]
                 goal = H[:, :, todo]
                 rng = np.random.default_rng(starts)  # the same for each pose, whatever its neighbours
                 close = None if near is None else near[:, todo]
@@ -309,8 +309,8 @@ class _Solver:
                     turn, shift = rng.standard_normal((2, 3, 1))
                     turn *= (0.01, 0.0, 0.03)[len(tried) % 3]
                     shift *= (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
-                    other = newton.moved(goal, turn, shift)
-                    q, _ = self.closed.branch(other.reshape(12, -1), branch_signs(branch[todo]), self.pull)
+                    start_pose = newton.moved(goal, turn, shift)
+                    q, _ = self.closed.branch(start_pose.reshape(12, -1), branch_signs(branch[todo]), self.pull)
                     tried.append(self.iteration.start_turns(q, close))
                 these = branch[todo], rows[todo]
                 lacking[todo] = self._newton_choice(goal, np.stack(tried, axis=1), *these, state, straighten, patience)
@@ -329,15 +329,17 @@ class _Solver:
     ) -> BoolArray:
         """Run from all starts (6, k, n) and keep the best: which poses lack one in branch and limits, a mask (n,)."""
         _, k, n = starts.shape
-        many = np.ascontiguousarray(np.broadcast_to(H[:, :, None], (4, 3, k, n))).reshape(4, 3, -1)
+        targets = np.ascontiguousarray(np.broadcast_to(H[:, :, None], (4, 3, k, n))).reshape(4, 3, -1)
         q, position, rotation, evaluations = newton.solve(
-            self.chain, many, starts.reshape(6, -1).copy(), self.good, straighten, patience
+            self.chain, targets, starts.reshape(6, -1).copy(), self.good, straighten, patience
         )
         state.iterations[rows] += evaluations.reshape(k, n).sum(axis=0)
-        kept = self.closed.configuration(q.T) == np.tile(branch, k)
+        same_branch = self.closed.configuration(q.T) == np.tile(branch, k)
         inside = closed_form.into_limits(self.nominal, q.T)[1]
         # a solution within the limits, then one in its branch, then the least error; the first of equals
-        rank = np.where(self.good(position, rotation), -1.0 - kept - 2.0 * inside, self.chain.merit(position, rotation))
+        rank = np.where(
+            self.good(position, rotation), -1.0 - same_branch - 2.0 * inside, self.chain.merit(position, rotation)
+        )
         rank = np.where(np.isnan(rank), np.inf, rank).reshape(k, n)
         best = rank.min(axis=0)
         take = best < state.rank[rows]

@@ -158,9 +158,9 @@ def nearest(arm: Arm, branches: Branches, near: ArrayLike, limits: bool = True) 
         joints, usable = joints + TAU * np.rint((around - joints) / TAU), branches.valid
     distance = np.where(usable, ((joints - around) ** 2).sum(axis=-1), np.inf)
     best = np.argmin(distance, axis=1)
-    found = np.isfinite(distance[np.arange(len(best)), best])
+    reachable = np.isfinite(distance[np.arange(len(best)), best])
     chosen = joints[np.arange(len(best)), best]
-    return np.where(found[:, None], chosen, np.nan), np.where(found, best, -1)
+    return np.where(reachable[:, None], chosen, np.nan), np.where(reachable, best, -1)
 
 
 def with_configuration(

@@ -75,31 +75,31 @@ class FixedPointState:
         these: BoolArray,
         better: BoolArray,
         now: Sequence[FloatArray],
-        before: Sequence[FloatArray] | None,
+        previous: Sequence[FloatArray] | None,
         iterations: int,
     ) -> None:
         """Joints and errors of these poses of a block: those of now where they are better, else those of before.
 
         After the first iteration there are none of before, and where it found none the state stays.
         """
-        places: IntArray | slice = index
+        index_kept: IntArray | slice = index
         if np.count_nonzero(these) < len(index) // 8:
-            few = np.flatnonzero(these)
-            places, these, better = index[few], these[few], better[few]
-            now = [np.take(v, few, axis=-1) for v in now]
-            before = None if before is None else [np.take(v, few, axis=-1) for v in before]
+            chosen = np.flatnonzero(these)
+            index_kept, these, better = index[chosen], these[chosen], better[chosen]
+            now = [np.take(v, chosen, axis=-1) for v in now]
+            previous = None if previous is None else [np.take(v, chosen, axis=-1) for v in previous]
         elif index[-1] - index[0] == len(index) - 1:
-            places = slice(index[0], index[-1] + 1)
-        self.iterations[places] += iterations * these
-        if before is None:
+            index_kept = slice(index[0], index[-1] + 1)
+        self.iterations[index_kept] += iterations * these
+        if previous is None:
             these = these & better
         elif not (better | ~these).all():
-            now = [np.where(better, new, old) for new, old in zip(now, before, strict=True)]
-        for kept, best in zip((self.q, self.position, self.rotation), now, strict=True):
-            if isinstance(places, slice):
-                np.copyto(kept[..., places], best, where=these)
+            now = [np.where(better, new, old) for new, old in zip(now, previous, strict=True)]
+        for total, best in zip((self.q, self.position, self.rotation), now, strict=True):
+            if isinstance(index_kept, slice):
+                np.copyto(total[..., index_kept], best, where=these)
             else:
-                kept[..., places[these]] = best[..., these]
+                total[..., index_kept[these]] = best[..., these]
 
 
 class FixedPoint:
@@ -154,8 +154,8 @@ class FixedPoint:
         first, sums = again is None, bool(again)
         if not len(index):
             return None, sums
-        few = len(index) // 8 if first else 0
-        before: Sequence[FloatArray] | None = None
+        few_left = len(index) // 8 if first else 0
+        previous: Sequence[FloatArray] | None = None
         alive = np.ones(len(index), dtype=bool)
         for count in range(1, ITERATIONS + 1):
             q_new, margin = self.closed.branch(fake.reshape(12, -1), signs)
@@ -170,12 +170,12 @@ class FixedPoint:
             position, rotation = newton.lengths(lacking)
             merit = self.chain.merit(position, rotation)
             on = alive & (merit <= STALLED * last) & ~self.good(position, rotation)  # False for NaN: not within reach
-            left = np.count_nonzero(on)
-            ends = left <= few or count == ITERATIONS
-            if ends or left < np.count_nonzero(alive):
+            count_left = np.count_nonzero(on)
+            ends = count_left <= few_left or count == ITERATIONS
+            if ends or count_left < np.count_nonzero(alive):
                 done = alive if ends else alive & ~on
-                state.keep(index, done, merit < last, (q, position, rotation), before, count)
-            if left == 0:
+                state.keep(index, done, merit < last, (q, position, rotation), previous, count)
+            if count_left == 0:
                 break
             alive, last = on, merit
             if sums:
@@ -183,16 +183,16 @@ class FixedPoint:
             else:
                 fake = _next_fake(fake, tip, H)
                 sums = first and count == 1 and float(rotation[on].max()) < SUMS
-            if left <= few or left < MOST * len(index):
+            if count_left <= few_left or count_left < MOST * len(index):
                 rows = np.flatnonzero(on)
                 index = index[rows]
                 signs, last, H, fake, q, position, rotation = (
                     np.take(v, rows, axis=-1) for v in (signs, last, H, fake, q, position, rotation)
                 )
-                alive = np.ones(left, dtype=bool)
-            if left <= few:
+                alive = np.ones(count_left, dtype=bool)
+            if count_left <= few_left:
                 return Work(index, signs, last, H, fake, q), sums
-            before = q, position, rotation
+            previous = q, position, rotation
         return None, sums
 
 
@@ -249,9 +249,9 @@ def _next_fake(fake: FloatArray, tip: FloatArray, H: FloatArray) -> FloatArray:
     return tip
 
 
-def _same_turn(q: FloatArray, before: FloatArray) -> FloatArray:
+def _same_turn(q: FloatArray, q_before: FloatArray) -> FloatArray:
     """Joints q at the turns nearest to the joints before, in place."""
-    turns = before - q
+    turns = q_before - q
     turns *= 1.0 / TAU
     np.rint(turns, out=turns)
     turns *= TAU

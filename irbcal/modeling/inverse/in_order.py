@@ -42,16 +42,16 @@ def stops_before(theta: FloatArray, target: IntArray, follows: BoolArray, prisma
     """
     out = np.full(len(target), -1)
     still = np.array([STILL[bool(slides)] for slides in prismatic])
-    left = np.flatnonzero(target >= 0)
-    for back in range(1, LOOK_BACK + 1):
-        left = left[left >= back]
-        left = left[follows[left - back + 1] & (target[left - back] >= 0)]
-        if not len(left):
+    waiting = np.flatnonzero(target >= 0)
+    for step in range(1, LOOK_BACK + 1):
+        waiting = waiting[waiting >= step]
+        waiting = waiting[follows[waiting - step + 1] & (target[waiting - step] >= 0)]
+        if not len(waiting):
             break
-        there = target[left - back]
-        far = (np.abs(theta[target[left]] - theta[there]) >= still).any(axis=1)
-        out[left[far]] = there[far]
-        left = left[~far]
+        earlier = target[waiting - step]
+        far = (np.abs(theta[target[waiting]] - theta[earlier]) >= still).any(axis=1)
+        out[waiting[far]] = earlier[far]
+        waiting = waiting[~far]
     return out
 
 
@@ -97,7 +97,7 @@ def commanded_in_order(
     for _ in range(STEPS):
         previous = np.where(before[:, None] >= 0, q[before], np.nan)
         reached = joint_map.effective(q[target], previous) - q[target]
-        mean = np.column_stack([np.bincount(target, part, len(theta)) / count for part in reached.T])
+        mean = np.column_stack([np.bincount(target, column, len(theta)) / count for column in reached.T])
         new = theta - mean
         if fixed is not None:
             new[fixed] = theta[fixed]

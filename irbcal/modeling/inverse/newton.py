@@ -159,18 +159,18 @@ def solve(
     out_q, out_errors, evaluations = q.copy(), np.empty((2, n)), np.ones(n, dtype=int)
     index = np.arange(n)
     damping, bound, waited = np.full(n, 1e-6), np.full(n, np.inf), np.zeros(n, dtype=int)
-    J, e, cost, left = chain.linearised(H, q)
-    out_errors[:] = left
+    J, e, cost, errors = chain.linearised(H, q)
+    out_errors[:] = errors
     for _ in range(6 * patience):
         halved = cost <= 0.25 * bound  # cost is the square of the error
         bound, waited = np.where(halved, cost, bound), np.where(halved, 0, waited + 1)
-        go = ~good(*left) & (waited <= patience) & np.isfinite(cost)
+        go = ~good(*errors) & (waited <= patience) & np.isfinite(cost)
         if not go.any():
             break
         if not go.all():
             J, e = J[go], e[go]
-            kept: list[NDArray[Any]] = [v[..., go] for v in (index, q, H, cost, left, damping, bound, waited)]
-            index, q, H, cost, left, damping, bound, waited = kept
+            running: list[NDArray[Any]] = [v[..., go] for v in (index, q, H, cost, errors, damping, bound, waited)]
+            index, q, H, cost, errors, damping, bound, waited = running
         free = J if limits is None else _free(J, e, q, *limits)
         trial = q + _step(free, e, damping * np.minimum(np.sqrt(cost), 1.0) + 1e-15)
         J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
@@ -182,10 +182,10 @@ def solve(
         evaluations[index] += 1 + straighten
         better = cost_new < cost
         damping = np.where(better, np.maximum(damping * 0.2, 1e-8), np.minimum(damping * 8.0 + 1e-6, 1e8))
-        q, left = np.where(better, trial, q), np.where(better, left_new, left)
+        q, errors = np.where(better, trial, q), np.where(better, left_new, errors)
         cost = np.where(better, cost_new, cost)
         J, e = np.where(better[:, None, None], J_new, J), np.where(better[:, None], e_new, e)
-        out_q[:, index], out_errors[:, index] = q, left
+        out_q[:, index], out_errors[:, index] = q, errors
     return out_q, out_errors[0], out_errors[1], evaluations
 
 

@@ -88,9 +88,9 @@ class WristFrame:
         else:
             first, rotation = (9, columns[:9]) if self._same_axes else (0, out[:9])
             spare = np.empty(columns.shape[1])
-            for row, ((k, factor), *others) in zip(out[first:], self._products[first:], strict=True):
+            for row, ((k, factor), *more) in zip(out[first:], self._products[first:], strict=True):
                 np.multiply(columns[k], factor, out=row)
-                for k, factor in others:
+                for k, factor in more:
                     np.add(row, np.multiply(columns[k], factor, out=spare), out=row)
         centre = out[9:]
         return rotation, np.add(centre, self.constant[:, None], out=centre)
@@ -110,10 +110,10 @@ class WristFrame:
         return bool(np.array_equal(self.linear[:9], np.eye(9, 12)))
 
 
-def between(before: FloatArray, after: FloatArray, d1: float, d6: float) -> WristFrame:
-    """The map for an arm: ``before`` joint 1 and ``after`` joint 6 (4, 4), and the distances along their axes (m)."""
-    left = frames.transform(None, [0.0, 0.0, -d1]) @ frames.inverse(before)
-    return WristFrame.of(left, frames.inverse(after) @ frames.transform(None, [0.0, 0.0, -d6]))
+def between(T_1: FloatArray, T_6: FloatArray, d1: float, d6: float) -> WristFrame:
+    """The map for an arm: ``T_1`` joint 1 and ``T_6`` joint 6 (4, 4), and the distances along their axes (m)."""
+    to_wrist = frames.transform(None, [0.0, 0.0, -d1]) @ frames.inverse(T_1)
+    return WristFrame.of(to_wrist, frames.inverse(T_6) @ frames.transform(None, [0.0, 0.0, -d6]))
 
 
 ON_SINGULARITY = 1e-12
@@ -152,9 +152,9 @@ def of_rotation(
     ahead : array_like
         Cosine of the q4 that is taken where the pose leaves it open.
     """
-    x, s5, turned, other = room[0], room[1], room[2:4], room[4:6]
+    x, s5, turned, product = room[0], room[1], room[2:4], room[4:6]
     a_r, a_t = plane[2], plane[5]
-    c5 = np.multiply(c23, a_r, out=other[0])
+    c5 = np.multiply(c23, a_r, out=product[0])
     np.subtract(c5, np.multiply(s23, R[8], out=x), out=c5)
     np.multiply(c23, -R[8], out=x)
     np.subtract(x, np.multiply(s23, a_r, out=s5), out=x)  # cos q4 sin q5
@@ -172,9 +172,9 @@ def of_rotation(
     np.arctan2(s5, c5, out=q[1])
     along, across, up = (v.reshape(2, *(1,) * (c23.ndim - 1), -1) for v in (plane[:2], plane[3:5], R[2:6:3]))
     np.multiply(along, s23, out=turned)
-    np.add(turned, np.multiply(up, c23, out=other), out=turned)
+    np.add(turned, np.multiply(up, c23, out=product), out=turned)
     np.multiply(turned, y, out=turned)
-    np.add(turned, np.multiply(across, x, out=other), out=turned)
+    np.add(turned, np.multiply(across, x, out=product), out=turned)
     np.arctan2(turned[0], turned[1], out=q[2])
 
 
@@ -285,10 +285,10 @@ class OrthoParallel:
             a3 = -a3
         shifts = signs * zeros - table.theta
         shifts -= TAU * np.rint(shifts / TAU)
-        before = frames.transform(frames.rot_x(table.alpha[0])) @ frames.transform(None, [table.a[0], 0.0, 0.0])
-        before = arm.T_base_0 @ before @ frames.transform(frames.rot_y(table.beta[0]))
-        after = frames.transform(frames.rot_x(np.pi) if mirrored[5] else None) @ arm.T_last_tip
-        return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, between(before, after, d[0], d[5]))
+        T_1 = frames.transform(frames.rot_x(table.alpha[0])) @ frames.transform(None, [table.a[0], 0.0, 0.0])
+        T_1 = arm.T_base_0 @ T_1 @ frames.transform(frames.rot_y(table.beta[0]))
+        T_6 = frames.transform(frames.rot_x(np.pi) if mirrored[5] else None) @ arm.T_last_tip
+        return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, between(T_1, T_6, d[0], d[5]))
 
     @cached_property
     def forearm(self) -> float:
@@ -338,8 +338,8 @@ class OrthoParallel:
                 np.copyto(p[0], np.nan, where=~(has_last_row(T[block], rows[24:]) & is_rotation(R, rows[24:])))
                 shoulder[block], margins[:, block] = self._eight(R, p, joints[..., block], rows[24:])
             np.greater_equal(margins[:, None], -REACH_TOLERANCE, out=valid)
-        found, reached = handed_on(joints).reshape(8, 6, n), handed_on(valid).reshape(8, n)
-        return Branches(found.transpose(2, 0, 1), reached.T, handed_on(shoulder), handed_on(margins).T, self)
+        joints_found, reached = handed_on(joints).reshape(8, 6, n), handed_on(valid).reshape(8, n)
+        return Branches(joints_found.transpose(2, 0, 1), reached.T, handed_on(shoulder), handed_on(margins).T, self)
 
     def _eight(self, R: FloatArray, p: FloatArray, out: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """All branches of a block into ``out`` (2, 2, 2, 6, n): back, down, flip, joint.
@@ -422,24 +422,27 @@ class OrthoParallel:
             if pull is not None:
                 rho = np.sqrt(k1 * k1 + k2 * k2)
                 margin = np.minimum(self.reach - rho, rho - abs(self.a3 - self.forearm))
-                wanted = np.clip(rho, abs(self.a3 - self.forearm) + pull, self.reach - pull)
-                k1, k2 = np.where(rho > 0, k1 * (wanted / rho), wanted), np.where(rho > 0, k2 * (wanted / rho), 0.0)
-            own, triangle = self._triangle(k1, k2, room[:7])
+                rho_limited = np.clip(rho, abs(self.a3 - self.forearm) + pull, self.reach - pull)
+                k1, k2 = (
+                    np.where(rho > 0, k1 * (rho_limited / rho), rho_limited),
+                    np.where(rho > 0, k2 * (rho_limited / rho), 0.0),
+                )
+            margin_here, triangle = self._triangle(k1, k2, room[:7])
             triangle.other_side(elbow)
             np.add(self._bend, np.multiply(triangle.delta, self.signs[2], out=triangle.delta), out=joints[2])
             c23, s23 = self._upper(k1, k2, triangle, joints[1:2], room[7:14])
             of_rotation(R, plane, c23, s23, (joints[3:4], *joints[4:, None]), room[6:12, None])
-            other = np.multiply(
+            offset = np.multiply(
                 np.subtract(1.0, wrist, out=room[0]), 0.5 * np.pi, out=room[0]
             )  # half a turn or nothing
             for joint in (3, 5):
-                np.subtract(joints[joint], np.copysign(other, joints[joint], out=room[1]), out=joints[joint])
+                np.subtract(joints[joint], np.copysign(offset, joints[joint], out=room[1]), out=joints[joint])
             np.multiply(joints[4], wrist, out=joints[4])
-            np.add(joints, _nothing(own, room[0]), out=joints)
+            np.add(joints, _nothing(margin_here, room[0]), out=joints)
             for joint in (0, 1, 3, 4, 5):
                 self._joint(joint, joints[joint])
             _within_a_half_turn(joints[2], room[0])
-        return joints, own if margin is None else margin
+        return joints, margin_here if margin is None else margin
 
     # ------------------------------------------------------------------ the steps
 
@@ -557,13 +560,13 @@ def _refuse(
 ) -> None:
     """Refuse the first entry of a column (counted from 0) whose deviation is beyond the tolerance or NaN."""
     right = dict.fromkeys((1, 3, 4, 5), "+-90 degrees") | {2: "0 or 180 degrees"}
-    wanted = right if column == "alpha" else {}
+    expected = right if column == "alpha" else {}
     for i in rows:
         if not abs(deviation[i]) <= tolerance:
             angle = column in ("alpha", "beta")
-            found = f"{np.degrees(values[i]):.9g} degrees" if angle else f"{1e3 * values[i]:.9g} mm"
+            value = f"{np.degrees(values[i]):.9g} degrees" if angle else f"{1e3 * values[i]:.9g} mm"
             raise RobotError(
-                f"the closed-form inverse of {arm.name} needs {column}{i + 1} = {wanted.get(i, '0')}, found {found}"
+                f"the closed-form inverse of {arm.name} needs {column}{i + 1} = {expected.get(i, '0')}, found {value}"
             )
 
 

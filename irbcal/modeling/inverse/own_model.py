@@ -19,7 +19,7 @@ LARGEST_CHANGE = 0.2
 """Radians by which a joint of a branch may differ between the two arms; more is another solution."""
 
 
-def branches(nominal: Arm, T_base_tip: FloatArray, own: Arm | None = None) -> Branches:
+def branches(nominal: Arm, T_base_tip: FloatArray, controller_arm: Arm | None = None) -> Branches:
     """All branches of poses.
 
     Parameters
@@ -27,7 +27,7 @@ def branches(nominal: Arm, T_base_tip: FloatArray, own: Arm | None = None) -> Br
     nominal : Arm
         With a closed form.
     T_base_tip : ndarray, shape (n, 4, 4)
-    own : Arm, optional
+    controller_arm : Arm, optional
         The arm whose joints are wanted, near to the nominal one; that itself unless given.
 
     Returns
@@ -39,17 +39,17 @@ def branches(nominal: Arm, T_base_tip: FloatArray, own: Arm | None = None) -> Br
     RobotError
         If the nominal arm has no closed form.
     """
-    found = closed_form.branches(nominal, T_base_tip)
-    if own is None:
-        return found
-    joints = np.full(found.joints.shape, np.nan)
-    row, branch = np.nonzero(found.valid)
+    nominal_branches = closed_form.branches(nominal, T_base_tip)
+    if controller_arm is None:
+        return nominal_branches
+    joints = np.full(nominal_branches.joints.shape, np.nan)
+    row, branch = np.nonzero(nominal_branches.valid)
     if len(row):
-        start = found.joints[row, branch]
-        solved = any_arm.solve(Robot(own), _endless(nominal), T_base_tip[row], seed=start, thorough=False)
+        start = nominal_branches.joints[row, branch]
+        solved = any_arm.solve(Robot(controller_arm), _endless(nominal), T_base_tip[row], seed=start, thorough=False)
         good = solved.converged & (np.abs(solved.joints - start).max(axis=1) <= LARGEST_CHANGE)
         joints[row[good], branch[good]] = solved.joints[good]
-    return replace(found, joints=joints, valid=found.valid & np.isfinite(joints).all(axis=-1))
+    return replace(nominal_branches, joints=joints, valid=nominal_branches.valid & np.isfinite(joints).all(axis=-1))
 
 
 def _endless(arm: Arm) -> Arm:

@@ -34,8 +34,8 @@ def is_rotation(X: FloatArray, room: FloatArray | None = None) -> BoolArray:
         np.multiply(n[j], o[k], out=product)
         np.subtract(product, np.multiply(n[k], o[j], out=room[3]), out=product)
         np.add(determinant, np.multiply(product, a[i], out=product), out=determinant)
-    for value, wanted in ((squares, 3.0), (determinant, 1.0)):
-        np.abs(np.subtract(value, wanted, out=value), out=value)
+    for value, target in ((squares, 3.0), (determinant, 1.0)):
+        np.abs(np.subtract(value, target, out=value), out=value)
     return np.maximum(squares, determinant, out=squares) <= ROTATION_TOLERANCE
 
 

@@ -67,15 +67,15 @@ def null_step(J: FloatArray, slope: FloatArray, curvature: FloatArray) -> FloatA
     H = np.einsum("njk,nj,njl->nkl", Z, curvature, Z)
     step = -np.linalg.solve(H, np.einsum("njk,nj->nk", Z, slope)[..., None])
     step = (Z @ step)[..., 0]
-    most = np.abs(step).max(axis=1, keepdims=True)
-    return np.asarray(step * (LONGEST / np.maximum(most, LONGEST)), dtype=float)
+    largest = np.abs(step).max(axis=1, keepdims=True)
+    return np.asarray(step * (LONGEST / np.maximum(largest, LONGEST)), dtype=float)
 
 
 def settled(
     chain: newton.CalibratedChain,
     H: FloatArray,
     q: FloatArray,
-    wanted: Criterion,
+    criterion_at: Criterion,
     good: Callable[[FloatArray, FloatArray], BoolArray],
 ) -> FloatArray:
     """Joints that reach the same poses with the least of a criterion, downhill from where they are.
@@ -87,7 +87,7 @@ def settled(
         Columns of the poses, as `irbcal.modeling.inverse.poses.pose_columns` makes them.
     q : ndarray, shape (n, joints)
         Joints that reach them.
-    wanted : callable
+    criterion_at : callable
         See `criterion`.
     good : callable
         Whether position and rotation errors (n,) are within the tolerance.
@@ -103,10 +103,10 @@ def settled(
     for _ in range(STEPS):
         if not len(todo):
             break
-        value, slope, curvature = wanted(q[todo])
+        value, slope, curvature = criterion_at(q[todo])
         step = null_step(chain.linearised(H[..., todo], q[todo].T)[0], slope, curvature) * share[todo][:, None]
-        new, *left, _ = newton.solve(chain, H[..., todo], (q[todo] + step).T.copy(), good)
-        better = good(*left) & (wanted(new.T)[0] < value)
+        new, *errors, _ = newton.solve(chain, H[..., todo], (q[todo] + step).T.copy(), good)
+        better = good(*errors) & (criterion_at(new.T)[0] < value)
         q[todo[better]] = new.T[better]
         share[todo] = np.where(better, np.minimum(1.0, 2.0 * share[todo]), 0.25 * share[todo])
         todo = todo[(np.abs(step).max(axis=1) > SETTLED) & (share[todo] > 1e-3)]
@@ -133,33 +133,35 @@ def solve(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: FloatArray, n
     -------
     InverseResult
     """
-    found = any_arm.solve(robot, nominal, T_base_tip, near)
-    chain, wanted = newton.CalibratedChain(robot, any_arm.reach(nominal)), criterion(name, nominal, near)
-    q = np.array(found.joints)
+    result = any_arm.solve(robot, nominal, T_base_tip, near)
+    chain, criterion_at = newton.CalibratedChain(robot, any_arm.reach(nominal)), criterion(name, nominal, near)
+    q = np.array(result.joints)
     H = pose_columns(np.asarray(T_base_tip, dtype=float))
-    rows = np.flatnonzero(found.converged)
+    rows = np.flatnonzero(result.converged)
     if not len(rows):
-        return found
+        return result
 
     def good(position: FloatArray, rotation: FloatArray) -> BoolArray:
         return (position <= TOLERANCE) & (rotation <= TOLERANCE)
 
-    many = np.tile(rows, 1 + STARTS)
-    others = np.repeat(nominal.random_joints(STARTS, 1), len(rows), axis=0)
-    new, *left, _ = newton.solve(chain, H[..., many], np.vstack([q[rows], others]).T.copy(), good)
+    repeated = np.tile(rows, 1 + STARTS)
+    starts = np.repeat(nominal.random_joints(STARTS, 1), len(rows), axis=0)
+    new, *errors, _ = newton.solve(chain, H[..., repeated], np.vstack([q[rows], starts]).T.copy(), good)
     tried = closed_form.into_limits(
-        nominal, np.ascontiguousarray(new.T), np.broadcast_to(near, (len(many), len(near)))
+        nominal, np.ascontiguousarray(new.T), np.broadcast_to(near, (len(repeated), len(near)))
     )[0]
-    kept = good(*left) & good(*newton.errors(chain.tip(tried.T), H[..., many]))
-    tried[kept] = settled(chain, H[..., many[kept]], tried[kept], wanted, good)
-    inside = kept & ((tried >= nominal.lower) & (tried <= nominal.upper)).all(axis=1)
-    cost = np.where(inside, wanted(tried)[0], np.where(kept, 1e6 + wanted(tried)[0], np.inf)).reshape(1 + STARTS, -1)
+    converged = good(*errors) & good(*newton.errors(chain.tip(tried.T), H[..., repeated]))
+    tried[converged] = settled(chain, H[..., repeated[converged]], tried[converged], criterion_at, good)
+    inside = converged & ((tried >= nominal.lower) & (tried <= nominal.upper)).all(axis=1)
+    cost = np.where(inside, criterion_at(tried)[0], np.where(converged, 1e6 + criterion_at(tried)[0], np.inf)).reshape(
+        1 + STARTS, -1
+    )
     best = cost.argmin(axis=0) * len(rows) + np.arange(len(rows))
     take = np.isfinite(cost.min(axis=0))
     q[rows[take]] = tried[best[take]]
-    within = np.array(found.inside)
+    within = np.array(result.inside)
     within[rows[take]] = inside[best[take]]
     left_there = newton.errors(chain.tip(q[rows].T), H[..., rows])
-    position, rotation = np.array(found.position_residual), np.array(found.rotation_residual)
+    position, rotation = np.array(result.position_residual), np.array(result.rotation_residual)
     position[rows], rotation[rows] = left_there
-    return replace(found, joints=q, inside=within, position_residual=position, rotation_residual=rotation)
+    return replace(result, joints=q, inside=within, position_residual=position, rotation_residual=rotation)

@@ -92,23 +92,23 @@ class InverseResult(Speaks):
     def __len__(self) -> int:
         return len(self.joints)
 
-    def improved(self, rows: IntArray, other: InverseResult) -> InverseResult:
+    def improved(self, rows: IntArray, second: InverseResult) -> InverseResult:
         """The result with those of another one for some poses, where these are within the limits or the only ones."""
-        take = (other.inside & ~self.inside[rows]) | (other.converged & ~self.converged[rows])
+        take = (second.inside & ~self.inside[rows]) | (second.converged & ~self.converged[rows])
         changed = dict[str, Any]()
         for field in fields(self):
             values = getattr(self, field.name).copy()
-            values[rows[take]] = getattr(other, field.name)[take]
+            values[rows[take]] = getattr(second, field.name)[take]
             changed[field.name] = values
-        changed["iterations"][rows] = self.iterations[rows] + other.iterations
+        changed["iterations"][rows] = self.iterations[rows] + second.iterations
         return InverseResult(**changed)
 
     def told(self) -> Sequence[Told]:
         """Number of poses for each method and each reason."""
         names = {Method.FIXED_POINT: "the fixed point", Method.NEWTON: "Newton's steps"}
-        parts = [f"{len(self)} poses", *(f"{(self.method == m).sum()} by {name}" for m, name in names.items())]
-        parts += [f"{(self.reason == r).sum()} where {r.words}" for r in Reason if r and (self.reason == r).any()]
-        return [", ".join(parts)]
+        texts = [f"{len(self)} poses", *(f"{(self.method == m).sum()} by {name}" for m, name in names.items())]
+        texts += [f"{(self.reason == r).sum()} where {r.words}" for r in Reason if r and (self.reason == r).any()]
+        return [", ".join(texts)]
 
     def notes(self) -> NameArray:
         """A remark on each pose, shape (n,): why it has no joints, that they are beyond the limits, or nothing."""

@@ -17,8 +17,8 @@ from irbcal.modeling.terms.term import Basis, Family
 def families() -> dict[str, Family]:
     """All families by name."""
     modules = [import_module(f"{__name__}.{info.name}") for info in iter_modules(__path__)]
-    found = [module.FAMILY for module in modules if hasattr(module, "FAMILY")]
-    return {family.name: family for family in found}
+    registered = [module.FAMILY for module in modules if hasattr(module, "FAMILY")]
+    return {family.name: family for family in registered}
 
 
 @cache

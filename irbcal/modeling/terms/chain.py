@@ -88,8 +88,8 @@ def walk(arm: Arm, effective: FloatArray, xi: FloatArray | None = None) -> Walk:
         if xi is not None:
             small = xi[:, i].T
             o = o + small[3] * x + small[4] * y + small[5] * z
-            R, left = _exponential(small[:3])
-            turns[i] = np.einsum("acn,abn->bcn", frame[i], left)
+            R, J = _exponential(small[:3])
+            turns[i] = np.einsum("acn,abn->bcn", frame[i], J)
             x, y, z = np.einsum("acn,abn->bcn", frame[i], R)
         store["moved"][i] = o
         turned, travel = (0.0, effective[:, i]) if table.prismatic[i] else (effective[:, i], 0.0)
@@ -120,8 +120,8 @@ def _exponential(vector: FloatArray) -> tuple[FloatArray, FloatArray]:
     second = 0.5 * half * half  # (1 - cos(angle)) / angle^2
     with np.errstate(invalid="ignore", divide="ignore"):
         third = np.where(angle < 1e-2, 1 / 6 - angle**2 / 120, (1.0 - first) / angle**2)
-    one = np.eye(3)[:, :, None]
-    return one + first * K + second * K2, one + second * K + third * K2
+    eye = np.eye(3)[:, :, None]
+    return eye + first * K + second * K2, eye + second * K + third * K2
 
 
 def poses(path: Walk) -> FloatArray:

@@ -22,29 +22,29 @@ class Direction(Basis):
 
     name = "direction"
 
-    def _tanh(self, terms: Sequence[Term], here: Situation) -> tuple[FloatArray, FloatArray]:
+    def _tanh(self, terms: Sequence[Term], situation: Situation) -> tuple[FloatArray, FloatArray]:
         keys = [t.parameters.get("width_rad", t.parameters.get("width_m")) for t in terms]
         width = np.array([float(str(key)) for key in keys])[:, None]
-        return width, np.tanh(here.motion.moves.T[[t.joint for t in terms]] / width)
+        return width, np.tanh(situation.motion.moves.T[[t.joint for t in terms]] / width)
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """The side that the joint came from, -1 to 1, shape (terms, n)."""
-        return self._tanh(terms, here)[1]
+        return self._tanh(terms, situation)[1]
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the own joint, the stop before held, shape (terms, n, joints)."""
-        width, side = self._tanh(terms, here)
-        return _own(terms, (1.0 - side**2) / width, here)
+        width, side = self._tanh(terms, situation)
+        return _own(terms, (1.0 - side**2) / width, situation)
 
-    def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+    def slope_rates(self, terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
-        width, side = self._tanh(terms, here)
+        width, side = self._tanh(terms, situation)
         rate = -2.0 * side * (1.0 - side**2) / width**2
-        return _own(terms, rate * dq.T[[t.joint for t in terms]], here)
+        return _own(terms, rate * dq.T[[t.joint for t in terms]], situation)
 
 
-def _own(terms: Sequence[Term], values: FloatArray, here: Situation) -> FloatArray:
-    out = np.zeros((len(terms), *here.motion.q.shape))
+def _own(terms: Sequence[Term], values: FloatArray, situation: Situation) -> FloatArray:
+    out = np.zeros((len(terms), *situation.motion.q.shape))
     for k, term in enumerate(terms):
         out[k, :, term.joint] = values[k]
     return out

@@ -19,13 +19,13 @@ class JointValue(Basis):
 
     name = "q"
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Commanded value of each term's joint, shape (terms, n), radians or metres."""
-        return here.motion.q.T[[term.joint for term in terms]]
+        return situation.motion.q.T[[term.joint for term in terms]]
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """One by the own joint, shape (terms, n, joints)."""
-        out = np.zeros((len(terms), *here.motion.q.shape))
+        out = np.zeros((len(terms), *situation.motion.q.shape))
         for k, term in enumerate(terms):
             out[k, :, term.joint] = 1.0
         return out

@@ -25,13 +25,13 @@ class Constant(Basis):
 
     name = "constant"
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Ones, shape (terms, n)."""
-        return np.ones((len(terms), len(here.motion)))
+        return np.ones((len(terms), len(situation.motion)))
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Zeros, shape (terms, n, joints)."""
-        return np.zeros((len(terms), *here.motion.q.shape))
+        return np.zeros((len(terms), *situation.motion.q.shape))
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
         """A wave without turns."""

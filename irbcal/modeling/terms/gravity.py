@@ -36,33 +36,33 @@ class Gravity(Basis):
 
     name = "gravity"
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """The lever of a unit vector of the link about the axis, shape (terms, n)."""
-        axes, vectors = _axes(terms, here), _vectors(terms, here)
-        return np.einsum("kcn,kcn->kn", axes, _cross(vectors, here.gravity[:, None]))
+        axes, vectors = _axes(terms, situation), _vectors(terms, situation)
+        return np.einsum("kcn,kcn->kn", axes, _cross(vectors, situation.gravity[:, None]))
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the joints, shape (terms, n, joints)."""
-        axes, vectors = _axes(terms, here), _vectors(terms, here)
-        g = here.gravity[:, None]
+        axes, vectors = _axes(terms, situation), _vectors(terms, situation)
+        g = situation.gravity[:, None]
         torque = _cross(vectors, g)
-        out = np.zeros((len(terms), *here.motion.q.shape))
-        for i, z in enumerate(here.turning):
+        out = np.zeros((len(terms), *situation.motion.q.shape))
+        for i, z in enumerate(situation.turning):
             moves_axis, moves_vector = _carried(terms, i)
             # a' . (v x g) + a . (v' x g) with a' = z x a, v' = z x v; the second is v' . (g x a)
             out[:, :, i] = moves_axis * np.einsum("kcn,kcn->kn", _cross(z, axes), torque)
             out[:, :, i] += moves_vector * np.einsum("kcn,kcn->kn", _cross(z, vectors), _cross(g, axes))
         return out
 
-    def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+    def slope_rates(self, terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
-        axes, vectors = _axes(terms, here), _vectors(terms, here)
-        spin = here.spin(np.asarray(dq, dtype=float))
-        g = here.gravity[:, None]
+        axes, vectors = _axes(terms, situation), _vectors(terms, situation)
+        spin = situation.spin(np.asarray(dq, dtype=float))
+        g = situation.gravity[:, None]
         axes_dot = _cross(spin[[t.joint for t in terms]], axes)
         vectors_dot = _cross(spin[[_link(t) + 1 for t in terms]], vectors)
-        out = np.zeros((len(terms), *here.motion.q.shape))
-        for i, z in enumerate(here.turning):
+        out = np.zeros((len(terms), *situation.motion.q.shape))
+        for i, z in enumerate(situation.turning):
             moves_axis, moves_vector = _carried(terms, i)
             z_dot = _cross(spin[i], z)
             turned = _cross(z_dot, axes) + _cross(z, axes_dot)
@@ -111,16 +111,16 @@ def _link(term: Term) -> int:
     return int(str(term.parameters["link"])) - 1
 
 
-def _axes(terms: Sequence[Term], here: Situation) -> FloatArray:
+def _axes(terms: Sequence[Term], situation: Situation) -> FloatArray:
     """Axis of each term's joint, shape (terms, 3, n)."""
-    return here.before[[t.joint for t in terms], [AXES.index(t.axis) % 3 for t in terms]]
+    return situation.before[[t.joint for t in terms], [AXES.index(t.axis) % 3 for t in terms]]
 
 
-def _vectors(terms: Sequence[Term], here: Situation) -> FloatArray:
+def _vectors(terms: Sequence[Term], situation: Situation) -> FloatArray:
     """The vector of each term's link, shape (terms, 3, n)."""
-    out = np.empty((len(terms), 3, len(here.motion)))
+    out = np.empty((len(terms), 3, len(situation.motion)))
     for k, term in enumerate(terms):
-        vector, link = term.parameters["vector"], here.after[_link(term)]
+        vector, link = term.parameters["vector"], situation.after[_link(term)]
         out[k] = link[VECTORS.index(vector)] if isinstance(vector, str) else np.einsum("a,acn->cn", vector, link)
     return out
 
@@ -154,23 +154,23 @@ def independent_levers(arm: Arm, axis: str) -> list[tuple[int, int, str]]:
     list of (int, int, str)
         Joint and link (from 0) and the link's vector, link by link.
     """
-    here = Situation(arm, Motion(arm.random_joints(POSES, SEED)))
-    kept = []
+    situation = Situation(arm, Motion(arm.random_joints(POSES, SEED)))
+    chosen = []
     for j in revolute(arm):
         candidates = [(j, k, vector) for k in range(j, len(arm.joint_names)) for vector in VECTORS]
-        values = Gravity().values([_term(axis, *c, SIZE, "", "") for c in candidates], here)
-        seen = np.full((1, POSES), POSES**-0.5)
+        values = Gravity().values([_term(axis, *c, SIZE, "", "") for c in candidates], situation)
+        spanned = np.full((1, POSES), POSES**-0.5)
         for candidate, value in zip(candidates, values, strict=True):
             size = np.linalg.norm(value)
             if size < 1e-9 * POSES**0.5:
                 continue
-            rest = value / size
+            residual = value / size
             for _ in range(2):  # twice is enough for orthogonality to rounding
-                rest = rest - seen.T @ (seen @ rest)
-            if (left := np.linalg.norm(rest)) > INDEPENDENT:
-                seen = np.vstack([seen, rest / left])
-                kept.append(candidate)
-    return kept
+                residual = residual - spanned.T @ (spanned @ residual)
+            if (norm := np.linalg.norm(residual)) > INDEPENDENT:
+                spanned = np.vstack([spanned, residual / norm])
+                chosen.append(candidate)
+    return chosen
 
 
 def _term(axis: str, joint: int, link: int, vector: str, size: float, group: str, family: str) -> Term:
@@ -179,9 +179,9 @@ def _term(axis: str, joint: int, link: int, vector: str, size: float, group: str
 
 def lever_terms(arm: Arm, axes: Sequence[str], size: float, family: str) -> list[Term]:
     """Terms of all independent levers about some axes, one group a joint."""
-    found = [(axis, *lever) for axis in axes for lever in independent_levers(arm, axis)]
-    found.sort(key=lambda item: item[1])
-    return [_term(axis, j, k, vector, size, f"{family}_{j + 1}", family) for axis, j, k, vector in found]
+    levers = [(axis, *lever) for axis in axes for lever in independent_levers(arm, axis)]
+    levers.sort(key=lambda lever: lever[1])
+    return [_term(axis, j, k, vector, size, f"{family}_{j + 1}", family) for axis, j, k, vector in levers]
 
 
 class GravityFamily(Family):

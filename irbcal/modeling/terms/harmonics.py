@@ -29,23 +29,23 @@ class Harmonic(Basis):
     def __init__(self, name: str, quarter: float) -> None:
         self.name, self._shift = name, quarter * np.pi / 2  # sin x = cos(x - 90 degrees)
 
-    def _phase(self, terms: Sequence[Term], here: Situation) -> tuple[FloatArray, FloatArray]:
+    def _phase(self, terms: Sequence[Term], situation: Situation) -> tuple[FloatArray, FloatArray]:
         cycles = np.array([float(str(t.parameters["cycles_per_turn"])) for t in terms])[:, None]
-        return cycles, cycles * here.motion.q.T[[t.joint for t in terms]] - self._shift
+        return cycles, cycles * situation.motion.q.T[[t.joint for t in terms]] - self._shift
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """The wave, shape (terms, n)."""
-        return cos_sin(self._phase(terms, here)[1])[0]
+        return cos_sin(self._phase(terms, situation)[1])[0]
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the own joint, shape (terms, n, joints)."""
-        cycles, phase = self._phase(terms, here)
-        return _at_own_joint(terms, -cycles * cos_sin(phase)[1], here)
+        cycles, phase = self._phase(terms, situation)
+        return _at_own_joint(terms, -cycles * cos_sin(phase)[1], situation)
 
-    def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+    def slope_rates(self, terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
-        cycles, phase = self._phase(terms, here)
-        return _at_own_joint(terms, -(cycles**2) * cos_sin(phase)[0] * dq.T[[t.joint for t in terms]], here)
+        cycles, phase = self._phase(terms, situation)
+        return _at_own_joint(terms, -(cycles**2) * cos_sin(phase)[0] * dq.T[[t.joint for t in terms]], situation)
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
         """One wave of the joint."""
@@ -54,8 +54,8 @@ class Harmonic(Basis):
         return {turns: complex(np.exp(-1j * self._shift))}
 
 
-def _at_own_joint(terms: Sequence[Term], values: FloatArray, here: Situation) -> FloatArray:
-    out = np.zeros((len(terms), *here.motion.q.shape))
+def _at_own_joint(terms: Sequence[Term], values: FloatArray, situation: Situation) -> FloatArray:
+    out = np.zeros((len(terms), *situation.motion.q.shape))
     for k, term in enumerate(terms):
         out[k, :, term.joint] = values[k]
     return out

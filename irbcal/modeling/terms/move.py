@@ -21,38 +21,40 @@ class ShareOfMove(Basis):
 
     name = "share_of_move"
 
-    def _parts(self, terms: Sequence[Term], here: Situation) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
+    def _parts(
+        self, terms: Sequence[Term], situation: Situation
+    ) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
         """Own move (terms, n), largest move and its sign (n,), and whose it is (n,)."""
-        D = here.motion.moves
+        D = situation.motion.moves
         largest = np.abs(D).argmax(axis=1)
         top = D[np.arange(len(D)), largest]
         size = np.where(top == 0.0, np.inf, np.abs(top))
         return D.T[[t.joint for t in terms]], size, np.sign(top), largest
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """The share, -1 to 1, shape (terms, n)."""
-        own, size, _, _ = self._parts(terms, here)
-        return own / size
+        moved, size, _, _ = self._parts(terms, situation)
+        return moved / size
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the joints, the stop before and the joint that moved most held, shape (terms, n, joints)."""
-        own, size, sign, largest = self._parts(terms, here)
-        out = np.zeros((len(terms), *here.motion.q.shape))
+        moved, size, sign, largest = self._parts(terms, situation)
+        out = np.zeros((len(terms), *situation.motion.q.shape))
         rows = np.arange(len(size))
         for k, term in enumerate(terms):
             out[k, :, term.joint] += 1.0 / size
-            out[k, rows, largest] -= own[k] * sign / size**2
+            out[k, rows, largest] -= moved[k] * sign / size**2
         return out
 
-    def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+    def slope_rates(self, terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
-        own, size, sign, largest = self._parts(terms, here)
-        out = np.zeros((len(terms), *here.motion.q.shape))
+        moved, size, sign, largest = self._parts(terms, situation)
+        out = np.zeros((len(terms), *situation.motion.q.shape))
         rows = np.arange(len(size))
         growth = sign * dq[rows, largest]
         for k, term in enumerate(terms):
             out[k, :, term.joint] -= growth / size**2
-            out[k, rows, largest] -= sign * (dq[:, term.joint] / size**2 - 2.0 * own[k] * growth / size**3)
+            out[k, rows, largest] -= sign * (dq[:, term.joint] / size**2 - 2.0 * moved[k] * growth / size**3)
         return out
 
 
@@ -61,13 +63,13 @@ class OwnMove(Basis):
 
     name = "move"
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """The joint's last move, shape (terms, n), radians or metres."""
-        return here.motion.moves.T[[t.joint for t in terms]]
+        return situation.motion.moves.T[[t.joint for t in terms]]
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """One by the own joint, shape (terms, n, joints)."""
-        out = np.zeros((len(terms), *here.motion.q.shape))
+        out = np.zeros((len(terms), *situation.motion.q.shape))
         for k, term in enumerate(terms):
             out[k, :, term.joint] = 1.0
         return out

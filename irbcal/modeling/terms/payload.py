@@ -29,39 +29,41 @@ class PayloadTorque(Basis):
 
     name = "payload"
 
-    def _parts(self, terms: Sequence[Term], here: Situation) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _parts(self, terms: Sequence[Term], situation: Situation) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Axes z and levers p - o (terms, 3, n), and weights (n,) in newtons."""
-        joints, tip = [t.joint for t in terms], here.tip
-        own = np.array([np.asarray(t.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float) for t in terms])
-        given = here.motion.payload_place
+        joints, tip = [t.joint for t in terms], situation.tip
+        centres = np.array([np.asarray(t.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float) for t in terms])
+        places_of_stops = situation.motion.payload_place
         p = tip[3] + (
-            np.einsum("ka,acn->kcn", own, tip[:3])
-            if given is None
-            else np.broadcast_to(np.einsum("na,acn->cn", given, tip[:3]), (len(terms), 3, len(given)))
+            np.einsum("ka,acn->kcn", centres, tip[:3])
+            if places_of_stops is None
+            else np.broadcast_to(
+                np.einsum("na,acn->cn", places_of_stops, tip[:3]), (len(terms), 3, len(places_of_stops))
+            )
         )
-        mass = here.motion.payload_kg
-        weight = np.zeros(len(here.motion)) if mass is None else STANDARD_GRAVITY * mass
-        return here.before[joints, 2], p - here.origins[joints], weight
+        mass = situation.motion.payload_kg
+        weight = np.zeros(len(situation.motion)) if mass is None else STANDARD_GRAVITY * mass
+        return situation.before[joints, 2], p - situation.origins[joints], weight
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Torque, shape (terms, n), N m."""
-        z, lever, weight = self._parts(terms, here)
-        return weight * np.einsum("kcn,kcn->kn", z, _cross(lever, here.gravity[:, None]))
+        z, lever, weight = self._parts(terms, situation)
+        return weight * np.einsum("kcn,kcn->kn", z, _cross(lever, situation.gravity[:, None]))
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the joints, shape (terms, n, joints)."""
-        z, lever, weight = self._parts(terms, here)
-        g = here.gravity[:, None]
-        out = np.zeros((len(terms), *here.motion.q.shape))
+        z, lever, weight = self._parts(terms, situation)
+        g = situation.gravity[:, None]
+        out = np.zeros((len(terms), *situation.motion.q.shape))
         joints = np.array([t.joint for t in terms])
-        p = lever + here.origins[joints]
-        for i, turning in enumerate(here.turning):
+        p = lever + situation.origins[joints]
+        for i, turning in enumerate(situation.turning):
             # axis and origin of joint j move with joints before it, the mass with all
-            before = (i < joints)[:, None, None]
-            slides = here.before[i, 2] if here.arm.table.prismatic[i] else np.zeros(3)[:, None]
-            z_move = np.where(before, _cross(turning, z), 0.0)
-            arm_move = _cross(turning, p - here.origins[i]) + slides
-            arm_move = arm_move - np.where(before, _cross(turning, p - lever - here.origins[i]) + slides, 0.0)
+            carried = (i < joints)[:, None, None]
+            slides = situation.before[i, 2] if situation.arm.table.prismatic[i] else np.zeros(3)[:, None]
+            z_move = np.where(carried, _cross(turning, z), 0.0)
+            arm_move = _cross(turning, p - situation.origins[i]) + slides
+            arm_move = arm_move - np.where(carried, _cross(turning, p - lever - situation.origins[i]) + slides, 0.0)
             out[:, :, i] = np.einsum("kcn,kcn->kn", z_move, _cross(lever, g))
             out[:, :, i] += np.einsum("kcn,kcn->kn", z, _cross(arm_move, g))
         return weight[:, None] * out
@@ -95,8 +97,8 @@ def as_levers(term: Term, arm: Arm) -> list[Term] | None:
         c, s, cb, sb = np.cos(table.alpha[k]), np.sin(table.alpha[k]), np.cos(table.beta[k]), np.sin(table.beta[k])
         y, z = np.array([0.0, c, s]), np.array([sb, -s * cb, c * cb])
         vectors.append(table.a[k] * np.array([1.0, 0.0, 0.0]) + table.b[k] * y + table.d[k] * z)
-    place = np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float)
-    vectors.append(arm.T_last_tip[:3, :3] @ place + arm.T_last_tip[:3, 3])
+    centre = np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float)
+    vectors.append(arm.T_last_tip[:3, :3] @ centre + arm.T_last_tip[:3, 3])
     return [
         Term(
             term.joint,
@@ -119,8 +121,8 @@ def largest_torque(term: Term, arm: Arm, lower: ArrayLike, upper: ArrayLike) -> 
     travel = np.maximum(np.abs(np.asarray(lower, dtype=float)), np.abs(np.asarray(upper, dtype=float)))
     travel = np.where(table.prismatic & np.isfinite(travel), travel, 0.0)
     reach = (np.abs(table.a) + np.abs(table.b) + np.abs(table.d) + travel).sum()
-    place = np.asarray(term.parameters.get("place", (0.0,)), dtype=float)
-    return STANDARD_GRAVITY * float(reach + np.linalg.norm(arm.T_last_tip[:3, 3]) + np.linalg.norm(place))
+    centre = np.asarray(term.parameters.get("place", (0.0,)), dtype=float)
+    return STANDARD_GRAVITY * float(reach + np.linalg.norm(arm.T_last_tip[:3, 3]) + np.linalg.norm(centre))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -109,11 +109,11 @@ class Motion:
     def select(self, keep: BoolArray | slice | np.ndarray) -> Motion:
         """The stops that a mask, slice or list of rows keeps."""
 
-        def part(value: FloatArray | None) -> FloatArray | None:
+        def selected(value: FloatArray | None) -> FloatArray | None:
             return None if value is None else value[keep]
 
-        parts = {name: part(getattr(self, name)) for name in ("move", "elapsed", *LOAD)}
-        return Motion(self.q[keep], **parts, readings=self.readings)
+        fields = {name: selected(getattr(self, name)) for name in ("move", "elapsed", *LOAD)}
+        return Motion(self.q[keep], **fields, readings=self.readings)
 
 
 def motion_at_use(
@@ -148,7 +148,7 @@ def motion_at_use(
     Motion
     """
     q = np.asarray(q, dtype=float)
-    move = place = None
+    move = centre = None
     if previous is not None:
         move = q - np.asarray(previous, dtype=float)
         move = np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0)
@@ -156,10 +156,10 @@ def motion_at_use(
     load: FloatArray = np.full(len(q), usual if payload_kg is None else payload_kg, dtype=float)
     load = np.where(np.isfinite(load), load, usual)
     if payload_place is not None:
-        place = np.broadcast_to(np.asarray(payload_place, dtype=float), (len(q), 3))
-        place = np.where(np.isfinite(place).all(axis=1, keepdims=True), place, usual_place)
+        centre = np.broadcast_to(np.asarray(payload_place, dtype=float), (len(q), 3))
+        centre = np.where(np.isfinite(centre).all(axis=1, keepdims=True), centre, usual_place)
     felt = None if torques is None else np.nan_to_num(np.asarray(torques, dtype=float))
-    return Motion(q, move, payload_kg=load, payload_place=place, torques=felt)
+    return Motion(q, move, payload_kg=load, payload_place=centre, torques=felt)
 
 
 class Situation:
@@ -229,5 +229,5 @@ class Situation:
         ndarray, shape (joints + 1, 3, n)
             Radians per second, in the base link.
         """
-        parts = self.turning * dq.T[:, None]
-        return np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
+        spins = self.turning * dq.T[:, None]
+        return np.concatenate([np.zeros((1, *spins.shape[1:])), np.cumsum(spins, axis=0)])

@@ -100,8 +100,8 @@ class Term:
         if self.unit not in COEFFICIENT_KEYS:
             out["unit"] = self.unit
         out[COEFFICIENT_KEYS.get(self.unit, "coefficient")] = float(coefficient)
-        known = {} if np.isnan(std) else {"std": float(std)}
-        return out | known | {"family": self.family, "group": self.group, "size": self.size}
+        uncertainty = {} if np.isnan(std) else {"std": float(std)}
+        return out | uncertainty | {"family": self.family, "group": self.group, "size": self.size}
 
     @staticmethod
     def from_json(entry: Mapping[str, Any]) -> tuple[Term, float, float]:
@@ -114,23 +114,23 @@ class Term:
         RobotError
             If the entry is not a term.
         """
-        rest = dict(entry)
+        fields = dict(entry)
         try:
-            joint, axis, basis = int(rest.pop("joint")) - 1, str(rest.pop("axis")), str(rest.pop("basis"))
+            joint, axis, basis = int(fields.pop("joint")) - 1, str(fields.pop("axis")), str(fields.pop("basis"))
             unit = "1"
             for name, key in COEFFICIENT_KEYS.items():
-                if key in rest:
-                    unit, coefficient = name, float(rest.pop(key))
+                if key in fields:
+                    unit, coefficient = name, float(fields.pop(key))
                     break
             else:
                 raise KeyError("coefficient")
-            unit = str(rest.pop("unit", unit))
-            std, size = float(rest.pop("std", np.nan)), float(rest.pop("size", 1.0))
-            also = tuple(int(j) - 1 for j in rest.pop("also", ()))
+            unit = str(fields.pop("unit", unit))
+            std, size = float(fields.pop("std", np.nan)), float(fields.pop("size", 1.0))
+            also = tuple(int(j) - 1 for j in fields.pop("also", ()))
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise RobotError(f"this is not a term of a joint map ({error}): {dict(entry)}") from None
-        family, group = str(rest.pop("family", basis)), str(rest.pop("group", basis))
-        parameters = {key: tuple(value) if isinstance(value, list) else value for key, value in rest.items()}
+        family, group = str(fields.pop("family", basis)), str(fields.pop("group", basis))
+        parameters = {key: tuple(value) if isinstance(value, list) else value for key, value in fields.items()}
         return Term(joint, axis, basis, size, group, family, unit, parameters, also), coefficient, std
 
 
@@ -146,7 +146,7 @@ class Basis(ABC):
     name: str
 
     @abstractmethod
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """The function for each term and pose, shape (terms, n)."""
 
     def quick_values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
@@ -154,7 +154,7 @@ class Basis(ABC):
         return self.values(terms, here)
 
     @abstractmethod
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the commanded joints, the stop before held, shape (terms, n, joints)."""
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
@@ -164,12 +164,12 @@ class Basis(ABC):
         """
         return None
 
-    def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+    def slope_rates(self, terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of `slopes` along joint speeds ``dq`` (n, joints), shape (terms, n, joints).
 
         By central differences where a basis has no better; exact for slopes that are constant.
         """
-        ahead, behind = (self.slopes(terms, here.shifted(sign * RATE_STEP * dq)) for sign in (1.0, -1.0))
+        ahead, behind = (self.slopes(terms, situation.shifted(sign * RATE_STEP * dq)) for sign in (1.0, -1.0))
         return (ahead - behind) / (2.0 * RATE_STEP)
 
 

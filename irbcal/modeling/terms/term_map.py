@@ -20,27 +20,27 @@ BLOCK = 1024
 SCHEMA = "irbcal-joint-map-2"
 
 
-def basis_values(terms: Sequence[Term], here: Situation) -> FloatArray:
+def basis_values(terms: Sequence[Term], situation: Situation) -> FloatArray:
     """Function of each term at each pose, shape (terms, n)."""
-    out = np.empty((len(terms), len(here.motion)))
+    out = np.empty((len(terms), len(situation.motion)))
     for name, rows in _by_basis(terms):
-        out[rows] = bases()[name].quick_values([terms[k] for k in rows], here)
+        out[rows] = bases()[name].quick_values([terms[k] for k in rows], situation)
     return out
 
 
-def basis_slopes(terms: Sequence[Term], here: Situation) -> FloatArray:
+def basis_slopes(terms: Sequence[Term], situation: Situation) -> FloatArray:
     """Derivative of each term by the commanded joints, the stop before held, shape (terms, n, joints)."""
-    out = np.empty((len(terms), *here.motion.q.shape))
+    out = np.empty((len(terms), *situation.motion.q.shape))
     for name, rows in _by_basis(terms):
-        out[rows] = bases()[name].slopes([terms[k] for k in rows], here)
+        out[rows] = bases()[name].slopes([terms[k] for k in rows], situation)
     return out
 
 
-def basis_slope_rates(terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+def basis_slope_rates(terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
     """Derivative of `basis_slopes` along joint speeds (n, joints), shape (terms, n, joints)."""
-    out = np.empty((len(terms), *here.motion.q.shape))
+    out = np.empty((len(terms), *situation.motion.q.shape))
     for name, rows in _by_basis(terms):
-        out[rows] = bases()[name].slope_rates([terms[k] for k in rows], here, dq)
+        out[rows] = bases()[name].slope_rates([terms[k] for k in rows], situation, dq)
     return out
 
 
@@ -90,7 +90,7 @@ class TermMap:
 
     def part(self, frame_terms: bool) -> TermMap:
         """The frame terms alone, or the joint map alone."""
-        rows = [k for k, own in enumerate(self._own()) if own is not frame_terms]
+        rows = [k for k, is_own in enumerate(self._own()) if is_own is not frame_terms]
         std = None if self.std is None else self.std[rows]
         return TermMap(self.arm, tuple(self.terms[k] for k in rows), self.coefficients[rows], std, self.gravity)
 
@@ -157,18 +157,18 @@ class TermMap:
 
     def _sum(self, motion: Motion, dq: FloatArray | None, all_axes: bool = False) -> FloatArray:
         joints = motion.q.shape[1]
-        own = self._own()
-        rows = [k for k in range(len(self.terms)) if all_axes or own[k]]
+        is_own = self._own()
+        rows = [k for k in range(len(self.terms)) if all_axes or is_own[k]]
         terms = [self.terms[k] for k in rows]
         out = np.zeros((len(motion), joints, 6 if all_axes else 1, joints))
         for start in range(0, len(motion), BLOCK):
-            part = slice(start, start + BLOCK)
-            here = Situation(self.arm, motion.select(part), self.gravity)
-            slopes = basis_slopes(terms, here) if dq is None else basis_slope_rates(terms, here, dq[part])
+            block = slice(start, start + BLOCK)
+            situation = Situation(self.arm, motion.select(block), self.gravity)
+            slopes = basis_slopes(terms, situation) if dq is None else basis_slope_rates(terms, situation, dq[block])
             slopes *= self.coefficients[rows][:, None, None]
             for term, slope in zip(terms, slopes, strict=True):
                 for joint in (term.joint, *term.also):
-                    out[part, joint, AXES.index(term.axis) if all_axes else 0] += slope
+                    out[block, joint, AXES.index(term.axis) if all_axes else 0] += slope
         return out
 
     def commanded(self, theta: FloatArray, previous: FloatArray | None = None) -> FloatArray:
@@ -230,9 +230,9 @@ class TermMap:
         """
         columns = chain.point_columns(path, p, pose)
         for j, slides in enumerate(self.arm.table.prismatic):
-            own = 5 if slides else 2
+            row = 5 if slides else 2
             axis = path.z[j][:, pose]
-            columns[j, own] = axis if slides else np.cross(axis, p - path.o[j][:, pose], axis=0)
+            columns[j, row] = axis if slides else np.cross(axis, p - path.o[j][:, pose], axis=0)
         values = basis_values(self.terms, Situation(self.arm, motion, self.gravity))
         return term_columns(self.terms, columns, values, pose)
 
@@ -278,10 +278,10 @@ class TermMap:
         """
         if entry.get("schema") != SCHEMA:
             raise RobotError(f"a joint map of schema {entry.get('schema')!r} is not understood, expected {SCHEMA}")
-        found = [Term.from_json(item) for item in entry["terms"]]
-        std = np.array([item[2] for item in found])
+        entries = [Term.from_json(entry_) for entry_ in entry["terms"]]
+        std = np.array([term_std[2] for term_std in entries])
         gravity = tuple(float(x) for x in entry.get("gravity", GRAVITY))
-        return TermMap(arm, tuple(item[0] for item in found), np.array([item[1] for item in found]), std, gravity)
+        return TermMap(arm, tuple(read[0] for read in entries), np.array([term[1] for term in entries]), std, gravity)
 
 
 def term_columns(terms: Sequence[Term], columns: FloatArray, values: FloatArray, pose: IntArray) -> FloatArray:

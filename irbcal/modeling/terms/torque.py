@@ -20,16 +20,16 @@ class MeasuredTorque(Basis):
 
     name = "torque"
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Torque, shape (terms, n), N m."""
-        torques = here.motion.torques
+        torques = situation.motion.torques
         if torques is None:
-            return np.zeros((len(terms), len(here.motion)))
+            return np.zeros((len(terms), len(situation.motion)))
         return torques.T[[term.joint for term in terms]]
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Zeros, shape (terms, n, joints): what a torque would be elsewhere is not known."""
-        return np.zeros((len(terms), *here.motion.q.shape))
+        return np.zeros((len(terms), *situation.motion.q.shape))
 
 
 class Torque(Family):

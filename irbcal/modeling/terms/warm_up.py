@@ -32,19 +32,19 @@ class Decay(Basis):
 
     name = "decay"
 
-    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """What is left of the drift, shape (terms, n)."""
-        elapsed = here.motion.elapsed
+        elapsed = situation.motion.elapsed
         if elapsed is None:
-            return np.zeros((len(terms), len(here.motion)))
+            return np.zeros((len(terms), len(situation.motion)))
         times = np.array([[float(str(t.parameters.get(key, np.inf))) for key in ("tau", "end")] for t in terms])
         distinct, which = np.unique(times, axis=0, return_inverse=True)
         tau, end = distinct[:, :1], distinct[:, 1:]
         return (np.exp(-elapsed / tau) - np.exp(-end / tau))[which.ravel()]
 
-    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Zeros: time is not a joint, shape (terms, n, joints)."""
-        return np.zeros((len(terms), *here.motion.q.shape))
+        return np.zeros((len(terms), *situation.motion.q.shape))
 
 
 class WarmUp(Family):

@@ -76,8 +76,8 @@ class Waves:
     weights: Mapping[tuple[int, Turns], complex]
 
     def __post_init__(self) -> None:
-        kept = {key: w for key, w in self.weights.items() if abs(w) > NOTHING}
-        object.__setattr__(self, "weights", kept)
+        weights = {key: w for key, w in self.weights.items() if abs(w) > NOTHING}
+        object.__setattr__(self, "weights", weights)
         lock(self)
 
     def __bool__(self) -> bool:
@@ -102,31 +102,31 @@ class Waves:
             if cycles and cycles == int(cycles) <= SERIES and sum(map(bool, turns)) == 1:
                 orders.setdefault(joint, {})[int(cycles)] = weight
         out = []
-        for joint, of in orders.items():
-            if max(of) > SHORT:
-                weights = np.zeros(max(of), dtype=complex)
-                weights[[k - 1 for k in of]] = list(of.values())
+        for joint, orders_of_joint in orders.items():
+            if max(orders_of_joint) > SHORT:
+                weights = np.zeros(max(orders_of_joint), dtype=complex)
+                weights[[k - 1 for k in orders_of_joint]] = list(orders_of_joint.values())
                 out.append(JointSeries(joint, weights))
         return tuple(out)
 
     @cached_property
     def _mixed(self) -> Combinations:
         """Waves that are neither constant nor part of a series."""
-        own = {(s.joint, float(k + 1)) for s in self.series for k in np.flatnonzero(s.weights)}
-        others = [
+        in_series = {(s.joint, float(k + 1)) for s in self.series for k in np.flatnonzero(s.weights)}
+        mixed = [
             (joint, turns, weight)
             for (joint, turns), weight in self.weights.items()
-            if any(turns) and not (sum(map(bool, turns)) == 1 and (joint, turns[joint]) in own)
+            if any(turns) and not (sum(map(bool, turns)) == 1 and (joint, turns[joint]) in in_series)
         ]
-        return Combinations.of(others, self.joints)
+        return Combinations.of(mixed, self.joints)
 
     @property
     def bound(self) -> FloatArray:
         """The most that waves of other joints than the moved one come to, with constants, shape (joints,)."""
         out = np.zeros(self.joints)
         for (joint, turns), weight in self.weights.items():
-            alone = turns[joint] and sum(map(bool, turns)) == 1
-            out[joint] += 0.0 if alone else abs(weight)
+            single_joint = turns[joint] and sum(map(bool, turns)) == 1
+            out[joint] += 0.0 if single_joint else abs(weight)
         return out
 
     # ------------------------------------------------------------ values
@@ -159,8 +159,8 @@ class Waves:
 
     def add_own(self, q: FloatArray, out: FloatArray) -> None:
         """Add the waves of each joint that depend on it alone to ``out`` (n, joints): what `bound` leaves out."""
-        own = {(j, turns): w for (j, turns), w in self.weights.items() if turns[j] and sum(map(bool, turns)) == 1}
-        Waves(self.joints, own).add(q, out)
+        single = {(j, turns): w for (j, turns), w in self.weights.items() if turns[j] and sum(map(bool, turns)) == 1}
+        Waves(self.joints, single).add(q, out)
 
     def add_slopes(self, q: FloatArray, out: FloatArray, factor: FloatArray | None = None) -> None:
         """Add the derivative by the joints to ``out`` (n, joints, joints); parameters as `add`."""
@@ -203,12 +203,12 @@ class Combinations:
     @staticmethod
     def of(waves: Sequence[tuple[int, Turns, complex]], joints: int) -> Combinations:
         """From the joint moved, the turns and the weight of each."""
-        place = {turns: k for k, turns in enumerate(dict.fromkeys(turns for _, turns, _ in waves))}
+        column = {turns: k for k, turns in enumerate(dict.fromkeys(turns for _, turns, _ in waves))}
         targets = np.unique(np.array([joint for joint, _, _ in waves], dtype=int))
-        weights = np.zeros((len(targets), len(place)), dtype=complex)
+        weights = np.zeros((len(targets), len(column)), dtype=complex)
         for joint, turns, weight in waves:
-            weights[np.searchsorted(targets, joint), place[turns]] += weight
-        return Combinations(np.array(list(place), dtype=float).reshape(-1, joints), targets, weights)
+            weights[np.searchsorted(targets, joint), column[turns]] += weight
+        return Combinations(np.array(list(column), dtype=float).reshape(-1, joints), targets, weights)
 
     @cached_property
     def values(self) -> FloatArray:
@@ -237,16 +237,16 @@ class Combinations:
         joints : ndarray of int
             Whose exponentials are needed.
         """
-        place: dict[Turns, int] = {}
+        step_of: dict[Turns, int] = {}
         steps: list[tuple[int, int, int]] = []
 
         def product(turns: Turns) -> int:
-            if turns not in place:
+            if turns not in step_of:
                 last = max(k for k, n in enumerate(turns) if n)
                 less = (*turns[:last], 0.0, *turns[last + 1 :])
                 steps.append((product(less) if any(less) else -1, last, int(turns[last])))
-                place[turns] = len(steps) - 1
-            return place[turns]
+                step_of[turns] = len(steps) - 1
+            return step_of[turns]
 
         every = [tuple(row) for row in self.turns.tolist()]
         chosen = [turns for turns in every if set(map(abs, turns)) <= {0.0, 1.0}]
@@ -263,18 +263,18 @@ class Combinations:
         if not steps or n < FEW:
             cos_sin(self.turns @ q, out=out)
             return out.reshape(2 * count, n)
-        of = np.empty((len(joints), n), dtype=complex)
-        of.real, of.imag = cos_sin(q[joints])
-        factors = {sign: dict(zip(joints.tolist(), z, strict=True)) for sign, z in ((1, of), (-1, of.conj()))}
-        made = np.empty((len(steps), n), dtype=complex)
+        phasors = np.empty((len(joints), n), dtype=complex)
+        phasors.real, phasors.imag = cos_sin(q[joints])
+        factors = {sign: dict(zip(joints.tolist(), z, strict=True)) for sign, z in ((1, phasors), (-1, phasors.conj()))}
+        products = np.empty((len(steps), n), dtype=complex)
         for k, (parent, joint, sign) in enumerate(steps):
-            made[k] = factors[sign][joint]
+            products[k] = factors[sign][joint]
             if parent >= 0:
-                made[k] *= made[parent]
-        whole = product >= 0
-        out[0, whole], out[1, whole] = made.real[product[whole]], made.imag[product[whole]]
-        if not whole.all():
-            out[:, ~whole] = cos_sin(self.turns[~whole] @ q)
+                products[k] *= products[parent]
+        by_product = product >= 0
+        out[0, by_product], out[1, by_product] = products.real[product[by_product]], products.imag[product[by_product]]
+        if not by_product.all():
+            out[:, ~by_product] = cos_sin(self.turns[~by_product] @ q)
         return out.reshape(2 * count, n)
 
 
@@ -314,10 +314,10 @@ def _turned(vectors: Vectors, joint: int, offset: float, forward: bool) -> Vecto
     phase = np.exp(1j * offset)
     for turns, vector in vectors.items():
         for step, matrix in ((0.0, _STILL), (1.0, ahead * phase), (-1.0, behind / phase)):
-            part = matrix @ vector
-            if np.abs(part).max() > NOTHING:
+            turned = matrix @ vector
+            if np.abs(turned).max() > NOTHING:
                 key = (*turns[:joint], turns[joint] + step, *turns[joint + 1 :])
-                out[key] = out.get(key, 0.0) + part
+                out[key] = out.get(key, 0.0) + turned
     return {turns: vector for turns, vector in out.items() if np.abs(vector).max() > 1e-16}
 
 
@@ -372,8 +372,8 @@ def expanded_lever(arm: Arm, joint: int, link: int, vector: ArrayLike, gravity: 
         for b, g in down.items():
             turns_of = tuple(x + y for x, y in zip(a, b, strict=True))
             out[turns_of] = out.get(turns_of, 0.0) + complex(w[0] * g[1] - w[1] * g[0])
-    found = {turns: weight for turns, weight in canonical(out).items() if abs(weight) > NOTHING}
-    return found if len(found) <= MOST else None
+    waves = {turns: weight for turns, weight in canonical(out).items() if abs(weight) > NOTHING}
+    return waves if len(waves) <= MOST else None
 
 
 def _about_z(angle: float) -> FloatArray:
