@@ -73,14 +73,14 @@ class Gravity(Basis):
             out[:, :, i] += moves_vector * rate
         return out
 
-    def quick_values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def quick_values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """As `values`; levers about the joints' own axes by their waves, which are found once for an arm."""
         levers = tuple((t.joint, _link(t), _vector(t)) for t in terms)
-        waves = _waves(here.arm, levers, tuple(here.gravity.tolist())) if all(t.axis == "rz" for t in terms) else None
+        waves = _waves(situation.arm, levers, tuple(situation.gravity.tolist())) if all(t.axis == "rz" for t in terms) else None
         if waves is None:
-            return self.values(terms, here)
-        out = np.zeros((len(terms), len(here.motion)))
-        out[waves.targets] = waves.values @ waves.cosines_and_sines(here.motion.q.T)
+            return self.values(terms, situation)
+        out = np.zeros((len(terms), len(situation.motion)))
+        out[waves.targets] = waves.values @ waves.cosines_and_sines(situation.motion.q.T)
         return out
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:

@@ -149,9 +149,9 @@ class Basis(ABC):
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """The function for each term and pose, shape (terms, n)."""
 
-    def quick_values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+    def quick_values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """As `values`, where there is a faster way."""
-        return self.values(terms, here)
+        return self.values(terms, situation)
 
     @abstractmethod
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
