@@ -76,7 +76,11 @@ class Gravity(Basis):
     def quick_values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """As `values`; levers about the joints' own axes by their waves, which are found once for an arm."""
         levers = tuple((t.joint, _link(t), _vector(t)) for t in terms)
-        waves = _waves(situation.arm, levers, tuple(situation.gravity.tolist())) if all(t.axis == "rz" for t in terms) else None
+        waves = (
+            _waves(situation.arm, levers, tuple(situation.gravity.tolist()))
+            if all(t.axis == "rz" for t in terms)
+            else None
+        )
         if waves is None:
             return self.values(terms, situation)
         out = np.zeros((len(terms), len(situation.motion)))
