@@ -34,9 +34,9 @@ def aligned(*shape: int) -> FloatArray:
     numbers = math.prod(shape)
     if numbers < 64 * LINE:  # too few to be worth the search
         return np.empty(shape)
-    whole = np.empty(numbers + LINE)
-    first = -whole.ctypes.data % (8 * LINE) // 8
-    return whole[first : first + numbers].reshape(shape)
+    buffer = np.empty(numbers + LINE)
+    first = -buffer.ctypes.data % (8 * LINE) // 8
+    return buffer[first : first + numbers].reshape(shape)
 
 
 @contextmanager
@@ -92,9 +92,9 @@ def locked(value: Any) -> Any:
     if isinstance(value, LockedDict):
         return value
     if isinstance(value, Mapping):
-        return LockedDict({key: locked(item) for key, item in value.items()})
+        return LockedDict({key: locked(element) for key, element in value.items()})
     if isinstance(value, list):
-        return tuple(locked(item) for item in value)
+        return tuple(locked(element) for element in value)
     return value
 
 

@@ -116,15 +116,15 @@ class _Row:
 def _tidy(folders: Sequence[Path]) -> Iterator[None]:
     """Lock folders, with those of the journals that their leftovers belong to, and carry out what was left."""
     while True:
-        wanted = _with_journals(folders)
+        locked = _with_journals(folders)
         with ExitStack() as locks:
-            for folder in wanted:
+            for folder in locked:
                 locks.enter_context(_locked(folder))
-            if not set(_with_journals(folders)) <= set(wanted):
+            if not set(_with_journals(folders)) <= set(locked):
                 continue  # another writer was killed meanwhile
-            for folder in wanted:
+            for folder in locked:
                 _carry_out(folder)
-            for folder in wanted:
+            for folder in locked:
                 _sweep(folder)
             yield
             return
@@ -155,14 +155,14 @@ def _leftovers(folder: Path) -> list[Path]:
 
 def _with_journals(folders: Sequence[Path]) -> list[Path]:
     """Folders with those of the journals of sets that have files in them, in the order in which they are locked."""
-    found = {Path(os.path.realpath(folder)) for folder in folders}
-    for folder in tuple(found):
+    real = {Path(os.path.realpath(folder)) for folder in folders}
+    for folder in tuple(real):
         for path in _leftovers(folder):
             if path.suffix == ELSEWHERE:
                 journal = folder / path.read_text(encoding="utf-8")
                 if journal.exists():
-                    found.add(Path(os.path.realpath(journal.parent)))
-    return sorted(found)
+                    real.add(Path(os.path.realpath(journal.parent)))
+    return sorted(real)
 
 
 def _write(targets: Mapping[Path, bytes], folders: Sequence[Path]) -> None:
@@ -216,9 +216,9 @@ def _turn_back(rows: Sequence[_Row], draft: Path, journal: Path) -> None:
         row.back()
 
 
-def _clear(rows: Sequence[_Row], others: Sequence[Path]) -> None:
+def _clear(rows: Sequence[_Row], leftovers: Sequence[Path]) -> None:
     """The journal goes first: what is left then is rubbish that the next one sweeps."""
-    for path in (*others, *(part for row in rows for part in (row.new, row.old))):
+    for path in (*leftovers, *(path for row in rows for path in (row.new, row.old))):
         with suppress(OSError):
             os.unlink(path)
 
@@ -234,8 +234,8 @@ def _carry_out(folder: Path) -> None:
                 row.back()
             elif row.new.exists():
                 os.replace(row.new, row.path)
-        for other in {row.path.parent for row in rows}:
-            _sync(other)
+        for folder_of_row in {row.path.parent for row in rows}:
+            _sync(folder_of_row)
         _clear(rows, [journal])
 
 
@@ -246,7 +246,7 @@ def _sweep(folder: Path) -> None:
 
 
 def _journal(rows: Sequence[_Row], forward: bool, folder: Path) -> bytes:
-    files = [[*(os.path.relpath(part, folder) for part in (r.path, r.new, r.old)), r.existed] for r in rows]
+    files = [[*(os.path.relpath(path, folder) for path in (r.path, r.new, r.old)), r.existed] for r in rows]
     return json.dumps({"irbcal": "journal", "forward": forward, "files": files}).encode()
 
 
@@ -326,7 +326,7 @@ def check_writable(folder: str | Path, names: Sequence[str] = ()) -> list[Path]:
     if not os.fspath(folder):
         raise CalibrationError("expected the name of a folder to write to, found an empty text", parameter="out")
     folder = Path(folder)
-    made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+    new = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / f"{PREFIX}{secrets.token_hex(6)}{NEW}"
@@ -336,10 +336,10 @@ def check_writable(folder: str | Path, names: Sequence[str] = ()) -> list[Path]:
         raise CalibrationError("expected a folder to write to, found a file", file=folder) from None
     except OSError as error:
         raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=folder) from None
-    taken = [name for name in names if os.path.isdir(folder / name)]
-    if taken:
-        raise CalibrationError("expected a file to replace, found a folder", file=folder / taken[0])
-    return made
+    folders_there = [name for name in names if os.path.isdir(folder / name)]
+    if folders_there:
+        raise CalibrationError("expected a file to replace, found a folder", file=folder / folders_there[0])
+    return new
 
 
 @contextmanager
@@ -358,13 +358,13 @@ def made_folders(*folders: str | Path, names: Sequence[str] = ()) -> Iterator[No
     CalibrationError
         If one cannot be written.
     """
-    made: list[Path] = []
+    new: list[Path] = []
     try:
         for folder in folders:
-            made += check_writable(folder, names)
+            new += check_writable(folder, names)
         yield
     except BaseException:
-        for folder in made:  # an empty folder would look like a result
+        for folder in new:  # an empty folder would look like a result
             with suppress(OSError):
                 Path(folder).rmdir()
         raise

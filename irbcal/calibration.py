@@ -115,7 +115,7 @@ class Calibration(Speaks):
 
         checked("what", what, ("parameters", "points"))
         if what == "parameters":
-            return pd.DataFrame([vars(item) for item in self.record.parameters])
+            return pd.DataFrame([vars(parameter) for parameter in self.record.parameters])
         columns = {name: values for name, values in self.record.points if values}
         return pd.DataFrame(columns)
 
@@ -136,13 +136,17 @@ class Calibration(Speaks):
         from irbcal.reports.limits import limits
 
         r = self.record
-        told = [*self.verdict.told(), self._errors(targets=False), self._identified()]
-        told += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.evidence)[:1]]
+        lines = [*self.verdict.told(), self._errors(targets=False), self._identified()]
+        lines += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.evidence)[:1]]
         notes = [note for note in r.notes if note not in r.doubts]
         more = [
-            f"{count} {what}" for count, what in ((len(notes), "notes"), (len(r.excluded), "points left out")) if count
+            f"{count} {label}"
+            for count, label in ((len(notes), "notes"), (len(r.excluded), "points left out"))
+            if count
         ]
-        return told + ([f"Not shown: {' and '.join(more)} (report.html, --verbose, in Python proof())"] if more else [])
+        return lines + (
+            [f"Not shown: {' and '.join(more)} (report.html, --verbose, in Python proof())"] if more else []
+        )
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -161,22 +165,22 @@ class Calibration(Speaks):
         r = self.record
         nominal, calibrated = (r.heldout_nominal, r.heldout) if r.heldout is not None else (r.fit_nominal, r.fit)
         assert nominal is not None
-        told = [*self.verdict.told(), self._errors(), *feature_tables(r, verbose)]
+        lines = [*self.verdict.told(), self._errors(), *feature_tables(r, verbose)]
         if calibrated.orientation and nominal.orientation:
-            both = (("nominal", nominal.orientation), (f"model {r.model}", calibrated.orientation))
-            told += [orientation_line(name, turned.model_dump()) for name, turned in both]
+            models = (("nominal", nominal.orientation), (f"model {r.model}", calibrated.orientation))
+            lines += [orientation_line(name, turned.model_dump()) for name, turned in models]
         groups = [] if r.evidence is None else [(g.name, g.terms, g.seen, g.size) for g in r.evidence.groups]
-        told += [self._identified(), *([groups_table(groups)] if groups else []), *model_tables(r)]
-        told += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
-        told += [f"Note: {note}" for note in r.notes if note not in r.doubts]
+        lines += [self._identified(), *([groups_table(groups)] if groups else []), *model_tables(r)]
+        lines += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
+        lines += [f"Note: {note}" for note in r.notes if note not in r.doubts]
         check = r.pinocchio_check
         second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""
-        told.append(
+        lines.append(
             f"Pinocchio{second} on the written URDF, {check.poses} random poses: differs by {check.position_m:.1e} m, "
             f"{check.rotation_rad:.1e} rad"
         )
-        told.append(f"Link frames moved by at most {r.largest_link_shift_mm:.3f} mm at zero joints")
-        return told
+        lines.append(f"Link frames moved by at most {r.largest_link_shift_mm:.3f} mm at zero joints")
+        return lines
 
     def _errors(self, targets: bool = True) -> Table:
         """Errors before and after, of all targets and on request of each; of held-out poses where there are any."""
@@ -195,7 +199,7 @@ class Calibration(Speaks):
 
     def parameter_table(self) -> Table:
         """Parameters with their standard deviation, unit and state."""
-        rows: list[tuple[Cell, ...]] = [parameter_row(item) for item in self.record.parameters]
+        rows: list[tuple[Cell, ...]] = [parameter_row(parameter) for parameter in self.record.parameters]
         return Table("Parameters", ("name", "value", "±", "unit", "state"), tuple(rows))
 
     def to_dict(self, out: str | Path | None = None) -> dict[str, Any]:
@@ -221,7 +225,7 @@ class Calibration(Speaks):
             "parameters": r.parameter_count,
             "held": list(r.held),
             "choice": r.choice.model_dump() if r.choice else None,
-            "excluded": [item.model_dump() for item in r.excluded],
+            "excluded": [point.model_dump() for point in r.excluded],
             "notes": list(r.notes),
             "largest_link_shift_mm": r.largest_link_shift_mm,
             "pinocchio_check": r.pinocchio_check.model_dump(),
@@ -348,8 +352,8 @@ def calibrate(
     IrbcalError
         If an input or an option is refused.
     """
-    given = dict(locals())
-    options = Options(**{name: value for name, value in given.items() if name in Options.__dataclass_fields__})
+    arguments = dict(locals())
+    options = Options(**{name: value for name, value in arguments.items() if name in Options.__dataclass_fields__})
     record, urdf, proven = run(measurements, robot, options, progress)
     return Calibration(record, urdf, None, proven)
 
@@ -406,7 +410,10 @@ def save(
 
     how = checked("mesh_paths", mesh_paths, paths.CHOICES)
     check_writable(folder, NAMES)
-    record, other_sessions = calibration.record, tuple(f"@{item.name}" for item in calibration.record.sessions[:-1])
+    record, other_sessions = (
+        calibration.record,
+        tuple(f"@{session.name}" for session in calibration.record.sessions[:-1]),
+    )
     T_world_base, targets, _ = record.placement.parts()
     targets = {name: xyz for name, xyz in targets.items() if target_links and not name.endswith(other_sessions)}
     data = urdf.with_links(calibration.urdf, calibration.arm(), T_world_base if world_link else None, targets)

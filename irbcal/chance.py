@@ -24,13 +24,13 @@ def normal_quantile(share: ArrayLike) -> FloatArray:
     return np.vectorize(NormalDist().inv_cdf, otypes=[float])(share)
 
 
-def f_beyond(value: float, freedom: float, other: float) -> float:
+def f_beyond(value: float, freedom: float, freedom_below: float) -> float:
     """Probability that an F-distributed number is above a value.
 
     Parameters
     ----------
     value : float
-    freedom, other : float
+    freedom, freedom_below : float
         Degrees of freedom of numerator and denominator.
 
     Notes
@@ -40,8 +40,8 @@ def f_beyond(value: float, freedom: float, other: float) -> float:
     """
     if not value > 0.0:
         return 1.0 if value <= 0.0 else math.nan
-    x = other / (other + freedom * value)
-    a, b = other / 2.0, freedom / 2.0
+    x = freedom_below / (freedom_below + freedom * value)
+    a, b = freedom_below / 2.0, freedom / 2.0
     front = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
     if x < (a + 1.0) / (a + b + 2.0):
         return math.exp(front) * _fraction(a, b, x) / a

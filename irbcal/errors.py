@@ -61,7 +61,7 @@ class IrbcalError(Exception):
             place.append(f"{'row' if line is None else 'line'} {self.row}")
         if self.column is not None:
             place.append(f"{'columns' if ', ' in self.column else 'column'} {self.column}")
-        super().__init__(_one_line(": ".join(part for part in (self.file, ", ".join(place), message) if part)))
+        super().__init__(_one_line(": ".join(piece for piece in (self.file, ", ".join(place), message) if piece)))
 
 
 def _one_line(text: str) -> str:
@@ -99,7 +99,7 @@ class OptionError(IrbcalError):
     """An option or argument of a function has a value that it does not know."""
 
     @classmethod
-    def unknown(cls, parameter: str, found: object, choices: Sequence[str]) -> OptionError:
+    def unknown(cls, parameter: str, value: object, choices: Sequence[str]) -> OptionError:
         """Refusal of a value that is not among the choices; the sentence lists them."""
         expected = " or ".join(filter(None, [", ".join(choices[:-1]), choices[-1]]))
-        return cls(f"{parameter}: expected {expected}, found {found!r}", parameter=parameter)
+        return cls(f"{parameter}: expected {expected}, found {value!r}", parameter=parameter)

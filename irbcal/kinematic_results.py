@@ -115,10 +115,10 @@ class ForwardResult(Speaks):
 
     def told(self) -> Sequence[Told]:
         """What is where, and the first rows."""
-        what = f"{self.tip} in {self.base}" if self.target is None else f"{self.target} in the measuring frame"
-        told: list[Told] = [f"{len(self)} {'poses' if self.target is None else 'places'} of {what}"]
-        told += [self.caution] if self.caution else []
-        return [*told, _first_rows(self.to_frame())]
+        subject = f"{self.tip} in {self.base}" if self.target is None else f"{self.target} in the measuring frame"
+        lines: list[Told] = [f"{len(self)} {'poses' if self.target is None else 'places'} of {subject}"]
+        lines += [self.caution] if self.caution else []
+        return [*lines, _first_rows(self.to_frame())]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,15 +201,15 @@ class InverseJoints(Speaks):
             headline = f"{len(self)} ways to reach {len(set(self.row.tolist()))} poses within the joint limits"
         else:
             headline = f"joints for {int(self.found.sum())} of {len(self)} poses"
-        return [headline, *(place.in_words() for place in self.singular), _first_rows(self.to_frame())]
+        return [headline, *(singularity.in_words() for singularity in self.singular), _first_rows(self.to_frame())]
 
 
 def _first_rows(table: pd.DataFrame) -> Table:
-    shown = table.head(SHOWN)
+    first = table.head(SHOWN)
     title = f"the first {SHOWN} of {len(table)} rows" if len(table) > SHOWN else "rows"
     cells = tuple(
         tuple(None if isinstance(cell, float) and np.isnan(cell) else cell for cell in row)
-        for row in shown.astype(object).itertuples(index=False)
+        for row in first.astype(object).itertuples(index=False)
     )
     return Table(title, tuple(map(str, table.columns)), cells, digits=6)
 

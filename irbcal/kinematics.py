@@ -96,7 +96,7 @@ def forward_kinematics(
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     model = loaded(opened.robot, payload, payload_place)
-    q, given = _joints(q, model.arm)
+    q, cells = _joints(q, model.arm)
     if target is not None and not model.targets:
         raise RobotError(
             "a URDF has no reflectors: name a calibration folder to predict a target's position", parameter="target"
@@ -109,7 +109,7 @@ def forward_kinematics(
         target=target,
         points=points,
         note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        **({"given": given} | _certain(opened, model, q, target, uncertainty, intervals, nominal)),
+        **({"given": cells} | _certain(opened, model, q, target, uncertainty, intervals, nominal)),
     )
 
 
@@ -117,9 +117,9 @@ def _certain(
     opened: Opened, model: Robot, q: FloatArray, target: str | None, uncertainty: bool, intervals: bool, nominal: bool
 ) -> dict[str, Any]:
     """What a result says of its certainty, as far as it is asked for."""
-    found = dict[str, Any]()
-    for name, asked in (("uncertainty", uncertainty), ("intervals", intervals)):
-        if asked and (opened.record is None or nominal):
+    fields = dict[str, Any]()
+    for name, requested in (("uncertainty", uncertainty), ("intervals", intervals)):
+        if requested and (opened.record is None or nominal):
             raise RobotError(
                 f"{opened.name}: only the calibrated behaviour of a calibration folder knows its uncertainty",
                 parameter=name,
@@ -128,13 +128,13 @@ def _certain(
         from irbcal.validation.uncertainty import position_std
 
         heldout = opened.record.heldout
-        found["std"] = position_std(opened.record, q, target, model)
+        fields["std"] = position_std(opened.record, q, target, model)
         if heldout is not None and opened.record.features is None:
-            found |= {"heldout_mean": heldout.all.mean_mm * MM, "heldout_rms": heldout.all.rms_mm * MM}
+            fields |= {"heldout_mean": heldout.all.mean_mm * MM, "heldout_rms": heldout.all.rms_mm * MM}
     if intervals:
-        seen = model.predict_tip(q) if target is None else model.predict(q, target=target)
-        found |= {"interval": seen.interval, "outside": seen.outside}
-    return found
+        predicted = model.predict_tip(q) if target is None else model.predict(q, target=target)
+        fields |= {"interval": predicted.interval, "outside": predicted.outside}
+    return fields
 
 
 @on_workers
@@ -210,31 +210,33 @@ def inverse_kinematics(
     if all_branches and (path or redundancy is not None):
         raise OptionError("all_branches: goes neither with a path nor with a criterion", parameter="all_branches")
     if redundancy is not None and (redundancy not in spare.CRITERIA or len(arm.lower) < 7):
-        words = f"redundancy: expected limits or near, found {shown(redundancy)}"
+        message = f"redundancy: expected limits or near, found {shown(redundancy)}"
         if redundancy in spare.CRITERIA:
-            words = f"redundancy: {arm.name} has {len(arm.lower)} joints, none to spare for a criterion"
-        raise OptionError(words, parameter="redundancy")
-    T, given = _poses(T_base_tip)
+            message = f"redundancy: {arm.name} has {len(arm.lower)} joints, none to spare for a criterion"
+        raise OptionError(message, parameter="redundancy")
+    T, cells = _poses(T_base_tip)
     start = _start(arm, near)
     columns, units = tuple(arm.joint_columns), arm.joint_units
     if path:
-        way = along_path.follow(model, arm, check_poses(T), start, redundancy)
+        path_result = along_path.follow(model, arm, check_poses(T), start, redundancy)
         rows = np.arange(len(T))
-        return InverseJoints(way.joints, rows, None, way.note, columns, units, arm.coupling, given, way.singular)
+        return InverseJoints(
+            path_result.joints, rows, None, path_result.note, columns, units, arm.coupling, cells, path_result.singular
+        )
     if all_branches:
-        return replace(_all_branches(model, arm, T, start), given=given)
+        return replace(_all_branches(model, arm, T, start), given=cells)
     if redundancy is not None:
-        found = spare.solve(model, arm, T, start, redundancy)
+        solution = spare.solve(model, arm, T, start, redundancy)
     elif closed_form.has_closed_form(arm):
-        found = calibrated_arm.solve_nearest(model, arm, T, start)
+        solution = calibrated_arm.solve_nearest(model, arm, T, start)
     else:
         # with fewer than six joints a pose is met only as well as its file is rounded
         tolerance = 1e-8 if len(start) < 6 else 1e-10
-        found = any_arm.solve(model, arm, T, start, tolerance, tolerance)
+        solution = any_arm.solve(model, arm, T, start, tolerance, tolerance)
     return InverseJoints(
-        *(found.joints, np.arange(len(T)), None, found.notes(), columns, units),
+        *(solution.joints, np.arange(len(T)), None, solution.notes(), columns, units),
         coupling=arm.coupling,
-        given=given,
+        given=cells,
     )
 
 
@@ -249,12 +251,12 @@ def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> In
     for k, name in enumerate(closed_form.BRANCH_NAMES):
         seed, inside = closed_form.with_configuration(arm, branches, np.full(len(T), k), near)
         row = np.flatnonzero(inside)
-        found = calibrated_arm.solve(model, arm, T[row], seed=seed[row])
-        good = found.converged
-        joints.append(found.joints[good])
+        solution = calibrated_arm.solve(model, arm, T[row], seed=seed[row])
+        good = solution.converged
+        joints.append(solution.joints[good])
         rows.append(row[good])
         names.append(np.full(int(good.sum()), name, dtype=object))
-        notes.append(found.notes()[good])
+        notes.append(solution.notes()[good])
     order = np.argsort(np.concatenate(rows), kind="stable")
     return InverseJoints(
         np.concatenate(joints)[order],
@@ -280,15 +282,15 @@ def _joints(q: JointsLike, arm: Arm) -> tuple[FloatArray, pd.DataFrame | None]:
     from irbcal.measurement.table import MeasurementSet
 
     if isinstance(q, (str, PathLike, pd.DataFrame)):
-        values, given = lists.joints_with_cells(q, arm.joint_columns)
-        return arm.from_controller(values), given
+        values, cells = lists.joints_with_cells(q, arm.joint_columns)
+        return arm.from_controller(values), cells
     if isinstance(q, MeasurementSet):
         return q.of_arm(arm).joints(), None
-    found = arm.check_joints(q.joints if isinstance(q, InverseJoints) else q)
-    if not np.isfinite(found).all():
-        row, joint = np.argwhere(~np.isfinite(found))[0]
+    checked = arm.check_joints(q.joints if isinstance(q, InverseJoints) else q)
+    if not np.isfinite(checked).all():
+        row, joint = np.argwhere(~np.isfinite(checked))[0]
         raise RobotError(f"joints: row {row + 1} has no number for {arm.joint_names[joint]}", parameter="q")
-    return found, None
+    return checked, None
 
 
 def _poses(T_base_tip: PosesLike) -> tuple[FloatArray, pd.DataFrame | None]:

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 def python(value: Any) -> str:
     """Numbers, texts, None, and lists and dicts of them as Python writes them; ``nan`` and ``inf`` are names."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{python(key)}: {python(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{python(key)}: {python(element)}" for key, element in value.items()) + "}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(python(item) for item in value) + "]"
+        return "[" + ", ".join(python(element) for element in value) + "]"
     if isinstance(value, np.generic):
         value = value.item()
     for kind in (bool, int, float, str):
@@ -51,7 +51,7 @@ def cpp(value: Any) -> str:
         plain = (chr(byte) if 32 <= byte < 127 and byte not in b'"\\?' else f"\\{byte:03o}" for byte in value.encode())
         return f'"{"".join(plain)}"'
     if isinstance(value, (list, tuple, np.ndarray)):
-        return "{" + ", ".join(cpp(item) for item in value) + "}"
+        return "{" + ", ".join(cpp(element) for element in value) + "}"
     raise TypeError(f"no literal of C++: {type(value).__name__}")
 
 

@@ -19,7 +19,7 @@ MOST_POSES = 100_000
 """Poses that can be asked for at a time."""
 
 
-def checked(parameter: str, found: str, choices: Sequence[T]) -> T:
+def checked(parameter: str, value: str, choices: Sequence[T]) -> T:
     """The value of an option, if it is one of the choices.
 
     Raises
@@ -28,9 +28,9 @@ def checked(parameter: str, found: str, choices: Sequence[T]) -> T:
         If it is not; the sentence lists the choices.
     """
     for choice in choices:
-        if choice == found:
+        if choice == value:
             return choice
-    raise OptionError.unknown(parameter, found, choices)
+    raise OptionError.unknown(parameter, value, choices)
 
 
 @overload
@@ -109,7 +109,7 @@ def length(parameter: str, value: Any, low: float | None = None) -> float:
     return metres
 
 
-def place(parameter: str, value: Any, what: str = "x, y, z in metres", counts: Sequence[int] = (3,)) -> FloatArray:
+def place(parameter: str, value: Any, expected: str = "x, y, z in metres", counts: Sequence[int] = (3,)) -> FloatArray:
     """The value of an option that is a place, metres.
 
     Parameters
@@ -117,8 +117,8 @@ def place(parameter: str, value: Any, what: str = "x, y, z in metres", counts: S
     parameter : str
         Name of the option.
     value : array_like
-        What was given: the place, and what else ``what`` says.
-    what : str
+        What was given: the place, and what else ``expected`` says.
+    expected : str
         The expected numbers in words.
     counts : sequence of int
         How many numbers there may be.
@@ -139,7 +139,7 @@ def place(parameter: str, value: Any, what: str = "x, y, z in metres", counts: S
     except (TypeError, ValueError):
         numbers = np.zeros(0)
     if numbers.shape not in [(count,) for count in counts] or not np.isfinite(numbers).all():
-        raise OptionError(f"{parameter}: expected {what}, found {shown(value)}", parameter=parameter)
+        raise OptionError(f"{parameter}: expected {expected}, found {shown(value)}", parameter=parameter)
     _refuse_millimetres(parameter, *numbers[:3])
     return numbers
 
@@ -153,17 +153,17 @@ def names(parameter: str, value: Any) -> tuple[str, ...]:
         If it is no sequence of names.
     """
     if isinstance(value, str):
-        parts = [part.strip() for part in value.split(",")]
+        pieces = [piece.strip() for piece in value.split(",")]
         raise OptionError(
-            f"{parameter}: expected a sequence of names, found one text: give {shown(parts)}", parameter=parameter
+            f"{parameter}: expected a sequence of names, found one text: give {shown(pieces)}", parameter=parameter
         )
     try:
-        found = tuple(value)
+        sequence = tuple(value)
     except TypeError:
-        found = (None,)
-    if not all(isinstance(item, str) for item in found):
+        sequence = (None,)
+    if not all(isinstance(name, str) for name in sequence):
         raise OptionError(f"{parameter}: expected a sequence of names, found {shown(value)}", parameter=parameter)
-    return found
+    return sequence
 
 
 _LONGEST = 60

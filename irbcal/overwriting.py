@@ -55,16 +55,16 @@ def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object) -> None:
     CalibrationError
         If an output is an input.
     """
-    named = [(option, path) for option, paths in outputs.items() for path in _paths(paths)]
-    seen: dict[str, str] = {}
-    for option, path in named:
-        place = os.path.realpath(path)
-        if not os.path.isdir(path) and seen.setdefault(place, option) != option:
+    outputs_by_option = [(option, path) for option, paths in outputs.items() for path in _paths(paths)]
+    option_of: dict[str, str] = {}
+    for option, path in outputs_by_option:
+        real = os.path.realpath(path)
+        if not os.path.isdir(path) and option_of.setdefault(real, option) != option:
             raise OptionError(
-                f"{option}: expected another file than that of {seen[place]}, found {path}", parameter=option
+                f"{option}: expected another file than that of {option_of[real]}, found {path}", parameter=option
             )
     read = [file for value in inputs for path in _paths(value) for file in _files(path)]
-    for option, path in named:
+    for option, path in outputs_by_option:
         for written in _files(path):
             if any(_same(written, file) for file in read):
                 raise CalibrationError(
@@ -107,9 +107,9 @@ def _files(path: Path) -> list[Path]:
     return [path / name for name in FOLDER_FILES] if os.path.isdir(path) else [path]
 
 
-def _same(one: Path, other: Path) -> bool:
+def _same(first: Path, second: Path) -> bool:
     """Whether two names are one file that exists."""
     try:
-        return os.path.samefile(one, other)
+        return os.path.samefile(first, second)
     except (OSError, ValueError):
         return False

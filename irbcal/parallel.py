@@ -67,15 +67,15 @@ class Interrupted(KeyboardInterrupt):
 
     Parameters
     ----------
-    left : int
+    remaining : int
         How much is still to be done.
-    what : str
+    tasks : str
         Of what, such as "robots to calibrate".
     """
 
-    def __init__(self, left: int, what: str) -> None:
-        self.left = left
-        super().__init__(f"interrupted with {left} {what}: the same call goes on from there")
+    def __init__(self, remaining: int, tasks: str) -> None:
+        self.left = remaining
+        super().__init__(f"interrupted with {remaining} {tasks}: the same call goes on from there")
 
 
 class WorkerLost(IrbcalError):
@@ -117,15 +117,15 @@ def using(jobs: int | None = None, engine: str | None = None) -> Iterator[Worker
     """
     if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
         raise OptionError(f"jobs: expected 1 or more, found {jobs!r}", parameter="jobs")
-    before = workers()
+    previous = workers()
     if jobs is None and engine is None:
-        found = before
+        current = previous
     else:
-        found = Workers(before.jobs if jobs is None else jobs, jobs is not None, _address(engine))
-    token = _current.set(found)
+        current = Workers(previous.jobs if jobs is None else jobs, jobs is not None, _address(engine))
+    token = _current.set(current)
     try:
         with one_thread():
-            yield found
+            yield current
     finally:
         _current.reset(token)
 
@@ -149,14 +149,14 @@ def one_thread() -> Iterator[None]:
         yield
         return
     _inside.limited = True
-    before = {name: os.environ.get(name) for name in BLAS_THREADS}
+    previous = {name: os.environ.get(name) for name in BLAS_THREADS}
     os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # for libraries that are loaded inside
     try:
         with threadpool_limits(1):
             yield
     finally:
         _inside.limited = False
-        for name, value in before.items():
+        for name, value in previous.items():
             if value is None:
                 os.environ.pop(name, None)
             else:
@@ -200,10 +200,10 @@ def threads(function: Callable[[T], R], items: Iterable[T], seconds: float) -> I
         yield from pool(delayed(_within)(function, item) for item in items)
 
 
-def _within(function: Callable[[T], R], item: T) -> R:
+def _within(function: Callable[[T], R], task: T) -> R:
     """In a thread of the pool: what is parallel inside runs one after the other."""
     _inside.worker = True
-    return function(item)
+    return function(task)
 
 
 # --- processes, also of other machines ------------------------------------------------------------------------
@@ -241,15 +241,15 @@ def each(
     IrbcalError
         If the cluster does not answer.
     """
-    here = workers()
-    count = min(here.jobs, len(items))
-    apart = here.address is not None or (count > 1 and (here.asked or seconds * len(items) > PROCESSES_PAY))
+    settings = workers()
+    count = min(settings.jobs, len(items))
+    apart = settings.address is not None or (count > 1 and (settings.asked or seconds * len(items) > PROCESSES_PAY))
     with _stopped_afterwards() as stopped, one_thread():
         if apart:
-            yield from _apart(function, shared, items, here, stopped, lost)
+            yield from _apart(function, shared, items, settings, stopped, lost)
         else:
-            for place, item in enumerate(items):
-                yield place, function(shared, item)
+            for index, task in enumerate(items):
+                yield index, function(shared, task)
                 if stopped():
                     break
         if stopped():
@@ -260,7 +260,7 @@ def _apart(
     function: Callable[[S, T], R],
     shared: S,
     items: Sequence[T],
-    here: Workers,
+    settings: Workers,
     stopped: Callable[[], bool],
     lost: Callable[[T], R] | None,
 ) -> Iterator[tuple[int, R]]:
@@ -268,33 +268,37 @@ def _apart(
     import numpy as np
 
     blob = np.frombuffer(pickle.dumps(shared), dtype=np.uint8)
-    parcel = _Parcel(function, blob, f"{os.getpid()}-{time.monotonic_ns()}", os.getpid() if here.address is None else 0)
-    left = dict(enumerate(items))
-    losses = dict.fromkeys(left, 0)
-    with _pool(here, blob) as (count, options):
-        while left and not stopped():
-            alone = [place for place in left if losses[place] >= MOST_LOSSES]
-            order = alone[:1] or list(left)
-            size = max(1, min(CHUNK if here.address else 1, len(order) // (4 * count)))
+    parcel = _Parcel(
+        function, blob, f"{os.getpid()}-{time.monotonic_ns()}", os.getpid() if settings.address is None else 0
+    )
+    remaining = dict(enumerate(items))
+    losses = dict.fromkeys(remaining, 0)
+    with _pool(settings, blob) as (count, options):
+        while remaining and not stopped():
+            suspects = [index for index in remaining if losses[index] >= MOST_LOSSES]
+            order = suspects[:1] or list(remaining)
+            size = max(1, min(CHUNK if settings.address else 1, len(order) // (4 * count)))
             sent: set[int] = set()
             chunks = [order[k : k + size] for k in range(0, len(order), size)]
             try:
-                for place, result in _round(parcel, left, chunks, (1 if alone else count), options, sent, stopped):
-                    del left[place]
+                for place, result in _round(
+                    parcel, remaining, chunks, (1 if suspects else count), options, sent, stopped
+                ):
+                    del remaining[place]
                     sent.discard(place)
                     yield place, result
             except _lost_errors():
                 for place in sent:
                     losses[place] += 1
-                if alone:
-                    yield alone[0], _give_up(left.pop(alone[0]), lost)
+                if suspects:
+                    yield suspects[0], _give_up(remaining.pop(suspects[0]), lost)
 
 
-def _give_up(item: T, lost: Callable[[T], R] | None) -> R:
+def _give_up(task: T, lost: Callable[[T], R] | None) -> R:
     if lost is None:
-        what = getattr(item, "name", item)
-        raise WorkerLost(f"the processes that worked on {what} ended by themselves, also alone (out of memory?)")
-    return lost(item)
+        subject = getattr(task, "name", task)
+        raise WorkerLost(f"the processes that worked on {subject} ended by themselves, also alone (out of memory?)")
+    return lost(task)
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +324,7 @@ class _Parcel:
 
 def _round(
     parcel: _Parcel,
-    left: Mapping[int, T],
+    remaining: Mapping[int, T],
     chunks: Sequence[Sequence[int]],
     count: int,
     options: Mapping[str, Any],
@@ -336,7 +340,7 @@ def _round(
                 return
             sent.update(chunk)
             yield delayed(_task)(
-                parcel.function, parcel.blob, parcel.name, parcel.parent, [(k, left[k]) for k in chunk]
+                parcel.function, parcel.blob, parcel.name, parcel.parent, [(k, remaining[k]) for k in chunk]
             )
 
     # one at a time still takes a process of its own
@@ -361,7 +365,7 @@ def _task(
     with _one_at_a_time, one_thread():
         _inside.worker = True
         shared = _unpacked(blob, name)
-        return [(place, function(shared, item)) for place, item in chunk]
+        return [(index, function(shared, task)) for index, task in chunk]
 
 
 _kept: dict[str, Any] = {}
@@ -392,15 +396,15 @@ def _end_with(parent: int) -> None:
 
 
 @contextmanager
-def _pool(here: Workers, blob: NDArray[np.uint8]) -> Iterator[tuple[int, Mapping[str, Any]]]:
+def _pool(settings: Workers, blob: NDArray[np.uint8]) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """Number of workers and how joblib is told of them."""
     from joblib import parallel_config
 
-    if here.address is None:
+    if settings.address is None:
         with parallel_config("loky", inner_max_num_threads=1):
-            yield here.jobs, {"max_nbytes": "1M"}
+            yield settings.jobs, {"max_nbytes": "1M"}
         return
-    with _client(here.address) as client, parallel_config("dask", client=client, scatter=[blob]):
+    with _client(settings.address) as client, parallel_config("dask", client=client, scatter=[blob]):
         yield max(1, sum(client.nthreads().values())), {}
 
 
@@ -416,13 +420,14 @@ def _client(address: str) -> Iterator[Any]:
     except OSError:
         raise IrbcalError(f"no Dask scheduler answers at {address}", parameter="engine") from None
     try:
-        own, theirs = _versions(), client.run(_versions)
+        versions, theirs = _versions(), client.run(_versions)
         if not theirs:
             raise IrbcalError(f"the Dask cluster at {address} has no workers", parameter="engine")
-        for worker, found in theirs.items():
-            if found != own:
+        for worker, other_versions in theirs.items():
+            if other_versions != versions:
                 raise IrbcalError(
-                    f"the worker {worker} has {found}, this process {own}: results would differ", parameter="engine"
+                    f"the worker {worker} has {other_versions}, this process {versions}: results would differ",
+                    parameter="engine",
                 )
         yield client
     finally:
@@ -460,21 +465,21 @@ def _in_main_thread() -> bool:
 @contextmanager
 def _stopped_afterwards() -> Iterator[Callable[[], bool]]:
     """Whether Ctrl-C was pressed inside, which has no other effect; a second time it takes effect at once."""
-    asked: list[int] = []
+    signals: list[int] = []
     if not _in_main_thread():
         yield lambda: False
         return
 
     def wait(number: int, frame: FrameType | None) -> None:
-        if asked:
+        if signals:
             raise KeyboardInterrupt
-        asked.append(number)
+        signals.append(number)
 
-    before = signal.signal(signal.SIGINT, wait)
+    previous = signal.signal(signal.SIGINT, wait)
     try:
-        yield lambda: bool(asked)
+        yield lambda: bool(signals)
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous)
 
 
 @contextmanager
@@ -483,8 +488,8 @@ def _quiet_start() -> Iterator[None]:
     if not _in_main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a blocked signal would be let through by multiprocessing
+    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a blocked signal would be let through by multiprocessing
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous)

@@ -1097,7 +1097,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         "those of that file. The joint map is in calibration.json."
         + ("" if frame_terms is None else f" {frame_terms.in_words}")
     )
-    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, words=words)
+    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=words)
     nominal, errors = done.nominal_robot, done.errors
     made = Record(
         schema_name=SCHEMA,

@@ -21,7 +21,7 @@ LARGEST_FILE = 1_000_000_000
 
 
 def read_bytes(
-    path: str | os.PathLike[str], error: type[IrbcalError], *, most: int = LARGEST_FILE, what: str = ""
+    path: str | os.PathLike[str], error: type[IrbcalError], *, limit_bytes: int = LARGEST_FILE, prefix: str = ""
 ) -> bytes:
     """Content of a regular file.
 
@@ -30,9 +30,9 @@ def read_bytes(
     path : str or Path
     error : type
         The kind of error to raise.
-    most : int
+    limit_bytes : int
         Bytes that it may have.
-    what : str
+    prefix : str
         Put before the reason, such as "not a calibration folder: ".
 
     Returns
@@ -50,39 +50,39 @@ def read_bytes(
         # without O_NONBLOCK, opening a pipe would wait for a writer
         handle = os.open(source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (OSError, ValueError) as fault:
-        raise error(what + words_of(fault), file=source) from None
+        raise error(prefix + words_of(fault), file=source) from None
     try:
         with open(handle, "rb") as stream:
             status = os.fstat(handle)
             if not stat.S_ISREG(status.st_mode):
-                raise error(f"{what}expected a file, found {kind_of(status.st_mode)}", file=source)
+                raise error(f"{prefix}expected a file, found {kind_of(status.st_mode)}", file=source)
             # as many bytes as are asked for are reserved; some files (/proc) have more than they say
-            data = stream.read(min(most, status.st_size) + 1)
-            data += stream.read(most + 1) if len(data) == status.st_size + 1 <= most else b""
+            data = stream.read(min(limit_bytes, status.st_size) + 1)
+            data += stream.read(limit_bytes + 1) if len(data) == status.st_size + 1 <= limit_bytes else b""
     except OSError as fault:
-        found = "a folder" if isinstance(fault, IsADirectoryError) else None
-        text = f"expected a file, found {found}" if found else words_of(fault)
-        raise error(what + text, file=source) from None
-    if len(data) > most:
-        limit = f"{most // 10**6} MB" if most >= 10**6 else f"{most // 1024} KiB"
+        kind = "a folder" if isinstance(fault, IsADirectoryError) else None
+        text = f"expected a file, found {kind}" if kind else words_of(fault)
+        raise error(prefix + text, file=source) from None
+    if len(data) > limit_bytes:
+        limit = f"{limit_bytes // 10**6} MB" if limit_bytes >= 10**6 else f"{limit_bytes // 1024} KiB"
         raise error(f"expected a file of at most {limit}, found more", file=source)
     return data
 
 
-def stdin_bytes(error: type[IrbcalError], most: int = LARGEST_FILE) -> bytes:
+def stdin_bytes(error: type[IrbcalError], largest: int = LARGEST_FILE) -> bytes:
     """What stands on standard input, to its end.
 
     Raises
     ------
     IrbcalError
-        Of the kind ``error``, if there is no standard input or more than ``most`` bytes.
+        Of the kind ``error``, if there is no standard input or more than ``largest`` bytes.
     """
     stream = getattr(sys.stdin, "buffer", None)
     if stream is None:
         raise error("there is no standard input", file=STDIN)
-    data: bytes = stream.read(most + 1)
-    if len(data) > most:
-        raise error(f"expected at most {most // 10**6} MB, found more", file=STDIN)
+    data: bytes = stream.read(largest + 1)
+    if len(data) > largest:
+        raise error(f"expected at most {largest // 10**6} MB, found more", file=STDIN)
     return data
 
 
@@ -95,7 +95,7 @@ def kind_of(mode: int) -> str:
         (stat.S_ISBLK, "a device"),
         (stat.S_ISSOCK, "a socket"),
     )
-    return next((words for test, words in kinds if test(mode)), "something else")
+    return next((description for test, description in kinds if test(mode)), "something else")
 
 
 def words_of(fault: OSError | ValueError) -> str:

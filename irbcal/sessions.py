@@ -110,30 +110,32 @@ def clean_sessions(
     IrbcalError
         If measurements are refused.
     """
-    parts, notes = _divided(measurements, arm, session_by)
+    sessions, notes = _divided(measurements, arm, session_by)
     if earlier:
-        taken = {name for name, _, _ in earlier}
-        parts = [(_free_name(name or measurements.stem, taken), part) for name, part in parts]
-    several = len(parts) + len(earlier) > 1
+        names_used = {name for name, _, _ in earlier}
+        sessions = [
+            (_free_name(name or measurements.stem, names_used), session_data) for name, session_data in sessions
+        ]
+    several = len(sessions) + len(earlier) > 1
     if several and not several_allowed:
         raise OptionError("method: circles takes one session at a time", parameter="method")
-    sets = [(name, _clean_session(part, arm, frame, poses)) for name, part in parts]
+    sets = [(name, _clean_session(session_data, arm, frame, poses)) for name, session_data in sessions]
     for name, session in sets:
         notes += [f"Session {name}: {note}" for note in session.notes] if several else session.notes
     last = sets[-1][1]
-    excluded = tuple(item for _, session in sets for item in session.excluded)
+    excluded = tuple(exclusion for _, session in sets for exclusion in session.excluded)
     if not several:
         return replace(last, excluded=excluded, notes=tuple(notes))
-    whole = [*earlier, *((name, session.points, session.motion) for name, session in sets)]
-    listed = ", ".join(f"{name} ({points.poses} poses)" for name, points, _ in whole)
+    blocks = [*earlier, *((name, session.points, session.motion) for name, session in sets)]
+    listed = ", ".join(f"{name} ({points.poses} poses)" for name, points, _ in blocks)
     notes.append(
         f"Sessions {listed} share one robot, each has its own base and tool. The result is in the measuring frame of "
-        f"the last one, {whole[-1][0]}; targets of the others are called like {last.target_names[0]}@{whole[0][0]}."
+        f"the last one, {blocks[-1][0]}; targets of the others are called like {last.target_names[0]}@{blocks[0][0]}."
     )
     return replace(
         last,
-        points=joined([(name, points) for name, points, _ in whole]),
-        motion=joined_motions([motion for _, _, motion in whole]),
+        points=joined([(name, points) for name, points, _ in blocks]),
+        motion=joined_motions([motion for _, _, motion in blocks]),
         excluded=excluded,
         notes=tuple(notes),
     )
@@ -145,20 +147,20 @@ def _divided(
     """Measurements by session, and what the user should know of it."""
     if by == NONE:
         return [("", measurements)], []
-    parts = sessions_of(measurements, by)
+    sessions = sessions_of(measurements, by)
     columns = measurements.table.columns
-    if by is not None or len(parts) > 1 or GROUP not in columns or COLUMN in columns:
-        return parts, []
+    if by is not None or len(sessions) > 1 or GROUP not in columns or COLUMN in columns:
+        return sessions, []
     difference = differing_groups(measurements, arm)
     if difference is None:
-        return parts, []
+        return sessions, []
     name, together, apart = difference
     text = (
         f"With one base and one tool for all groups, the nominal robot misses the points of group {name} by "
         f"{together / MM:.3g} mm (median), with its own by {apart / MM:.3g} mm: "
     )
     if together < GROSS:
-        return parts, [f"{text}if base or tool were moved between the groups, add --session-by {GROUP}."]
+        return sessions, [f"{text}if base or tool were moved between the groups, add --session-by {GROUP}."]
     return sessions_of(measurements, GROUP), [
         f"{text}the groups were taken as sessions, as --session-by {GROUP} says (--session-by {NONE} forbids it)."
     ]
@@ -190,34 +192,34 @@ def differing_groups(measurements: MeasurementSet, arm: Arm) -> tuple[str, float
             points = cleaning.clean(measurements).points
             sets = [points.select(points.groups == name).with_seen_targets() for name, _ in groups]
         else:  # distances are those of a group's own tool
-            sets = [cleaning.clean(part).points for _, part in groups]
+            sets = [cleaning.clean(group).points for _, group in groups]
         apart = [float(np.median(distances(outliers.trimmed(arm, group), group))) for group in sets]
-        whole = replace(joined([("", group) for group in sets]), session=None)
-        distance = distances(outliers.trimmed(arm, whole), whole)
+        pooled = replace(joined([("", group) for group in sets]), session=None)
+        distance = distances(outliers.trimmed(arm, pooled), pooled)
     except IrbcalError:
         return None
     ends = np.cumsum([len(group) for group in sets])[:-1]
-    together = [float(np.median(part)) for part in np.split(distance, ends)]
-    most = int(np.argmax(np.array(together) / np.array(apart)))
-    if together[most] < max(APART, RATIO * apart[most]):
+    together = [float(np.median(errors)) for errors in np.split(distance, ends)]
+    worst = int(np.argmax(np.array(together) / np.array(apart)))
+    if together[worst] < max(APART, RATIO * apart[worst]):
         return None
-    return groups[most][0], together[most], apart[most]
+    return groups[worst][0], together[worst], apart[worst]
 
 
-def _clean_session(part: MeasurementSet, arm: Arm, frame: Sequence[str] | None, poses: bool) -> SessionPoints:
+def _clean_session(measurements: MeasurementSet, arm: Arm, frame: Sequence[str] | None, poses: bool) -> SessionPoints:
     """Points of one session."""
-    cleaned = cleaning.clean(part)
-    points, excluded, mixed_up = without_gross_errors(arm, cleaned, part)
+    cleaned = cleaning.clean(measurements)
+    points, excluded, mixed_up = without_gross_errors(arm, cleaned, measurements)
     references: Mapping[str, FloatArray] = cleaned.registration.references if cleaned.registration else {}
     if frame is not None:
-        points, references = in_frame_of(points, references, frame, part.source)
+        points, references = in_frame_of(points, references, frame, measurements.source)
     shape: Mapping[str, FloatArray] = {}
     names = cleaned.points.target_names
     if poses:
-        points, shape = as_poses(points, part.source)
+        points, shape = as_poses(points, measurements.source)
         names = points.target_names
     notes = (*mixed_up, *cleaned.notes)
-    return SessionPoints(points, motion_of(part, points), references, shape, names, tuple(excluded), notes)
+    return SessionPoints(points, motion_of(measurements, points), references, shape, names, tuple(excluded), notes)
 
 
 def without_gross_errors(
@@ -225,54 +227,56 @@ def without_gross_errors(
 ) -> tuple[PointSet, list[Exclusion], list[str]]:
     """Points that a robot of this kind can have reached, all that were left out so far, and names or rows mixed up."""
     points = cleaned.points
-    found = outliers.find_gross_errors(arm, points, measurements.source, measurements)
+    gross = outliers.find_gross_errors(arm, points, measurements.source, measurements)
     wrong = np.zeros(points.poses, dtype=bool)
-    wrong[points.pose[~found.keep]] = True
-    swaps = [(p, order) for p, order in swapped.by_robot(found.robot, points) if wrong[p]]
-    truth = {(p, k): points.target_names[other] for p, order in swaps for k, other in enumerate(order) if other != k}
+    wrong[points.pose[~gross.keep]] = True
+    swaps = [(p, order) for p, order in swapped.by_robot(gross.robot, points) if wrong[p]]
+    truth = {(p, k): points.target_names[target] for p, order in swaps for k, target in enumerate(order) if other != k}
     excluded = []
-    for k in np.flatnonzero(~found.keep):
+    for k in np.flatnonzero(~gross.keep):
         other = truth.get((int(points.pose[k]), int(points.target[k])))
         reason = (
-            f"gross error: {found.distance[k] / MM:.4g} mm from the robot that fits most points (model {found.level})"
+            f"gross error: {gross.distance[k] / MM:.4g} mm from the robot that fits most points (model {gross.level})"
         )
         if other is not None:
             reason = f"swapped: this is {other}, from where the robot expects both"
         target = points.target_names[points.target[k]]
         excluded.append(Exclusion(str(points.pose_ids[points.pose[k]]), target, reason))
-    words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
-    if np.count_nonzero(wrong) >= data_entry_errors.FEWEST_ROWS and not words:
+    sentences = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
+    if np.count_nonzero(wrong) >= data_entry_errors.FEWEST_ROWS and not sentences:
         lost = data_entry_errors.find_lost_row(arm, points)
         if lost is not None and wrong.mean() > 1.0 - outliers.CORE:
             raise MeasurementError(lost.in_words(measurements), file=measurements.source)
-        words = [] if lost is None else [lost.sentence(measurements)]
-    return points.take(found.keep).without_empty_poses(), [*cleaned.excluded, *excluded], words
+        sentences = [] if lost is None else [lost.sentence(measurements)]
+    return points.take(gross.keep).without_empty_poses(), [*cleaned.excluded, *excluded], sentences
 
 
-def _free_name(name: str, taken: set[str]) -> str:
+def _free_name(name: str, used: set[str]) -> str:
     """A session's name that no other has."""
     name = name.replace("@", "-")
     number, free = 2, name
-    while free in taken:
+    while free in used:
         free, number = f"{name}-{number}", number + 1
-    taken.add(free)
+    used.add(free)
     return free
 
 
 def joined_motions(motions: Sequence[Motion]) -> Motion:
     """Motions of several sessions as one; what only some of them know is zero in the others."""
     values: dict[str, Any] = {}
-    for item in fields(Motion):
-        parts = [getattr(motion, item.name) for motion in motions]
-        known = [value for value in parts if value is not None]
-        if item.name in LOAD and len(known) < len(parts):  # a load that is told for some sessions only serves nobody
-            values[item.name] = None
-        elif not known or isinstance(known[0], bool):
-            values[item.name] = any(known) if known else None
+    for attribute in fields(Motion):
+        values_ = [getattr(motion, attribute.name) for motion in motions]
+        present = [value for value in values_ if value is not None]
+        if attribute.name in LOAD and len(present) < len(
+            values_
+        ):  # a load that is told for some sessions only serves nobody
+            values[attribute.name] = None
+        elif not present or isinstance(present[0], bool):
+            values[attribute.name] = any(present) if present else None
         else:
-            tail = known[0].shape[1:]
-            pairs = zip(parts, motions, strict=True)
-            values[item.name] = np.concatenate([np.zeros((len(m), *tail)) if v is None else v for v, m in pairs])
+            tail = present[0].shape[1:]
+            pairs = zip(values_, motions, strict=True)
+            values[attribute.name] = np.concatenate([np.zeros((len(m), *tail)) if v is None else v for v, m in pairs])
     return Motion(**values)
 
 
@@ -373,13 +377,13 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
     if isinstance(calibration, (str, os.PathLike)):
         folder = folder_of(calibration)
         name = folder.resolve().name.replace(MARK, "-") or name
-    used = [known[0] for heldout in (False, True) if (known := record.used_points(heldout)) is not None]
+    used = [used_points[0] for heldout in (False, True) if (used_points := record.used_points(heldout)) is not None]
     if not used:
-        what = (
+        problem = (
             "is from rows at features, which are calibrated together" if record.features else "has no measured points"
         )
-        raise CalibrationError(f"this calibration {what}: nothing can be added to it", parameter="with")
-    names = tuple(item.name for item in record.sessions) or (name,)
+        raise CalibrationError(f"this calibration {problem}: nothing can be added to it", parameter="with")
+    names = tuple(session.name for session in record.sessions) or (name,)
     numbers = np.array(record.poses.number or np.arange(len(record.poses.pose)), dtype=float)
     heldout = np.array(record.poses.heldout, dtype=bool)
     sets = [(points, numbers[heldout == bool(k)]) for k, points in enumerate(used) if points.poses]
@@ -392,17 +396,17 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
             poses = np.zeros(points.poses, dtype=bool)
             poses[points.pose[of_session[points.target]]] = True
             if poses.any():
-                part = points.select(poses).with_seen_targets()
-                plain = tuple(block_of(target, names, names[-1])[0] for target in part.target_names)
-                parts.append(("fit", replace(part, target_names=plain)))
+                points_part = points.select(poses).with_seen_targets()
+                plain = tuple(block_of(target, names, names[-1])[0] for target in points_part.target_names)
+                parts.append(("fit", replace(points_part, target_names=plain)))
                 order.append(number[poses])
-        both = joined(parts) if len(parts) > 1 else parts[0][1]
+        all_points = joined(parts) if len(parts) > 1 else parts[0][1]
         elapsed = np.concatenate(order)
         by_time = np.argsort(elapsed, kind="stable")
-        both = _ordered(replace(both, session=None), by_time)
-        load, centre = payload_of(both, "the earlier calibration")
-        loads = load, not record.programmed, centre, both.torques
-        sessions.append((session, both, Motion(both.q, both.moves(), elapsed[by_time], *loads)))
+        all_points = _ordered(replace(all_points, session=None), by_time)
+        load, centre = payload_of(all_points, "the earlier calibration")
+        loads = load, not record.programmed, centre, all_points.torques
+        sessions.append((session, all_points, Motion(all_points.q, all_points.moves(), elapsed[by_time], *loads)))
     return Earlier(record, tuple(sessions), folder)
 
 

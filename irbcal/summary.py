@@ -146,25 +146,25 @@ Told: TypeAlias = "str | Table"
 
 def print_table(console: rich.console.Console, table: Table) -> None:
     """Title and table; where the table needs more columns of text than there are, its lines go on."""
-    before = console.width
+    width_before = console.width
     console.print(table.title, soft_wrap=True)
-    console.width = max(before, table.narrowest())
-    console.print(table.for_terminal(before))
-    console.width = before
+    console.width = max(width_before, table.narrowest())
+    console.print(table.for_terminal(width_before))
+    console.width = width_before
 
 
-def as_text(told: Sequence[Told], width: int = WIDTH) -> str:
+def as_text(paragraphs: Sequence[Told], width: int = WIDTH) -> str:
     """Paragraphs and tables as plain text."""
     from irbcal.terminal import Terminal
 
     out = StringIO()
     console = Terminal(file=out, width=width, color_system=None)
-    for item in told:
-        if isinstance(item, Table):
-            print_table(console, item)
+    for paragraph in paragraphs:
+        if isinstance(paragraph, Table):
+            print_table(console, paragraph)
         else:
-            console.print(item, soft_wrap=True)
-    return "\n".join(line.rstrip() for line in out.getvalue().splitlines()).rstrip()
+            console.print(paragraph, soft_wrap=True)
+    return "\n".join(text_line.rstrip() for text_line in out.getvalue().splitlines()).rstrip()
 
 
 class Speaks(ABC):
@@ -180,12 +180,15 @@ class Speaks(ABC):
 
     def headline(self) -> str:
         """The result in one line."""
-        return next((item for item in self.told() if isinstance(item, str)), "")
+        return next((paragraph for paragraph in self.told() if isinstance(paragraph, str)), "")
 
     def __repr__(self) -> str:
         text = terminal(f"<{type(self).__name__}: {self.headline()}>")
         return text if len(text) <= LONGEST_REPR else text[: LONGEST_REPR - 2] + "…>"
 
     def _repr_html_(self) -> str:
-        parts = [item.html() if isinstance(item, Table) else f"<p>{escape(item)}</p>" for item in self.told()]
-        return f"<div><b>{escape(type(self).__name__)}</b>{''.join(parts)}</div>"
+        html = [
+            paragraph.html() if isinstance(paragraph, Table) else f"<p>{escape(paragraph)}</p>"
+            for paragraph in self.told()
+        ]
+        return f"<div><b>{escape(type(self).__name__)}</b>{''.join(html)}</div>"

@@ -44,14 +44,14 @@ class Compiled(BytecodeCache):
         """Keep it, whole or not at all."""
         if sys.dont_write_bytecode or not bucket.key:
             return
-        place = cache_from_source(bucket.key)
+        path = cache_from_source(bucket.key)
         with suppress(OSError):
-            os.makedirs(os.path.dirname(place), exist_ok=True)
-            handle, name = tempfile.mkstemp(dir=os.path.dirname(place))
+            os.makedirs(os.path.dirname(path), exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=os.path.dirname(path))
             try:
                 with open(handle, "wb") as file:
                     bucket.write_bytecode(file)
-                os.replace(name, place)
+                os.replace(name, path)
             except OSError:
                 os.unlink(name)
 

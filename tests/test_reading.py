@@ -15,7 +15,7 @@ def test_a_file_is_read_whole(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "a")
     assert read_bytes(tmp_path / "link", MeasurementError) == b"\x00\xff" * 1000
     with pytest.raises(MeasurementError, match="at most 1 KiB, found more"):
-        read_bytes(tmp_path / "a", MeasurementError, most=1024)
+        read_bytes(tmp_path / "a", MeasurementError, limit_bytes=1024)
 
 
 def test_no_more_is_reserved_than_there_is(tmp_path, monkeypatch):

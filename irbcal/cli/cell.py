@@ -79,7 +79,7 @@ def cell(
     ends = controller_frames(saved.urdf, "calibrated.urdf", robot.base_link, robot.tip_link)
     tools = program_words.frames(tool, "--tool", maker)
     work_objects = program_words.frames(wobj, "--wobj", maker)
-    found = public("cell_frames")(
+    frames_found = public("cell_frames")(
         calibration,
         out=out,
         tool={name: ends.T_tip_flange @ T for name, T in tools.items()},
@@ -87,10 +87,10 @@ def cell(
         **options,
     )
     if json:
-        show.print_json(found.to_dict())
+        show.print_json(frames_found.to_dict())
         return
     to_controller = frames.inverse(ends.T_tip_flange), frames.inverse(ends.T_base_world)
-    show.tell(found.told() if as_ is None else found.told(_notation(as_, maker, ends, to_controller)))
+    show.tell(frames_found.told() if as_ is None else frames_found.told(_notation(as_, maker, ends, to_controller)))
     show.say(f"Written to {out}: irbcal filter {calibration} PROGRAM --cell {out}")
 
 
@@ -113,5 +113,5 @@ def _notation(
     base = "the controller's base" if ends.base_known else "the URDF's base link"
     names = ("q1", "q2", "q3", "q4") if maker is None else maker.orientation.names
     lengths = "m" if maker is not None and maker.length == 1.0 else "mm"
-    words = f"as {name} writes them, {lengths}, in {flange} and {base}"
-    return Notation(("x", "y", "z", *names), numbers, words, 4 if maker is not None and maker.length == MM else 6)
+    description = f"as {name} writes them, {lengths}, in {flange} and {base}"
+    return Notation(("x", "y", "z", *names), numbers, description, 4 if maker is not None and maker.length == MM else 6)

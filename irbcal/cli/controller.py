@@ -19,12 +19,12 @@ def controller(
     json: Json = False,
 ) -> None:
     """Compare a URDF with the poses that the controller itself reports: which lengths and zeros it computes with."""
-    found = public("controller")(**options)
+    comparison = public("controller")(**options)
     if out is not None:
-        found.save(out)
+        comparison.save(out)
     if json:
-        show.print_json({**found.to_dict(), "out": None if out is None else str(out)})
+        show.print_json({**comparison.to_dict(), "out": None if out is None else str(out)})
         return
-    show.tell(found.told())
+    show.tell(comparison.told())
     if out is not None:
         show.say(f"Written to {out}")

@@ -17,6 +17,6 @@ def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     Needs OpenCV: pip install 'irbcal[camera]'.
     """
     refuse_overwriting({"out": out}, [options["joints"], options["features"]])
-    found = public("corners")(**options)
-    found.save(out)
-    show.result(found, json, f"Written to {out}", out=str(out))
+    result = public("corners")(**options)
+    result.save(out)
+    show.result(result, json, f"Written to {out}", out=str(out))

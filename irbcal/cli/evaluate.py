@@ -27,8 +27,8 @@ def _pairs(texts: list[str], option: str) -> dict[str, str]:
 
 
 def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
-    points = [tuple(item.strip().rsplit("/", 1)) for item in text.split(",")]
-    if len(set(points)) != 3 or len(points) != 3 or any(len(item) != 2 for item in points):
+    points = [tuple(name.strip().rsplit("/", 1)) for name in text.split(",")]
+    if len(set(points)) != 3 or len(points) != 3 or any(len(name) != 2 for name in points):
         raise typer.BadParameter(f"expected three different points as POSE/TARGET, found {text!r}", param_hint=option)
     return points
 

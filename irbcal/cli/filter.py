@@ -60,64 +60,68 @@ def filter_program(
         options["where"] = program_words.where(options["where"], maker)
     refused, strict = False, options.get("strict", False)
     try:
-        found = public("correct")(**options, out=out)
+        result = public("correct")(**options, out=out)
     except NotWritten as refusal:
-        found, refused = refusal.filtered, True
+        result, refused = refusal.filtered, True
     if json:
-        show.print_json(_content(found))
+        show.print_json(_content(result))
     else:
-        show.tell(found.told())
-    if strict and found.unknown_frames is not None:
+        show.tell(result.told())
+    if strict and result.unknown_frames is not None:
         show.warn("nothing was written: tools or work objects are of unknown origin (--strict)")
         raise typer.Exit(3)
     if refused:
-        some = len(found.targets) > 0
-        why = "correct these targets or call again with --allow-partial" if some else "no target could be corrected"
-        why += f", {found.unchanged} need no change" if found.unchanged and not some else ""
-        show.warn(f"nothing was written: {why}")
+        any_corrected = len(result.targets) > 0
+        reason = (
+            "correct these targets or call again with --allow-partial"
+            if any_corrected
+            else "no target could be corrected"
+        )
+        reason += f", {result.unchanged} need no change" if result.unchanged and not any_corrected else ""
+        show.warn(f"nothing was written: {reason}")
         raise typer.Exit(1)
 
 
-def _content(found: Filtered) -> dict[str, Any]:
+def _content(result: Filtered) -> dict[str, Any]:
     from irbcal.units import MM
 
-    some = len(found.targets) > 0
+    corrected = len(result.targets) > 0
     return {
-        "out": None if found.written is None else str(found.written),
-        "corrected": len(found.targets),
-        "left": [item._asdict() for item in found.left],
-        "notes": [note._asdict() for note in found.notes],
-        "cautions": list(found.cautions),
-        "mean_shift_mm": float(found.shift.mean() / MM) if some else None,
-        "max_shift_mm": float(found.shift.max() / MM) if some else None,
-        "expected_error_mm": None if found.expected_error is None else found.expected_error / MM,
-        "unknown_frames": None if found.unknown_frames is None else found.unknown_frames.to_dict(),
-        "unchanged": found.unchanged,
-        **_part(found),
-        **_last_moves(found),
-        "fingerprint": found.fingerprint,
-        **({} if found.paths is None else {"paths": found.to_dict()["paths"]}),
+        "out": None if result.written is None else str(result.written),
+        "corrected": len(result.targets),
+        "left": [target._asdict() for target in result.left],
+        "notes": [note._asdict() for note in result.notes],
+        "cautions": list(result.cautions),
+        "mean_shift_mm": float(result.shift.mean() / MM) if corrected else None,
+        "max_shift_mm": float(result.shift.max() / MM) if corrected else None,
+        "expected_error_mm": None if result.expected_error is None else result.expected_error / MM,
+        "unknown_frames": None if result.unknown_frames is None else result.unknown_frames.to_dict(),
+        "unchanged": result.unchanged,
+        **_part(result),
+        **_last_moves(result),
+        "fingerprint": result.fingerprint,
+        **({} if result.paths is None else {"paths": result.to_dict()["paths"]}),
     }
 
 
-def _part(found: Filtered) -> dict[str, Any]:
+def _part(result: Filtered) -> dict[str, Any]:
     """The expected error of the part over all targets; nothing where it is not known."""
-    frame = found.to_frame()
+    frame = result.to_frame()
     if "part_mean_mm" not in frame:
         return {}
     return {"part_mean_mm": float(frame["part_mean_mm"].mean()), "max_part_u95_mm": float(frame["part_u95_mm"].max())}
 
 
-def _last_moves(found: Filtered) -> dict[str, Any]:
+def _last_moves(result: Filtered) -> dict[str, Any]:
     """What is known of last moves; nothing for calibrations that do not depend on them."""
     from irbcal.units import MM
 
-    if found.last_moves is None or found.last_move_error is None:
+    if result.last_moves is None or result.last_move_error is None:
         return {}
-    expected = found.expected_errors
+    expected = result.expected_errors
     return {
-        "last_moves_known": found.last_moves[0],
-        "stops": found.last_moves[1],
-        "max_last_move_mm": float(found.last_move_error.max(initial=0.0) / MM),
+        "last_moves_known": result.last_moves[0],
+        "stops": result.last_moves[1],
+        "max_last_move_mm": float(result.last_move_error.max(initial=0.0) / MM),
         "expected_with_last_moves_mm": None if expected is None or not expected.size else float(expected.mean() / MM),
     }

@@ -24,7 +24,7 @@ def fk(options: dict[str, Any], json: JsonLines = False) -> None:
 
     Columns of the input are kept, as given_NAME where the result has their name.
     """
-    found = public("forward_kinematics")(**options)
-    if found.caution:
-        show.warn(found.caution)
-    grid.write(found.to_frame(as_written=not json), json)
+    result = public("forward_kinematics")(**options)
+    if result.caution:
+        show.warn(result.caution)
+    grid.write(result.to_frame(as_written=not json), json)

@@ -36,9 +36,9 @@ def calibrate(options: dict[str, Any], json: Json = False) -> None:
 
     steps = len(batch.read_manifest(options["manifest"]))
     with show.progress(steps + 1, quiet=json) as step:
-        found = public("fleet_calibrate")(**options, progress=step)
-    show.result(found, json, f"Written to {options['out']}: {batch.PAGE}, {batch.TABLE} and a folder for each robot")
-    if found.failures:
+        result = public("fleet_calibrate")(**options, progress=step)
+    show.result(result, json, f"Written to {options['out']}: {batch.PAGE}, {batch.TABLE} and a folder for each robot")
+    if result.failures:
         raise typer.Exit(FAILED)
 
 
@@ -47,8 +47,8 @@ def calibrate(options: dict[str, Any], json: Json = False) -> None:
 def add(options: dict[str, Any], json: Json = False) -> None:
     """Add calibrations to a store, each whole or not at all, and once."""
     with show.progress(len(options["calibrations"]), quiet=json) as step:
-        found = public("fleet_add")(**options, progress=step)
-    show.result(found, json)
+        result = public("fleet_add")(**options, progress=step)
+    show.result(result, json)
 
 
 @app.command("list", cls=Guarded)
@@ -70,8 +70,8 @@ def drift(options: dict[str, Any], json: Json = False) -> None:
 def prior(options: dict[str, Any], json: Json = False) -> None:
     """Write what to expect of a robot from its calibrated sisters, for irbcal calibrate --prior: fewer poses do."""
     with show.progress(1, quiet=json) as step:
-        found = public("fleet_prior")(**options, progress=step)
-    show.result(found, json)
+        result = public("fleet_prior")(**options, progress=step)
+    show.result(result, json)
 
 
 @app.command("export", cls=Guarded)

@@ -35,10 +35,10 @@ def ik(options: dict[str, Any], json: JsonLines = False) -> None:
         columns = opened.nominal.joint_columns
         typed = np.asarray(grid.numbers(options["near"], [len(columns)], "--near", columns))
         options["near"] = opened.nominal.from_controller(typed * opened.nominal.joint_units).tolist()
-    found = public("inverse_kinematics")(opened, **options)
-    grid.write(found.to_frame(as_written=not json), json)
-    for pose in found.singular:
+    result = public("inverse_kinematics")(opened, **options)
+    grid.write(result.to_frame(as_written=not json), json)
+    for pose in result.singular:
         show.warn(pose.in_words())
-    missing = len(found) - int(found.found.sum())
+    missing = len(result) - int(result.found.sum())
     if missing:
-        show.warn(f"{missing} of {len(found)} poses have no joints, see the column note")
+        show.warn(f"{missing} of {len(result)} poses have no joints, see the column note")

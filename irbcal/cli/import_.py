@@ -113,13 +113,13 @@ def _points(
     from irbcal.measurement.imports.reader import import_measurements
 
     try:
-        found = import_measurements(*sources, as_=as_, out=out, joints=joints, set_=set_, dry_run=dry_run)
+        imported = import_measurements(*sources, as_=as_, out=out, joints=joints, set_=set_, dry_run=dry_run)
     except OptionError as error:
         raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
     if json:
-        show.print_json(_summary(found, dry_run))
+        show.print_json(_summary(imported, dry_run))
     else:
-        show.tell(found.told())
+        show.tell(imported.told())
 
 
 def _features(
@@ -130,24 +130,24 @@ def _features(
 
     if joints is not None:
         raise typer.BadParameter("rows at features have their joints beside them", param_hint="--joints")
-    found = import_features(*sources, as_=as_, out=out, set_=set_, dry_run=dry_run)
+    imported = import_features(*sources, as_=as_, out=out, set_=set_, dry_run=dry_run)
     if json:
-        show.print_json(found.to_dict())
+        show.print_json(imported.to_dict())
     else:
-        show.tell(found.told())
+        show.tell(imported.told())
 
 
-def _summary(found: Imported, dry_run: bool) -> dict[str, Any]:
+def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:
     summary: dict[str, Any] = {
-        "out": str(found.out) if found.out else None,
-        "rows": len(found.table),
-        "poses": found.poses,
-        "targets": {name: {"measured": m, "lost": k} for name, (m, k) in found.targets.items()},
-        "lost": int(found.lost.sum()),
-        "groups": found.groups,
-        "warnings": list(found.warnings),
-        "map": found.map.model_dump(exclude_defaults=True),
+        "out": str(imported.out) if imported.out else None,
+        "rows": len(imported.table),
+        "poses": imported.poses,
+        "targets": {name: {"measured": m, "lost": k} for name, (m, k) in imported.targets.items()},
+        "lost": int(imported.lost.sum()),
+        "groups": imported.groups,
+        "warnings": list(imported.warnings),
+        "map": imported.map.model_dump(exclude_defaults=True),
     }
     if dry_run:
-        summary["first_rows"] = found.first_rows(SHOWN)
+        summary["first_rows"] = imported.first_rows(SHOWN)
     return summary

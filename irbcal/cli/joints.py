@@ -40,5 +40,5 @@ def joints(options: dict[str, Any], json: Json = False) -> None:
     if "calibration" in options and "robot" in options:
         raise typer.BadParameter("give --calibration or --robot, not both")
     with show.progress(3, quiet=json) as step:
-        found = public("joints")(**options, progress=step)
-    show.result(found, json)
+        result = public("joints")(**options, progress=step)
+    show.result(result, json)

@@ -53,7 +53,7 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
     """
     from irbcal.cli.guarded import Guarded
 
-    made = typer.Typer(
+    app = typer.Typer(
         name=NAME,
         cls=Root,
         help=HELP,
@@ -61,18 +61,22 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
         pretty_exceptions_enable=False,
         context_settings=HELP_OPTIONS,
     )
-    made.callback()(common)
+    app.callback()(common)
     for panel, members in PANELS.items():
-        for name, line in members.items():
+        for name, summary_line in members.items():
             if name in names and name in GROUPS and not summary:
                 group = import_module(f"irbcal.cli.{name}").app
-                made.add_typer(group, name=name, rich_help_panel=panel, context_settings=HELP_OPTIONS)
+                app.add_typer(group, name=name, rich_help_panel=panel, context_settings=HELP_OPTIONS)
             elif name in names:
                 call = _listed if summary else _function(name)
-                made.command(
-                    name, help=line if summary else None, rich_help_panel=panel, hidden=name in HIDDEN, cls=Guarded
+                app.command(
+                    name,
+                    help=summary_line if summary else None,
+                    rich_help_panel=panel,
+                    hidden=name in HIDDEN,
+                    cls=Guarded,
                 )(call)
-    return made
+    return app
 
 
 def _function(name: str) -> Any:
@@ -93,15 +97,15 @@ def __getattr__(name: str) -> Any:
     return globals()[name]
 
 
-def _called(words: list[str]) -> typer.Typer:
+def _called(arguments: list[str]) -> typer.Typer:
     """As much of the command line as these words need."""
     if "app" in globals():
         return globals()["app"]
-    if words == ["--version"]:
+    if arguments == ["--version"]:
         return application(())
-    if words[:1] and words[0] in COMMANDS:
-        return application(words[:1])
-    if words in (["--help"], ["-h"]):
+    if arguments[:1] and arguments[0] in COMMANDS:
+        return application(arguments[:1])
+    if arguments in (["--help"], ["-h"]):
         return application(summary=True)
     return application()
 

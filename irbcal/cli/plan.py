@@ -220,9 +220,9 @@ def plan(
     if device is not None:
         from irbcal.units import DEG, MM
 
-        given = {"candidates": candidates, "acceptance": acceptance, "approach": approach, "prior": prior}
+        values = {"candidates": candidates, "acceptance": acceptance, "approach": approach, "prior": prior}
         units = {"acceptance": DEG, "approach": MM, "prior": MM}
-        options = {name: value * units.get(name, 1) for name, value in given.items() if value is not None}
+        options = {name: value * units.get(name, 1) for name, value in values.items() if value is not None}
         more: dict[str, Any] = {"seed": seed, "margin": margin * DEG, "package_dirs": package_dirs or ()}
         _device(robot, out, device, poses or 100, json, options | more | links)
         return
@@ -237,7 +237,7 @@ def plan(
             f"a reflector cannot be seen from behind: expected 90 or less without --device, found {acceptance:g}",
             param_hint="--acceptance-deg",
         )
-    place = _tracker(tracker)
+    position = _tracker(tracker)
     heights = _numbers(min_height, 2, "--min-height", "FRONT,BACK in mm")
     centre, edge = _cube(cube_centre, cube_edge)
 
@@ -256,13 +256,13 @@ def plan(
         volume=volume.value,
         level=level,
         targets=targets,
-        tracker=place,
+        tracker=position,
         cube_centre=centre,
         cube_edge=edge,
         margin=margin * DEG,
         acceptance=(30.0 if acceptance is None else acceptance) * DEG,
         min_height=None if heights is None else (heights[0], heights[1]),
-        without=[item.value for item in without or ()],
+        without=[condition.value for condition in without or ()],
         payload=payload,
         wait_s=wait_s,
         references=references,
@@ -286,11 +286,11 @@ def _compare(robot: str, poses: int | None, prior: float | None, seed: int, json
     counts = device_comparison.POSES if poses is None else (poses,)
     with show.progress(9, quiet=json) as step:
         size = None if prior is None else prior * MM
-        found = device_comparison.compare_devices(robot, counts, prior=size, seed=seed, progress=step, **links)
+        result = device_comparison.compare_devices(robot, counts, prior=size, seed=seed, progress=step, **links)
     if json:
-        show.print_json(found.to_dict())
+        show.print_json(result.to_dict())
     else:
-        show.tell(found.told())
+        show.tell(result.told())
 
 
 def _device(robot: str, out: Path, device: str, poses: int, json: bool, options: dict[str, Any]) -> None:
@@ -300,14 +300,14 @@ def _device(robot: str, out: Path, device: str, poses: int, json: bool, options:
 
     try:
         with show.progress(4, quiet=json) as step:
-            made = device_plan(robot, device, poses, progress=step, **options)
+            device_poses = device_plan(robot, device, poses, progress=step, **options)
     except OptionError as error:
         raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
-    files = [path.name for path in made.save(out)]
+    files = [path.name for path in device_poses.save(out)]
     if json:
-        show.print_json({"out": str(out), "files": files, **made.to_dict()})
+        show.print_json({"out": str(out), "files": files, **device_poses.to_dict()})
     else:
-        show.tell([*made.told(), f"Written to {out}: {', '.join(files)}"])
+        show.tell([*device_poses.told(), f"Written to {out}: {', '.join(files)}"])
 
 
 def _run(out: Path, json: bool, robot: str, **options: Any) -> None:
@@ -320,16 +320,16 @@ def _run(out: Path, json: bool, robot: str, **options: Any) -> None:
     try:
         with show.progress(12, quiet=json) as step:
             step("robot")
-            made = measuring_plan.plan(robot, progress=step, **options)
+            result = measuring_plan.plan(robot, progress=step, **options)
             step("files")
             try:
-                page = plan_page.page(made)
+                page = plan_page.page(result)
             except ModuleNotFoundError as error:
                 if error.name != "meshcat":
                     raise
                 page = None
                 typer.echo("irbcal: plan.html is not written, as it needs meshcat: pip install meshcat", err=True)
-            files = [path.name for path in made.save(out, page)]
+            files = [path.name for path in result.save(out, page)]
     except BaseException:
         for folder in made_folders:  # innermost first; those that are still empty were made for nothing
             try:
@@ -338,9 +338,9 @@ def _run(out: Path, json: bool, robot: str, **options: Any) -> None:
                 break
         raise
     if json:
-        show.print_json({"out": str(out), "files": files, **made.to_dict()})
+        show.print_json({"out": str(out), "files": files, **result.to_dict()})
     else:
-        show.tell([*made.told(), f"Written to {out}: {', '.join(files)}"])
+        show.tell([*result.told(), f"Written to {out}: {', '.join(files)}"])
 
 
 def _numbers(text: str | None, counts: int | tuple[int, ...], option: str, expected: str) -> list[float] | None:
@@ -350,7 +350,7 @@ def _numbers(text: str | None, counts: int | tuple[int, ...], option: str, expec
     if text is None:
         return None
     try:
-        values = [float(part) for part in text.split(",")]
+        values = [float(word) for word in text.split(",")]
     except ValueError:
         values = []
     allowed = (counts,) if isinstance(counts, int) else counts

@@ -25,14 +25,14 @@ LARGEST_MM = 1e6
 """Of a tool or work object; a kilometre is none."""
 
 
-def frames(given: list[str] | None, option: str, maker: Maker | None) -> dict[str, FloatArray]:
+def frames(texts: list[str] | None, option: str, maker: Maker | None) -> dict[str, FloatArray]:
     """Frames from the command line, dict of name to (4, 4) in metres."""
     import numpy as np
 
     from irbcal.correction.notation import poses_from_numbers
 
     out = {}
-    for text in given or ():
+    for text in texts or ():
         name, _, numbers = text.partition("=")
         try:
             values = [float(value) for value in numbers.split(",")]
@@ -59,10 +59,10 @@ def where(text: str | None, maker: Maker | None) -> tuple[FloatArray, FloatArray
     if text is None:
         return None
     try:
-        parts = [[float(value) for value in part.split(",")] for part in text.split("=")]
+        pieces = [[float(value) for value in piece.split(",")] for piece in text.split("=")]
     except ValueError:
-        parts = []
-    sizes = [len(part) for part in parts]
-    if maker is None or sizes != [6, 6] or not (np.abs(np.array(parts)) < LARGEST_MM).all():
+        pieces = []
+    sizes = [len(piece) for piece in pieces]
+    if maker is None or sizes != [6, 6] or not (np.abs(np.array(pieces)) < LARGEST_MM).all():
         raise typer.BadParameter(f"expected six joints=six numbers of the pose, found {text!r}", param_hint="--where")
-    return np.array(parts[0]) * maker.joint, maker.poses(np.array([parts[1]]))[0]
+    return np.array(pieces[0]) * maker.joint, maker.poses(np.array([pieces[1]]))[0]

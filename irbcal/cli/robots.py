@@ -12,8 +12,8 @@ def robots(
     """List the robots that --robot takes by name."""
     from irbcal.io.robots import robots as known
 
-    found = known()
+    listed = known()
     if json:
-        show.print_json(found.to_frame().astype(object).where(found.to_frame().notna(), None).to_dict("records"))
+        show.print_json(listed.to_frame().astype(object).where(listed.to_frame().notna(), None).to_dict("records"))
     else:
-        show.tell(found.told())
+        show.tell(listed.told())

@@ -27,8 +27,8 @@ def _complete(option: str, shell: str | None) -> None:
 
     shell = _get_shell_name() if shell is None else shell
     if shell not in SHELLS:
-        found = "found none" if shell is None else f"found {shell!r}"
-        raise typer.BadParameter(f"expected a shell ({', '.join(SHELLS)}), {found}", param_hint=option)
+        shell_text = "found none" if shell is None else f"found {shell!r}"
+        raise typer.BadParameter(f"expected a shell ({', '.join(SHELLS)}), {shell_text}", param_hint=option)
     variable = f"_{NAME.upper()}_COMPLETE"
     if option == OPTIONS[0]:
         typer.echo(get_completion_script(prog_name=NAME, complete_var=variable, shell=shell))

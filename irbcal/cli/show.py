@@ -84,15 +84,15 @@ def tell(told: Sequence[Told]) -> None:
     from irbcal.terminal import Terminal
 
     console = Terminal()
-    for item in told:
-        if isinstance(item, Table):
-            print_table(console, replace(item, title=_lines(console, item.title)))
-        elif item.startswith(("Verdict: ", "Doubt: ", "Tolerance: ", "Against a pass: ")):
-            _verdict(console, item)
-        elif item.startswith("Note: "):
-            note(item.removeprefix("Note: "))
+    for paragraph in told:
+        if isinstance(paragraph, Table):
+            print_table(console, replace(paragraph, title=_lines(console, paragraph.title)))
+        elif paragraph.startswith(("Verdict: ", "Doubt: ", "Tolerance: ", "Against a pass: ")):
+            _verdict(console, paragraph)
+        elif paragraph.startswith("Note: "):
+            note(paragraph.removeprefix("Note: "))
         else:
-            console.print(_lines(console, item), soft_wrap=True)
+            console.print(_lines(console, paragraph), soft_wrap=True)
 
 
 def _verdict(console: Console, text: str) -> None:
@@ -119,10 +119,10 @@ def _lines(console: Console, text: str, first: int = 0) -> str:
     if not console.is_terminal:
         return text
     lines = []
-    for line in text.split("\n"):
-        indent = " " * (len(line) - len(line.lstrip()))
+    for paragraph in text.split("\n"):
+        indent = " " * (len(paragraph) - len(paragraph.lstrip()))
         broken = wrap(
-            " " * first + line,
+            " " * first + paragraph,
             console.width,
             subsequent_indent=f"{indent}  " if indent else "",
             break_long_words=False,
@@ -160,7 +160,7 @@ def warn(text: str) -> None:
 def this_command() -> str:
     """How the command is to be typed that is running: by its name where the shell finds it, else with its folder."""
     called = Path(sys.argv[0])
-    known = shutil.which("irbcal")
-    if called.name != "irbcal" or (known is not None and Path(known).samefile(called)):
+    installed = shutil.which("irbcal")
+    if called.name != "irbcal" or (installed is not None and Path(installed).samefile(called)):
         return "irbcal"
     return shlex.quote(str(called.absolute()))

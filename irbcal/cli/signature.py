@@ -151,7 +151,7 @@ def parameters_of(name: str) -> tuple[str, tuple[ApiParameter, ...]]:
                 or (NAMELESS.get(argument.arg, "") if not text else "")
                 or _explained_elsewhere(argument.arg, text)
                 or for_shells(text, names),
-                tuple(item.strip(" \"'") for item in braces[1].split(",")) if braces else (),
+                tuple(choice.strip(" \"'") for choice in braces[1].split(",")) if braces else (),
             )
         )
     return docstring.split("\nParameters\n")[0].strip(), tuple(out)
@@ -172,59 +172,69 @@ def _annotation(module: str, node: ast.expr | None) -> str:
     first = text.split(" | ")[0]
     if not first.isidentifier():
         return text
-    for item in _tree(module).body:
-        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name) and item.target.id == first:
-            choices = ast.unparse(item.value) if item.value is not None else ""
+    for statement in _tree(module).body:
+        if (
+            isinstance(statement, ast.AnnAssign)
+            and isinstance(statement.target, ast.Name)
+            and statement.target.id == first
+        ):
+            choices = ast.unparse(statement.value) if statement.value is not None else ""
             return choices if choices.startswith("Literal[") else text
-        if isinstance(item, ast.ImportFrom) and item.module and item.module.startswith("irbcal"):
-            for alias in item.names:
+        if isinstance(statement, ast.ImportFrom) and statement.module and statement.module.startswith("irbcal"):
+            for alias in statement.names:
                 if first == (alias.asname or alias.name):
-                    other = _annotation(item.module, ast.Name(alias.name))
-                    return other if other.startswith("Literal[") else text
+                    alias_text = _annotation(statement.module, ast.Name(alias.name))
+                    return alias_text if alias_text.startswith("Literal[") else text
     return text
 
 
 def _value(module: str, node: ast.expr) -> Any:
     """Value of a default: literals, and constants of this and of other modules."""
     try:
-        names = {item.id: _constant(module, item.id) for item in ast.walk(node) if isinstance(item, ast.Name)}
+        names = {
+            name_node.id: _constant(module, name_node.id)
+            for name_node in ast.walk(node)
+            if isinstance(name_node, ast.Name)
+        }
     except LookupError:
         return None
     return eval(compile(ast.Expression(node), module, "eval"), {"__builtins__": {}}, names)
 
 
 def _constant(module: str, name: str) -> Any:
-    for item in _tree(module).body:
-        if isinstance(item, (ast.Assign, ast.AnnAssign)) and item.value is not None:
-            targets = item.targets if isinstance(item, ast.Assign) else [item.target]
+    for statement in _tree(module).body:
+        if isinstance(statement, (ast.Assign, ast.AnnAssign)) and statement.value is not None:
+            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
             if any(isinstance(target, ast.Name) and target.id == name for target in targets):
-                return _value(module, item.value)
-        if isinstance(item, ast.ImportFrom) and item.module:
-            for alias in item.names:
+                return _value(module, statement.value)
+        if isinstance(statement, ast.ImportFrom) and statement.module:
+            for alias in statement.names:
                 if name == (alias.asname or alias.name):
-                    return getattr(import_module(item.module), alias.name)  # a value, of a light module
+                    return getattr(import_module(statement.module), alias.name)  # a value, of a light module
     raise LookupError(f"{module}: {name}")
 
 
 def _explained_elsewhere(parameter: str, text: str) -> str:
     """The explanation of another function's parameter of this name, where a text only names that function."""
-    other = re.fullmatch(r"(?:As|See) `irbcal\.(?:\w+\.)*(\w+)`\.?", text)
-    if other is None:
+    reference = re.fullmatch(r"(?:As|See) `irbcal\.(?:\w+\.)*(\w+)`\.?", text)
+    if reference is None:
         return ""
     try:
-        return next((item.text for item in parameters_of(other[1])[1] if item.name == parameter), "")
+        return next((candidate.text for candidate in parameters_of(reference[1])[1] if candidate.name == parameter), "")
     except LookupError:
         return ""
 
 
 def _texts(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
     """Names of parameters, each with the words after the colon and its explanation."""
-    part = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
-    for item in re.finditer(
-        r"^(\S[^\n]*?)(?: : ([^\n]*))?\n((?:(?:[ \t]+[^\n]*)?\n)*)", (part[1] if part else "") + "\n", re.MULTILINE
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
+    for entry in re.finditer(
+        r"^(\S[^\n]*?)(?: : ([^\n]*))?\n((?:(?:[ \t]+[^\n]*)?\n)*)",
+        (section[1] if section else "") + "\n",
+        re.MULTILINE,
     ):
-        for name in item[1].split(","):
-            yield name.strip(), (item[2] or "", " ".join(item[3].split()))
+        for name in entry[1].split(","):
+            yield name.strip(), (entry[2] or "", " ".join(entry[3].split()))
 
 
 def for_shells(text: str, names: Sequence[str]) -> str:
@@ -291,14 +301,16 @@ def command(
     panel_of = {name: panel for panel, names in (panels or {}).items() for name in names}
     parameters: dict[str, ApiParameter] = {}
     for name in api.split():
-        text, known = parameters_of(name)
+        text, parameters_read = parameters_of(name)
         first = first or text
-        parameters |= {item.name: item for item in known if item.name not in (*LEFT_OUT, *without, *parameters)}
+        parameters |= {
+            item.name: item for item in parameters_read if item.name not in (*LEFT_OUT, *without, *parameters)
+        }
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         hints = inspect.signature(function, eval_str=True).parameters
         kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
-        own = [item for item in hints.values() if item.name != "options"]
+        hinted = [item for item in hints.values() if item.name != "options"]
         shown, defaults = [], {}
         for name, item in parameters.items():
             kind = kinds[name]
@@ -332,7 +344,7 @@ def command(
             )
         more = [
             item.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=_in_panel(item, panel_of, bool(panels)))
-            for item in own
+            for item in hinted
         ]
         if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panels:
             more.append(

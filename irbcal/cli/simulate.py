@@ -215,15 +215,15 @@ def _with_device(
             hint = "PLAN" if name == "plan" else f"--{name}"
             raise typer.BadParameter("--device does not take it: its poses are at its features", param_hint=hint)
     try:
-        found = simulate_device(robot, device, **{name: value for name, value in options.items() if value is not None})
+        result = simulate_device(robot, device, **{name: value for name, value in options.items() if value is not None})
     except OptionError as error:
         raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
-    rows, features, truth = found.save(out)
+    rows, features, truth = result.save(out)
     if json:
         paths = {"out": str(rows), "features_out": str(features), "truth": str(truth)}
-        show.print_json({**paths, **found.to_dict()})
+        show.print_json({**paths, **result.to_dict()})
         return
-    show.tell([*found.told(), f"Written to {rows}, what is known of the features to {features}, the truth to {truth}"])
+    show.tell([*result.told(), f"Written to {rows}, what is known of the features to {features}, the truth to {truth}"])
 
 
 def _maker(program: Path | None) -> Maker | None:
@@ -250,7 +250,7 @@ def _place(text: str | None) -> list[float] | None:
     if text is None:
         return None
     try:
-        values = [float(part) * MM for part in text.split(",")]
+        values = [float(word) * MM for word in text.split(",")]
     except ValueError:
         values = []
     if len(values) != 3:

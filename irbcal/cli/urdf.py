@@ -15,11 +15,11 @@ from irbcal.overwriting import refuse_overwriting
 def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """Write a URDF from a Denavit-Hartenberg table, for robots that have none."""
     refuse_overwriting({"out": out}, [options["dh"]])
-    made = public("urdf_from_dh")(**options)
-    made.save(out)
+    result = public("urdf_from_dh")(**options)
+    result.save(out)
     if json:
-        rows = made.to_frame().to_dict("records")
+        rows = result.to_frame().to_dict("records")
         finite = [{k: None if v in (inf, -inf) else v for k, v in row.items()} for row in rows]  # no limit: null
         show.print_json({"out": str(out), "joints": finite})
         return
-    show.tell([*made.told(), f"Written to {out}"])
+    show.tell([*result.told(), f"Written to {out}"])

@@ -28,9 +28,9 @@ def view(
     """Look at the robot, measured and modelled points and magnified errors, pose by pose (served on 127.0.0.1 only)."""
     if html is not None and port is not None:
         raise typer.BadParameter("--html writes a page, it is not served: leave one of them out", param_hint="--port")
-    shown = public("view")(**options)
-    show.tell(shown.told())
+    result = public("view")(**options)
+    show.tell(result.told())
     if html is None:
-        shown.serve(port, open_browser, show.say)
+        result.serve(port, open_browser, show.say)
     else:
-        show.say(f"Written to {shown.save(html)}")
+        show.say(f"Written to {result.save(html)}")

@@ -98,8 +98,8 @@ class Entry:
         options = {name: value for name, value in self.options.items() if name not in FILE_OPTIONS}
         row = [self.id, self.serial, self.date, Path(self.robot).name, options]
         digest = hashlib.sha256(json.dumps(row, sort_keys=True).encode())
-        named = [self.robot, *(str(self.options[name]) for name in FILE_OPTIONS if name in self.options)]
-        for path in (self.measurements, *(path for path in named if Path(path).is_file())):
+        files = [self.robot, *(str(self.options[name]) for name in FILE_OPTIONS if name in self.options)]
+        for path in (self.measurements, *(path for path in files if Path(path).is_file())):
             digest.update(hashlib.sha256(read_bytes(path, MeasurementError)).digest())
         return digest.hexdigest()
 
@@ -128,38 +128,41 @@ def read_manifest(manifest: str | Path) -> list[Entry]:
         raise MeasurementError(
             f"expected the columns {', '.join(KNOWN)}, found {strange[0]!r}", file=source, column=strange[0]
         )
-    out, seen = [], dict[str, int]()
+    out, rows_of_ids = [], dict[str, int]()
     for row, values in cells.iterrows():
         given = {name: str(value).strip() for name, value in values.items()}
         entry = _entry(given, Path(source).parent, source, int(str(row)))
         folded = entry.id.casefold()  # a folder's name: some systems take A for a
-        if folded in seen:
+        if folded in rows_of_ids:
             raise MeasurementError(
-                f"the id {entry.id!r} stands in row {seen[folded]}, too", file=source, row=int(str(row)), column="id"
+                f"the id {entry.id!r} stands in row {rows_of_ids[folded]}, too",
+                file=source,
+                row=int(str(row)),
+                column="id",
             )
-        seen[folded] = int(str(row))
+        rows_of_ids[folded] = int(str(row))
         out.append(entry)
     return out
 
 
-def _entry(given: Mapping[str, str], folder: Path, source: str, row: int) -> Entry:
+def _entry(cells: Mapping[str, str], folder: Path, source: str, row: int) -> Entry:
     def wrong(column: str, sentence: str) -> MeasurementError:
         return MeasurementError(sentence, file=source, row=row, column=column)
 
     for column in NEEDED:
-        if not given[column]:
+        if not cells[column]:
             raise wrong(column, "expected a text, found nothing")
-    name = given["id"]
+    name = cells["id"]
     if not NAME.fullmatch(name) or name in RESERVED or len(name) > 100:
         raise wrong("id", f"expected letters, digits, '.', '_' and '-' (it names a folder), found {name!r}")
-    check_names(given.values(), MeasurementError, file=source)
-    day = given.get("date", "")
+    check_names(cells.values(), MeasurementError, file=source)
+    day = cells.get("date", "")
     if day:
         try:
             date.fromisoformat(day)
         except ValueError:
             raise wrong("date", f"expected a date such as 2026-03-17, found {day!r}") from None
-    options = dict(_option(text, wrong) for text in given.get("options", "").split())
+    options = dict(_option(text, wrong) for text in cells.get("options", "").split())
     for option in FILE_OPTIONS:
         if option in options:
             options[option] = str(folder / options[option])
@@ -167,12 +170,12 @@ def _entry(given: Mapping[str, str], folder: Path, source: str, row: int) -> Ent
         Options(**options)
     except IrbcalError as error:
         raise wrong("options", str(error)) from None
-    robot = given["robot"]
+    robot = cells["robot"]
     beside = folder / robot
     return Entry(
         name,
-        given.get("serial") or name,
-        str(folder / given["measurements"]),
+        cells.get("serial") or name,
+        str(folder / cells["measurements"]),
         str(beside) if beside.exists() else robot,
         day,
         options,
@@ -239,7 +242,7 @@ class RobotOutcome:
     def of(entry: Entry, record: Record, sha256: str) -> RobotOutcome:
         """Of a calibration just made."""
         proven = record.heldout is not None and record.heldout_nominal is not None
-        found = verdict_of(record)
+        judged = verdict_of(record)
         return RobotOutcome(
             entry.id,
             entry.serial,
@@ -251,16 +254,16 @@ class RobotOutcome:
             record.heldout_nominal.all.mean_mm if proven and record.heldout_nominal else None,
             record.heldout.all.mean_mm if proven and record.heldout else None,
             record.heldout.all.max_mm if proven and record.heldout else None,
-            found.sentence(),
-            found.trusted,
+            judged.sentence(),
+            judged.trusted,
             False,
             sha256,
         )
 
     @staticmethod
-    def refused(entry: Entry, why: str) -> RobotOutcome:
+    def refused(entry: Entry, reason: str) -> RobotOutcome:
         """Of a robot that could not be calibrated."""
-        return RobotOutcome(entry.id, entry.serial, entry.date, verdict=why, failed=True)
+        return RobotOutcome(entry.id, entry.serial, entry.date, verdict=reason, failed=True)
 
     def mark(self) -> bytes:
         """What `MARK` says."""
@@ -279,9 +282,9 @@ def read_mark(folder: Path) -> RobotOutcome | None:
 
 def finished(entry: Entry, folder: Path) -> RobotOutcome | None:
     """The outcome of a robot that is calibrated already, from the same row and the same files; else None."""
-    found = read_mark(folder)
+    outcome = read_mark(folder)
     try:
-        return found if found is not None and not found.failed and found.sha256 == entry.sha256() else None
+        return outcome if outcome is not None and not outcome.failed and outcome.sha256 == entry.sha256() else None
     except IrbcalError:
         return None
 
@@ -405,21 +408,23 @@ def fleet_calibrate(
     started = time.perf_counter()
     entries, folder = read_manifest(manifest), Path(out)
     _open(folder)
-    found: dict[str, RobotOutcome | None] = {entry.id: finished(entry, folder / entry.id) for entry in entries}
-    left = [entry for entry in entries if found[entry.id] is None]
-    kept, say = len(entries) - len(left), progress or (lambda text: None)
+    outcomes: dict[str, RobotOutcome | None] = {entry.id: finished(entry, folder / entry.id) for entry in entries}
+    pending = [entry for entry in entries if outcomes[entry.id] is None]
+    finished_before, say = len(entries) - len(pending), progress or (lambda text: None)
     shared = str(folder.absolute())
     try:
-        tasks = parallel.each(_calibrate, shared, left, seconds=CALIBRATION_S, lost=_lost)
-        for count, (place, outcome) in enumerate(tasks, start=1):
-            found[left[place].id] = outcome
-            say(f"{count} of {len(left)} robots")
+        tasks = parallel.each(_calibrate, shared, pending, seconds=CALIBRATION_S, lost=_lost)
+        for count, (index, outcome) in enumerate(tasks, start=1):
+            outcomes[pending[index].id] = outcome
+            say(f"{count} of {len(pending)} robots")
     except KeyboardInterrupt:
-        raise parallel.Interrupted(sum(one is None for one in found.values()), "robots to calibrate") from None
-    robots = tuple(one for entry in entries if (one := found[entry.id]) is not None)
+        raise parallel.Interrupted(
+            sum(outcome is None for outcome in outcomes.values()), "robots to calibrate"
+        ) from None
+    robots = tuple(robot for entry in entries if (robot := outcomes[entry.id]) is not None)
     seconds = time.perf_counter() - started
-    made = sum(not robot.failed for robot in robots) - kept
-    result = CalibratedFleet(folder, robots, made, kept, seconds)
+    new = sum(not robot.failed for robot in robots) - finished_before
+    result = CalibratedFleet(folder, robots, new, finished_before, seconds)
     _write(result)
     return result
 

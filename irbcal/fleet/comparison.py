@@ -48,33 +48,33 @@ _WAVE = re.compile(r"[a-z]+[0-9+]+ (?:sin|cos) (\d+)(?: \w+)?")
 
 def high_wave(name: str) -> bool:
     """Whether a term is a wave of more than `HIGHEST` cycles per turn."""
-    found = _WAVE.fullmatch(name)
-    return found is not None and int(found[1]) > HIGHEST
+    wave = _WAVE.fullmatch(name)
+    return wave is not None and int(wave[1]) > HIGHEST
 
 
 def called(name: str) -> tuple[str, str]:
     """A parameter in words, and what may have changed it."""
     constant = _CONSTANT.fullmatch(name)
     if constant and constant[1] in DHM:
-        what, why = DHM[constant[1]]
+        title, cause = DHM[constant[1]]
         joint = int(constant[2])
-        return what.format(j=joint, k=joint + 1), why
+        return title.format(j=joint, k=joint + 1), cause
     term = _TERM.match(name)
     if term:
-        for basis, what, why in FAMILIES:
+        for basis, title, cause in FAMILIES:
             if term[2].startswith(basis):
-                return f"{what.format(j=term[1])} ({name})", why
+                return f"{title.format(j=term[1])} ({name})", cause
     return name, "wear, a crash or a repair"
 
 
 def amount(value: float, std: float, unit: str) -> str:
     """``0.021 ± 0.004 degrees`` of a value in SI units."""
     base, _, per = unit.partition("/")
-    shown, factor = UNITS.get(base, (base, 1.0))
+    unit_shown, factor = UNITS.get(base, (base, 1.0))
     value, std = abs(value) / factor, std / factor
     digits = max(0, 1 - int(f"{std:e}".partition("e")[2])) if std > 0.0 else 6
     tail = f" per {per}" if per else ""
-    return f"{value:.{digits}f} ± {std:.{digits}f} {'' if shown == '1' else shown}{tail}".rstrip()
+    return f"{value:.{digits}f} ± {std:.{digits}f} {'' if unit_shown == '1' else unit_shown}{tail}".rstrip()
 
 
 ONE_SIDED = 1e-4
@@ -117,12 +117,12 @@ class ParameterChange:
     chi2: float
     others: tuple[str, ...] = ()
 
-    def in_words(self, before: date, after: date) -> str:
+    def in_words(self, first: date, second: date) -> str:
         """A sentence."""
-        what, why = called(self.name)
+        title, cause = called(self.name)
         return (
-            f"{what[0].upper()}{what[1:]} moved by {amount(self.value, self.std, self.unit)} between {before} and "
-            f"{after}: {why}?{self._others_in_words()}"
+            f"{title[0].upper()}{title[1:]} moved by {amount(self.value, self.std, self.unit)} between {first} and "
+            f"{second}: {cause}?{self._others_in_words()}"
         )
 
     def _others_in_words(self) -> str:
@@ -177,13 +177,13 @@ class Change:
         if self.sisters:
             names = " and ".join(self.sisters)
             return [*out, f"The later one agrees with {names}: were the files of two robots exchanged?"]
-        out += [item.in_words(self.before, self.after) for item in self.parameters]
+        out += [parameter.in_words(self.before, self.after) for parameter in self.parameters]
         if self.left_p < CHANCE:
             out.append(f"That does not explain all of it (p = {self.left_p:.2g} of what is left): more has changed.")
         return out
 
 
-def change(before: Stored, after: Stored, others: Sequence[Stored] = ()) -> Change:
+def change(first: Stored, second: Stored, fleet: Sequence[Stored] = ()) -> Change:
     """Compare two calibrations of a robot, by the level that both have; where it changed, also with other robots.
 
     Averages of many error models cannot be compared parameter by parameter: what one of them explains by a wave
@@ -191,38 +191,40 @@ def change(before: Stored, after: Stored, others: Sequence[Stored] = ()) -> Chan
 
     Parameters
     ----------
-    before, after : Stored
-    others : sequence of Stored
+    first, second : Stored
+    fleet : sequence of Stored
         Calibrations among which those of other robots of the type are looked for.
 
     Returns
     -------
     Change
     """
-    dates = before.measured, after.measured
-    if before.level is None or after.level is None:
+    dates = first.measured, second.measured
+    if first.level is None or second.level is None:
         return Change(*dates, 0.0, 0, 1.0, (), 1.0)
-    names = [name for name in before.level.names if name in after.level.place]
-    d, W, chi2, seen, p = _difference(before.level, after.level, names)
-    found: list[ParameterChange] = []
-    left, left_p = chi2, p
+    names = [name for name in first.level.names if name in second.level.place]
+    d, W, chi2, directions, p = _difference(first.level, second.level, names)
+    causes: list[ParameterChange] = []
+    remaining, left_p = chi2, p
     if p < CHANCE:
-        found, left = _explained(d, W, names, before.level)
-        left_p = _beyond(left, max(seen - len(found), 1))
-    return Change(*dates, chi2, seen, p, tuple(found), left_p, _like_sisters(after, others) if p < CHANCE else ())
+        causes, remaining = _explained(d, W, names, first.level)
+        left_p = _beyond(remaining, max(directions - len(causes), 1))
+    return Change(
+        *dates, chi2, directions, p, tuple(causes), left_p, _like_sisters(second, fleet) if p < CHANCE else ()
+    )
 
 
-def _like_sisters(after: Stored, others: Sequence[Stored]) -> tuple[str, ...]:
+def _like_sisters(second: Stored, fleet: Sequence[Stored]) -> tuple[str, ...]:
     """Other robots of the type with a calibration that agrees with a later one."""
-    robot, names = after.robot, dict[str, None]()
-    for other in others:
-        if other.robot["id"] == robot["id"] or other.robot["type"] != robot["type"] or other.level is None:
+    robot, names = second.robot, dict[str, None]()
+    for stored in fleet:
+        if stored.robot["id"] == robot["id"] or stored.robot["type"] != robot["type"] or stored.level is None:
             continue
-        assert after.level is not None
-        common = [name for name in other.level.names if name in after.level.place]
-        *_, seen, p = _difference(other.level, after.level, common)
-        if seen >= FEWEST_DIRECTIONS and p >= CHANCE:
-            names[str(other.robot["id"])] = None
+        assert second.level is not None
+        common = [name for name in stored.level.names if name in second.level.place]
+        *_, directions, p = _difference(stored.level, second.level, common)
+        if directions >= FEWEST_DIRECTIONS and p >= CHANCE:
+            names[str(stored.robot["id"])] = None
     return tuple(names)
 
 
@@ -234,71 +236,74 @@ def _beyond(chi2: float, directions: int) -> float:
 
 
 def _difference(
-    before: Estimate, after: Estimate, names: list[str]
+    first: Estimate, second: Estimate, names: list[str]
 ) -> tuple[FloatArray, FloatArray, float, int, float]:
     """Differences in natural sizes, their weight, chi-square, its degrees of freedom, and its probability by chance.
 
     What counts are the directions that both have seen.
     """
-    rows = [[one.place[name] for name in names] for one in (before, after)]
-    size = before.natural[rows[0]]
-    d = (after.values[rows[1]] - before.values[rows[0]]) / size
-    C = [one.covariance[np.ix_(r, r)] / np.outer(size, size) for one, r in zip((before, after), rows, strict=True)]
+    rows = [[estimate.place[name] for name in names] for estimate in (first, second)]
+    size = first.natural[rows[0]]
+    d = (second.values[rows[1]] - first.values[rows[0]]) / size
+    C = [
+        estimate.covariance[np.ix_(r, r)] / np.outer(size, size)
+        for estimate, r in zip((first, second), rows, strict=True)
+    ]
     values, vectors = np.linalg.eigh(C[0] + C[1])
-    own = np.array([np.einsum("ik,ij,jk->k", vectors, part, vectors) for part in C])
-    keep = (own.min(axis=0) > ONE_SIDED * own.max(axis=0)) & (values > HELD * values.max(initial=0.0))
+    variances = np.array([np.einsum("ik,ij,jk->k", vectors, matrix, vectors) for matrix in C])
+    keep = (variances.min(axis=0) > ONE_SIDED * variances.max(axis=0)) & (values > HELD * values.max(initial=0.0))
     U = vectors[:, keep]
-    W, seen = (U / values[keep]) @ U.T, int(keep.sum())
+    W, directions = (U / values[keep]) @ U.T, int(keep.sum())
     chi2 = float(d @ W @ d)
-    return d, W, chi2, seen, _beyond(chi2, seen)
+    return d, W, chi2, directions, _beyond(chi2, directions)
 
 
-def _explained(d: FloatArray, W: FloatArray, names: list[str], before: Estimate) -> tuple[list[ParameterChange], float]:
+def _explained(d: FloatArray, W: FloatArray, names: list[str], first: Estimate) -> tuple[list[ParameterChange], float]:
     """Parameters whose change explains a difference, one after the other, and the chi-square that is left."""
     from scipy.special import chdtri
 
     limit = float(chdtri(1, CHANCE / max(len(names), 1)))
-    taken: list[int] = []
-    left = float(d @ W @ d)
-    values, stds, gains, others = np.zeros(0), np.zeros(0), list[float](), list[tuple[str, ...]]()
-    while len(taken) < MOST_CAUSES:
+    chosen: list[int] = []
+    remaining = float(d @ W @ d)
+    values, stds, gains, ties = np.zeros(0), np.zeros(0), list[float](), list[tuple[str, ...]]()
+    while len(chosen) < MOST_CAUSES:
         rests = {}
         for k in range(len(names)):
-            if k not in taken and W[k, k] > 0.0 and (rest := _left(d, W, [*taken, k])) is not None:
-                rests[k] = rest[0]
+            if k not in chosen and W[k, k] > 0.0 and (fit_left := _left(d, W, [*chosen, k])) is not None:
+                rests[k] = fit_left[0]
         best = min(rests, key=lambda k: rests[k], default=-1)
-        if best < 0 or left - rests[best] < limit:
+        if best < 0 or remaining - rests[best] < limit:
             break
-        equal = [k for k, rest in rests.items() if rest < rests[best] + TIE]
+        equal = [k for k, chi2 in rests.items() if chi2 < rests[best] + TIE]
         zeros = [k for k in equal if names[k].startswith("delta_theta")]
         best = min(zeros or [best], key=lambda k: rests[k])
-        taken.append(best)
-        others.append(tuple(names[k] for k in sorted(equal, key=lambda k: rests[k]) if k != best))
-        gains.append(left - rests[best])
-        found = _left(d, W, taken)
-        assert found is not None
-        left, values, stds = found
+        chosen.append(best)
+        ties.append(tuple(names[k] for k in sorted(equal, key=lambda k: rests[k]) if k != best))
+        gains.append(remaining - rests[best])
+        solution = _left(d, W, chosen)
+        assert solution is not None
+        remaining, values, stds = solution
     out = []
-    for k, value, std, gain, other in zip(taken, values, stds, gains, others, strict=True):
-        row = before.place[names[k]]
-        size = before.natural[row]
-        out.append(ParameterChange(names[k], before.units[row], float(value * size), float(std * size), gain, other))
-    return out, left
+    for k, value, std, gain, tied in zip(chosen, values, stds, gains, ties, strict=True):
+        row = first.place[names[k]]
+        size = first.natural[row]
+        out.append(ParameterChange(names[k], first.units[row], float(value * size), float(std * size), gain, tied))
+    return out, remaining
 
 
-def _left(d: FloatArray, W: FloatArray, taken: list[int]) -> tuple[float, FloatArray, FloatArray] | None:
+def _left(d: FloatArray, W: FloatArray, chosen: list[int]) -> tuple[float, FloatArray, FloatArray] | None:
     """Chi-square that is left where some parameters changed, by how much they did, and its standard deviations.
 
     None where these are not known, or cannot be told apart.
     """
-    N = W[np.ix_(taken, taken)]
+    N = W[np.ix_(chosen, chosen)]
     scale = np.sqrt(np.diagonal(N))
     scaled = N / np.outer(scale, scale)
     if np.linalg.cond(scaled) > 1e6:  # cannot be told apart
         return None
     inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    values, stds = inverse @ (W[taken] @ d), np.sqrt(np.diagonal(inverse))
-    return None if stds.max() > VAGUE else (float(d @ W @ d - (W[taken] @ d) @ values), values, stds)
+    values, stds = inverse @ (W[chosen] @ d), np.sqrt(np.diagonal(inverse))
+    return None if stds.max() > VAGUE else (float(d @ W @ d - (W[chosen] @ d) @ values), values, stds)
 
 
 FEWEST_SISTERS = 5
@@ -328,7 +333,7 @@ class StandsOut:
 
 def latest(calibrations: Sequence[Stored]) -> list[Stored]:
     """The last calibration of each robot, robots by their ids."""
-    return list({one.robot["id"]: one for one in calibrations}.values())
+    return list({stored.robot["id"]: stored for stored in calibrations}.values())
 
 
 def standing_out(sisters: Sequence[Stored]) -> list[StandsOut]:
@@ -341,44 +346,44 @@ def standing_out(sisters: Sequence[Stored]) -> list[StandsOut]:
     """
     if len(sisters) < FEWEST_SISTERS:
         return []
-    found: dict[str, list[tuple[float, str]]] = {}
-    levels = [(one, one.level) for one in sisters if one.level is not None]
+    reasons_of: dict[str, list[tuple[float, str]]] = {}
+    levels = [(stored, stored.level) for stored in sisters if stored.level is not None]
     for name in sorted({name for _, level in levels for name in level.names}):
-        having = [(one, level, level.place[name]) for one, level in levels if name in level.place]
+        having = [(stored, level, level.place[name]) for stored, level in levels if name in level.place]
         if len(having) < FEWEST_SISTERS:
             continue
         values = np.array([level.values[k] for _, level, k in having])
         stds = np.sqrt([max(level.covariance[k, k], 0.0) for _, level, k in having])
         middle, spread = _middle(values)
-        away = values - middle
+        deviation = values - middle
         total = np.sqrt(spread**2 + stds**2)
-        far = np.divide(np.abs(away), total, out=np.zeros_like(total), where=total > 0.0)
-        for (one, level, k), value, std, z in zip(having, away, total, far, strict=True):
+        far = np.divide(np.abs(deviation), total, out=np.zeros_like(total), where=total > 0.0)
+        for (one, level, k), value, std, z in zip(having, deviation, total, far, strict=True):
             if z > STANDS_OUT:
-                words = f"{called(name)[0]} is {amount(value, std, level.units[k])} from the middle of its sisters"
-                found.setdefault(one.robot["id"], []).append((float(z), words))
-    for one, z, words in _errors(sisters):
-        found.setdefault(one.robot["id"], []).append((z, words))
+                text = f"{called(name)[0]} is {amount(value, std, level.units[k])} from the middle of its sisters"
+                reasons_of.setdefault(one.robot["id"], []).append((float(z), text))
+    for one, z, text in _errors(sisters):
+        reasons_of.setdefault(one.robot["id"], []).append((z, text))
     out = []
-    for robot, reasons in found.items():
+    for robot, reasons in reasons_of.items():
         reasons.sort(reverse=True)
         more = f"; and {len(reasons) - MOST_REASONS} more" if len(reasons) > MOST_REASONS else ""
-        out.append(StandsOut(robot, reasons[0][0], "; ".join(words for _, words in reasons[:MOST_REASONS]) + more))
-    return sorted(out, key=lambda item: -item.deviations)
+        out.append(StandsOut(robot, reasons[0][0], "; ".join(text for _, text in reasons[:MOST_REASONS]) + more))
+    return sorted(out, key=lambda robot_out: -robot_out.deviations)
 
 
 def _errors(sisters: Sequence[Stored]) -> list[tuple[Stored, float, str]]:
     """Robots whose calibrated error is far larger than their sisters'."""
-    known = [one for one in sisters if one.calibration["heldout_mean_mm"]]
-    if len(known) < FEWEST_SISTERS:
+    with_errors = [stored for stored in sisters if stored.calibration["heldout_mean_mm"]]
+    if len(with_errors) < FEWEST_SISTERS:
         return []
-    errors = np.array([one.calibration["heldout_mean_mm"] for one in known])
+    errors = np.array([stored.calibration["heldout_mean_mm"] for stored in with_errors])
     middle, spread = _middle(np.log(errors))
     far = (np.log(errors) - middle) / max(spread, 0.05)
     usual = float(np.exp(middle))
     return [
-        (one, float(z), f"its held-out mean error is {error:.3f} mm, that of its sisters {usual:.3f} mm")
-        for one, error, z in zip(known, errors, far, strict=True)
+        (stored, float(z), f"its held-out mean error is {error:.3f} mm, that of its sisters {usual:.3f} mm")
+        for stored, error, z in zip(with_errors, errors, far, strict=True)
         if z > STANDS_OUT
     ]
 

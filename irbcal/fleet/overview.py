@@ -75,7 +75,7 @@ def stored(
         _level(record),
         _terms(record),
         tuple(_other(record, set(fit.names))),
-        tuple((item.file, item.sha256) for item in record.data),
+        tuple((file.file, file.sha256) for file in record.data),
     )
 
 
@@ -100,10 +100,10 @@ def _level(record: Record) -> Estimate | None:
     A level takes the points of a pose for independent, but their errors are mostly the pose's: its variances are too
     small by the number of points.
     """
-    known = record.used_points(False)
-    if known is None:
+    used = record.used_points(False)
+    if used is None:
         return None
-    points, arm = known[0], record.arm(calibrated=False)
+    points, arm = used[0], record.arm(calibrated=False)
     try:
         fit = identify(arm, points, default_level(arm))
     except IdentificationError:
@@ -117,22 +117,22 @@ def _terms(record: Record) -> Estimate | None:
     try:
         _, points, motion = earlier_of(record).sessions[-1]
         check_averaging(arm, points.poses)
-        found = type_terms(arm, points, motion)
+        estimate = type_terms(arm, points, motion)
     except IrbcalError:
         return None
-    natural = np.array([term.size for term in found.terms])
+    natural = np.array([term.size for term in estimate.terms])
     return Estimate(
-        tuple(name_of(term) for term in found.terms),
-        tuple(term.unit for term in found.terms),
-        np.array(found.values),
+        tuple(name_of(term) for term in estimate.terms),
+        tuple(term.unit for term in estimate.terms),
+        np.array(estimate.values),
         WIDE * natural,
         natural,
-        np.array(found.covariance),
+        np.array(estimate.covariance),
     )
 
 
 def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str, Any]:
-    proven, before, found = record.heldout, record.heldout_nominal, verdict_of(record)
+    proven, nominal, judged = record.heldout, record.heldout_nominal, verdict_of(record)
     return {
         "fingerprint": record.fingerprint,
         "measured": measured,
@@ -144,29 +144,35 @@ def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str
         "simulated": record.simulated,
         "poses_fit": record.poses_fit,
         "poses_heldout": record.poses_heldout,
-        "nominal_mean_mm": before.all.mean_mm if before else None,
+        "nominal_mean_mm": nominal.all.mean_mm if nominal else None,
         "heldout_mean_mm": proven.all.mean_mm if proven else None,
         "heldout_sigma_mm": proven.all.sigma_mm if proven else None,
         "heldout_max_mm": proven.all.max_mm if proven else None,
-        "trusted": found.trusted,
-        "verdict": found.sentence(),
+        "trusted": judged.trusted,
+        "verdict": judged.sentence(),
         "json_sha256": sha256,
         "urdf_sha256": record.calibrated_urdf_sha256,
         "nominal_urdf_sha256": record.robot.urdf_sha256,
     }
 
 
-def _other(record: Record, known: set[str]) -> list[dict[str, Any]]:
+def _other(record: Record, names: set[str]) -> list[dict[str, Any]]:
     """Base, targets and what is held, as listed."""
     factor = {outside: (unit, size) for unit, (outside, size) in UNIT_OUTSIDE.items()}
     out: list[dict[str, Any]] = []
-    for item in record.parameters:
-        if item.name in known or not (item.name.startswith(("base", "target")) or item.state == "held"):
+    for parameter in record.parameters:
+        if parameter.name in names or not (parameter.name.startswith(("base", "target")) or parameter.state == "held"):
             continue
-        unit, size = factor.get(item.unit, (item.unit, 1.0))
-        std = None if item.std is None else item.std * size
-        row = {"part": "other", "position": len(out), "name": item.name, "value": item.value * size, "std": std}
-        out.append(row | {"prior": None, "natural": None, "unit": unit, "state": item.state})
+        unit, size = factor.get(parameter.unit, (parameter.unit, 1.0))
+        std = None if parameter.std is None else parameter.std * size
+        row = {
+            "part": "other",
+            "position": len(out),
+            "name": parameter.name,
+            "value": parameter.value * size,
+            "std": std,
+        }
+        out.append(row | {"prior": None, "natural": None, "unit": unit, "state": parameter.state})
     return out
 
 
@@ -183,9 +189,9 @@ def _expected(record: Record, certainty: Certainty) -> Mapping[str, float]:
     moments = (np.diagonal(certainty.covariance)[flat:] + certainty.coefficients**2) / natural**2
     out = {}
     for group in record.evidence.groups:
-        mine = np.array([term.group == group.name and not high_wave(name_of(term)) for term in terms], dtype=bool)
-        whole = (group.found or 0.0) ** 2 + (group.std or 0.0) ** 2
-        share = float(moments[mine].mean()) / whole if mine.any() and whole > 0.0 else 1.0
+        of_group = np.array([term.group == group.name and not high_wave(name_of(term)) for term in terms], dtype=bool)
+        second_moment = (group.found or 0.0) ** 2 + (group.std or 0.0) ** 2
+        share = float(moments[of_group].mean()) / second_moment if of_group.any() and second_moment > 0.0 else 1.0
         out[group.name] = group.size * min(1.0, share) ** 0.5
     return out
 
@@ -255,8 +261,8 @@ def fleet_add(
     OptionError
         If ``id``, ``serial`` or ``date`` are given for several.
     """
-    given = [calibrations] if isinstance(calibrations, (str, Path)) else list(calibrations)
-    folders = [folder for path in given for folder in _folders(Path(path))]
+    paths = [calibrations] if isinstance(calibrations, (str, Path)) else list(calibrations)
+    folders = [folder for path in paths for folder in _folders(Path(path))]
     for option, value in (("id", id), ("serial", serial), ("date", date)):
         if value is not None and len(folders) != 1:
             raise OptionError(f"{option}: it is of a single calibration, found {len(folders)}", parameter=option)
@@ -264,16 +270,16 @@ def fleet_add(
         if not (folder / JSON_NAME).is_file():
             raise CalibrationError("not a calibration folder", file=folder)
     added: list[str] = []
-    there: list[str] = []
+    known_before: list[str] = []
     first = [stored(folder, id, serial, date) for folder in folders[:1]]  # no store is made for what is none
-    others = (stored(folder, id, serial, date) for folder in folders[1:])
-    with opened(store, create=True) as held:
-        for folder, calibration in zip(folders, chain(first, others), strict=True):
-            (added if held.add(calibration) else there).append(str(folder))
+    rest_stored = (stored(folder, id, serial, date) for folder in folders[1:])
+    with opened(store, create=True) as database:
+        for folder, calibration in zip(folders, chain(first, rest_stored), strict=True):
+            (added if database.add(calibration) else known_before).append(str(folder))
             if progress is not None:
-                progress(f"{len(added) + len(there)} of {len(folders)} calibrations")
-        name = held.engine.url.render_as_string(hide_password=True) if "://" in str(store) else str(store)
-    return Added(name, tuple(added), tuple(there))
+                progress(f"{len(added) + len(known_before)} of {len(folders)} calibrations")
+        name = database.engine.url.render_as_string(hide_password=True) if "://" in str(store) else str(store)
+    return Added(name, tuple(added), tuple(known_before))
 
 
 def _folders(path: Path) -> list[Path]:
@@ -281,10 +287,10 @@ def _folders(path: Path) -> list[Path]:
     from irbcal.fleet.batch import MARK, SIGN
 
     if (path / SIGN).is_file() and not (path / JSON_NAME).exists():
-        found = sorted(child for child in path.iterdir() if (child / MARK).is_file())
-        if not found:
+        folders = sorted(child for child in path.iterdir() if (child / MARK).is_file())
+        if not folders:
             raise CalibrationError("a fleet without a calibrated robot", file=path)
-        return found
+        return folders
     return [path]
 
 
@@ -309,14 +315,14 @@ class Overview(Speaks):
     @property
     def simulated(self) -> bool:
         """Whether any calibration is from simulated measurements."""
-        return any(one.calibration["simulated"] for one in self.calibrations)
+        return any(stored.calibration["simulated"] for stored in self.calibrations)
 
     def headline(self) -> str:
         """How many, in one line."""
         kind = "SIMULATED: " if self.simulated else ""
-        robots = {one.robot["id"] for one in self.calibrations}
-        types = {one.robot["type"] for one in self.calibrations}
-        changed = sum(found.real for found in self.changes.values())
+        robots = {stored.robot["id"] for stored in self.calibrations}
+        types = {stored.robot["type"] for stored in self.calibrations}
+        changed = sum(step.real for step in self.changes.values())
         out = sum(map(len, self.outstanding.values()))
         return (
             f"{kind}{len(self.calibrations)} calibrations of {len(robots)} robots of {len(types)} "
@@ -326,33 +332,33 @@ class Overview(Speaks):
     def told(self) -> Sequence[Told]:
         """A row a robot; what changed; which stand out."""
         times: dict[str, int] = {}
-        for one in self.calibrations:
-            times[one.robot["id"]] = times.get(one.robot["id"], 0) + 1
+        for stored in self.calibrations:
+            times[stored.robot["id"]] = times.get(stored.robot["id"], 0) + 1
         rows = tuple(
             (
-                one.robot["id"],
-                one.robot["serial"],
-                one.robot["type"],
-                str(one.measured),
-                times[one.robot["id"]],
-                one.calibration["model"],
-                one.calibration["nominal_mean_mm"],
-                one.calibration["heldout_mean_mm"],
-                one.calibration["heldout_max_mm"],
+                stored.robot["id"],
+                stored.robot["serial"],
+                stored.robot["type"],
+                str(stored.measured),
+                times[stored.robot["id"]],
+                stored.calibration["model"],
+                stored.calibration["nominal_mean_mm"],
+                stored.calibration["heldout_mean_mm"],
+                stored.calibration["heldout_max_mm"],
             )
-            for one in latest(self.calibrations)
+            for stored in latest(self.calibrations)
         )
         columns = ("id", "serial", "type", "last", "times", "model", "nominal mm", "calibrated mm", "largest mm")
         changed = [
             f"{robot}: {sentence}"
-            for robot, found in self.changes.items()
-            if found.real
-            for sentence in found.in_words()
+            for robot, changes in self.changes.items()
+            if changes.real
+            for sentence in changes.in_words()
         ]
         outstanding = [
-            f"{item.robot} stands out of type {type} ({item.deviations:.0f} standard deviations): {item.words}."
-            for type, items in self.outstanding.items()
-            for item in items
+            f"{entry.robot} stands out of type {type} ({entry.deviations:.0f} standard deviations): {entry.words}."
+            for type, entries in self.outstanding.items()
+            for entry in entries
         ]
         return [self.headline(), Table("Robots, by their last calibration", columns, rows), *changed, *outstanding]
 
@@ -361,11 +367,11 @@ class Overview(Speaks):
         return {
             "simulated": self.simulated,
             "calibrations": [
-                {**one.robot} | {k: str(v) if k == "measured" else v for k, v in one.calibration.items()}
-                for one in self.calibrations
+                {**stored.robot} | {k: str(v) if k == "measured" else v for k, v in stored.calibration.items()}
+                for stored in self.calibrations
             ],
-            "changed": {robot: found.in_words() for robot, found in self.changes.items() if found.real},
-            "outstanding": {type: [vars(item) for item in items] for type, items in self.outstanding.items()},
+            "changed": {robot: changes.in_words() for robot, changes in self.changes.items() if changes.real},
+            "outstanding": {type: [vars(robot) for robot in entries] for type, entries in self.outstanding.items()},
         }
 
 
@@ -390,19 +396,21 @@ def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: st
     CalibrationError
         If the store cannot be read, or has no such robots.
     """
-    with opened(store) as held:
-        found = held.calibrations(type=type)
-    if not found:
+    with opened(store) as database:
+        calibrations = database.calibrations(type=type)
+    if not calibrations:
         raise CalibrationError(f"the store has no calibrations{f' of type {type}' if type else ''}")
     by_robot: dict[str, list[Stored]] = {}
     by_type: dict[str, list[Stored]] = {}
-    for one in found:
-        by_robot.setdefault(one.robot["id"], []).append(one)
-    for one in latest(found):
-        by_type.setdefault(one.robot["type"], []).append(one)
-    changes = {robot: change(items[-2], items[-1], found) for robot, items in by_robot.items() if len(items) > 1}
-    outstanding = {kind: tuple(items) for kind, sisters in by_type.items() if (items := standing_out(sisters))}
-    overview = Overview(tuple(found), changes, outstanding)
+    for stored in calibrations:
+        by_robot.setdefault(stored.robot["id"], []).append(stored)
+    for stored in latest(calibrations):
+        by_type.setdefault(stored.robot["type"], []).append(stored)
+    changes = {
+        robot: change(history[-2], history[-1], calibrations) for robot, history in by_robot.items() if len(history) > 1
+    }
+    outstanding = {kind: tuple(history) for kind, sisters in by_type.items() if (history := standing_out(sisters))}
+    overview = Overview(tuple(calibrations), changes, outstanding)
     if report is not None:
         write_together(Path(report).parent, {Path(report).name: render_store(overview).encode()})
     return overview
@@ -427,13 +435,13 @@ class Drift(Speaks):
 
     def told(self) -> Sequence[Told]:
         """A sentence or more for each step."""
-        kind = "SIMULATED: " if any(one.calibration["simulated"] for one in self.calibrations) else ""
+        kind = "SIMULATED: " if any(stored.calibration["simulated"] for stored in self.calibrations) else ""
         head = self.calibrations[-1].robot
-        count = sum(item.real for item in self.changes)
+        count = sum(step.real for step in self.changes)
         steps = f"{len(self.changes)} step{'s' if len(self.changes) != 1 else ''}"
         return [
             f"{kind}{self.robot} (serial {head['serial']}, {head['type']}): {count} of {steps} a change",
-            *(sentence for item in self.changes for sentence in item.in_words()),
+            *(sentence for step in self.changes for sentence in step.in_words()),
         ]
 
     def to_dict(self) -> dict[str, Any]:
@@ -442,17 +450,17 @@ class Drift(Speaks):
             "robot": self.robot,
             "changes": [
                 {
-                    "before": str(item.before),
-                    "after": str(item.after),
-                    "chi2": item.chi2,
-                    "directions": item.directions,
-                    "p": item.p,
-                    "changed": item.real,
-                    "sisters": list(item.sisters),
-                    "parameters": [vars(one) for one in item.parameters],
-                    "words": item.in_words(),
+                    "before": str(step.before),
+                    "after": str(step.after),
+                    "chi2": step.chi2,
+                    "directions": step.directions,
+                    "p": step.p,
+                    "changed": step.real,
+                    "sisters": list(step.sisters),
+                    "parameters": [vars(parameter) for parameter in step.parameters],
+                    "words": step.in_words(),
                 }
-                for item in self.changes
+                for step in self.changes
             ],
         }
 
@@ -476,16 +484,16 @@ def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:
     CalibrationError
         If the store has fewer than two calibrations of it.
     """
-    with opened(store) as held:
-        found = held.calibrations(robot=robot)
-        every = held.calibrations(type=found[-1].robot["type"]) if found else []
-        if len(found) < 2:
-            known = [row["id"] for row in held.robots()]
-            there = "1 calibration" if found else f"none of the {len(known)} robots is it, and no calibration"
+    with opened(store) as database:
+        calibrations = database.calibrations(robot=robot)
+        every = database.calibrations(type=calibrations[-1].robot["type"]) if calibrations else []
+        if len(calibrations) < 2:
+            ids = [row["id"] for row in database.robots()]
+            count_text = "1 calibration" if calibrations else f"none of the {len(ids)} robots is it, and no calibration"
             raise CalibrationError(
-                f"{robot}: two calibrations are needed to see a change, found {there}", file=str(store)
+                f"{robot}: two calibrations are needed to see a change, found {count_text}", file=str(store)
             )
-    return Drift(robot, tuple(found), tuple(change(*pair, every) for pair in pairwise(found)))
+    return Drift(robot, tuple(calibrations), tuple(change(*pair, every) for pair in pairwise(calibrations)))
 
 
 def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "parameters") -> int:
@@ -517,10 +525,10 @@ def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "par
     path, name = Path(out), checked("what", what, EXPORTED)
     if path.suffix not in (".csv", ".parquet"):
         raise OptionError(f"out: expected a name that ends in .csv or .parquet, found {path.name!r}", parameter="out")
-    with opened(store) as held:
-        frame = held.table(name)
+    with opened(store) as database:
+        frame = database.table(name)
         if "calibration" in frame:
-            heads = held.table("calibrations").set_index("number")[["robot", "measured"]]
+            heads = database.table("calibrations").set_index("number")[["robot", "measured"]]
             absent = sorted(set(frame["calibration"]) - set(heads.index))
             if absent:
                 raise CalibrationError(
@@ -553,6 +561,6 @@ def render_store(overview: Overview) -> str:
             simulated=overview.simulated,
             headline=overview.headline(),
             told=overview.told()[1:],
-            is_table=lambda item: isinstance(item, Table),
+            is_table=lambda value: isinstance(value, Table),
         )
     )

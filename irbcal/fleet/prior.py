@@ -97,11 +97,11 @@ def fleet_prior(
     CalibrationError
         If the store has too few sisters, or they began from different nominal robots.
     """
-    with opened(store) as held:
-        found = held.calibrations(type=type)
-    if not found:
+    with opened(store) as database:
+        calibrations = database.calibrations(type=type)
+    if not calibrations:
         raise CalibrationError(f"the store has no calibrations of type {type}", file=str(store))
-    sisters = [one for one in latest(found) if one.terms is not None and one.robot["id"] != without]
+    sisters = [stored for stored in latest(calibrations) if stored.terms is not None and stored.robot["id"] != without]
     if len(sisters) < FEWEST_SISTERS:
         raise CalibrationError(
             f"expected {FEWEST_SISTERS} or more calibrated robots of type {type} with their points, found "
@@ -123,47 +123,49 @@ def type_prior(sisters: Sequence[Stored]) -> TypePrior:
     CalibrationError
         If they began from different nominal robots, or their numbers cannot be.
     """
-    nominal = {one.calibration["nominal_urdf_sha256"]: one.robot["id"] for one in sisters}
+    nominal = {stored.calibration["nominal_urdf_sha256"]: stored.robot["id"] for stored in sisters}
     if len(nominal) > 1:
         first, second, *_ = nominal.values()
         raise CalibrationError(
             f"{first} and {second} were calibrated from different files of the nominal robot: their terms cannot be "
             "compared"
         )
-    estimates = [one.terms for one in sisters if one.terms is not None]
+    estimates = [stored.terms for stored in sisters if stored.terms is not None]
     counts: dict[str, int] = {}
-    for one in estimates:
-        for name in one.names:
+    for estimate in estimates:
+        for name in estimate.names:
             counts[name] = counts.get(name, 0) + 1
     names = [name for name, count in counts.items() if count >= LEAST_SHARE * len(estimates)]
-    known = {name: (one.natural[k], one.units[k]) for one in estimates for name, k in one.place.items()}
-    natural = np.array([known[name][0] for name in names])
+    sizes = {
+        name: (estimate.natural[k], estimate.units[k]) for estimate in estimates for name, k in estimate.place.items()
+    }
+    natural = np.array([sizes[name][0] for name in names])
     with np.errstate(all="ignore"):  # what becomes of it is looked at
-        mean, std = population([_likelihood(one, names) for one in estimates])
+        mean, std = population([_likelihood(estimate, names) for estimate in estimates])
     if not (np.isfinite(mean).all() and np.isfinite(std).all()):
         raise CalibrationError("what the store says of these robots' terms gives no mean and scatter: is it damaged?")
     return TypePrior(
         sisters[0].robot["type"],
         next(iter(nominal)),
-        tuple(one.robot["id"] for one in sisters),
-        any(one.calibration["simulated"] for one in sisters),
+        tuple(stored.robot["id"] for stored in sisters),
+        any(stored.calibration["simulated"] for stored in sisters),
         tuple(names),
-        tuple(known[name][1] for name in names),
+        tuple(sizes[name][1] for name in names),
         natural * mean,
         natural * std,
         natural,
     )
 
 
-def _likelihood(one: Estimate, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+def _likelihood(estimate: Estimate, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Information matrix and vector of the terms in natural sizes, without their wide prior; zero for those unseen."""
-    rows = [one.place[name] for name in names if name in one.place]
-    here = [k for k, name in enumerate(names) if name in one.place]
-    size = one.natural[rows]
-    precision = np.linalg.inv(one.covariance[np.ix_(rows, rows)] / np.outer(size, size))
+    rows = [estimate.place[name] for name in names if name in estimate.place]
+    present = [k for k, name in enumerate(names) if name in estimate.place]
+    size = estimate.natural[rows]
+    precision = np.linalg.inv(estimate.covariance[np.ix_(rows, rows)] / np.outer(size, size))
     information, vector = np.zeros((len(names), len(names))), np.zeros(len(names))
-    vector[here] = precision @ (one.values[rows] / size)
-    information[np.ix_(here, here)] = 0.5 * (precision + precision.T) - WIDE**-2.0 * np.eye(len(rows))
+    vector[present] = precision @ (estimate.values[rows] / size)
+    information[np.ix_(present, present)] = 0.5 * (precision + precision.T) - WIDE**-2.0 * np.eye(len(rows))
     return information, vector
 
 
@@ -200,8 +202,8 @@ def population(likelihoods: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[Fl
         for (L, b), M in zip(likelihoods, inverse, strict=True):
             squares += (T * (M @ (b - L @ mean))) ** 2
             gammas += 1.0 - np.diagonal(M)
-        before, T = T, (squares + PRIOR_C2) / (gammas + PRIOR_GAMMA)
-        if np.abs(np.log(T / before)).max() < TOLERANCE:
+        T_before, T = T, (squares + PRIOR_C2) / (gammas + PRIOR_GAMMA)
+        if np.abs(np.log(T / T_before)).max() < TOLERANCE:
             break
     std: FloatArray = np.sqrt(T * (1.0 + 1.0 / n) + 1.0 / np.diagonal(P))
     return mean, std

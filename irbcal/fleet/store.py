@@ -222,35 +222,40 @@ class Store:
         CalibrationError
             If its robot is there with another serial number or of another type.
         """
-        parts: dict[str, Estimate | None] = {part: getattr(stored, part) for part in PARTS}
+        estimates: dict[str, Estimate | None] = {part_name: getattr(stored, part_name) for part_name in PARTS}
         with self.engine.execution_options(writes=True).begin() as link:
             link.execute(self._insert(robots).values(**stored.robot).on_conflict_do_nothing())
-            there = link.execute(sql.select(robots).where(robots.c.id == stored.robot["id"])).mappings().one()
-            for what in ("serial", "type"):
-                if there[what] != stored.robot[what]:
+            known = link.execute(sql.select(robots).where(robots.c.id == stored.robot["id"])).mappings().one()
+            for column in ("serial", "type"):
+                if known[column] != stored.robot[column]:
                     raise CalibrationError(
-                        f"robot {there['id']} is in the store with {what} {there[what]}, not {stored.robot[what]}",
+                        f"robot {known['id']} is in the store with {column} {known[column]}, not {stored.robot[column]}",
                         file=stored.calibration["folder"],
                     )
-            made = link.execute(
+            number = link.execute(
                 self._insert(calibrations)
                 .values(
                     **stored.calibration,
-                    **{f"{part}_covariance": None if one is None else one.packed() for part, one in parts.items()},
+                    **{
+                        f"{section}_covariance": None if estimate is None else estimate.packed()
+                        for section, estimate in estimates.items()
+                    },
                 )
                 .on_conflict_do_nothing()
                 .returning(calibrations.c.number)
             ).scalar_one_or_none()
-            if made is None:
+            if number is None:
                 return False
-            rows = [row for part, one in parts.items() if one is not None for row in one.rows(part)]
-            link.execute(sql.insert(parameters), [{"calibration": made, **row} for row in (*rows, *stored.other)])
+            rows = [
+                row for section, estimate in estimates.items() if estimate is not None for row in estimate.rows(section)
+            ]
+            link.execute(sql.insert(parameters), [{"calibration": number, **row} for row in (*rows, *stored.other)])
             if stored.files:
-                named = [
-                    {"calibration": made, "position": k, "name": name, "sha256": sha256}
+                file_rows = [
+                    {"calibration": number, "position": k, "name": name, "sha256": sha256}
                     for k, (name, sha256) in enumerate(stored.files)
                 ]
-                link.execute(sql.insert(files), named)
+                link.execute(sql.insert(files), file_rows)
             return True
 
     def _insert(self, table: sql.Table) -> Any:
@@ -271,14 +276,14 @@ class Store:
         if type is not None:
             chosen = chosen.where(robots.c.type == type)
         with self.engine.connect() as link:
-            found = _checked(
+            rows = _checked(
                 link, chosen.order_by(calibrations.c.robot, calibrations.c.measured, calibrations.c.created)
             )
-            numbers = [row["number"] for row in found]
+            numbers = [row["number"] for row in rows]
             of_parameters = self._by_calibration(link, parameters, numbers)
             of_files = self._by_calibration(link, files, numbers)
         return [
-            self._stored(row, of_parameters.get(row["number"], []), of_files.get(row["number"], [])) for row in found
+            self._stored(row, of_parameters.get(row["number"], []), of_files.get(row["number"], [])) for row in rows
         ]
 
     @staticmethod
@@ -293,17 +298,18 @@ class Store:
     @staticmethod
     def _stored(head: dict[str, Any], rows: list[dict[str, Any]], data: list[dict[str, Any]]) -> Stored:
         robot = {"id": head["robot"], "serial": head.pop("serial"), "type": head.pop("type")}
-        factors = {part: head.pop(f"{part}_covariance") for part in PARTS}
-        parts = {part: [row for row in rows if row["part"] == part] for part in (*PARTS, "other")}
+        factors = {section: head.pop(f"{section}_covariance") for section in PARTS}
+        rows_of = {section: [row for row in rows if row["part"] == section] for section in (*PARTS, "other")}
         try:
             fit, level, terms = (
-                None if factors[part] is None else Estimate.of(parts[part], factors[part]) for part in PARTS
+                None if factors[section] is None else Estimate.of(rows_of[section], factors[section])
+                for section in PARTS
             )
         except ValueError:
             raise _Damaged(f"calibration {head['number']} has not the parameters of its covariance") from None
         assert fit is not None
         files_of = tuple((row["name"], row["sha256"]) for row in data)
-        return Stored(robot, head, fit, level, terms, tuple(parts["other"]), files_of)
+        return Stored(robot, head, fit, level, terms, tuple(rows_of["other"]), files_of)
 
     def robots(self) -> list[dict[str, str]]:
         """All robots by their ids."""
@@ -316,8 +322,8 @@ class Store:
 
         chosen = [column for column in tables.tables[name].c if not column.name.endswith("_covariance")]
         with self.engine.connect() as link:
-            found = _checked(link, sql.select(*chosen).order_by(*tables.tables[name].primary_key.columns))
-        return pd.DataFrame(found, columns=[column.name for column in chosen])
+            rows = _checked(link, sql.select(*chosen).order_by(*tables.tables[name].primary_key.columns))
+        return pd.DataFrame(rows, columns=[column.name for column in chosen])
 
 
 class _Damaged(Exception):
@@ -359,20 +365,20 @@ def opened(store: str | Path, create: bool = False) -> Iterator[Store]:
     OptionError
         If the URL is of another database.
     """
-    engine, shown = _engine(store, create)
-    new = create and "://" not in shown and not Path(shown).exists()
+    engine, url = _engine(store, create)
+    new = create and "://" not in url and not Path(url).exists()
     try:
-        _check(engine, shown, create)
+        _check(engine, url, create)
         yield Store(engine)
-        if new and not Path(shown).exists():
-            raise CalibrationError("the store is gone, as another writer that made it failed: add again", file=shown)
+        if new and not Path(url).exists():
+            raise CalibrationError("the store is gone, as another writer that made it failed: add again", file=url)
     except BaseException as error:
         if new:
-            _remove_if_empty(engine, Path(shown))
+            _remove_if_empty(engine, Path(url))
         if isinstance(error, (_Damaged, UnicodeDecodeError)):  # SQLite's own words can hold what stands in the file
-            raise CalibrationError(f"the store is damaged: {error}", file=shown) from None
+            raise CalibrationError(f"the store is damaged: {error}", file=url) from None
         if isinstance(error, DBAPIError):
-            raise CalibrationError(f"the store failed: {str(error.orig).strip().splitlines()[0]}", file=shown) from None
+            raise CalibrationError(f"the store failed: {str(error.orig).strip().splitlines()[0]}", file=url) from None
         raise
     finally:
         engine.dispose()
@@ -381,8 +387,8 @@ def opened(store: str | Path, create: bool = False) -> Iterator[Store]:
 def _remove_if_empty(engine: Engine, path: Path) -> None:
     """Remove a file of SQLite that was made for nothing, while no other writer adds to it."""
     with suppress(DBAPIError, UnicodeDecodeError), engine.execution_options(writes=True).begin() as link:
-        there = calibrations.name in sql.inspect(link).get_table_names()
-        if not there or not link.execute(sql.select(sql.func.count()).select_from(calibrations)).scalar_one():
+        has_table = calibrations.name in sql.inspect(link).get_table_names()
+        if not has_table or not link.execute(sql.select(sql.func.count()).select_from(calibrations)).scalar_one():
             path.unlink(missing_ok=True)
     if path.exists() and path.stat().st_size == 0:  # there was no space to look into it
         path.unlink()
@@ -434,25 +440,25 @@ def _begin_sqlite(link: sql.Connection) -> None:
     link.exec_driver_sql("begin immediate" if link.get_execution_options().get("writes") else "begin")
 
 
-def _check(engine: Engine, shown: str, create: bool) -> None:
+def _check(engine: Engine, name: str, create: bool) -> None:
     """See that it is a store of this version; make it where that is wanted."""
     if create:
         with engine.execution_options(writes=True).begin() as link:
             if engine.dialect.name == "postgresql":  # two that make it at a time wait for each other
                 link.execute(sql.text("select pg_advisory_xact_lock(74728)"))
-            there = set(sql.inspect(link).get_table_names())
-            if about.name not in there:
-                strangers = sorted(there & set(tables.tables))
+            names = set(sql.inspect(link).get_table_names())
+            if about.name not in names:
+                strangers = sorted(names & set(tables.tables))
                 if strangers:
-                    raise CalibrationError(f"{NOT_THERE}, but it has a table {strangers[0]}", file=shown)
+                    raise CalibrationError(f"{NOT_THERE}, but it has a table {strangers[0]}", file=name)
                 tables.create_all(link)
                 link.execute(sql.insert(about).values(version=VERSION))
     with engine.connect() as link:
         if about.name not in sql.inspect(link).get_table_names():
-            raise CalibrationError(f"{NOT_THERE}: irbcal fleet add makes one", file=shown)
+            raise CalibrationError(f"{NOT_THERE}: irbcal fleet add makes one", file=name)
         versions = link.execute(sql.select(about.c.version)).scalars().all()
     if len(versions) != 1 or not isinstance(versions[0], int):
-        raise CalibrationError(f"{NOT_THERE}: its table {about.name} does not say its version", file=shown)
+        raise CalibrationError(f"{NOT_THERE}: its table {about.name} does not say its version", file=name)
     version = versions[0]
     if version != VERSION:
-        raise CalibrationError(f"a store of version {version}, this irbcal reads {VERSION}", file=shown)
+        raise CalibrationError(f"a store of version {version}, this irbcal reads {VERSION}", file=name)

@@ -128,12 +128,12 @@ def _read_table(reference: Any, folder: Path, name: str) -> dict[str, list[Any]]
     del content
     columns: dict[str, list[Any]] = {}
     for label in table.column_names:
-        part, dot, _ = label.partition(".")
+        column_name, dot, _ = label.partition(".")
         values = _values(table.column(label))
         if not dot:
-            columns[part] = values
+            columns[column_name] = values
         else:
-            columns.setdefault(part, []).append("".join(values) if part == SIGN_COLUMN else values)
+            columns.setdefault(column_name, []).append("".join(values) if column_name == SIGN_COLUMN else values)
     return columns
 
 
@@ -144,8 +144,8 @@ def _values(column: Any) -> list[Any]:
     if not pa.types.is_string(column.type):
         return column.to_pylist()
     coded = column.combine_chunks().dictionary_encode()
-    words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-    return words[coded.indices.fill_null(len(words) - 1).to_numpy()].tolist()
+    values = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+    return values[coded.indices.fill_null(len(values) - 1).to_numpy()].tolist()
 
 
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
@@ -238,9 +238,9 @@ def _refuse_unreadable(files: Mapping[str, bytes], folder: Path) -> None:
         try:
             read(draft)
         except CalibrationError as error:
-            why = str(error).removeprefix(f"{error.file}: ")
+            reason = str(error).removeprefix(f"{error.file}: ")
             raise CalibrationError(
-                f"not written, because no command could open it: {why}", file=folder, parameter=error.parameter
+                f"not written, because no command could open it: {reason}", file=folder, parameter=error.parameter
             ) from None
 
 
@@ -337,17 +337,17 @@ def checked(folder: str | Path) -> FolderCheck:
     saved, content = _read(folder)
     section = saved.record.seal
     if section is None:
-        found, listed, changed = [NO_SEAL], {}, {}
+        differences, listed, changed = [NO_SEAL], {}, {}
     else:
         listed = section.files
         changed = _changed_files(folder, saved.record, listed)
-        found = [f"{name} was changed after it was written" for name in integrity.broken(content)]
-        found += [f"{name} {how}" for name, how in changed.items()]
-        found += [f"{name} is not listed in the seal" for name in (URDF_NAME, ORIGINS_NAME) if name not in listed]
+        differences = [f"{name} was changed after it was written" for name in integrity.broken(content)]
+        differences += [f"{name} {how}" for name, how in changed.items()]
+        differences += [f"{name} is not listed in the seal" for name in (URDF_NAME, ORIGINS_NAME) if name not in listed]
     names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     return FolderCheck(
         saved.record,
-        (*found, *_contradictions(saved)),
+        (*differences, *_contradictions(saved)),
         tuple(name for name in (JSON_NAME, *listed) if name not in changed),
         tuple(name for name in names if name not in {JSON_NAME, SIGNATURE_NAME, *listed}),
     )
@@ -364,27 +364,27 @@ def _contradictions(saved: Saved) -> list[str]:
 def _changed_files(folder: Path, record: Record, names: Iterable[str]) -> dict[str, str]:
     """Files of the seal's list that are not as they are listed, with what is wrong; all are well without a seal."""
     listed = {} if record.seal is None else record.seal.files
-    found = {}
+    changes = {}
     for name in names:
         if name not in listed:
             continue
         try:
             content = read_bytes(folder / name, CalibrationError)
         except CalibrationError:
-            found[name] = "cannot be read" if os.path.lexists(folder / name) else "is missing"
+            changes[name] = "cannot be read" if os.path.lexists(folder / name) else "is missing"
             continue
         if hashlib.sha256(content).hexdigest() != listed[name]:
-            found[name] = "was changed after it was written"
-    return found
+            changes[name] = "was changed after it was written"
+    return changes
 
 
-def reseal(folder: str | Path, why: str) -> str:
+def reseal(folder: str | Path, reason: str) -> str:
     """Accept deliberate changes of a ``calibration.json``.
 
     Parameters
     ----------
     folder : str or Path
-    why : str
+    reason : str
         One line for its history.
 
     Returns
@@ -404,7 +404,7 @@ def reseal(folder: str | Path, why: str) -> str:
         raise CalibrationError(f"this cannot be accepted: {'; '.join(against)}", file=folder / JSON_NAME)
     names = {*NAMES, *TABLE_FILES.values()} - {JSON_NAME}
     files = {name: read_bytes(folder / name, CalibrationError) for name in names if (folder / name).is_file()}
-    document = integrity.resealed(content, integrity.hashes(files), comment(why))
+    document = integrity.resealed(content, integrity.hashes(files), comment(reason))
     write_together(folder, {JSON_NAME: _text(document)})
     return str(document[integrity.KEY]["changes"][-1])
 
@@ -413,13 +413,13 @@ def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
     """A folder as it is, and the content of its ``calibration.json`` as JSON has it."""
     json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
     try:
-        data = read_bytes(json_path, CalibrationError, what=NOT_ONE)
+        data = read_bytes(json_path, CalibrationError, prefix=NOT_ONE)
         content, large = _content(data)
         record = Record.model_validate(with_tables(content, folder)) if large else Record.model_validate_json(data)
-        urdf_bytes = read_bytes(urdf_path, CalibrationError, what=NOT_ONE)
+        urdf_bytes = read_bytes(urdf_path, CalibrationError, prefix=NOT_ONE)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the file"
+        where = ".".join(str(key) for key in first["loc"]) or "the file"
         raise CalibrationError(f"{where}: {first['msg']}", file=json_path, parameter=where) from None
     tables = {name: dict(getattr(record, name)) for name in TABLE_FILES}
     refuse_absurd(record.model_dump(exclude={integrity.KEY, *TABLE_FILES}) | tables, json_path)

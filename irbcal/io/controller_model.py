@@ -82,15 +82,15 @@ def controller_frames(data: bytes, source: str, base_link: str, tip_link: str) -
 
     def up(link: str) -> dict[str, FloatArray]:
         """All links that are fixed above a link, with its pose in them."""
-        T, seen = np.eye(4), {link: np.eye(4)}
-        while link in above and above[link][0] not in seen:
+        T, T_of_link = np.eye(4), {link: np.eye(4)}
+        while link in above and above[link][0] not in T_of_link:
             link, step = above[link]
             T = step @ T
-            seen[link] = T
-        return seen
+            T_of_link[link] = T
+        return T_of_link
 
-    def between(link: str, other: str) -> FloatArray | None:
-        ours, theirs = up(link), up(other)
+    def between(link: str, target: str) -> FloatArray | None:
+        ours, theirs = up(link), up(target)
         common = next((name for name in ours if name in theirs), None)
         return None if common is None else frames.inverse(ours[common]) @ theirs[common]
 
@@ -140,9 +140,9 @@ class ControllerModel:
 
     def seen_by_it(self, robot: Robot) -> Robot:
         """A calibrated robot whose poses are counted from the controller's base to its flange."""
-        back = frames.inverse(self.T_tip_own)
-        targets = {name: back[:3, :3] @ place + back[:3, 3] for name, place in robot.targets.items()}
-        rotations = {name: back[:3, :3] @ R for name, R in robot.target_rotations.items()}
+        T_own_tip = frames.inverse(self.T_tip_own)
+        targets = {name: T_own_tip[:3, :3] @ xyz + T_own_tip[:3, 3] for name, xyz in robot.targets.items()}
+        rotations = {name: T_own_tip[:3, :3] @ R for name, R in robot.target_rotations.items()}
         base, tip = self.T_own_base @ robot.arm.T_base_0, robot.arm.T_last_tip @ self.T_tip_own
         arm = replace(robot.arm, T_base_0=base, T_last_tip=tip)
         return robot.replace(arm=arm, targets=targets, target_rotations=rotations)
@@ -151,9 +151,9 @@ class ControllerModel:
         """How far it is from the nominal robot and from a calibrated one as it sees that, at joints (n, joints)."""
         if not len(q):
             q = self.nominal.random_joints(200, 0)
-        own = self.arm.forward(q)
+        T_arm = self.arm.forward(q)
         nominal, true = (
-            float(np.linalg.norm((T - own)[:, :3, 3], axis=1).mean()) / MM
+            float(np.linalg.norm((T - T_arm)[:, :3, 3], axis=1).mean()) / MM
             for T in (self.T_own_base @ self.nominal.forward(q) @ self.T_tip_own, robot.forward(q))
         )
         text = (
@@ -193,14 +193,14 @@ def controller_kinematics(path: str | Path, record: Record, calibrated_urdf: byt
     nominal = record.arm(calibrated=False)
     if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         data = _with_origins(joint_origins.read(data, source), record, calibrated_urdf, source)
-    found = urdf.from_bytes(data, source, nominal.base_link, nominal.tip_link).arm
-    if not np.array_equal(found.table.prismatic, nominal.table.prismatic):
+    parsed = urdf.from_bytes(data, source, nominal.base_link, nominal.tip_link).arm
+    if not np.array_equal(parsed.table.prismatic, nominal.table.prismatic):
         raise RobotError(
-            f"expected the {nominal.joints_in_words} of {nominal.name}, found {found.joints_in_words}",
+            f"expected the {nominal.joints_in_words} of {nominal.name}, found {parsed.joints_in_words}",
             file=source,
             parameter="controller_model",
         )
-    arm = replace(found, joint_names=nominal.joint_names, lower=nominal.lower, upper=nominal.upper)
+    arm = replace(parsed, joint_names=nominal.joint_names, lower=nominal.lower, upper=nominal.upper)
     arm = replace(arm, coupling=nominal.coupling)
     q = nominal.random_joints(200, 0)
     if np.abs(arm.forward(q) - record.arm().forward(q)).max() < SAME:
@@ -210,7 +210,7 @@ def controller_kinematics(path: str | Path, record: Record, calibrated_urdf: byt
             file=source,
             parameter="controller_model",
         )
-    (base, tip), (base_nominal, tip_nominal) = (_ends(one, source) for one in (arm, nominal))
+    (base, tip), (base_nominal, tip_nominal) = (_ends(arm_or_nominal, source) for arm_or_nominal in (arm, nominal))
     T_own_base, T_tip_own = base @ frames.inverse(base_nominal), tip_nominal @ frames.inverse(tip)
     apart = arm.forward(q) - T_own_base @ nominal.forward(q) @ T_tip_own
     far = float(np.median(np.linalg.norm(apart[:, :3, 3], axis=1)))
@@ -232,7 +232,7 @@ def _with_origins(
         raise RobotError(
             "joint origins need the URDF that they are for: name the calibration by its folder", file=source
         )
-    links = {item.link: item.joint for item in record.joint_origins}
+    links = {origin.link: origin.joint for origin in record.joint_origins}
     return urdf.with_joint_origins(calibrated_urdf, joint_origins.by_joint(origins, links, source))
 
 
@@ -240,7 +240,7 @@ def _ends(arm: Arm, source: str) -> tuple[FloatArray, FloatArray]:
     """What axis 1 tells of the base, in the base link, and the last axis of the tip, in it, at zero joints."""
     chain = dhm.chain_frames(arm.table, arm.table.offsets[:, None], arm.T_base_0)
     z, o = np.asarray(chain.z)[:, :, 0], np.asarray(chain.o)[:, :, 0]
-    found = []
+    axis_frames = []
     for axis, beside in ((0, 1), (-1, -2)):
         across = np.cross(z[axis], z[beside])
         if arm.table.prismatic[[axis, beside]].any() or np.linalg.norm(across) < PARALLEL:
@@ -254,5 +254,5 @@ def _ends(arm: Arm, source: str) -> tuple[FloatArray, FloatArray]:
         y = z[beside] - z[axis] * (z[axis] @ z[beside])
         y = y / np.linalg.norm(y)
         R = np.column_stack([np.cross(y, z[axis]), y, z[axis]])
-        found.append(frames.transform(R, o[axis] + along * z[axis]))
-    return found[0], frames.inverse(arm.forward(np.zeros((1, len(z))))[0]) @ found[1]
+        axis_frames.append(frames.transform(R, o[axis] + along * z[axis]))
+    return axis_frames[0], frames.inverse(arm.forward(np.zeros((1, len(z))))[0]) @ axis_frames[1]

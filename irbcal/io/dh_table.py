@@ -132,43 +132,43 @@ def urdf_from_dh(dh: TableLike, convention: Convention, *, name: str = "robot") 
     check_names([name, *labels.values()], RobotError, file=source)
     limits = _limits(cells, kinds, source)
     T: FloatArray = np.eye(4)
-    parts: list[tuple[str, FloatArray, str, float, FloatArray]] = []
+    rows: list[tuple[str, FloatArray, str, float, FloatArray]] = []
     for k, kind in enumerate(kinds):
         turn, shift = frames.transform(frames.rot_x(alpha[k])), frames.transform(None, [a[k], 0.0, 0.0])
         spin, lift = frames.transform(frames.rot_z(theta[k])), frames.transform(None, [0.0, 0.0, d[k]])
-        before, after = (turn @ shift @ spin @ lift, np.eye(4)), (np.eye(4), spin @ lift @ shift @ turn)
-        first, last = before if convention == "modified" else after
+        modified, standard = (turn @ shift @ spin @ lift, np.eye(4)), (np.eye(4), spin @ lift @ shift @ turn)
+        first, last = modified if convention == "modified" else standard
         T = T @ first
         if kind != "fixed":
-            parts.append((labels[k], T, kind, signs[k], limits[k]))
+            rows.append((labels[k], T, kind, signs[k], limits[k]))
             T = np.eye(4)
         T = T @ last
-    data = _document(name, parts, T)
+    data = _document(name, rows, T)
     return DhRobot(urdf.from_bytes(data, source, "base_link", "tool0"), data, convention)
 
 
 def _values(cells: pd.DataFrame, kind: str, endings: tuple[str, ...], source: str) -> FloatArray:
     """A column in SI units, whichever of its units the table has."""
-    found = [kind + ending for ending in endings if kind + ending in cells.columns]
-    if len(found) != 1:
+    present = [kind + ending for ending in endings if kind + ending in cells.columns]
+    if len(present) != 1:
         expected = " or ".join(kind + ending for ending in endings)
-        has = f"both {' and '.join(found)}" if found else columns.listed(list(cells.columns))
+        has = f"both {' and '.join(present)}" if present else columns.listed(list(cells.columns))
         raise MeasurementError(f"expected a column {expected}, found {has}", file=source, row=1)
-    unit = UNITS[found[0].removeprefix(kind)]
-    return columns.numbers(cells, found[0], source, "a number") * unit
+    unit = UNITS[present[0].removeprefix(kind)]
+    return columns.numbers(cells, present[0], source, "a number") * unit
 
 
 def _choice(cells: pd.DataFrame, column: str, choices: tuple[str, ...], usual: str, source: str) -> list[str]:
     """Words of a column; the usual one where there is no column."""
     if column not in cells.columns:
         return [usual] * len(cells)
-    words = [str(word).strip().lower() for word in cells[column]]
-    for row, word in zip(cells.index, words, strict=True):
+    values = [str(word).strip().lower() for word in cells[column]]
+    for row, word in zip(cells.index, values, strict=True):
         if word not in choices:
             raise MeasurementError(
                 f"expected {', '.join(choices)}, found {word!r}", file=source, row=int(row), column=column
             )
-    return words
+    return values
 
 
 def _limits(cells: pd.DataFrame, kinds: list[str], source: str) -> FloatArray:
@@ -178,9 +178,9 @@ def _limits(cells: pd.DataFrame, kinds: list[str], source: str) -> FloatArray:
         for ending, unit in UNITS.items():
             if name + ending not in cells.columns:
                 continue
-            given = columns.numbers(cells, name + ending, source, "a number or nothing", lost=True)
-            fits = np.array([(kind == "prismatic") == (ending in LENGTH) for kind in kinds]) & np.isfinite(given)
-            out[fits, side] = given[fits] * unit
+            values = columns.numbers(cells, name + ending, source, "a number or nothing", lost=True)
+            fits = np.array([(kind == "prismatic") == (ending in LENGTH) for kind in kinds]) & np.isfinite(values)
+            out[fits, side] = values[fits] * unit
     for row, kind, (low, high) in zip(cells.index, kinds, out, strict=True):
         if kind == "fixed":
             continue
@@ -194,7 +194,7 @@ def _limits(cells: pd.DataFrame, kinds: list[str], source: str) -> FloatArray:
     return out
 
 
-def _document(name: str, parts: list[tuple[str, FloatArray, str, float, FloatArray]], T_last_tip: FloatArray) -> bytes:
+def _document(name: str, rows: list[tuple[str, FloatArray, str, float, FloatArray]], T_last_tip: FloatArray) -> bytes:
     from lxml import etree
 
     from irbcal.io import urdf_xml
@@ -202,7 +202,7 @@ def _document(name: str, parts: list[tuple[str, FloatArray, str, float, FloatArr
     root = etree.Element("robot", name=name)
     etree.SubElement(root, "link", name="base_link")
     parent = "base_link"
-    for number, (label, T, kind, sign, (low, high)) in enumerate(parts, start=1):
+    for number, (label, T, kind, sign, (low, high)) in enumerate(rows, start=1):
         child = f"link_{number}"
         etree.SubElement(root, "link", name=child)
         endless = bool(np.isnan(low))

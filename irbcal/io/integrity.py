@@ -31,18 +31,18 @@ MOVING = ("simulated", "robot", "joint_origins", "joint_map", "frame_terms", "pl
 """Parts of which the fingerprint is one."""
 
 
-def digest(part: Any) -> str:
+def digest(value: Any) -> str:
     """SHA-256 of a part's canonical JSON."""
-    text = json.dumps(part, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
-def fingerprint(parts: Mapping[str, Any]) -> str:
+def fingerprint(content: Mapping[str, Any]) -> str:
     """The fingerprint of a calibration.
 
     Parameters
     ----------
-    parts : dict
+    content : dict
         Those of `MOVING`, as sections or as JSON has them; others are left out.
 
     Returns
@@ -50,7 +50,7 @@ def fingerprint(parts: Mapping[str, Any]) -> str:
     str
         32 digits, hexadecimal.
     """
-    return digest(to_jsonable_python({name: parts[name] for name in MOVING}))[:32]
+    return digest(to_jsonable_python({name: content[name] for name in MOVING}))[:32]
 
 
 def hashes(files: Mapping[str, bytes]) -> dict[str, str]:
@@ -73,18 +73,18 @@ def sealed(document: Mapping[str, Any], files: Mapping[str, str] | None = None) 
     dict
         The seal is its last part.
     """
-    rest = {name: part for name, part in document.items() if name != KEY}
-    before = document.get(KEY) or {}
-    return rest | {
+    content = {name: value for name, value in document.items() if name != KEY}
+    seal_before = document.get(KEY) or {}
+    return content | {
         KEY: {
-            "parts": {name: digest(part) for name, part in rest.items()},
-            "files": dict(before.get("files", {}) if files is None else files),
-            "changes": list(before.get("changes", [])),
+            "parts": {name: digest(value) for name, value in content.items()},
+            "files": dict(seal_before.get("files", {}) if files is None else files),
+            "changes": list(seal_before.get("changes", [])),
         }
     }
 
 
-def resealed(document: Mapping[str, Any], files: Mapping[str, str], why: str) -> dict[str, Any]:
+def resealed(document: Mapping[str, Any], files: Mapping[str, str], reason: str) -> dict[str, Any]:
     """A document whose changes are accepted, with a line in its history that says when, what and why.
 
     Parameters
@@ -92,7 +92,7 @@ def resealed(document: Mapping[str, Any], files: Mapping[str, str], why: str) ->
     document : dict
     files : dict of str to str
         SHA-256 of the files beside it, as they are now.
-    why : str
+    reason : str
         One line.
 
     Raises
@@ -100,14 +100,14 @@ def resealed(document: Mapping[str, Any], files: Mapping[str, str], why: str) ->
     CalibrationError
         If nothing has changed since it was sealed.
     """
-    before = dict(document.get(KEY) or {})
-    listed: Mapping[str, str] = before.get("files", {})
+    seal_before = dict(document.get(KEY) or {})
+    listed: Mapping[str, str] = seal_before.get("files", {})
     differ = broken(document) + [name for name in sorted({*listed, *files}) if listed.get(name) != files.get(name)]
     if not differ:
         raise CalibrationError("nothing was changed since it was sealed: there is nothing to accept")
-    what = ", ".join(differ) if before else "not sealed before"
-    line = f"{datetime.now(timezone.utc).isoformat(timespec='seconds')}: {what}: {why}"
-    return sealed({**document, KEY: before | {"changes": [*before.get("changes", []), line]}}, files)
+    differing = ", ".join(differ) if seal_before else "not sealed before"
+    entry = f"{datetime.now(timezone.utc).isoformat(timespec='seconds')}: {differing}: {reason}"
+    return sealed({**document, KEY: seal_before | {"changes": [*seal_before.get("changes", []), entry]}}, files)
 
 
 def broken(document: Mapping[str, Any]) -> list[str]:
@@ -121,12 +121,12 @@ def broken(document: Mapping[str, Any]) -> list[str]:
     seal = document.get(KEY)
     if seal is None:
         return [KEY, *(name for name in document if name != KEY)]
-    parts: Mapping[str, str] = seal["parts"]
-    names = [name for name in (*document, *parts) if name != KEY]
+    sealed_parts: Mapping[str, str] = seal["parts"]
+    names = [name for name in (*document, *sealed_parts) if name != KEY]
     return [
         name
         for name in dict.fromkeys(names)
-        if name not in document or name not in parts or digest(document[name]) != parts[name]
+        if name not in document or name not in sealed_parts or digest(document[name]) != sealed_parts[name]
     ]
 
 
@@ -166,37 +166,37 @@ def refuse_absurd(document: dict[str, Any], file: Path) -> None:
     _refuse_beyond(document, (), LARGEST_NUMBER, file)
 
 
-def _refuse_beyond(value: Any, place: tuple[str, ...], most: float, file: Path) -> None:
+def _refuse_beyond(value: Any, path: tuple[str, ...], largest: float, file: Path) -> None:
     if isinstance(value, float):
-        if abs(value) > most:
-            where = ".".join(place)
+        if abs(value) > largest:
+            where = ".".join(path)
             raise CalibrationError(
-                f"{where}: expected a number within ±{most:g}, found {value:g}", file=file, parameter=where
+                f"{where}: expected a number within ±{largest:g}, found {value:g}", file=file, parameter=where
             )
     elif isinstance(value, dict):
-        for name, item in value.items():
+        for name, entry in value.items():
             if name not in UNBOUNDED:
-                _refuse_beyond(item, (*place, str(name)), _bound(str(name), place, most), file)
+                _refuse_beyond(entry, (*path, str(name)), _bound(str(name), path, largest), file)
     elif isinstance(value, (list, tuple)):
         kinds = set(map(type, value))
         if kinds <= {float, type(None)}:  # long columns
             numbers = np.array([item for item in value if item is not None], dtype=float)
-            if (np.abs(numbers) <= most).all():
+            if (np.abs(numbers) <= largest).all():
                 return
         elif not kinds & {float, list, tuple, dict}:
             return
-        for k, item in enumerate(value):
-            _refuse_beyond(item, (*place, str(k)), most, file)
+        for k, entry in enumerate(value):
+            _refuse_beyond(entry, (*path, str(k)), largest, file)
 
 
-def _bound(name: str, place: tuple[str, ...], inherited: float) -> float:
+def _bound(name: str, path: tuple[str, ...], inherited: float) -> float:
     """Largest number under a name: by the unit in it."""
-    metres = LARGEST_ARM if set(OF_THE_ARM) & {name, *place} else LARGEST_SITE
+    metres = LARGEST_ARM if set(OF_THE_ARM) & {name, *path} else LARGEST_SITE
     if name in MATRICES:
         return LARGEST_ARM
-    for ending, most in (("_mm", metres * 1000), ("_m", metres), ("_deg", TURN_DEG), ("_rad", TURN_RAD)):
+    for ending, largest in (("_mm", metres * 1000), ("_m", metres), ("_deg", TURN_DEG), ("_rad", TURN_RAD)):
         if name.endswith(ending):
-            return most
+            return largest
     return {"targets": metres * 1000, "gain": LARGEST_GAIN}.get(name, inherited)
 
 
@@ -225,20 +225,22 @@ def contradictions(record: Record, urdf_bytes: bytes | None = None, origins: byt
     list of str
         A part of a sentence each; empty where nothing does.
     """
-    found = list(_wrong_lengths(record))
-    if found:  # nothing can be computed with it
-        return found
-    found += _wrong_frames(record)
-    found += _wrong_joint_map(record)
-    found += _unusable_parts(record) if not found else []
-    found += _wrong_frame_terms(record) if not found else []
-    if not found and urdf_bytes is not None:
-        found += _other_geometry(record, urdf_bytes)
-    if not found and origins is not None:
-        found += _other_origins(record, origins)
+    problems = list(_wrong_lengths(record))
+    if problems:  # nothing can be computed with it
+        return problems
+    problems += _wrong_frames(record)
+    problems += _wrong_joint_map(record)
+    problems += _unusable_parts(record) if not problems else []
+    problems += _wrong_frame_terms(record) if not problems else []
+    if not problems and urdf_bytes is not None:
+        problems += _other_geometry(record, urdf_bytes)
+    if not problems and origins is not None:
+        problems += _other_origins(record, origins)
     if fingerprint(dict(record)) != record.fingerprint:
-        found.append("the fingerprint is not that of what it stands for: calibrate again, or write the file as it was")
-    return found
+        problems.append(
+            "the fingerprint is not that of what it stands for: calibrate again, or write the file as it was"
+        )
+    return problems
 
 
 def _wrong_lengths(record: Record) -> Iterator[str]:
@@ -287,13 +289,13 @@ def _norm(pose: PoseSection) -> float:
 def _wrong_joint_map(record: Record) -> Iterator[str]:
     section, nominal = record.joint_map, record.arm(calibrated=False)
     try:
-        q, before = (np.array([getattr(v, k) for v in section.test_vectors]) for k in ("q", "previous_q"))
+        q, q_before = (np.array([getattr(v, k) for v in section.test_vectors]) for k in ("q", "previous_q"))
         loads = np.array([vector.payload_kg for vector in section.test_vectors])
         felt = [vector.torques_nm for vector in section.test_vectors if vector.torques_nm is not None]
-        motion = Motion(q, q - before, payload_kg=loads, torques=np.array(felt) if felt else None) if len(q) else None
-        found = q if motion is None else section.joint_map(nominal).terms.effective(motion)
+        motion = Motion(q, q - q_before, payload_kg=loads, torques=np.array(felt) if felt else None) if len(q) else None
+        theta = q if motion is None else section.joint_map(nominal).terms.effective(motion)
         effective = np.array([vector.effective for vector in section.test_vectors], dtype=float)
-        miss = float(np.abs(found - effective).max()) if len(q) else 0.0
+        miss = float(np.abs(theta - effective).max()) if len(q) else 0.0
     except (IrbcalError, ValueError, IndexError, KeyError, TypeError, ArithmeticError) as error:
         yield f"joint_map cannot be used: {error}"
         return
@@ -322,8 +324,10 @@ def _wrong_frame_terms(record: Record) -> Iterator[str]:
     robot = record.robot_calibrated()
     for vector in record.frame_terms.test_vectors:
         try:
-            q, before, told = (np.array(value, float) for value in (vector.q, vector.previous_q, vector.T_base_tip))
-            miss = float(np.abs(robot.forward(q[None], before[None])[0] - told).max())
+            q, q_before, T_listed = (
+                np.array(value, float) for value in (vector.q, vector.previous_q, vector.T_base_tip)
+            )
+            miss = float(np.abs(robot.forward(q[None], q_before[None])[0] - T_listed).max())
         except (IrbcalError, ValueError, IndexError) as error:
             yield f"frame_terms cannot be used: {error}"
             return
@@ -335,18 +339,18 @@ def _wrong_frame_terms(record: Record) -> Iterator[str]:
 def _other_geometry(record: Record, data: bytes) -> Iterator[str]:
     robot = record.robot
     try:
-        found = urdf.from_bytes(data, "calibrated.urdf", robot.base_link, robot.tip_link).arm
+        read_arm = urdf.from_bytes(data, "calibrated.urdf", robot.base_link, robot.tip_link).arm
     except IrbcalError as error:
         yield str(error)
         return
     if hashlib.sha256(data).hexdigest() != record.calibrated_urdf_sha256:
         yield "calibrated.urdf is not the file that calibration.json was written with"
     arm = record.arm()
-    if list(found.joint_names) != robot.joint_names:
-        yield f"calibrated.urdf has the joints {', '.join(found.joint_names)}"
+    if list(read_arm.joint_names) != robot.joint_names:
+        yield f"calibrated.urdf has the joints {', '.join(read_arm.joint_names)}"
         return
     q = arm.random_joints(TEST_POSES, 0)
-    position, rotation = relative_difference(found.forward(q), arm.forward(q))
+    position, rotation = relative_difference(read_arm.forward(q), arm.forward(q))
     if max(position, rotation) > SAME_GEOMETRY:
         yield (
             f"robot.dhm_calibrated is not the geometry of calibrated.urdf: tips differ by up to "
@@ -355,12 +359,14 @@ def _other_geometry(record: Record, data: bytes) -> Iterator[str]:
 
 
 def _other_origins(record: Record, data: bytes) -> Iterator[str]:
-    links = {item.link: item.joint for item in record.joint_origins}
+    links = {origin.link: origin.joint for origin in record.joint_origins}
     try:
-        found = joint_origins.by_joint(joint_origins.read(data, "joint_origins.yaml"), links, "joint_origins.yaml")
+        origins_read = joint_origins.by_joint(
+            joint_origins.read(data, "joint_origins.yaml"), links, "joint_origins.yaml"
+        )
     except IrbcalError as error:
         yield str(error)
         return
     for item in record.joint_origins:
-        if np.abs(found[item.joint] - item.calibrated.transform()).max() > SAME_VECTORS:
+        if np.abs(origins_read[item.joint] - item.calibrated.transform()).max() > SAME_VECTORS:
             yield f"joint_origins.yaml has another origin of {item.joint}"

@@ -35,7 +35,7 @@ def to_yaml(calibration: Record) -> str:
     """
     import yaml
 
-    short = [item.link.removesuffix("_link") for item in calibration.joint_origins]
+    short = [origin.link.removesuffix("_link") for origin in calibration.joint_origins]
     unique = len({*short, "", "hash"}) == len(short) + 2
     kinematics: dict[str, Any] = {}
     for item, key in zip(calibration.joint_origins, short, strict=True):
@@ -50,7 +50,7 @@ def to_yaml(calibration: Record) -> str:
         None if calibration.frame_terms is None else f"# {calibration.frame_terms.in_words}",
     ]
     body = yaml.safe_dump({"kinematics": kinematics}, sort_keys=False, allow_unicode=True)
-    return "\n".join([line for line in head if line] + [body])
+    return "\n".join([text for text in head if text] + [body])
 
 
 def read(data: bytes, source: str) -> dict[str, FloatArray]:
@@ -121,10 +121,10 @@ def by_joint(origins: Mapping[str, FloatArray], links: Mapping[str, str], source
         keys = [key for key in origins if key in (f"joint {joint}", short, f"link {link}")]
         keys = keys or [key for key in origins if short.endswith(f"_{key}")]  # a prefix before all links
         if len(keys) != 1:
-            found = "several" if keys else "none"
+            count = "several" if keys else "none"
             listed = ", ".join(key.removeprefix("joint ") for key in origins)
             raise RobotError(
-                f"expected one origin of joint {joint} (link {link}), found {found} in {listed}", file=source
+                f"expected one origin of joint {joint} (link {link}), found {count} in {listed}", file=source
             )
         out[joint] = origins[keys[0]]
     return out

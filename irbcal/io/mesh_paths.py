@@ -56,7 +56,7 @@ class MeshFolders:
 
     def __init__(self, folder: str | PathLike[str] | None, package_dirs: Sequence[str | PathLike[str]] = ()) -> None:
         self.own = [] if folder is None else [Path(folder).resolve()]
-        self.packages = [Path(item).resolve() for item in package_dirs]
+        self.packages = [Path(folder).resolve() for folder in package_dirs]
         self.around = [
             parent for top in self.own for parent in (top, *top.parents) if (parent / "package.xml").is_file()
         ]
@@ -81,17 +81,17 @@ class MeshFolders:
             If there is none, or if it lies outside the folders that may be read.
         """
         shown = uri if len(uri) < 120 else uri[:120] + "…"
-        scheme, found, rest = uri.partition("://")
-        if found and scheme not in ("package", "model", "file"):
+        scheme, separator, rest = uri.partition("://")
+        if separator and scheme not in ("package", "model", "file"):
             raise MeshProblem("only files on this computer are read", shown)
         if "\x00" in uri:
             raise MeshProblem("not a file name", "a mesh")
-        if found and scheme != "file":
+        if separator and scheme != "file":
             name, _, rest = rest.partition("/")
             candidates = [top / name / rest for top in self.packages]
             candidates += [top / rest for top in (*self.packages, *self.around) if top.name == name]
         else:
-            rest = rest if found else uri
+            rest = rest if separator else uri
             candidates = [top / rest for top in (*self.own, *self.packages, *self.around)]
         outside = False
         for path in candidates:
@@ -144,14 +144,14 @@ def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: Mes
         return data
     tree = urdf_xml.parse(data, source)
     root, start = tree.getroot(), Path(folder).resolve()
-    named: dict[tuple[str, str], list[urdf_xml.XmlElement]] = {}
+    by_name: dict[tuple[str, str], list[urdf_xml.XmlElement]] = {}
     for element in root.iter(*ENDINGS):
         name = element.get("filename", "")
         scheme, address, _ = name.partition("://")
         if name and not os.path.isabs(name) and (not address or scheme in ("package", "model", "file")):
-            named.setdefault((name, element.tag), []).append(element)
+            by_name.setdefault((name, element.tag), []).append(element)
     problems = []
-    for (name, kind), elements in list(named.items())[: MOST_FILES + 1]:
+    for (name, kind), elements in list(by_name.items())[: MOST_FILES + 1]:
         try:
             path = meshes.find(name, ENDINGS[kind])
             text = Path(os.path.relpath(path, start) if how == "relative" else path).as_posix()
@@ -161,7 +161,7 @@ def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: Mes
             problems.append(problem)
         except ValueError:  # bytes that are no text, control characters, another drive
             problems.append(MeshProblem("its path cannot be written in a URDF", name))
-    if len(named) > MOST_FILES:
+    if len(by_name) > MOST_FILES:
         problems = [MeshProblem(f"more than {MOST_FILES} files are too many", "its meshes")]
     if problems:
         first, more = problems[0], f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""

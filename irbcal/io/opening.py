@@ -111,21 +111,21 @@ def open_nominal(
     if saved is None:
         return urdf.read(robot, base_link, tip_link, coupling)
     section, arm = saved.record.robot, saved.record.arm(calibrated=False)
-    for parameter, given, known in (
+    for parameter, value, stored in (
         ("base_link", base_link, section.base_link),
         ("tip_link", tip_link, section.tip_link),
         ("coupling", coupling, "none" if section.coupling is None else in_words(np.array(section.coupling))),
     ):
-        if given not in (None, known):
+        if value not in (None, stored):
             raise RobotError(f"{robot}: a calibration has its own {parameter}", parameter=parameter)
     data = urdf.without_mark(_with_nominal_origins(saved.urdf, saved.record))
-    found = urdf.from_bytes(data, str(saved.folder / URDF_NAME), section.base_link, section.tip_link)
+    nominal = urdf.from_bytes(data, str(saved.folder / URDF_NAME), section.base_link, section.tip_link)
     q = arm.random_joints(20, 0)
-    if np.abs(found.arm.forward(q) - arm.forward(q)).max() > SAME_ROBOT:
+    if np.abs(nominal.arm.forward(q) - arm.forward(q)).max() > SAME_ROBOT:
         raise CalibrationError(
             "the joint origins from before the calibration do not give its nominal robot", file=saved.folder / JSON_NAME
         )
-    return replace(found, arm=replace(found.arm, name=arm.name, coupling=arm.coupling))
+    return replace(nominal, arm=replace(nominal.arm, name=arm.name, coupling=arm.coupling))
 
 
 RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
@@ -258,7 +258,7 @@ def open_robot(
 
 
 def _with_nominal_origins(data: bytes, record: Record) -> bytes:
-    return urdf.with_joint_origins(data, {item.joint: item.nominal.transform() for item in record.joint_origins})
+    return urdf.with_joint_origins(data, {origin.joint: origin.nominal.transform() for origin in record.joint_origins})
 
 
 def _arm_of(data: bytes, record: Record) -> UrdfArm:

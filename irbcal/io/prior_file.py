@@ -55,15 +55,17 @@ def of_robot(prior: str | Path | TypePrior | None, name: str, nominal_sha256: st
     """
     if prior is None:
         return None
-    found = prior if isinstance(prior, TypePrior) else read(prior)
-    if (found.type, found.nominal_sha256) != (name, nominal_sha256):
-        what = "another file of that robot" if found.type == name else f"robot {found.type}"
-        raise OptionError(f"prior: it is of {what}, not of the nominal robot {name} that is given", parameter="prior")
-    if found.simulated and not simulated:
+    type_prior = prior if isinstance(prior, TypePrior) else read(prior)
+    if (type_prior.type, type_prior.nominal_sha256) != (name, nominal_sha256):
+        subject = "another file of that robot" if type_prior.type == name else f"robot {type_prior.type}"
+        raise OptionError(
+            f"prior: it is of {subject}, not of the nominal robot {name} that is given", parameter="prior"
+        )
+    if type_prior.simulated and not simulated:
         raise OptionError(
             "prior: it is from SIMULATED robots, and says nothing of one that was measured", parameter="prior"
         )
-    return found
+    return type_prior
 
 
 def read(file: str | Path) -> TypePrior:
@@ -76,19 +78,19 @@ def read(file: str | Path) -> TypePrior:
     """
     data = read_bytes(file, CalibrationError)
     try:
-        found = json.loads(data)
-        if found["irbcal"] != WHAT or found["version"] != VERSION:
+        content = json.loads(data)
+        if content["irbcal"] != WHAT or content["version"] != VERSION:
             raise ValueError
-        terms = found["terms"]
+        terms = content["terms"]
         mean, std, natural = (np.array([float(row[key]) for row in terms]) for key in ("mean", "std", "natural"))
         sizes = np.abs([std, natural])
         if not ((np.abs(mean) < LARGEST).all() and (sizes > SMALLEST).all() and (sizes < LARGEST).all()):
             raise ValueError
         return TypePrior(
-            str(found["type"]),
-            str(found["nominal_urdf_sha256"]),
-            tuple(str(name) for name in found["sisters"]),
-            bool(found["simulated"]),
+            str(content["type"]),
+            str(content["nominal_urdf_sha256"]),
+            tuple(str(name) for name in content["sisters"]),
+            bool(content["simulated"]),
             tuple(str(row["name"]) for row in terms),
             tuple(str(row["unit"]) for row in terms),
             mean,

@@ -99,10 +99,10 @@ class RobotList(Speaks):
         return robot in self.robots or any(item.name == robot for item in self.robots)
 
     def __getitem__(self, name: str) -> NamedRobot:
-        for item in self.robots:
-            if item.name == name:
-                return item
-        raise OptionError.unknown("name", name, [item.name for item in self.robots])
+        for robot_item in self.robots:
+            if robot_item.name == name:
+                return robot_item
+        raise OptionError.unknown("name", name, [entry.name for entry in self.robots])
 
     def told(self) -> Sequence[Told]:
         """What ``irbcal robots`` prints."""
@@ -135,9 +135,9 @@ def _descriptions() -> tuple[NamedRobot, ...]:
         from robot_descriptions._descriptions import DESCRIPTIONS as listed  # type: ignore[import-not-found,unused-ignore]
 
         return tuple(
-            NamedRobot(name, name, " ".join(filter(None, (item.maker, item.robot))), DESCRIPTIONS)
-            for name, item in sorted(listed.items())
-            if item.has_urdf and "arm" in item.tags
+            NamedRobot(name, name, " ".join(filter(None, (entry.maker, entry.robot))), DESCRIPTIONS)
+            for name, entry in sorted(listed.items())
+            if entry.has_urdf and "arm" in entry.tags
         )
     except (ImportError, AttributeError):  # not installed, or a version that lists its robots otherwise
         return ()
@@ -166,12 +166,12 @@ def named(robot: str | Path) -> NamedRobot | None:
         raise RobotError(f"expected the path of a URDF or a robot's name, found {shown(robot)}", parameter="robot")
     if Path(robot).is_file():
         return None
-    wanted = str(robot).lower()
-    for item in (*NAMED, *(_descriptions() if wanted.endswith("_description") else ())):
-        if wanted == item.name or (
-            item.source != EXAMPLES and wanted.removesuffix(".urdf") + ".urdf" == Path(item.file).name
+    name = str(robot).lower()
+    for entry in (*NAMED, *(_descriptions() if name.endswith("_description") else ())):
+        if name == entry.name or (
+            entry.source != EXAMPLES and name.removesuffix(".urdf") + ".urdf" == Path(entry.file).name
         ):
-            return item
+            return entry
     return None
 
 
@@ -204,11 +204,11 @@ def robot_file(robot: str | Path) -> Path:
         )
     if path.exists():
         raise RobotError(f"expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}", file=path)
-    known = named(robot)
-    if known is None:
+    entry = named(robot)
+    if entry is None:
         names = ", ".join(item.name for item in NAMED)
         raise RobotError(f"robot file {str(robot)!r} does not exist; robots by name are {names}", parameter="robot")
-    return known.path()
+    return entry.path()
 
 
 def package_dirs(*extra: str | Path) -> list[str]:

@@ -119,11 +119,11 @@ class CertaintySection(Section):
     elsewhere: ElsewhereSection | None = None
 
     @staticmethod
-    def of(known: Certainty, found: Elsewhere | None) -> CertaintySection:
+    def of(certainty: Certainty, coverage: Elsewhere | None) -> CertaintySection:
         """The section of what an identification knows."""
-        section = None if found is None else ElsewhereSection.from_result(found, shares=found.shares.tolist())
-        assert known.ranges is not None
-        return CertaintySection.from_result(known, ranges=known.ranges.tolist(), elsewhere=section)
+        section = None if coverage is None else ElsewhereSection.from_result(coverage, shares=coverage.shares.tolist())
+        assert certainty.ranges is not None
+        return CertaintySection.from_result(certainty, ranges=certainty.ranges.tolist(), elsewhere=section)
 
     def warning(self) -> str:
         """The warning of a calibration that is that of a corner of the workspace; else an empty text."""
@@ -189,17 +189,17 @@ class GearSpectrum(Section):
         return self
 
     @staticmethod
-    def of(seen: Spectrum | None) -> GearSpectrum | None:
+    def of(spectrum: Spectrum | None) -> GearSpectrum | None:
         """The section of a spectrum."""
-        if seen is None:
+        if spectrum is None:
             return None
-        starts = np.arange(0, len(seen.cycles), THINNED)
-        strongest = np.maximum.reduceat(seen.chi2, starts, axis=1)
+        starts = np.arange(0, len(spectrum.cycles), THINNED)
+        strongest = np.maximum.reduceat(spectrum.chi2, starts, axis=1)
         return GearSpectrum(
-            joints=[joint + 1 for joint in seen.joints],
-            first=int(seen.cycles[0]),
+            joints=[joint + 1 for joint in spectrum.joints],
+            first=int(spectrum.cycles[0]),
             step=THINNED,
-            limit=round(seen.limit, 3),
+            limit=round(spectrum.limit, 3),
             chi2=np.round(strongest, 1).tolist(),
         )
 
@@ -485,7 +485,7 @@ class JointMapSection(Section):
     @staticmethod
     def of(joint_map: JointMap, arm: Arm) -> JointMapSection:
         """The section of a joint map, with test vectors at random joints of the arm."""
-        q, before = (arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
+        q, q_before = (arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
         usual = joint_map.payload_kg or 0.0
         load = np.full(TEST_VECTORS, usual)
         if joint_map.knows_loads:
@@ -493,7 +493,7 @@ class JointMapSection(Section):
         torques = None
         if any(term.basis == "torque" for term in joint_map.terms.terms):
             torques = np.random.default_rng(3).normal(0.0, 50.0, q.shape)
-        motion = Motion(q, q - before, payload_kg=load, torques=torques)
+        motion = Motion(q, q - q_before, payload_kg=load, torques=torques)
         return JointMapSection(**joint_map.terms.to_json(joint_map.ranges, motion), payload_kg=joint_map.payload_kg)
 
     def joint_map(self, nominal: Arm) -> JointMap:
@@ -543,14 +543,14 @@ class FrameTermsSection(Section):
         """The section of a robot; None for one without frame terms."""
         if robot.frame_terms is None:
             return None
-        q, before = (robot.arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
+        q, q_before = (robot.arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
         ranges = getattr(robot.joint_map, "ranges", None)
         low, high = (robot.arm.lower, robot.arm.upper) if ranges is None else ranges
         inside = np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
         moved = robot.moved_by_frame_terms(inside) / MM
         vectors = [
             FrameVector(q=a.tolist(), previous_q=b.tolist(), T_base_tip=T.tolist())
-            for a, b, T in zip(q, before, robot.forward(q, before), strict=True)
+            for a, b, T in zip(q, q_before, robot.forward(q, q_before), strict=True)
         ]
         written = robot.frame_terms.to_json()
         return FrameTermsSection(
@@ -636,7 +636,7 @@ class PointTable(Section):
             Whether the points' positions were measured.
         """
         sets = fitted, heldout
-        both = [points for points in sets if len(points)]
+        sets_with_points = [points for points in sets if len(points)]
         columns: dict[str, Any] = {
             "pose": [name for points in sets for name in texts(points.pose_ids)[points.pose].tolist()],
             "group": [name for points in sets for name in texts(points.groups)[points.pose].tolist()],
@@ -646,10 +646,12 @@ class PointTable(Section):
             "calibrated_mm": (np.concatenate([errors[0], errors[2]]) / MM).tolist(),
             "nominal_mm": (np.concatenate([errors[1], errors[3]]) / MM).tolist(),
         }
-        if placed and both:
-            xyz = np.concatenate([points.xyz for points in both]) / MM
-            u95 = np.concatenate([np.full(len(p), np.nan) if p.u95 is None else p.u95 for p in both]) / MM
-            R = np.concatenate([np.full((len(p), 3, 3), np.nan) if p.rotation is None else p.rotation for p in both])
+        if placed and sets_with_points:
+            xyz = np.concatenate([points.xyz for points in sets_with_points]) / MM
+            u95 = np.concatenate([np.full(len(p), np.nan) if p.u95 is None else p.u95 for p in sets_with_points]) / MM
+            R = np.concatenate(
+                [np.full((len(p), 3, 3), np.nan) if p.rotation is None else p.rotation for p in sets_with_points]
+            )
             columns |= dict(zip(("x_mm", "y_mm", "z_mm"), np.round(xyz, PLACE_DIGITS).T.tolist(), strict=True))
             if np.isfinite(u95).any():
                 columns["u95_mm"] = _known(np.round(u95, PLACE_DIGITS))
@@ -710,9 +712,9 @@ class PoseTable(Section):
         signs = np.frombuffer(b"-0+", dtype=np.uint8)[came_from.astype(int) + 1]
         loads: dict[str, FloatArray | None] = {}
         for name, width in (("payload_kg", ()), ("payload_place", (3,)), ("torques", (joints,))):
-            parts = [points.load()[name] if points.poses else np.zeros((0, *width)) for points in sets]
-            known = [part for part in parts if part is not None]
-            loads[name] = np.concatenate(known) if len(known) == len(parts) else None
+            values_of = [points.load()[name] if points.poses else np.zeros((0, *width)) for points in sets]
+            present = [values for values in values_of if values is not None]
+            loads[name] = np.concatenate(present) if len(present) == len(values_of) else None
         kg, centre, torques = loads.values()
         return PoseTable(
             pose=[name for points in sets for name in texts(points.pose_ids).tolist()],
@@ -1081,8 +1083,8 @@ class Check(Section):
 class Kept(dict[bool, tuple[PointTable, PoseTable, PointSet, FloatArray]]):
     """Points of a record that were computed already; no part of what it says, so records are equal without it."""
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Kept)
+    def __eq__(self, value: object) -> bool:
+        return isinstance(value, Kept)
 
     __hash__ = None
 
@@ -1175,9 +1177,9 @@ class Record(Section):
     def _points_of_known_poses(self) -> Record:
         p, rows = self.poses, self.points.row
         if rows:
-            row, aside = np.array(rows), np.array(self.points.heldout, dtype=bool)
-            there = ((row >= 0) & (row < len(p.pose))).all()
-            if not there or (np.array(p.heldout, dtype=bool)[row] != aside).any():
+            row, is_heldout = np.array(rows), np.array(self.points.heldout, dtype=bool)
+            complete = ((row >= 0) & (row < len(p.pose))).all()
+            if not complete or (np.array(p.heldout, dtype=bool)[row] != is_heldout).any():
                 raise ValueError("a point belongs to a pose that is not among the poses")
         if len(p.joints) != len(self.robot.joint_names):
             raise ValueError(f"poses have {len(p.joints)} joints, the robot has {len(self.robot.joint_names)}")
@@ -1219,13 +1221,15 @@ class Record(Section):
         terms: dict[str, Term] = {term.name: term for term in robot.joint_map.terms.terms}
         if robot.frame_terms is not None:
             terms |= {term.name: term for term in robot.frame_terms.terms}
-        known = {name: term_of(parameter(name), nominal) for name in listed if name in all_names(nominal)} | terms
+        terms_by_name = {
+            name: term_of(parameter(name), nominal) for name in listed if name in all_names(nominal)
+        } | terms
         # row by row, as the columns of the covariance are: terms of two families may be the same function
-        rows = [row for row in self.parameters if row.name in known]
+        rows = [row for row in self.parameters if row.name in terms_by_name]
         factor = dict(UNIT_OUTSIDE.values())
         return Certainty(
             nominal=nominal,
-            terms=tuple(known[row.name] for row in rows),
+            terms=tuple(terms_by_name[row.name] for row in rows),
             covariance=self.covariance_matrix(),
             free_targets=tuple(name for name in robot.targets if f"target_{name}_x" in listed),
             coefficients=np.array([row.value * factor.get(row.unit, 1.0) for row in rows]),
@@ -1257,30 +1261,30 @@ class Record(Section):
         t, p = self.points, self.poses
         if not t.x_mm:
             return None
-        kept = self._used.get(heldout)
-        if kept is None or kept[0] is not t or kept[1] is not p:
-            kept = self._used[heldout] = (t, p, *self._points_of(t, p, heldout))
-        return kept[2:]
+        used = self._used.get(heldout)
+        if used is None or used[0] is not t or used[1] is not p:
+            used = self._used[heldout] = (t, p, *self._points_of(t, p, heldout))
+        return used[2:]
 
     def _points_of(self, t: PointTable, p: PoseTable, heldout: bool) -> tuple[PointSet, FloatArray]:
         poses = np.array(p.heldout, dtype=bool) == heldout
-        mine = np.array(t.heldout, dtype=bool) == heldout
+        mask = np.array(t.heldout, dtype=bool) == heldout
         units = self.robot.joint_units
-        labels = np.array(t.target, dtype=object)[mine]
+        labels = np.array(t.target, dtype=object)[mask]
         names = sorted(set(labels))
         target = np.zeros(len(labels), dtype=int)
         for k, name in enumerate(names):
             target[labels == name] = k
-        u95 = np.array(t.u95_mm, dtype=float)[mine] * MM if t.u95_mm else None
+        u95 = np.array(t.u95_mm, dtype=float)[mask] * MM if t.u95_mm else None
         points = PointSet(
             np.array(p.joints, dtype=float).T[poses] * units,
-            (np.cumsum(poses) - 1)[np.array(t.row, dtype=int)[mine]],
+            (np.cumsum(poses) - 1)[np.array(t.row, dtype=int)[mask]],
             target,
-            np.column_stack([t.x_mm, t.y_mm, t.z_mm])[mine] * MM,
+            np.column_stack([t.x_mm, t.y_mm, t.z_mm])[mask] * MM,
             tuple(names),
             np.array(p.pose, dtype=object)[poses],
             np.array(p.group, dtype=object)[poses],
-            frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
+            frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mask]) if t.qw else None,
             u95,
             np.array(p.previous, dtype=float).T[poses] * units if p.previous else None,
             payload_kg=np.array(p.payload_kg, dtype=float)[poses] if p.payload_kg else None,
@@ -1294,8 +1298,8 @@ class Record(Section):
 
     def tool_shape(self) -> dict[str, FloatArray]:
         """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""
-        return {name: np.array(place) * MM for name, place in self.tool_shape_mm.items()}
+        return {name: np.array(xyz) * MM for name, xyz in self.tool_shape_mm.items()}
 
     def reference_places(self) -> dict[str, FloatArray]:
         """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
-        return {name: np.array(place) * MM for name, place in self.references_mm.items()}
+        return {name: np.array(xyz) * MM for name, xyz in self.references_mm.items()}

@@ -66,13 +66,13 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, serialize_by_alias=True, from_attributes=True)
 
     def __repr__(self) -> str:
-        parts = (f"{name}={_short(getattr(self, name))}" for name in type(self).model_fields)
-        return f"<{type(self).__name__}: {', '.join(parts)}>"
+        fields_text = (f"{name}={_short(getattr(self, name))}" for name in type(self).model_fields)
+        return f"<{type(self).__name__}: {', '.join(fields_text)}>"
 
     __str__ = __repr__
 
     @classmethod
-    def from_result(cls, result: object, **known: object) -> Self:
+    def from_result(cls, result: object, **given_values: object) -> Self:
         """The section of a result that has the same names, in SI units.
 
         A field whose name ends in a unit (``_mm``, ``_deg``) is the result's attribute without that ending: a number,
@@ -84,8 +84,8 @@ class Section(BaseModel):
         **known
             Fields that are not the result's.
         """
-        values = dict(known)
-        for name in cls.model_fields.keys() - known.keys():
+        values = dict(given_values)
+        for name in cls.model_fields.keys() - given_values.keys():
             base, _, ending = name.rpartition("_")
             unit = UNITS.get(ending)
             value = getattr(result, name if unit is None else RESULT_NAMES.get(base, base))
@@ -96,7 +96,7 @@ class Section(BaseModel):
 def _per(value: Any, unit: float) -> Any:
     """Numbers, one or many, in a unit; None stays."""
     if isinstance(value, Mapping):
-        return {name: _per(item, unit) for name, item in value.items()}
+        return {name: _per(entry, unit) for name, entry in value.items()}
     return None if value is None else (np.asarray(value) / unit).tolist()
 
 

@@ -66,16 +66,16 @@ def sign(path: str | os.PathLike[str], key: str | os.PathLike[str], *, new_key: 
         If the key cannot be used, a key would be replaced, or the package cryptography is not installed.
     """
     serialization, ed25519 = _keys()
-    of, sha256, out = _content(Path(path))
+    kind, sha256, out = _content(Path(path))
     if new_key:
         _new_key(Path(key))
     try:
-        private = serialization.load_pem_private_key(read_bytes(key, OptionError, most=LARGEST), None)
+        private = serialization.load_pem_private_key(read_bytes(key, OptionError, limit_bytes=LARGEST), None)
     except (ValueError, TypeError) as error:
         raise OptionError(f"key: {key}: expected a private key in PEM: {error}", parameter="key") from None
     if not isinstance(private, ed25519.Ed25519PrivateKey):
         raise OptionError(f"key: {key}: expected an Ed25519 key", parameter="key")
-    unsigned = Signature(schema_name=SCHEMA, of=of, sha256=sha256, signature="")
+    unsigned = Signature(schema_name=SCHEMA, of=kind, sha256=sha256, signature="")
     value = base64.b64encode(private.sign(unsigned.message())).decode("ascii")
     write_set({out: (unsigned.model_copy(update={"signature": value}).model_dump_json(indent=1) + "\n").encode()})
     return out
@@ -101,20 +101,20 @@ def fault_of(path: str | os.PathLike[str], public_key: str | os.PathLike[str]) -
     from cryptography.exceptions import InvalidSignature
 
     try:
-        public = serialization.load_pem_public_key(read_bytes(public_key, OptionError, most=LARGEST))
+        public = serialization.load_pem_public_key(read_bytes(public_key, OptionError, limit_bytes=LARGEST))
     except (ValueError, TypeError) as error:
         raise OptionError(f"public_key: {public_key}: expected a public key in PEM: {error}") from None
     if not isinstance(public, ed25519.Ed25519PublicKey):
         raise OptionError(f"public_key: {public_key}: expected an Ed25519 key", parameter="public_key")
-    of, sha256, file = _content(Path(path), whole=False)
+    kind, sha256, file = _content(Path(path), check_files=False)
     if not os.path.lexists(file):
         return "it is not signed"
     try:
-        signature = Signature.model_validate_json(read_bytes(file, CalibrationError, most=LARGEST))
+        signature = Signature.model_validate_json(read_bytes(file, CalibrationError, limit_bytes=LARGEST))
         value = base64.b64decode(signature.signature)
     except (ValidationError, ValueError):
         return f"{file.name} is no signature"
-    if (signature.of, signature.sha256) != (of, sha256):
+    if (signature.of, signature.sha256) != (kind, sha256):
         return "it was changed after it was signed"
     try:
         public.verify(value, signature.message())
@@ -123,14 +123,14 @@ def fault_of(path: str | os.PathLike[str], public_key: str | os.PathLike[str]) -
     return None
 
 
-def _content(path: Path, whole: bool = True) -> tuple[Literal["calibration", "file"], str, Path]:
+def _content(path: Path, check_files: bool = True) -> tuple[Literal["calibration", "file"], str, Path]:
     """What a signature is of: kind, SHA-256, and where the signature stands."""
     folder = folder_of(path)
     if not folder.is_dir() and path.name != JSON_NAME:
         data = read_bytes(path, CalibrationError)
         return "file", integrity.hashes({"": data})[""], path.with_name(f"{path.name}.signature.json")
     check = calibration_folder.checked(folder)
-    if whole and check.differences:
+    if check_files and check.differences:
         raise CalibrationError(f"this is not signed: {'; '.join(check.differences)}", file=folder)
     section = check.record.seal
     return (

@@ -97,8 +97,8 @@ def _likeliest_first(chains: Sequence[Sequence[str]], moved: Collection[str]) ->
     trunk = together[last:][::-1]  # what is fixed to the last joint that all share, the outermost first
     ends = sorted((chain[-1], len(chain)) for chain in chains)
     ends.sort(key=lambda end: (not LIKELY.search(end[0]), end[1]))
-    found = [*trunk, *(name for name, _ in ends)]
-    return sorted(found, key=lambda name: not LIKELY.search(name))
+    ordered = [*trunk, *(name for name, _ in ends)]
+    return sorted(ordered, key=lambda name: not LIKELY.search(name))
 
 
 COUPLING_ENDING = ".coupling.yaml"
@@ -110,7 +110,7 @@ NO_COUPLING = "none"
 """Given in place of a coupling: the controller counts as the URDF does, whatever a file says."""
 
 
-def declared_coupling(urdf: Path, joints: int, given: str | None) -> FloatArray | None:
+def declared_coupling(urdf: Path, joints: int, terms: str | None) -> FloatArray | None:
     """The coupling of a robot.
 
     Parameters
@@ -118,7 +118,7 @@ def declared_coupling(urdf: Path, joints: int, given: str | None) -> FloatArray 
     urdf : Path
     joints : int
         Of the arm.
-    given : str or None
+    terms : str or None
         As `irbcal.modeling.coupling.matrix` takes it, or ``none``; it goes before the file beside the URDF.
 
     Returns
@@ -130,11 +130,11 @@ def declared_coupling(urdf: Path, joints: int, given: str | None) -> FloatArray 
     RobotError
         If it, or the file, is not understood.
     """
-    if given is None:
+    if terms is None:
         return coupling_beside(urdf, joints)
-    if not isinstance(given, str):
-        raise OptionError(f"coupling: expected terms such as 3+2, found {shown(given)}", parameter="coupling")
-    return None if given.strip().lower() == NO_COUPLING else coupling.matrix(given, joints)
+    if not isinstance(terms, str):
+        raise OptionError(f"coupling: expected terms such as 3+2, found {shown(terms)}", parameter="coupling")
+    return None if terms.strip().lower() == NO_COUPLING else coupling.matrix(terms, joints)
 
 
 def coupling_beside(urdf: Path, joints: int) -> FloatArray | None:
@@ -246,12 +246,12 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None, coup
     RobotError
         If the file cannot be read safely or does not hold a serial arm.
     """
-    known = robots.named(path)
-    if known is not None:
-        base, tip = base or known.base_link, tip or known.tip_link
+    entry = robots.named(path)
+    if entry is not None:
+        base, tip = base or entry.base_link, tip or entry.tip_link
     file = robots.robot_file(path)
-    found = from_bytes(read_bytes(file, RobotError), str(file), base, tip)
-    return with_coupling(found, declared_coupling(file, len(found.arm.joint_names), coupling))
+    robot_read = from_bytes(read_bytes(file, RobotError), str(file), base, tip)
+    return with_coupling(robot_read, declared_coupling(file, len(robot_read.arm.joint_names), coupling))
 
 
 read_urdf = read
@@ -284,15 +284,16 @@ def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | Non
     return _build(root.get("name") or Path(source).stem, tree, path, moving, base, tip, root_link, by_child, source)
 
 
-def _limits(element: XmlElement, kind: str, what: str, source: str) -> tuple[float, float]:
+def _limits(element: XmlElement, kind: str, title: str, source: str) -> tuple[float, float]:
     limit = element.find("limit")
     if kind not in ("revolute", "prismatic") or limit is None:
         return -np.inf, np.inf
     lower, upper = (
-        float(urdf_xml.numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
+        float(urdf_xml.numbers(limit.get(key, "0"), 1, f"{title}, limit {key}", source)[0])
+        for key in ("lower", "upper")
     )
     if lower > upper:
-        raise RobotError(f"{what}: expected limits from below, found {lower:g} and {upper:g}", file=source)
+        raise RobotError(f"{title}: expected limits from below, found {lower:g} and {upper:g}", file=source)
     return (lower if lower > -NO_LIMIT else -np.inf), (upper if upper < NO_LIMIT else np.inf)
 
 
@@ -300,28 +301,28 @@ def _joints(root: XmlElement, source: str) -> list[_Joint]:
     joints = []
     for position, element in enumerate(root.findall("joint")):
         name, kind = element.get("name"), element.get("type")
-        what = f"joint {name!r}"
+        title = f"joint {name!r}"
         ends = [element.find(tag) for tag in ("parent", "child")]
         if name is None or kind is None or None in ends or any(end.get("link") is None for end in ends):
-            line = element.sourceline
-            raise RobotError("a joint needs a name, a type, a parent and a child link", file=source, line=line)
+            line_number = element.sourceline
+            raise RobotError("a joint needs a name, a type, a parent and a child link", file=source, line=line_number)
         axis_element = element.find("axis")
         axis_text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
-        axis = urdf_xml.numbers(axis_text, 3, f"{what}, axis", source)
+        axis = urdf_xml.numbers(axis_text, 3, f"{title}, axis", source)
         longest = np.abs(axis).max()
         axis = axis / longest if longest else axis  # so that no square overflows
         length = np.linalg.norm(axis)
         if kind in ("revolute", "continuous", "prismatic") and longest < 1e-6:
-            raise RobotError(f"{what}: the axis has no direction: {axis_text!r}", file=source)
+            raise RobotError(f"{title}: the axis has no direction: {axis_text!r}", file=source)
         joints.append(
             _Joint(
                 name,
                 kind,
                 ends[0].get("link"),
                 ends[1].get("link"),
-                urdf_xml.origin(element, what, source),
+                urdf_xml.origin(element, title, source),
                 axis / length if length else axis,
-                *_limits(element, kind, what, source),
+                *_limits(element, kind, title, source),
                 element.find("mimic") is not None,
                 position,
             )
@@ -331,10 +332,10 @@ def _joints(root: XmlElement, source: str) -> list[_Joint]:
 
 def _check_structure(links: Sequence[str], joints: Sequence[_Joint], source: str) -> str:
     """One root, no cycles, every joint between known links; returns the root link."""
-    for names, what in ((links, "link"), ([joint.name for joint in joints], "joint")):
+    for names, kind in ((links, "link"), ([joint.name for joint in joints], "joint")):
         double = sorted({name for name in names if names.count(name) > 1}, key=str)
         if double:
-            raise RobotError(f"{what} name {double[0]!r} is used {names.count(double[0])} times", file=source)
+            raise RobotError(f"{kind} name {double[0]!r} is used {names.count(double[0])} times", file=source)
     parent: dict[str, str] = {}
     for joint in joints:
         for end in (joint.parent, joint.child):
@@ -345,15 +346,15 @@ def _check_structure(links: Sequence[str], joints: Sequence[_Joint], source: str
         parent[joint.child] = joint.parent
     roots = [link for link in links if link not in parent]
     if len(roots) != 1:
-        found = ", ".join(roots) or "none: the joints form a cycle"
-        raise RobotError(f"expected exactly one root link, found {found}", file=source)
+        roots_text = ", ".join(roots) or "none: the joints form a cycle"
+        raise RobotError(f"expected exactly one root link, found {roots_text}", file=source)
     for link in links:
-        seen = {link}
+        visited = {link}
         while link in parent:
             link = parent[link]
-            if link in seen:
+            if link in visited:
                 raise RobotError(f"the joints form a cycle through link {link!r}", file=source)
-            seen.add(link)
+            visited.add(link)
     return roots[0]
 
 
@@ -371,8 +372,8 @@ def _path(base: str, tip: str, by_child: Mapping[str, _Joint], source: str) -> l
 def _moving(path: Sequence[_Joint], base: str, tip: str, source: str) -> list[_Joint]:
     moving = [joint for joint in path if joint.kind != "fixed"]
     listed = ", ".join(f"{joint.name} ({joint.kind})" for joint in moving) or "none"
-    other = [joint for joint in moving if joint.kind not in ("revolute", "continuous", "prismatic")]
-    if not 2 <= len(moving) <= MOST_JOINTS or other:
+    unsupported = [joint for joint in moving if joint.kind not in ("revolute", "continuous", "prismatic")]
+    if not 2 <= len(moving) <= MOST_JOINTS or unsupported:
         raise RobotError(
             f"expected 2 to {MOST_JOINTS} revolute or prismatic joints between {base!r} and {tip!r}, "
             f"found {len(moving)} moving joints: {listed}",
@@ -458,10 +459,12 @@ def joint_origins(urdf: UrdfArm, arm: Arm) -> dict[str, FloatArray]:
     for i, position in enumerate(urdf.joint_elements):
         element = urdf.tree.getroot().findall("joint")[position]
         T_link_dhm = frames.inverse(urdf.T_link_parent[i]) @ frames.inverse(urdf.T_dhm_link[i])
-        before = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
-        after = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        T_before = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        T_after = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
         name = element.get("name")
-        origins[name] = urdf_xml.origin(element, f"joint {name!r}", "") if np.array_equal(before, after) else after
+        origins[name] = (
+            urdf_xml.origin(element, f"joint {name!r}", "") if np.array_equal(T_before, T_after) else T_after
+        )
     return origins
 
 
@@ -529,7 +532,7 @@ def to_bytes(
     urdf: UrdfArm,
     arm: Arm,
     mark: str | None = None,
-    words: str | None = None,
+    comment: str | None = None,
 ) -> bytes:
     """The URDF with corrected joint origins.
 
@@ -541,7 +544,7 @@ def to_bytes(
         The corrected arm: same frames 0 and tip, another DHM table.
     mark : str, optional
         Fingerprint of the calibration, written into an element that readers of URDF pass over.
-    words : str, optional
+    comment : str, optional
         What the file is, written as its first comment in place of that of an earlier calibration.
 
     Returns
@@ -565,8 +568,8 @@ def to_bytes(
         if element.getprevious() is not None:
             element.getprevious().tail = "\n  "
         element.tail = "\n"
-    if words is not None:
-        urdf_xml.begin_with(root, words)
+    if comment is not None:
+        urdf_xml.begin_with(root, comment)
     return urdf_xml.serialised(tree)
 
 
@@ -626,11 +629,11 @@ def largest_link_shift(urdf: UrdfArm, arm: Arm) -> float:
     -------
     float
     """
-    before = after = urdf.arm.T_base_0
+    T_before = T_after = urdf.arm.T_base_0
     largest = 0.0
     for i, T_dhm_link in enumerate(urdf.T_dhm_link[1:]):
-        before, after = before @ urdf.arm.table.step(i), after @ arm.table.step(i)
-        largest = max(largest, float(np.linalg.norm((before @ T_dhm_link)[:3, 3] - (after @ T_dhm_link)[:3, 3])))
+        T_before, T_after = T_before @ urdf.arm.table.step(i), T_after @ arm.table.step(i)
+        largest = max(largest, float(np.linalg.norm((T_before @ T_dhm_link)[:3, 3] - (T_after @ T_dhm_link)[:3, 3])))
     return float(largest)
 
 
@@ -647,10 +650,10 @@ def speed_limits(urdf: bytes, names: Sequence[str]) -> FloatArray:
     ndarray, shape (joints,)
         Radians (metres for prismatic joints) per second; infinite where the URDF says none, or zero.
     """
-    found = {
+    limits = {
         joint.get("name"): float(limit.get("velocity") or 0.0)
         for joint in urdf_xml.parse(urdf, "calibrated.urdf").getroot().findall("joint")
         if (limit := joint.find("limit")) is not None
     }
-    speeds = np.array([found.get(name, 0.0) for name in names])
+    speeds = np.array([limits.get(name, 0.0) for name in names])
     return np.where(speeds > 0.0, speeds, np.inf)

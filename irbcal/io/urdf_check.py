@@ -69,9 +69,11 @@ def yourdfpy() -> ModuleType:
 def poses_by_yourdfpy(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     """As `poses_by_yourdfpy`, by yourdfpy: its reading of the file, and the product of its joints' transforms."""
     reader = yourdfpy().URDF
-    alone = hasattr(reader, JOINT_TRANSFORM)  # another version may have it under another name: then with its scene
+    without_scene = hasattr(
+        reader, JOINT_TRANSFORM
+    )  # another version may have it under another name: then with its scene
     robot = reader.load(
-        BytesIO(urdf_bytes), build_scene_graph=not alone, load_meshes=False, build_collision_scene_graph=False
+        BytesIO(urdf_bytes), build_scene_graph=not without_scene, load_meshes=False, build_collision_scene_graph=False
     )
     above = {joint.child: joint for joint in robot.robot.joints}
 
@@ -85,7 +87,7 @@ def poses_by_yourdfpy(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     out = np.empty((len(q), 4, 4))
     for k, row in enumerate(q.tolist()):
         robot.update_cfg(dict(zip(arm.joint_names, row, strict=True)))
-        if alone:
+        if without_scene:
             out[k] = np.linalg.solve(from_root(arm.base_link), from_root(arm.tip_link))
         else:
             out[k] = robot.get_transform(arm.tip_link, arm.base_link)
@@ -149,14 +151,14 @@ class ArmInModel:
             raise CalibrationError(f"there is no frame {name!r}; frames are {', '.join(names)}")
         return names.index(name)
 
-    def configurations(self, joints: FloatArray, rest: FloatArray) -> FloatArray:
+    def configurations(self, joints: FloatArray, q_rest: FloatArray) -> FloatArray:
         """Configurations with the arm's joints at given places.
 
         Parameters
         ----------
         joints : ndarray, shape (n, joints)
             Effective joints, radians (metres for prismatic joints).
-        rest : ndarray, shape (nq,) or (n, nq)
+        q_rest : ndarray, shape (nq,) or (n, nq)
             Configuration of all joints; those of the arm are replaced.
 
         Returns
@@ -164,7 +166,7 @@ class ArmInModel:
         ndarray, shape (n, nq)
             Continuous joints are there as (cos, sin).
         """
-        out = np.array(np.broadcast_to(rest, (len(joints), self.model.nq)), dtype=float)
+        out = np.array(np.broadcast_to(q_rest, (len(joints), self.model.nq)), dtype=float)
         for joint, value in zip(self._joints, np.asarray(joints).T, strict=True):
             if joint.nq == 1:
                 out[:, joint.idx_q] = value
@@ -211,11 +213,11 @@ def poses(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
 
     model = pin.buildModelFromXML(urdf_bytes.decode("utf-8"))
     data = model.createData()
-    place = ArmInModel(model, arm)
+    arm_in_model = ArmInModel(model, arm)
     out = np.empty((len(q), 4, 4))
-    for k, configuration in enumerate(place.configurations(q, pin.neutral(model))):
+    for k, configuration in enumerate(arm_in_model.configurations(q, pin.neutral(model))):
         pin.framesForwardKinematics(model, data, configuration)
-        out[k] = data.oMf[place.base].actInv(data.oMf[place.tip]).homogeneous
+        out[k] = data.oMf[arm_in_model.base].actInv(data.oMf[arm_in_model.tip]).homogeneous
     return out
 
 
@@ -234,14 +236,14 @@ def check(urdf_bytes: bytes, arm: Arm, seed: int = 0, n: int = CHECK_POSES) -> M
         If a difference is above 1e-9 m or 1e-9 rad: the URDF does not describe the calibrated arm.
     """
     q = arm.random_joints(n, seed)
-    own = arm.forward(q)
+    T_own = arm.forward(q)
     position, rotation = 0.0, 0.0
     for name, compute, count in (("Pinocchio", poses, n), ("yourdfpy", poses_by_yourdfpy, min(n, SECOND_POSES))):
         try:
             theirs = compute(urdf_bytes, arm, q[:count])
         except Exception as error:  # whatever a foreign reader raises
             raise CalibrationError(f"{name} cannot read this robot's URDF: {' '.join(str(error).split())}") from error
-        difference = relative_difference(theirs, own[:count])
+        difference = relative_difference(theirs, T_own[:count])
         if not max(difference) <= LIMIT:
             raise CalibrationError(
                 f"{name} disagrees with the calibrated robot by {difference[0]:.2g} m and {difference[1]:.2g} rad "

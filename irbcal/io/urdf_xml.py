@@ -45,8 +45,8 @@ def parse(data: bytes, source: str) -> XmlTree:
     if b"\x00" in data or (encoding and encoding[1].lower() not in (b"utf-8", b"us-ascii", b"ascii", b"iso-8859-1")):
         raise RobotError("expected UTF-8 text, found another encoding", file=source)
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        line = data[: data.find(b"<!")].count(b"\n") + 1
-        raise RobotError("document types and entities are refused in a URDF", file=source, line=line)
+        line_number = data[: data.find(b"<!")].count(b"\n") + 1
+        raise RobotError("document types and entities are refused in a URDF", file=source, line=line_number)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
         tree = etree.ElementTree(etree.fromstring(data, parser))
@@ -64,32 +64,32 @@ def serialised(tree: XmlTree) -> bytes:
     root = tree.getroot()
     # lxml drops the line ends between the comments before and after the root element: write them one a line
     around = [*reversed(list(root.itersiblings(preceding=True))), root, *root.itersiblings()]
-    parts = [b'<?xml version="1.0" encoding="utf-8"?>']
-    parts += [etree.tostring(node, encoding="utf-8", with_tail=False) for node in around]
-    return b"\n".join(parts) + b"\n"
+    pieces = [b'<?xml version="1.0" encoding="utf-8"?>']
+    pieces += [etree.tostring(node, encoding="utf-8", with_tail=False) for node in around]
+    return b"\n".join(pieces) + b"\n"
 
 
-def numbers(text: str, count: int, what: str, source: str) -> FloatArray:
-    """Numbers of an attribute, refused where there are others than ``count``; ``what`` and ``source`` for messages."""
+def numbers(text: str, count: int, title: str, source: str) -> FloatArray:
+    """Numbers of an attribute, refused where there are others than ``count``; ``title`` and ``source`` for messages."""
     try:
-        values = np.array([float(part) for part in text.split()])
+        values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.zeros(0)
     if len(values) != count or not np.isfinite(values).all():
-        raise RobotError(f"{what}: expected {count} numbers, found {text!r}", file=source)
+        raise RobotError(f"{title}: expected {count} numbers, found {text!r}", file=source)
     return values
 
 
-def origin(element: XmlElement, what: str, source: str) -> FloatArray:
+def origin(element: XmlElement, title: str, source: str) -> FloatArray:
     """The origin of an element, shape (4, 4); identity without one."""
-    found = element.find("origin")
-    if found is None:
+    origin_element = element.find("origin")
+    if origin_element is None:
         return np.eye(4)
-    xyz = numbers(found.get("xyz", "0 0 0"), 3, f"{what}, origin xyz", source)
-    rpy = numbers(found.get("rpy", "0 0 0"), 3, f"{what}, origin rpy", source)
+    xyz = numbers(origin_element.get("xyz", "0 0 0"), 3, f"{title}, origin xyz", source)
+    rpy = numbers(origin_element.get("rpy", "0 0 0"), 3, f"{title}, origin rpy", source)
     if max(np.abs(xyz).max() / FARTHEST, np.abs(rpy).max() / LARGEST_TURN) > 1:
         raise RobotError(
-            f"{what}: expected an origin within {FARTHEST:g} m and {LARGEST_TURN:g} rad, "
+            f"{title}: expected an origin within {FARTHEST:g} m and {LARGEST_TURN:g} rad, "
             f"found {' '.join(f'{value:g}' for value in (*xyz, *rpy))}",
             file=source,
         )

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from irbcal.plotting.charts import Chart
 
 
-def verdict(found: JointBehaviour) -> list[str]:
+def verdict(result: JointBehaviour) -> list[str]:
     """Which non-geometric terms this robot needs, in sentences.
 
     Nubiola 2011, section 7.2: an analysis of each axis tells whether a stiffness model and a model of joint 6 are
@@ -76,18 +76,18 @@ def verdict(found: JointBehaviour) -> list[str]:
 
     Parameters
     ----------
-    found : JointBehaviour
+    result : JointBehaviour
 
     Returns
     -------
     list of str
     """
-    residuals = found.residuals
-    out = of_moves(found.moves, alone=residuals is None)
+    residuals = result.residuals
+    out = of_moves(result.moves, only_moves=residuals is None)
     if residuals is None:
         return out
-    sentences = of_residuals(residuals, found.stiffness_geometry)
-    return [*out, *sentences[:-1], *_disagreements(found.moves, residuals), sentences[-1]]
+    sentences = of_residuals(residuals, result.stiffness_geometry)
+    return [*out, *sentences[:-1], *_disagreements(result.moves, residuals), sentences[-1]]
 
 
 def _disagreements(moves: Sequence[JointMoves], residuals: ResidualAnalysis) -> list[str]:
@@ -115,12 +115,12 @@ def _disagreements(moves: Sequence[JointMoves], residuals: ResidualAnalysis) -> 
 # --- plain values ----------------------------------------------------------------------------------------
 
 
-def as_dict(found: JointBehaviour) -> dict[str, Any]:
+def as_dict(result: JointBehaviour) -> dict[str, Any]:
     """The result as plain numbers and words: lengths in mm, angles in degrees.
 
     Parameters
     ----------
-    found : JointBehaviour
+    result : JointBehaviour
 
     Returns
     -------
@@ -129,38 +129,38 @@ def as_dict(found: JointBehaviour) -> dict[str, Any]:
         approach, needed; None without a robot), ``payloads`` (Table 4.3), ``verdict`` (sentences), ``excluded``,
         ``notes``, ``plots`` (files); where there are programmed joints, ``reading_lag``.
     """
-    residuals = found.residuals
+    residuals = result.residuals
     return {
-        "source": found.source,
-        "simulated": found.simulated,
-        "moves": [moves_dict(joint) for joint in found.moves],
+        "source": result.source,
+        "simulated": result.simulated,
+        "moves": [moves_dict(joint) for joint in result.moves],
         "residuals": None if residuals is None else residuals_dict(residuals),
-        "payloads": [effect.to_dict() for effect in found.payloads()],
-        "verdict": verdict(found),
-        "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in found.excluded],
-        "notes": list(found.notes),
-        "plots": list(found.plots),
-        **({} if found.reading_lag is None else {"reading_lag": found.reading_lag.to_dict()}),
+        "payloads": [effect.to_dict() for effect in result.payloads()],
+        "verdict": verdict(result),
+        "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in result.excluded],
+        "notes": list(result.notes),
+        "plots": list(result.plots),
+        **({} if result.reading_lag is None else {"reading_lag": result.reading_lag.to_dict()}),
     }
 
 
 # --- tables ----------------------------------------------------------------------------------------------
 
 
-def tables(found: JointBehaviour) -> list[Table]:
+def tables(result: JointBehaviour) -> list[Table]:
     """All tables of a result: errors and terms of one-joint moves, terms of residuals."""
-    mark = "SIMULATED data: " if found.simulated else ""
+    mark = "SIMULATED data: " if result.simulated else ""
     out = []
-    if found.moves:
-        out.append(errors_table(found.moves, f"{mark}errors of one-joint moves in {found.source}"))
-        terms = [term for joint in found.moves for term in joint.terms]
+    if result.moves:
+        out.append(errors_table(result.moves, f"{mark}errors of one-joint moves in {result.source}"))
+        terms = [term for joint in result.moves for term in joint.terms]
         out.append(terms_table(terms, f"{mark}{MOVES_TITLE}"))
-    if found.residuals is not None:
-        out.append(residual_terms_table(found.residuals, mark))
+    if result.residuals is not None:
+        out.append(residual_terms_table(result.residuals, mark))
     return out
 
 
-def frame(found: JointBehaviour) -> pd.DataFrame:
+def frame(result: JointBehaviour) -> pd.DataFrame:
     """All coefficients of all terms, a row for each; of terms that were not tested a row without value.
 
     A term that others had hidden has rows of its own for what it is beside these (``beside_needed``).
@@ -173,21 +173,21 @@ def frame(found: JointBehaviour) -> pd.DataFrame:
     """
     import pandas as pd
 
-    slides: Slides = () if found.residuals is None else found.residuals.robot.arm.table.prismatic
+    slides: Slides = () if result.residuals is None else result.residuals.robot.arm.table.prismatic
     sources: list[tuple[str, JointTerm, Slides]] = [
-        ("moves", term, ()) for joint in found.moves for term in joint.terms
+        ("moves", term, ()) for joint in result.moves for term in joint.terms
     ]
-    if found.residuals is not None:
-        sources += [("residuals", term, slides) for term in found.residuals.terms]
-    both = [(source, t, slides, k > 0) for source, term, slides in sources for k, t in enumerate(versions(term))]
+    if result.residuals is not None:
+        sources += [("residuals", term, slides) for term in result.residuals.terms]
+    versions_of = [(source, t, slides, k > 0) for source, term, slides in sources for k, t in enumerate(versions(term))]
     rows = []
-    for source, term, sliding, beside in both:
+    for source, term, sliding, beside in versions_of:
         unit, size = unit_of(term, sliding)
         first = (source, beside, term.kind, term.joint)
-        rest = (unit, term.p, term.rms_without / MM, term.rms_with / MM, term.verdict, term.note)
+        tail = (unit, term.p, term.rms_without / MM, term.rms_with / MM, term.verdict, term.note)
         values = list(zip(term.names, term.values, term.low, term.high, strict=False)) if term.tested else []
         for name, *three in values or [("", np.nan, np.nan, np.nan)]:
-            rows.append((*first, name, *(v / size for v in three), *rest))
+            rows.append((*first, name, *(v / size for v in three), *tail))
     columns = ("source", "beside_needed", "kind", "joint", "name", "value", "low", "high", "unit", "p")
     table = pd.DataFrame(rows, columns=[*columns, "rms_without_mm", "rms_with_mm", "verdict", "note"])
     return table.astype({"joint": "Int64"})
@@ -369,13 +369,13 @@ def joints(
     say = progress or (lambda text: None)
     periods = _checked(calibration, robot, joint, order, frequency)
     say("reading the measurements")
-    seen = table.read(measurements)
+    measured = table.read(measurements)
     model = _model(calibration, robot)
-    seen = seen if model.arm is None else seen.of_arm(model.arm)
-    notes = () if model.programmed is None else mixed_use(model.programmed, seen.programmed, seen.source)
+    measured = measured if model.arm is None else measured.of_arm(model.arm)
+    notes = () if model.programmed is None else mixed_use(model.programmed, measured.programmed, measured.source)
     say("analysing the joints")
-    found = analyse(
-        seen,
+    result = analyse(
+        measured,
         model.robot,
         model.nominal,
         model.references,
@@ -384,16 +384,16 @@ def joints(
         frequency=periods,
         simulated=model.simulated,
     )
-    found = replace(found, notes=(*found.notes, *notes))
+    result = replace(result, notes=(*result.notes, *notes))
     if plots is None:
-        return found
+        return result
     from irbcal.atomic import write_together
     from irbcal.joint_analysis import plots as drawings
 
     say("drawing")
-    files = drawings.draw(found)
+    files = drawings.draw(result)
     write_together(plots, files)
-    return replace(found, plots=tuple(str(Path(plots) / name) for name in files))
+    return replace(result, plots=tuple(str(Path(plots) / name) for name in files))
 
 
 def _checked(calibration: object, robot: object, joint: int | None, order: int, frequency: float | str) -> float | None:
@@ -434,8 +434,8 @@ def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) 
         from irbcal.io.opening import open_calibration
 
         saved = open_calibration(calibration)
-        nominal, places = saved.arm(calibrated=False), saved.reference_places() or None
-        return _ResidualModel(saved.robot_calibrated(), nominal, places, saved.simulated, saved.programmed)
+        nominal, references = saved.arm(calibrated=False), saved.reference_places() or None
+        return _ResidualModel(saved.robot_calibrated(), nominal, references, saved.simulated, saved.programmed)
     if robot is None:
         return _ResidualModel()
     if not isinstance(robot, Arm):
@@ -485,12 +485,12 @@ def analyse(
     IrbcalError
         If an input is refused.
     """
-    source, asked = measurements.source, (joint, order, frequency)
+    source, options = measurements.source, (joint, order, frequency)
     points, step, excluded, notes = _cleaned(measurements, robot, references)
     moves: list[JointMoves] = []
     if has_moves(points):
         try:
-            moves = _named(source, analyse_moves, points, step, *asked)
+            moves = _named(source, analyse_moves, points, step, *options)
         except IdentificationError as error:
             if robot is None:
                 raise IdentificationError(
@@ -498,7 +498,12 @@ def analyse(
                     "(--robot or --calibration)"
                 ) from None
             notes.append(f"The one-joint moves are not analysed by themselves: {error}")
-        excluded += [_far(item, "its circle") for found in moves for s in found.series for item in s.excluded]
+        excluded += [
+            _far(exclusion, "its circle")
+            for joint_moves in moves
+            for s in joint_moves.series
+            for exclusion in s.excluded
+        ]
     elif robot is None:
         raise MeasurementError(
             "there are no one-joint moves (column group: axis1, axis2, …); for other poses a robot or a calibration is "
@@ -510,8 +515,8 @@ def analyse(
     if robot is not None:
         if not isinstance(robot, Robot):
             robot = _named(source, _identified, robot, points)
-        residuals = _named(source, analyse_residuals, robot, points, step, *asked)
-        excluded += [_far(item, "the robot") for item in residuals.excluded]
+        residuals = _named(source, analyse_residuals, robot, points, step, *options)
+        excluded += [_far(exclusion, "the robot") for exclusion in residuals.excluded]
     geometry = None
     if nominal is not None:
         with suppress(RobotError):
@@ -532,8 +537,8 @@ def _cleaned(
     rows = measurements.table
     pose_names = rows.groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
     numbered = replace(measurements, table=rows.assign(pose=rows["pose_index"].astype(str)))
-    known = tuple(robot.targets) if isinstance(robot, Robot) else None
-    cleaned = cleaning.clean(numbered, references, known)
+    targets = tuple(robot.targets) if isinstance(robot, Robot) else None
+    cleaned = cleaning.clean(numbered, references, targets)
     numbers = cleaned.points.pose_ids.astype(int)
     step = last_moves(measurements.joints(), _groups(rows))[numbers]
     # the moves are what is analysed: no model may take them off beforehand
@@ -548,8 +553,8 @@ def _groups(rows: pd.DataFrame) -> NameArray | None:
     return rows.groupby("pose_index", sort=True)["group"].first().to_numpy(dtype=object)
 
 
-def _far(item: tuple[str, str, float], where: str) -> Exclusion:
-    pose, target, off = item
+def _far(exclusion: tuple[str, str, float], where: str) -> Exclusion:
+    pose, target, off = exclusion
     return Exclusion(pose, target, f"gross error: {off / MM:.3g} mm from {where}")
 
 

@@ -89,14 +89,14 @@ class ByCircles(Speaks):
         if self.tool is None or self.drawn is None:
             return None
         names = [name for name in self.tool.targets if name in self.drawn]
-        drawn, seen = (np.array([places[name] for name in names]) for places in (self.drawn, self.tool.targets))
+        drawn, measured = (np.array([targets[name] for name in names]) for targets in (self.drawn, self.tool.targets))
         columns: dict[str, Any] = {"target": names}
-        for kind, places in (("drawn", drawn), ("measured", seen)):
+        for kind, places in (("drawn", drawn), ("measured", measured)):
             columns |= {f"{kind}_{axis}_mm": places[:, k] / MM for k, axis in enumerate("xyz")}
-        columns["error_mm"] = np.linalg.norm(seen - drawn, axis=1) / MM
+        columns["error_mm"] = np.linalg.norm(measured - drawn, axis=1) / MM
         if len(names) >= 3:
-            moved = frames.apply(frames.rigid_fit(drawn, seen), drawn)
-            columns["error_moved_mm"] = np.linalg.norm(seen - moved, axis=1) / MM
+            moved = frames.apply(frames.rigid_fit(drawn, measured), drawn)
+            columns["error_moved_mm"] = np.linalg.norm(measured - moved, axis=1) / MM
         return pd.DataFrame(columns)
 
     def to_dict(self) -> dict[str, Any]:
@@ -118,9 +118,9 @@ class ByCircles(Speaks):
         if self.tool is not None:
             tool = {
                 "targets": {
-                    name: dict(zip(("x_mm", "y_mm", "z_mm"), (place / MM).tolist(), strict=True))
+                    name: dict(zip(("x_mm", "y_mm", "z_mm"), (xyz / MM).tolist(), strict=True))
                     | {"std_mm": _known(self.tool.std[name] / MM)}
-                    for name, place in self.tool.targets.items()
+                    for name, xyz in self.tool.targets.items()
                 },
                 "last_axis_angle_deg": self.tool.angle / DEG,
                 "last_axis_distance_mm": self.tool.distance / MM,
@@ -152,10 +152,10 @@ class ByCircles(Speaks):
                 unit, size = ("mm", MM) if k < 3 else ("deg", DEG)
                 rows.append(("base", name, float(values[k] / size), float(self.base.std[k] / size), unit))
         if self.tool is not None:
-            for target, place in self.tool.targets.items():
+            for target, xyz in self.tool.targets.items():
                 for k, axis in enumerate("xyz"):
                     std = float(self.tool.std[target][k] / MM)
-                    rows.append(("tool", f"{target} {axis}", float(place[k] / MM), std, "mm"))
+                    rows.append(("tool", f"{target} {axis}", float(xyz[k] / MM), std, "mm"))
         if self.links is not None:
             rows += [("links", r.name, r.value, r.std, r.unit) for r in self.links.to_frame().itertuples(index=False)]
         return pd.DataFrame(rows, columns=["part", "name", "value", "std", "unit"])
@@ -165,8 +165,8 @@ class ByCircles(Speaks):
         start = "SIMULATED data: " if self.simulated else ""
         parts = [name for name in PARTS if getattr(self, name) is not None]
         out: list[Told] = [f"{start}{self.robot} by the circles of one-joint moves: {', '.join(parts)}"]
-        for part in (self.base, self.tool, self.links):
-            out += [] if part is None else part.told()
+        for section in (self.base, self.tool, self.links):
+            out += [] if section is None else section.told()
         compared = self.compared()
         if compared is not None:
             names = ("target", *(f"{kind} {a}" for kind in ("drawn", "measured") for a in "xyz"), "error", "moved")
@@ -240,13 +240,13 @@ def circles(
     if parallel == "forced" and part not in (None, "links"):
         raise OptionError(f"parallel: it is for the links, the {part} needs none", parameter="parallel")
     arm = robot if isinstance(robot, Arm) else urdf.read(robot).arm
-    seen = table.read(measurements).of_arm(arm)
-    cleaned = cleaning.clean(seen)
+    measured = table.read(measurements).of_arm(arm)
+    cleaned = cleaning.clean(measured)
     points = cleaned.points
-    places = lists.read_targets(drawn) if isinstance(drawn, (str, Path)) else drawn
+    cad = lists.read_targets(drawn) if isinstance(drawn, (str, Path)) else drawn
     try:
-        wanted = PARTS if part is None else (part,)
-        able = [name for name in wanted if part is not None or _possible(name, arm, points)]
+        wanted_parts = PARTS if part is None else (part,)
+        able = [name for name in wanted_parts if part is not None or _possible(name, arm, points)]
         if not able:
             raise IdentificationError(
                 "there are no groups axis1 and axis2 for the base, nor of the last two joints for the tool"
@@ -255,22 +255,22 @@ def circles(
         tool = tool_of_axes(arm, points) if "tool" in able else None
         links = calibrate_by_axes(arm, points, parallel, tolerance) if "links" in able else None
     except IdentificationError as error:
-        raise IdentificationError(str(error), file=seen.source) from None
+        raise IdentificationError(str(error), file=measured.source) from None
     if parallel == "forced" and links is None:
         raise OptionError("parallel: it is for the links, which need moves of all six joints", parameter="parallel")
-    given = None if places is None else {name: np.asarray(place, dtype=float) for name, place in places.items()}
-    if given is not None:
+    cad_xyz = None if cad is None else {name: np.asarray(xyz, dtype=float) for name, xyz in cad.items()}
+    if cad_xyz is not None:
         if tool is None:
             raise OptionError("drawn: there are no moves of the last two joints to measure the tool", parameter="drawn")
-        if not set(given) & set(tool.targets):
+        if not set(cad_xyz) & set(tool.targets):
             raise MeasurementError(
-                f"no drawn target was measured; targets are {', '.join(tool.targets)}", file=seen.source
+                f"no drawn target was measured; targets are {', '.join(tool.targets)}", file=measured.source
             )
-    return ByCircles(arm.name, base, tool, links, given, cleaned.excluded, tuple(cleaned.notes), seen.simulated)
+    return ByCircles(arm.name, base, tool, links, cad_xyz, cleaned.excluded, tuple(cleaned.notes), measured.simulated)
 
 
 def _possible(part: Part, arm: Arm, points: PointSet) -> bool:
     """Whether the groups of a part are there."""
-    n, there = len(arm.joint_names), {str(group) for group in points.groups}
+    n, groups = len(arm.joint_names), {str(group) for group in points.groups}
     needed = {"base": (1, 2), "tool": (n - 1, n), "links": range(1, n + 1)}[part]
-    return {f"axis{k}" for k in needed} <= there and (part != "links" or arm.six_revolute)
+    return {f"axis{k}" for k in needed} <= groups and (part != "links" or arm.six_revolute)

@@ -113,23 +113,23 @@ class Linearised:
         arm, joints = robot.arm, len(robot.arm.joint_names)
         geometry = [*parameters.THESIS_LEVELS["26"], "delta_beta3"]
         if not arm.six_revolute:
-            geometry = [item.name for item in parameters.level_parameters("placement", arm)]
+            geometry = [parameter.name for parameter in parameters.level_parameters("placement", arm)]
         turns = [f"delta_{'d' if slides else 'theta'}{j}" for j, slides in enumerate(arm.table.prismatic, start=1)]
         nominal = robot.joint_map.terms.arm
         maps = [name for name in parameters.all_names(arm) if not name.startswith("delta_")]
         maps = [name for name in maps if nominal.bends_like_the_thesis or not name.startswith("stiffness")]
         names = list(dict.fromkeys([*geometry, *turns, *maps]))
         chosen = tuple(parameters.parameter(name) for name in names)
-        own, seen = ThesisMap.of(robot.joint_map), points
-        if own is None:  # a map of other terms: held as it is, the thesis's terms come on top of it
-            seen = replace(_without_frame_terms(robot, points), q=robot.joint_map.effective(points.q))
-            own = ThesisMap(np.zeros(joints))
-        held = [getattr(own, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
-        terms = [parameters.term_of(item, nominal) for item in chosen]
-        problem = Problem(arm, seen, ()).with_terms(terms, Motion(seen.q))
+        thesis_map, refitted = ThesisMap.of(robot.joint_map), points
+        if thesis_map is None:  # a map of other terms: held as it is, the thesis's terms come on top of it
+            refitted = replace(_without_frame_terms(robot, points), q=robot.joint_map.effective(points.q))
+            thesis_map = ThesisMap(np.zeros(joints))
+        start = [getattr(thesis_map, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
+        terms = [parameters.term_of(parameter, nominal) for parameter in chosen]
+        problem = Problem(arm, refitted, ()).with_terms(terms, Motion(refitted.q))
         targets = np.array([robot.targets[name] for name in points.target_names])
         rotations = np.array([robot.target_rotations.get(name, np.eye(3)) for name in points.target_names])
-        state = State(robot.T_world_base, targets, np.array(held), rotations)
+        state = State(robot.T_world_base, targets, np.array(start), rotations)
         self.weight = np.repeat(problem.weights, 3)
         J = problem.jacobian(state) * self.weight[:, None]
         self.r = problem.residuals(state).reshape(-1) * self.weight
@@ -141,9 +141,9 @@ class Linearised:
         column = {name: J[:, problem.outer + k] for k, name in enumerate(names)}
         self.turn = np.stack([column[name] for name in turns], axis=1)
         self.maps = {name: column[name] for name in maps}
-        self.value = {p.name: value for p, value in zip(chosen, held, strict=True) if p.name in maps}
+        self.value = {p.name: value for p, value in zip(chosen, start, strict=True) if p.name in maps}
         self.geometry = np.column_stack([J[:, : problem.outer], *(column[name] for name in geometry)])
-        active = {p.kind for p in chosen if p.name in maps and getattr(own, p.kind).any()}
+        active = {p.kind for p in chosen if p.name in maps and getattr(thesis_map, p.kind).any()}
         self.active = [p.name for p in chosen if p.name in maps and p.kind in active]
         self.beside = np.zeros((len(self.r), 0))
         self._bases: dict[tuple[tuple[str, ...], bool] | None, FloatArray] = {}
@@ -191,18 +191,18 @@ class Linearised:
         """Derivatives by one coefficient per joint of its own angle times a number of each pose, (3 rows, joints)."""
         return self.turn * np.nan_to_num(np.asarray(size, dtype=float))[self.flat_pose]
 
-    def left_out(self, left: FloatArray, Q: FloatArray) -> FloatArray:
+    def left_out(self, residual: FloatArray, Q: FloatArray) -> FloatArray:
         """What is left of each pose by the fit to all others: (I - H_pp)^-1 r_p, with the hat matrix H = Q Q^T."""
-        there = self.rows >= 0
-        padded = np.where(there, self.rows, 0)
-        q = Q[padded] * there[..., None]
-        r = left[padded] * there
+        used = self.rows >= 0
+        padded = np.where(used, self.rows, 0)
+        q = Q[padded] * used[..., None]
+        r = residual[padded] * used
         value, vector = np.linalg.eigh(np.eye(self.rows.shape[1]) - q @ q.transpose(0, 2, 1))
         # what one pose alone decides leaves no residual and cannot be left out
         inverse = np.where(value > 1e-8, 1.0 / np.maximum(value, 1e-8), 0.0)
         r = np.einsum("nij,nj->ni", vector, inverse * np.einsum("nji,nj->ni", vector, r))
-        out = np.empty_like(left)
-        out[self.rows[there]] = r[there]
+        out = np.empty_like(residual)
+        out[self.rows[used]] = r[used]
         return out
 
     def test(self, X: FloatArray, without: Sequence[str] = (), Q: FloatArray | None = None) -> TestOutcome | None:
@@ -225,19 +225,21 @@ class Linearised:
         Q = self.basis(without) if Q is None else Q
         y = self.explained(without)
         y = y - Q @ (Q.T @ y)
-        own = X - Q @ (Q.T @ X)
-        kept, U = _independent(X, own)
-        if not len(kept) or len(y) - Q.shape[1] - 2 * len(kept) < 1:
+        reduced = X - Q @ (Q.T @ X)
+        independent, U = _independent(X, reduced)
+        if not len(independent) or len(y) - Q.shape[1] - 2 * len(independent) < 1:
             return None
-        own = own[:, kept]
-        P = np.linalg.solve(U.T @ own, U.T)
+        reduced = reduced[:, independent]
+        P = np.linalg.solve(U.T @ reduced, U.T)
         beta = P @ y
-        left = y - own @ beta
-        after = self.left_out(left, np.hstack([Q, U]))
-        change = np.stack([np.bincount(self.flat_pose, row * after, minlength=self.poses) for row in P])
+        residual = y - reduced @ beta
+        residual_out = self.left_out(residual, np.hstack([Q, U]))
+        change = np.stack([np.bincount(self.flat_pose, row * residual_out, minlength=self.poses) for row in P])
         C = (self.poses - 1) / self.poses * change @ change.T
-        p = f_beyond(float(beta @ np.linalg.pinv(C) @ beta) / len(kept), len(kept), self.poses - 1)
-        return TestOutcome(kept, beta, C, p, left, self._before(y, Q), self.size(after), self.size(own @ beta))
+        p = f_beyond(float(beta @ np.linalg.pinv(C) @ beta) / len(independent), len(independent), self.poses - 1)
+        return TestOutcome(
+            independent, beta, C, p, residual, self._before(y, Q), self.size(residual_out), self.size(reduced @ beta)
+        )
 
     def _before(self, y: FloatArray, Q: FloatArray) -> float:
         """Root mean square of poses left out without a term, metres; many terms share one basis."""
@@ -254,8 +256,8 @@ def _without_frame_terms(robot: Robot, points: PointSet) -> PointSet:
     xyz = points.xyz + points.predicted(plain) - points.predicted(robot)
     if points.rotation is None or not robot.target_rotations:
         return replace(points, xyz=xyz)
-    back = points.predicted_rotations(plain) @ points.predicted_rotations(robot).transpose(0, 2, 1)
-    return replace(points, xyz=xyz, rotation=back @ points.rotation)
+    turn = points.predicted_rotations(plain) @ points.predicted_rotations(robot).transpose(0, 2, 1)
+    return replace(points, xyz=xyz, rotation=turn @ points.rotation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,7 +292,7 @@ class TestOutcome:
 
 def term_of(
     model: Linearised,
-    found: TestOutcome,
+    outcome: TestOutcome,
     kind: Kind,
     joint: int | None,
     names: Sequence[str],
@@ -298,35 +300,35 @@ def term_of(
     tried: int = 1,
 ) -> JointTerm:
     """A test's outcome as a term without a verdict; its p counts as often as ``tried`` says."""
-    half = quantile(model.poses - 1) * np.sqrt(np.diag(found.C))
+    half = quantile(model.poses - 1) * np.sqrt(np.diag(outcome.C))
     return JointTerm(
         kind,
         joint,
-        tuple(names[k] for k in found.kept),
-        tuple(map(float, found.beta)),
-        tuple(map(float, found.beta - half)),
-        tuple(map(float, found.beta + half)),
-        min(1.0, found.p * tried),
-        found.before,
-        found.after,
-        found.at_tool,
+        tuple(names[k] for k in outcome.kept),
+        tuple(map(float, outcome.beta)),
+        tuple(map(float, outcome.beta - half)),
+        tuple(map(float, outcome.beta + half)),
+        min(1.0, outcome.p * tried),
+        outcome.before,
+        outcome.after,
+        outcome.at_tool,
         frequency=None if frequency is None else (frequency,),
     )
 
 
-def _independent(X: FloatArray, own: FloatArray) -> tuple[IntArray, FloatArray]:
+def _independent(X: FloatArray, reduced: FloatArray) -> tuple[IntArray, FloatArray]:
     """Columns of which something is left beside the others, and an orthonormal basis of what is left (Gram-Schmidt)."""
-    kept: list[int] = []
+    chosen: list[int] = []
     Q = np.empty(X.shape, order="F")
     for k in range(X.shape[1]):
-        before = Q[:, : len(kept)]
-        rest = own[:, k] - before @ (before.T @ own[:, k])
-        rest -= before @ (before.T @ rest)
-        size, whole = np.linalg.norm(rest), np.linalg.norm(X[:, k])
-        if size > UNSEEN * whole:
-            Q[:, len(kept)] = rest / size
-            kept.append(k)
-    return np.array(kept, dtype=int), Q[:, : len(kept)]
+        basis = Q[:, : len(chosen)]
+        column = reduced[:, k] - basis @ (basis.T @ reduced[:, k])
+        column -= basis @ (basis.T @ column)
+        size, norm = np.linalg.norm(column), np.linalg.norm(X[:, k])
+        if size > UNSEEN * norm:
+            Q[:, len(chosen)] = column / size
+            chosen.append(k)
+    return np.array(chosen, dtype=int), Q[:, : len(chosen)]
 
 
 def _basis(N: FloatArray) -> FloatArray:
@@ -339,9 +341,9 @@ def _basis(N: FloatArray) -> FloatArray:
 
 def extended(Q: FloatArray, X: FloatArray) -> FloatArray:
     """A basis with more columns."""
-    own = X - Q @ (Q.T @ X)
-    own = own - Q @ (Q.T @ own)
-    return np.hstack([Q, _independent(X, own)[1]])
+    reduced = X - Q @ (Q.T @ X)
+    reduced = reduced - Q @ (Q.T @ reduced)
+    return np.hstack([Q, _independent(X, reduced)[1]])
 
 
 def by_play(model: Linearised) -> FloatArray:
@@ -362,9 +364,9 @@ def by_gain(model: Linearised, j: int) -> tuple[FloatArray, tuple[str, ...]]:
 
 def by_series(model: Linearised, j: int, order: int, frequency: float) -> tuple[FloatArray, tuple[str, ...]]:
     """By the coefficients of a joint's `fourier_columns`, and what of the joint map it replaces."""
-    own = j == 5 and model.robot.arm.six_revolute
+    is_joint_6 = j == 5 and model.robot.arm.six_revolute
     X = model.turn[:, j : j + 1] * fourier_columns(model.q[:, j], order, frequency)[model.flat_pose]
-    return X, tuple(f"fourier_{name}" for name in parameters.FOURIER) if own else ()
+    return X, tuple(f"fourier_{name}" for name in parameters.FOURIER) if is_joint_6 else ()
 
 
 def by_stiffness(model: Linearised) -> tuple[FloatArray, tuple[str, ...]]:

@@ -92,8 +92,8 @@ class JointMoves(Speaks):
 
     def headline(self) -> str:
         """Its joint and what was seen."""
-        seen = ", ".join(term.kind for term in self.terms if term.seen) or "nothing"
-        return f"joint {self.joint} moved alone in {len(self.series)} series: seen: {seen}"
+        kinds = ", ".join(term.kind for term in self.terms if term.seen) or "nothing"
+        return f"joint {self.joint} moved alone in {len(self.series)} series: seen: {kinds}"
 
 
 def has_moves(points: PointSet) -> bool:
@@ -132,26 +132,26 @@ def analyse_moves(
     IdentificationError
         If there are no one-joint moves, if other joints move within a group, or if a group does not give an axis.
     """
-    seen = points.without_empty_poses()
+    with_poses = points.without_empty_poses()
     step = step[np.isin(np.arange(points.poses), points.pose)]
-    names = [str(group) for group in seen.groups]
-    found: dict[int, list[str]] = {}
+    names = [str(group) for group in with_poses.groups]
+    groups_of: dict[int, list[str]] = {}
     for name in dict.fromkeys(names):
         match = GROUP.fullmatch(name)
         if match and joint in (None, int(match[1])):
-            found.setdefault(int(match[1]), []).append(name)
-    if not found:
+            groups_of.setdefault(int(match[1]), []).append(name)
+    if not groups_of:
         which = "axis1, axis2, …" if joint is None else f"axis{joint}"
-        others = ", ".join(sorted({name for name in names if name})) or "no groups"
-        raise IdentificationError(f"there are no one-joint moves in a group {which}; found {others}")
+        listed = ", ".join(sorted({name for name in names if name})) or "no groups"
+        raise IdentificationError(f"there are no one-joint moves in a group {which}; found {listed}")
     out: list[JointMoves] = []
-    for number in sorted(found):
-        if number > seen.q.shape[1]:
-            raise IdentificationError(f"group {found[number][0]}: there are only {seen.q.shape[1]} joints")
+    for number in sorted(groups_of):
+        if number > with_poses.q.shape[1]:
+            raise IdentificationError(f"group {groups_of[number][0]}: there are only {with_poses.q.shape[1]} joints")
         series = [
-            one_series(seen.select(part), step[part, number - 1], number, name)
-            for name in found[number]
-            for part in home_poses(seen.q, np.array(names) == name, number, name, seen.payload_kg)
+            one_series(with_poses.select(mask), step[mask, number - 1], number, name)
+            for name in groups_of[number]
+            for mask in home_poses(with_poses.q, np.array(names) == name, number, name, with_poses.payload_kg)
         ]
         out.append(_joint_moves(number, series, order, frequency))
     return _judged_moves(out)
@@ -195,20 +195,20 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
     """
     from scipy.stats import t as student
 
-    found = []
+    differences = []
     for s, number in zip(series, levels, strict=True):
         above, below = s.direction < 0, s.direction > 0
         for level in np.intersect1d(number[above], number[below]):
-            here = number == level
-            found.append(s.angle[here & above].mean() - s.angle[here & below].mean())
-    n, name = len(found), ("backlash",)
+            at_level = number == level
+            differences.append(s.angle[at_level & above].mean() - s.angle[at_level & below].mean())
+    n, name = len(differences), ("backlash",)
     if n < SPARE:
         note = f"{n or 'no'} joint angle{'s were' if n > 1 else ' was'} reached from both sides, {SPARE} are needed"
         return JointTerm("backlash", joint, name, note=note)
-    difference = np.array(found)
+    difference = np.array(differences)
     mean, std = difference.mean(), max(difference.std(ddof=1) / np.sqrt(n), 1e-12)
     half = quantile(n - 1) * std
-    others = (n * mean - difference) / (n - 1)
+    without_each = (n * mean - difference) / (n - 1)
     return JointTerm(
         "backlash",
         joint,
@@ -218,7 +218,7 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
         (float(mean + half),),
         float(2 * student.sf(abs(mean) / std, n - 1)),
         float(lever * np.sqrt(np.mean(difference**2)) / 2),
-        float(lever * np.sqrt(np.mean((difference - others) ** 2)) / 2),
+        float(lever * np.sqrt(np.mean((difference - without_each) ** 2)) / 2),
         float(lever * abs(mean) / 2),
     )
 
@@ -267,7 +267,7 @@ class _Levels:
         x: list[FloatArray] = []
         y: list[FloatArray] = []
         root: list[FloatArray] = []
-        own: list[IntArray] = []
+        number_of: list[IntArray] = []
         follow: list[FloatArray] = []
         for k, (s, number) in enumerate(zip(series, levels, strict=True)):
             used = s.direction != 0
@@ -279,43 +279,45 @@ class _Levels:
             y.append(np.bincount(number, (s.angle + 0.5 * play * s.direction)[used]) / count)
             root.append(np.sqrt(count))
             side.append(np.bincount(number, s.direction[used]) / count)
-            own.append(np.full(len(count), k))
+            number_of.append(np.full(len(count), k))
             D = np.column_stack([np.bincount(number, column) / count for column in s.follow[used].T])
             follow.append(D @ np.nan_to_num(s.fit.covariance) @ D.T)
-        self.x, self.y, self.root = (np.concatenate(parts) for parts in (x, y, root))
-        self.own = (np.concatenate(own)[:, None] == np.arange(len(series))).astype(float)
-        both = np.concatenate(side)
-        varies = any(part.min() < 0 < part.max() for part in side) and len(both) >= MANY
-        self.beside = np.column_stack([self.own, both]) if unknown and varies else self.own
+        self.x, self.y, self.root = (np.concatenate(arrays) for arrays in (x, y, root))
+        self.own = (np.concatenate(number_of)[:, None] == np.arange(len(series))).astype(float)
+        directions = np.concatenate(side)
+        varies = (
+            any(side_of_series.min() < 0 < side_of_series.max() for side_of_series in side) and len(directions) >= MANY
+        )
+        self.beside = np.column_stack([self.own, directions]) if unknown and varies else self.own
         self.covariance = np.zeros((len(self.x), len(self.x)))
         start = 0
         for block in follow:
             end = start + len(block)
             self.covariance[start:end, start:end] = block
             start = end
-        self.step = float(np.median(np.concatenate([np.diff(part) for part in x])))
-        self.range = float(max(np.ptp(part) for part in x))
+        self.step = float(np.median(np.concatenate([np.diff(x_of_series) for x_of_series in x])))
+        self.range = float(max(np.ptp(x_of_series) for x_of_series in x))
 
     def fit(self, X: FloatArray, extra: int = 0) -> _Fit:
         """Weighted least squares of terms beside the series' zeros; ``extra`` unknowns are spent elsewhere."""
         w = self.root[:, None]
         N, X, y = np.linalg.qr(w * self.beside)[0], w * X, self.root * self.y
-        rest_X, rest = X - N @ (N.T @ X), y - N @ (N.T @ y)
+        rest_X, projected = X - N @ (N.T @ X), y - N @ (N.T @ y)
         P = np.linalg.pinv(rest_X)
-        beta = P @ rest
-        left = rest - rest_X @ beta
+        beta = P @ projected
+        residual = projected - rest_X @ beta
         freedom = len(y) - N.shape[1] - X.shape[1] - extra
-        sigma2 = max(left @ left / freedom, 1e-24)
+        sigma2 = max(residual @ residual / freedom, 1e-24)
         S = P * self.root
         C = sigma2 * P @ P.T + S @ self.covariance @ S.T
         p = f_beyond(float(beta @ np.linalg.solve(C, beta)) / len(beta), len(beta), freedom)
         H_0 = np.sum(N**2, axis=1)
         H_1 = H_0 + np.einsum("rk,kr->r", rest_X, P)
-        return _Fit(beta, C, freedom, p, self._left_out(rest, H_0), self._left_out(left, H_1), sigma2)
+        return _Fit(beta, C, freedom, p, self._left_out(projected, H_0), self._left_out(residual, H_1), sigma2)
 
-    def _left_out(self, left: FloatArray, leverage: FloatArray) -> float:
+    def _left_out(self, residual: FloatArray, leverage: FloatArray) -> float:
         """Root mean square of what is left of angles that were left out, radians; a pose counts once."""
-        return float(np.sqrt(np.sum((left / np.maximum(1 - leverage, 1e-9)) ** 2) / np.sum(self.root**2)))
+        return float(np.sqrt(np.sum((residual / np.maximum(1 - leverage, 1e-9)) ** 2) / np.sum(self.root**2)))
 
 
 def _term_of_levels(
@@ -370,11 +372,11 @@ def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequ
     names, free = fourier_names(order), frequency is None
     needed = data.beside.shape[1] + 2 * order + free + SPARE
     # of places a turn apart, a series with one period a turn sees one
-    places = len(data.x) if free or frequency != 1.0 else len(axes.distinct_angles(data.x))
-    if len(data.x) < needed or places < 2 * order + 2:
-        short = f"{len(data.x)} joint angles" if len(data.x) < needed else f"{places} places in the turn"
-        least = needed if len(data.x) < needed else 2 * order + 2
-        return JointTerm("fourier", joint, names, note=f"{short} are too few for order {order}: {least} are needed")
+    angles = len(data.x) if free or frequency != 1.0 else len(axes.distinct_angles(data.x))
+    if len(data.x) < needed or angles < 2 * order + 2:
+        short = f"{len(data.x)} joint angles" if len(data.x) < needed else f"{angles} places in the turn"
+        fewest = needed if len(data.x) < needed else 2 * order + 2
+        return JointTerm("fourier", joint, names, note=f"{short} are too few for order {order}: {fewest} are needed")
     highest = np.pi / data.step / order
     if frequency is not None:
         if frequency > highest * (1 + 1e-9):
@@ -383,8 +385,8 @@ def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequ
         X = fourier_columns(data.x, order, frequency)
         return _term_of_levels("fourier", joint, names, X, data, lever, data.fit(X), frequency=(float(frequency),))
     tried = frequencies(data.range, min(highest, HIGHEST_FREQUENCY))
-    found = best_frequency(lambda f: data.fit(fourier_columns(data.x, order, f), extra=1).rms_with, tried)
-    X = fourier_columns(data.x, order, found)
+    best = best_frequency(lambda f: data.fit(fourier_columns(data.x, order, f), extra=1).rms_with, tried)
+    X = fourier_columns(data.x, order, best)
     fit = data.fit(X, extra=1)
     # one column more for the frequency itself: d/df of the series
     turned = np.column_stack([[-k, k] * data.x[:, None] for k in range(1, order + 1)])
@@ -393,14 +395,14 @@ def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequ
     free_too = data.fit(np.column_stack([X, along]))
     fit = fit._replace(covariance=free_too.covariance, freedom=free_too.freedom, p=min(1.0, fit.p * len(tried)))
     spread = data.covariance + np.diag(free_too.variance / data.root**2)
-    sure = interval(data.x, data.y, spread, data.beside, order, tried, found, free_too.freedom)
+    sure = interval(data.x, data.y, spread, data.beside, order, tried, best, free_too.freedom)
     return _term_of_levels("fourier", joint, names, X, data, lever, fit, frequency=sure)
 
 
 def _judged_moves(joints: list[JointMoves]) -> list[JointMoves]:
     """The same with p values corrected for the number of joints and with verdicts."""
     for kind in KINDS:
-        have = [k for k, item in enumerate(joints) if getattr(item, kind) is not None]
+        have = [k for k, item_moves in enumerate(joints) if getattr(item_moves, kind) is not None]
         for k, term in zip(have, judged([getattr(joints[k], kind) for k in have]), strict=True):
             joints[k] = _with_term(joints[k], kind, term)
     return joints
@@ -415,24 +417,24 @@ MOSTLY = 0.8
 """Share of the squares that a Fourier series explains from which on gravity, which explains so much, has its place."""
 
 
-def of_moves(moves: Sequence[JointMoves], alone: bool = True) -> list[str]:
-    """What one-joint moves say; ``alone``: nothing else is said, so the last sentence is what the robot needs."""
-    source = "" if alone else "by one-joint moves, "
+def of_moves(moves: Sequence[JointMoves], only_moves: bool = True) -> list[str]:
+    """What one-joint moves say; ``only_moves``: nothing else is said, so the last sentence is what the robot needs."""
+    source = "" if only_moves else "by one-joint moves, "
     out = [f"{source}{_of_moves(joint, term)}" for joint in moves for term in joint.terms if worth_saying(term)]
     out += _beyond([joint.backlash for joint in moves])
     out += not_tested([term for joint in moves for term in joint.terms], "one-joint moves")
-    if moves and alone:
+    if moves and only_moves:
         out += _period_of_weight(moves)
         out.append(_needed_by_moves(moves))
     return out
 
 
 def _of_moves(joint: JointMoves, term: JointTerm) -> str:
-    what = "tangential rms"
+    quantity = "tangential rms"
     if term.kind == "backlash":
         said = play_in_words(term)
-        return said if term.verdict == "not seen" else f"{said}: {change_of(term, what)}: {LABELS[term.verdict]}"
-    said = f"joint {joint.joint}: {name_of(term)} {judgement_of(term, what)}"
+        return said if term.verdict == "not seen" else f"{said}: {change_of(term, quantity)}: {LABELS[term.verdict]}"
+    said = f"joint {joint.joint}: {name_of(term)} {judgement_of(term, quantity)}"
     arc = max(np.ptp(series.turn) for series in joint.series)
     if term.kind == "fourier" and term.verdict == "worth it" and arc < np.pi:
         said += f"; on an arc of {arc / DEG:.0f} degrees its coefficients hold there only"
@@ -458,8 +460,8 @@ def _best(joint: JointMoves) -> list[JointTerm]:
     runs = sorted((term for term in worth if term.kind != "backlash"), key=lambda term: term.rms_with)
     weight = [term for term in runs if term.kind == "gravity"]
     if weight and runs[0].kind == "fourier":  # the series has gravity's one period a turn, too: whose is it?
-        rest = runs[0].rms_without ** 2 - runs[0].rms_with ** 2
-        if runs[0].rms_without ** 2 - weight[0].rms_with ** 2 > MOSTLY * rest:
+        gain = runs[0].rms_without ** 2 - runs[0].rms_with ** 2
+        if runs[0].rms_without ** 2 - weight[0].rms_with ** 2 > MOSTLY * gain:
             runs = weight
     return [term for term in worth if term.kind == "backlash"] + runs[:1]
 

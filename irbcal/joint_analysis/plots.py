@@ -41,12 +41,12 @@ WIDE, SMALL = 480.0, 300.0
 """Widths of drawings one above the other and side by side."""
 
 
-def draw(found: JointBehaviour) -> dict[str, bytes]:
+def draw(result: JointBehaviour) -> dict[str, bytes]:
     """All charts that a result allows, as PNG files by name."""
-    return {f"{name}.png": drawing().content("png") for name, drawing in drawings(found).items()}
+    return {f"{name}.png": drawing().content("png") for name, drawing in drawings(result).items()}
 
 
-def drawn(found: JointBehaviour, name: str) -> Chart:
+def drawn(result: JointBehaviour, name: str) -> Chart:
     """One chart by its name.
 
     Raises
@@ -54,31 +54,31 @@ def drawn(found: JointBehaviour, name: str) -> Chart:
     OptionError
         If these measurements do not allow a chart of that name.
     """
-    every = drawings(found)
+    every = drawings(result)
     if name not in every:
         raise OptionError.unknown("figure", name, tuple(every))
     return every[name]()
 
 
-def drawings(found: JointBehaviour) -> dict[str, Callable[[], Chart]]:
+def drawings(result: JointBehaviour) -> dict[str, Callable[[], Chart]]:
     """What draws each chart that a result allows, by name."""
     out: dict[str, Callable[[], Chart]] = {}
-    for joint in found.moves:
+    for joint in result.moves:
         for name, series in _named_series(joint):
             out[f"errors_{_file(name)}"] = partial(_errors, series, f"Joint {joint.joint} moved alone ({name})")
         if joint.fourier.tested:
             out[f"fourier_joint_{joint.joint}"] = partial(_fourier, joint)
-    if found.moves:
-        out["angular_errors"] = partial(_angular, found.moves)
-    if any(joint.joint == 2 for joint in found.moves) or _stiffness(found) is not None:
-        out["stiffness_joint_2"] = partial(_equivalent, found)
-    residuals = found.residuals
+    if result.moves:
+        out["angular_errors"] = partial(_angular, result.moves)
+    if any(joint.joint == 2 for joint in result.moves) or _stiffness(result) is not None:
+        out["stiffness_joint_2"] = partial(_equivalent, result)
+    residuals = result.residuals
     if residuals is not None and _shown_joints(residuals):
         out["residuals_by_direction"] = partial(_by_direction, residuals)
         if any(term.tested for term in residuals.of("move").values()):
             out["residuals_by_move"] = partial(_by_move, residuals)
         out["backlash"] = partial(_backlash, residuals)
-    return {name: partial(_marked, chart, found.simulated) for name, chart in out.items()}
+    return {name: partial(_marked, chart, result.simulated) for name, chart in out.items()}
 
 
 def _marked(draw: Callable[[], Chart], simulated: bool) -> Chart:
@@ -100,14 +100,14 @@ def _file(name: str) -> str:
 
 def _directions(directions: FloatArray | Sequence[float]) -> list[LegendEntry]:
     """Entries of a legend for the directions that occur."""
-    return [(c, m, words) for sign, c, m, words in DIRECTIONS if (np.asarray(directions) == sign).any()]
+    return [(c, m, label) for sign, c, m, label in DIRECTIONS if (np.asarray(directions) == sign).any()]
 
 
 def _by_side(panel: Panel, x: FloatArray, y: FloatArray, direction: FloatArray, **style: Any) -> None:
     """Marks of the directions that points were reached from."""
     for sign, colour, mark, _ in DIRECTIONS:
-        here = (direction == sign) & np.isfinite(y)
-        panel.dots(x[here], y[here], colour, **{"size": 4.5, "shape": mark, **style})
+        rows = (direction == sign) & np.isfinite(y)
+        panel.dots(x[rows], y[rows], colour, **{"size": 4.5, "shape": mark, **style})
 
 
 def _errors(series: Series, title: str) -> Chart:
@@ -118,7 +118,7 @@ def _errors(series: Series, title: str) -> Chart:
     """
     points = series.points
     targets = np.unique(points.target)
-    shown = targets[np.argsort([-series.radius[points.target == t][0] for t in targets])][:MOST_TARGETS]
+    drawn_targets = targets[np.argsort([-series.radius[points.target == t][0] for t in targets])][:MOST_TARGETS]
     turn, direction = series.turn[points.pose] / DEG, series.direction[points.pose]
     sheets: list[Drawing] = []
     for name in ("radial", "tangential", "axial"):
@@ -126,19 +126,19 @@ def _errors(series: Series, title: str) -> Chart:
         drawing = Drawing(f"{name} errors", 190.0, WIDE)
         panel = Panel(drawing, span(turn), span(values, [0.0]), f"joint {series.joint} (deg)", f"{name} error (mm)")
         panel.level(0.0)
-        for k, target in enumerate(shown):
+        for k, target in enumerate(drawn_targets):
             for sign, colour, *_ in DIRECTIONS:
-                here = np.flatnonzero((points.target == target) & (direction == sign))
-                here = here[np.argsort(turn[here], kind="stable")]
-                panel.line(turn[here], values[here], colour, 0.9, dash=DASHES[k])
-            mine = points.target == target
-            _by_side(panel, turn[mine], values[mine], direction[mine])
+                rows = np.flatnonzero((points.target == target) & (direction == sign))
+                rows = rows[np.argsort(turn[rows], kind="stable")]
+                panel.line(turn[rows], values[rows], colour, 0.9, dash=DASHES[k])
+            of_target = points.target == target
+            _by_side(panel, turn[of_target], values[of_target], direction[of_target])
         sheets.append(drawing)
     legend = _directions(series.direction)
-    for k, t in enumerate(shown):
+    for k, t in enumerate(drawn_targets):
         radius = series.radius[points.target == t][0] / MM
-        words = f"{points.target_names[t]} (radius {radius:.0f} mm)"
-        legend.append(("ink", "-" if k == 0 else "--", words))
+        label = f"{points.target_names[t]} (radius {radius:.0f} mm)"
+        legend.append(("ink", "-" if k == 0 else "--", label))
     return Chart(f"errors_{_file(series.name)}", title, sheets, legend, 1)
 
 
@@ -191,11 +191,11 @@ def _fourier(joint: JointMoves) -> Chart:
     return Chart(f"fourier_joint_{joint.joint}", f"Angular error of joint {joint.joint}", sheets, legend, 1)
 
 
-def _stiffness(found: JointBehaviour) -> FloatArray | None:
+def _stiffness(result: JointBehaviour) -> FloatArray | None:
     """A and B as estimated from the residuals, radians; None where they were not."""
-    if found.residuals is None:
+    if result.residuals is None:
         return None
-    term = found.residuals.of("stiffness").get(None)
+    term = result.residuals.of("stiffness").get(None)
     return np.array(term.shown.values) if term is not None and len(term.shown.values) == 2 else None
 
 
@@ -251,31 +251,31 @@ def _binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> FloatArray:
     which = np.digitize(x, edges[1:-1])
     out = []
     for k in range(len(edges) - 1):
-        here = y[which == k]
-        if len(here) >= 5:
-            out.append((x[which == k].mean(), here.mean(), 1.96 * here.std(ddof=1) / np.sqrt(len(here))))
+        in_bin = y[which == k]
+        if len(in_bin) >= 5:
+            out.append((x[which == k].mean(), in_bin.mean(), 1.96 * in_bin.std(ddof=1) / np.sqrt(len(in_bin))))
     return np.array(out).reshape(-1, 3).T
 
 
-def _plays(found: ResidualAnalysis) -> dict[int | None, JointTerm]:
-    return {joint: term.shown for joint, term in found.of("backlash").items()}
+def _plays(analysis: ResidualAnalysis) -> dict[int | None, JointTerm]:
+    return {joint: term.shown for joint, term in analysis.of("backlash").items()}
 
 
-def _shown_joints(found: ResidualAnalysis) -> list[int]:
+def _shown_joints(analysis: ResidualAnalysis) -> list[int]:
     """Joints with a residual at a pose that they came to from a known side, counted from 0."""
     return [
         j
-        for j in range(found.angle.shape[1])
-        if (np.isfinite(found.angle[:, j]) & (np.abs(found.step[:, j]) > 0)).any()
+        for j in range(analysis.angle.shape[1])
+        if (np.isfinite(analysis.angle[:, j]) & (np.abs(analysis.step[:, j]) > 0)).any()
     ]
 
 
-def _bare(joints: Sequence[int], found: ResidualAnalysis) -> str:
+def _bare(joints: Sequence[int], analysis: ResidualAnalysis) -> str:
     """Words for a caption about joints that have no mean of one of the directions."""
     if not joints:
         return ""
     which = f"joint{'s' if len(joints) > 1 else ''} {', '.join(str(j + 1) for j in joints)}"
-    return f". At {which}, {found.points.poses} poses are too few for means of both directions"
+    return f". At {which}, {analysis.points.poses} poses are too few for means of both directions"
 
 
 def _residual_panel(
@@ -283,83 +283,83 @@ def _residual_panel(
 ) -> tuple[Panel, bool]:
     """Single poses faint, means of bins with 95 % intervals strong; and whether both directions have means."""
     have = np.isfinite(angle) & np.isfinite(x)
-    here = [have & (sides == sign) for sign, *_ in DIRECTIONS[:2]]
-    means = [_binned(x[some], angle[some], edge) for some, edge in zip(here, edges, strict=True)]
+    masks = [have & (sides == sign) for sign, *_ in DIRECTIONS[:2]]
+    means = [_binned(x[mask], angle[mask], edge) for mask, edge in zip(masks, edges, strict=True)]
     sizes = [np.abs(y) + half for _, y, half in means]
     top = 1.15 * max(np.concatenate([*sizes, np.quantile(np.abs(angle[have]), [0.8])]).max(initial=0.0), 1e-6)
     drawing = Drawing(label, 240.0, SMALL)
     panel = Panel(drawing, span(x[have]), (-top, top), f"{label} ({unit})", f"residual ({unit})", title=title)
     panel.level(0.0)
-    many = have.sum() > 200
-    for (_, colour, mark, _), some, (a, b, half) in zip(DIRECTIONS[:2], here, means, strict=True):
+    crowded = have.sum() > 200
+    for (_, colour, mark, _), some, (a, b, half) in zip(DIRECTIONS[:2], masks, means, strict=True):
         inside = some & (np.abs(angle) <= top)
-        panel.dots(x[inside], angle[inside], colour, 2.0 if many else 3.5, opacity=0.35 if many else 0.6)
+        panel.dots(x[inside], angle[inside], colour, 2.0 if crowded else 3.5, opacity=0.35 if crowded else 0.6)
         panel.line(a, b, colour, 1.2)
         panel.bars(a, b, half, colour)
         panel.dots(a, b, colour, 6.0, shape=mark)
     return panel, all(len(x) for x, *_ in means)
 
 
-def _by_direction(found: ResidualAnalysis) -> Chart:
+def _by_direction(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against joint angle: dots are poses, bars the means of bins with 95 % intervals."""
-    slides, plays = found.robot.arm.table.prismatic, _plays(found)
+    slides, plays = analysis.robot.arm.table.prismatic, _plays(analysis)
     bare: list[int] = []
     sheets: list[Drawing] = []
-    for j in _shown_joints(found):
+    for j in _shown_joints(analysis):
         size, unit = (MM, "mm") if slides[j] else (DEG, "deg")
-        q, angle = found.points.q[:, j] / size, found.angle[:, j] / size
+        q, angle = analysis.points.q[:, j] / size, analysis.angle[:, j] / size
         edges = np.unique(np.quantile(q[np.isfinite(angle)], np.linspace(0, 1, BINS + 1)))
         term, title = plays.get(j + 1), ""
         if term is not None and term.tested:
             half = (term.high[0] - term.low[0]) / 2 / size
             title = f"backlash {term.values[0] / size:.4f} ± {half:.4f} {unit}"
-        sides = np.sign(found.step[:, j])
-        panel, both = _residual_panel(q, angle, sides, [edges] * 2, f"joint {j + 1}", unit, title)
+        sides = np.sign(analysis.step[:, j])
+        panel, has_means = _residual_panel(q, angle, sides, [edges] * 2, f"joint {j + 1}", unit, title)
         sheets.append(panel.drawing)
-        bare += [] if both else [j]
-    caption = "Angular residual of each joint by its direction of approach" + _bare(bare, found)
+        bare += [] if has_means else [j]
+    caption = "Angular residual of each joint by its direction of approach" + _bare(bare, analysis)
     return Chart("residuals_by_direction", caption, sheets, _directions([1.0, -1.0]), 3)
 
 
-def _by_move(found: ResidualAnalysis) -> Chart:
+def _by_move(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against the last move: play makes a step at zero, a lag a slope."""
-    tested = [joint for joint, term in found.of("move").items() if term.tested]
-    slides, plays = found.robot.arm.table.prismatic, _plays(found)
+    tested = [joint for joint, term in analysis.of("move").items() if term.tested]
+    slides, plays = analysis.robot.arm.table.prismatic, _plays(analysis)
     bare: list[int] = []
     sheets: list[Drawing] = []
-    for j in (j for j in _shown_joints(found) if j + 1 in tested):
+    for j in (j for j in _shown_joints(analysis) if j + 1 in tested):
         size, unit = (MM, "mm") if slides[j] else (DEG, "deg")
-        move, angle = found.step[:, j] / size, found.angle[:, j] / size
+        move, angle = analysis.step[:, j] / size, analysis.angle[:, j] / size
         have = np.isfinite(angle) & np.isfinite(move)
         shares = np.linspace(0, 1, BINS // 2 + 1)
         edges = [np.unique(np.quantile(move[have & (np.sign(move) == s)], shares)) for s, *_ in DIRECTIONS[:2]]
-        panel, both = _residual_panel(move, angle, np.sign(move), edges, f"last move of joint {j + 1}", unit, "")
+        panel, has_means = _residual_panel(move, angle, np.sign(move), edges, f"last move of joint {j + 1}", unit, "")
         term = plays.get(j + 1)
         if term is not None and term.tested:
             for sign, end in ((-1.0, move[have].min()), (1.0, move[have].max())):
                 panel.line([0, end], [-0.5 * sign * term.values[0] / size] * 2, "nominal", dash="5 3")
         sheets.append(panel.drawing)
-        bare += [] if both else [j]
+        bare += [] if has_means else [j]
     legend: list[LegendEntry] = [*_directions([1.0, -1.0]), ("nominal", "--", "what backlash alone would give")]
-    caption = "Angular residual of each joint by the size of its last move" + _bare(bare, found)
+    caption = "Angular residual of each joint by the size of its last move" + _bare(bare, analysis)
     return Chart("residuals_by_move", caption, sheets, legend, 3)
 
 
-def _backlash(found: ResidualAnalysis) -> Chart:
+def _backlash(analysis: ResidualAnalysis) -> Chart:
     """Backlash of each joint with its interval, and what the two halves of the poses give by themselves."""
-    slides = found.robot.arm.table.prismatic
-    terms = [term.shown for term in found.of("backlash").values() if term.tested]
+    slides = analysis.robot.arm.table.prismatic
+    terms = [term.shown for term in analysis.of("backlash").values() if term.tested]
     numbers = [term.joint or 0 for term in terms]
     sizes = np.array([MM if slides[number - 1] else DEG for number in numbers])
     value, low, high = (
         np.array([getattr(term, name)[0] for term in terms]) / sizes for name in ("values", "low", "high")
     )
-    halves = found.halves[np.array(numbers, dtype=int) - 1] / sizes[:, None]
+    halves = analysis.halves[np.array(numbers, dtype=int) - 1] / sizes[:, None]
     label = "backlash (deg)" if not slides.any() else "backlash (deg; mm where it slides)"
     drawing = Drawing("Backlash of each joint", 260.0, WIDE)
-    words = [float(number) for number in numbers], [str(number) for number in numbers]
+    x_ticks = [float(number) for number in numbers], [str(number) for number in numbers]
     x = (min(numbers, default=1) - 0.6, max(numbers, default=1) + 0.6)
-    panel = Panel(drawing, x, span(low, high, halves, [0.0]), "joint", label, x_ticks=words)
+    panel = Panel(drawing, x, span(low, high, halves, [0.0]), "joint", label, x_ticks=x_ticks)
     panel.level(0.0)
     place = np.array(numbers, dtype=float)
     panel.bars(place, (low + high) / 2, (high - low) / 2, "calibrated")

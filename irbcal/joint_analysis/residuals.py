@@ -102,10 +102,10 @@ def choose(model: Linearised, terms: Sequence[JointTerm]) -> tuple[tuple[Step, .
     selection.take()
     while selection.drop_idle():
         selection.take()
-    found = selection.beside_the_others()
+    outcomes = selection.beside_the_others()
     out = []
     for term in terms:
-        beside = found.get((term.kind, term.joint))
+        beside = outcomes.get((term.kind, term.joint))
         if beside is not None and term.verdict != "worth it":
             frequency = None if term.frequency is None else term.frequency[0]
             names, tried = linearised.names_of(term), selection.to_choose_from()
@@ -151,8 +151,8 @@ class _Selection:
     def _test(self, key: Key, Q: FloatArray) -> TestOutcome | None:
         return self.model.test(self.choice[key], self.without, Q)
 
-    def _is_needed(self, found: TestOutcome, tried: int) -> bool:
-        return found.p * tried < SIGNIFICANT and is_worth(found.before, found.after)
+    def _is_needed(self, outcome: TestOutcome, tried: int) -> bool:
+        return outcome.p * tried < SIGNIFICANT and is_worth(outcome.before, outcome.after)
 
     def to_choose_from(self) -> int:
         """How many terms the last one was chosen from."""
@@ -162,12 +162,12 @@ class _Selection:
         """Take terms one after the other, until none is significant and worth it."""
         Q = self._basis(self.chosen)
         while True:
-            rest = self._left(Q, self.y)
+            residual = self._left(Q, self.y)
             free = [key for key in self.choice if key not in self.chosen and key not in self.dropped]
-            gains = {key: _explains(self._left(Q, self.choice[key]), rest) for key in free}
+            gains = {key: _explains(self._left(Q, self.choice[key]), residual) for key in free}
             for key in sorted(free, key=lambda key: gains[key], reverse=True)[:TRIES]:
-                found = self._test(key, Q)
-                if found is not None and self._is_needed(found, len(self.choice) - len(self.chosen)):
+                outcome = self._test(key, Q)
+                if outcome is not None and self._is_needed(outcome, len(self.choice) - len(self.chosen)):
                     break
             else:
                 return
@@ -178,37 +178,37 @@ class _Selection:
         """Each chosen term tested beside all other chosen ones."""
         out = {}
         for key in self.chosen:
-            found = self._test(key, self._basis([other for other in self.chosen if other != key]))
-            if found is not None:
-                out[key] = found
+            outcome = self._test(key, self._basis([key_chosen for key_chosen in self.chosen if key_chosen != key]))
+            if outcome is not None:
+                out[key] = outcome
         return out
 
     def drop_idle(self) -> bool:
         """Drop the chosen term that is needed least, if the others have made it idle; whether there was one."""
-        found, tried = self.beside_the_others(), self.to_choose_from()
-        idle = [key for key in self.chosen if key not in found or not self._is_needed(found[key], tried)]
+        outcomes, tried = self.beside_the_others(), self.to_choose_from()
+        idle = [key for key in self.chosen if key not in outcomes or not self._is_needed(outcomes[key], tried)]
         if not idle:
             return False
-        least = max(idle, key=lambda key: found[key].after / found[key].before if key in found else np.inf)
-        self.chosen.remove(least)
-        self.dropped.add(least)
+        weakest = max(idle, key=lambda key: outcomes[key].after / outcomes[key].before if key in outcomes else np.inf)
+        self.chosen.remove(weakest)
+        self.dropped.add(weakest)
         return True
 
     def steps(self) -> tuple[Step, ...]:
         """The chosen terms with what each adds to those before it."""
         out, Q = [], self.geometry
         for k, key in enumerate(self.chosen):
-            found = self._test(key, Q)
-            if found is not None:
-                out.append(Step(*key, min(1.0, found.p * (len(self.choice) - k)), found.after))
+            outcome = self._test(key, Q)
+            if outcome is not None:
+                out.append(Step(*key, min(1.0, outcome.p * (len(self.choice) - k)), outcome.after))
             Q = extended(Q, self.choice[key])
         return tuple(out)
 
 
-def _explains(own: FloatArray, rest: FloatArray) -> float:
+def _explains(columns: FloatArray, residual: FloatArray) -> float:
     """Sum of squares that columns explain."""
-    solution = np.linalg.lstsq(own, rest, rcond=1e-6)[0]
-    return float(rest @ (own @ solution))
+    solution = np.linalg.lstsq(columns, residual, rcond=1e-6)[0]
+    return float(residual @ (columns @ solution))
 
 
 SMALLEST_LEVER = 0.3
@@ -323,8 +323,8 @@ def analyse_residuals(
     backlash, halves, halves_p, angle = backlash_terms(model)
     backlash, moves = judged(backlash), judged([_per_move(model, j) for j in range(joints)])
     # directions go with places, more or less: what depends on the one is not to be taken for the other
-    for found, X in ((backlash, linearised.by_play(model)), (moves, linearised.by_move(model))):
-        if any(term.seen for term in found):
+    for tested, X in ((backlash, linearised.by_play(model)), (moves, linearised.by_move(model))):
+        if any(term.seen for term in tested):
             model.refit_beside(X)
     terms = [
         *backlash,
@@ -352,12 +352,12 @@ def _term(
     tried: int = 1,
 ) -> JointTerm:
     """One term with its test; ``j`` is the joint, counted from 0."""
-    found = model.test(X, without, None if beside is None else extended(model.basis(without), beside))
+    outcome = model.test(X, without, None if beside is None else extended(model.basis(without), beside))
     number = None if j is None else j + 1
-    if found is None:
+    if outcome is None:
         tuned = None if frequency is None else (frequency,)
         return JointTerm(kind, number, tuple(names), note="these poses do not show it", frequency=tuned)
-    return term_of(model, found, kind, number, names, frequency, tried)
+    return term_of(model, outcome, kind, number, names, frequency, tried)
 
 
 def backlash_terms(model: Linearised) -> tuple[list[JointTerm], FloatArray, FloatArray, FloatArray]:
@@ -378,18 +378,18 @@ def backlash_terms(model: Linearised) -> tuple[list[JointTerm], FloatArray, Floa
     terms = []
     for j in joints:
         if j in moving:
-            others = X[:, [k for k in moving if k != j]]
-            terms.append(_term(model, "backlash", j, ("backlash",), X[:, j : j + 1], beside=others))
+            columns = X[:, [k for k in moving if k != j]]
+            terms.append(_term(model, "backlash", j, ("backlash",), X[:, j : j + 1], beside=columns))
         else:
             note = "the direction of approach is not known" if not signs[:, j].any() else "reached from one side only"
             terms.append(JointTerm("backlash", j + 1, ("backlash",), note=note))
     if not moving:
         return terms, halves, halves_p, angle
     _fill_halves(model, X, moving, halves, halves_p)
-    found = model.test(X[:, moving])
-    if found is not None and len(found.kept) == len(moving):
+    outcome = model.test(X[:, moving])
+    if outcome is not None and len(outcome.kept) == len(moving):
         for slot, j in enumerate(moving):
-            angle[:, j] = _about_joint(model, j, found.left + X[:, j] * found.beta[slot])
+            angle[:, j] = _about_joint(model, j, outcome.left + X[:, j] * outcome.beta[slot])
             angle[signs[:, j] == 0, j] = np.nan
     return terms, halves, halves_p, angle
 
@@ -397,13 +397,13 @@ def backlash_terms(model: Linearised) -> tuple[list[JointTerm], FloatArray, Floa
 def _fill_halves(model: Linearised, X: FloatArray, moving: Sequence[int], halves: FloatArray, p: FloatArray) -> None:
     """Backlash of the first and of the second half of the poses, and whether they differ."""
     first: BoolArray = (model.flat_pose < model.poses / 2)[:, None]
-    found = model.test(np.hstack([X[:, moving] * first, X[:, moving] * ~first]))
+    outcome = model.test(np.hstack([X[:, moving] * first, X[:, moving] * ~first]))
     k = len(moving)
-    if found is None or len(found.kept) < 2 * k:
+    if outcome is None or len(outcome.kept) < 2 * k:
         return
-    halves[moving] = found.beta.reshape(2, k).T
+    halves[moving] = outcome.beta.reshape(2, k).T
     for slot, j in enumerate(moving):
-        variance = found.C[slot, slot] + found.C[k + slot, k + slot] - 2 * found.C[slot, k + slot]
+        variance = outcome.C[slot, slot] + outcome.C[k + slot, k + slot] - 2 * outcome.C[slot, k + slot]
         t = (halves[j, 0] - halves[j, 1]) / np.sqrt(max(variance, 1e-300))
         p[j] = f_beyond(float(t * t), 1, model.poses - 1)
 
@@ -432,9 +432,9 @@ def _approach(model: Linearised) -> dict[str, float]:
     sign, size = linearised.by_play(model), linearised.by_move(model)
     out: dict[str, float] = {}
     for name, X in (("direction", sign), ("size", size), ("both", np.hstack([sign, size]))):
-        found = model.test(X)
-        out["neither"] = np.nan if found is None else found.before
-        out[name] = np.nan if found is None else found.after
+        outcome = model.test(X)
+        out["neither"] = np.nan if outcome is None else outcome.before
+        out[name] = np.nan if outcome is None else outcome.after
     return out
 
 
@@ -469,9 +469,9 @@ def _fourier(model: Linearised, j: int, order: int, frequency: float | None) -> 
 def _misfit(model: Linearised, X: FloatArray, without: Sequence[str]) -> float:
     """Sum of squares that terms leave."""
     Q, y = model.basis(without), model.explained(without)
-    y, own = y - Q @ (Q.T @ y), X - Q @ (Q.T @ X)
-    left = y - own @ np.linalg.lstsq(own, y, rcond=1e-9)[0]
-    return float(left @ left)
+    y, projected = y - Q @ (Q.T @ y), X - Q @ (Q.T @ X)
+    residual = y - projected @ np.linalg.lstsq(projected, y, rcond=1e-9)[0]
+    return float(residual @ residual)
 
 
 MOST_BINS, FEWEST_BINS = 10, 2
@@ -510,8 +510,8 @@ class Approach(Speaks):
 
     def headline(self) -> str:
         """The joints whose backlash was seen."""
-        seen = ", ".join(str(term.joint) for term in self.terms if term.seen) or "none"
-        return f"backlash by {self.points.poses} poses, seen of joints: {seen}"
+        joints = ", ".join(str(term.joint) for term in self.terms if term.seen) or "none"
+        return f"backlash by {self.points.poses} poses, seen of joints: {joints}"
 
     def by_angle(self, joint: int, sign: float) -> FloatArray:
         """Means over bins of one joint's angle, of poses reached from one side.
@@ -533,14 +533,14 @@ class Approach(Speaks):
         have = np.isfinite(angle)
         bins = int(np.clip(have.sum() / (3 * FEWEST_IN_BIN), FEWEST_BINS, MOST_BINS))
         edges = np.unique(np.quantile(q[have], np.linspace(0, 1, bins + 1)))
-        here = have & (self.direction[:, joint] == sign)
-        which = np.digitize(q[here], edges[1:-1])
+        mask = have & (self.direction[:, joint] == sign)
+        which = np.digitize(q[mask], edges[1:-1])
         rows = []
         for k in range(len(edges) - 1):
-            inside = angle[here][which == k]
+            inside = angle[mask][which == k]
             if len(inside) >= FEWEST_IN_BIN:
                 half = 1.96 * inside.std(ddof=1) / np.sqrt(len(inside))
-                rows.append((q[here][which == k].mean(), inside.mean(), half))
+                rows.append((q[mask][which == k].mean(), inside.mean(), half))
         return np.array(rows).reshape(-1, 3)
 
 
@@ -570,16 +570,18 @@ def analyse(robot: Robot, points: PointSet, direction: ArrayLike) -> Approach:
     return Approach(robot, points, np.sign(step), tuple(judged(terms)), angle)
 
 
-def of_residuals(found: ResidualAnalysis, geometry: tuple[Sequence[float] | FloatArray, Stiffness] | None) -> list[str]:
+def of_residuals(
+    analysis: ResidualAnalysis, geometry: tuple[Sequence[float] | FloatArray, Stiffness] | None
+) -> list[str]:
     """What the residuals say; the last sentence is what the robot needs."""
-    slides = found.robot.arm.table.prismatic
-    hidden = any(term.beside_needed is not None for term in found.terms)
+    slides = analysis.robot.arm.table.prismatic
+    hidden = any(term.beside_needed is not None for term in analysis.terms)
     out = [
         f"the {LEFT_OUT} is that of poses left out of the fit one at a time; each term is tested beside geometry, the "
         "model's own terms and, where they count, the last moves; what several terms explain is counted once only in "
         f"the last line{'; what was hidden so is given beside ' + BESIDE if hidden else ''}"
     ]
-    for tested in found.terms:
+    for tested in analysis.terms:
         term = tested.shown
         beside = "" if tested.beside_needed is None else f" beside {BESIDE}"
         if term.kind == "backlash" and term.tested:
@@ -597,38 +599,38 @@ def of_residuals(found: ResidualAnalysis, geometry: tuple[Sequence[float] | Floa
             out.append(f"joint {term.joint}: {name_of(term)} {judgement_of(term, LEFT_OUT, beside)}")
     return [
         *out,
-        *_not_worth(found),
-        *not_tested(found.terms, "the residuals"),
-        *_of_approach(found),
-        needed_by_residuals(found),
+        *_not_worth(analysis),
+        *not_tested(analysis.terms, "the residuals"),
+        *_of_approach(analysis),
+        needed_by_residuals(analysis),
     ]
 
 
-def _not_worth(found: ResidualAnalysis) -> list[str]:
+def _not_worth(analysis: ResidualAnalysis) -> list[str]:
     """One sentence for each kind of gains and series that are real but small, or not seen."""
     by_kind: dict[tuple[str, str], list[int | None]] = {}
-    for term in (term.shown for term in found.terms):
+    for term in (term.shown for term in analysis.terms):
         if term.kind in ("gain", "fourier") and term.verdict in ("small", "not seen"):
             name = "gain error" if term.kind == "gain" else "Fourier series"
             by_kind.setdefault((name, term.verdict), []).append(term.joint)
-    return [f"{name}{of_joints(joints)}: {LABELS[what]}" for (name, what), joints in by_kind.items()]
+    return [f"{name}{of_joints(joints)}: {LABELS[verdict]}" for (name, verdict), joints in by_kind.items()]
 
 
 def _stiffness_in_words(term: JointTerm, geometry: tuple[Sequence[float] | FloatArray, Stiffness] | None) -> str:
     values = dict(zip(term.names, zip(term.values, term.low, term.high, strict=True), strict=True))
     said = ", ".join(f"{name} = {plus_minus(*value, DEG)} degrees" for name, value in values.items())
-    held = geometry[1].with_coefficients(*term.values) if geometry and len(values) == 2 else None
-    if held is not None:
-        said += f"; the stretched arm bends by {held.delta_L / MM:.2f} mm"
+    stiffness = geometry[1].with_coefficients(*term.values) if geometry and len(values) == 2 else None
+    if stiffness is not None:
+        said += f"; the stretched arm bends by {stiffness.delta_L / MM:.2f} mm"
     return f"arm stiffness ({said})"
 
 
-def _of_approach(found: ResidualAnalysis) -> list[str]:
+def _of_approach(analysis: ResidualAnalysis) -> list[str]:
     """What the direction and the size of the last move explain together, and whether it looks like play."""
-    approach = found.approach
+    approach = analysis.approach
     if not np.isfinite(approach["direction"]):
         return []
-    play = [term.shown for term in found.of("backlash").values() if term.shown.seen]
+    play = [term.shown for term in analysis.of("backlash").values() if term.shown.seen]
     if not play:
         return []
     out = [
@@ -636,7 +638,7 @@ def _of_approach(found: ResidualAnalysis) -> list[str]:
         f"{approach['direction'] / MM:.3f} mm",
         *_beyond(play),
     ]
-    differ = [t.joint for t in play if t.joint and found.halves_p[t.joint - 1] < SIGNIFICANT / len(play)]
+    differ = [t.joint for t in play if t.joint and analysis.halves_p[t.joint - 1] < SIGNIFICANT / len(play)]
     if differ:
         which = ", ".join(map(str, differ))
         out.append(f"the first and the second half of the poses disagree on the backlash of joint {which}")
@@ -652,10 +654,10 @@ def _of_approach(found: ResidualAnalysis) -> list[str]:
     return out
 
 
-def needed_by_residuals(found: ResidualAnalysis) -> str:
+def needed_by_residuals(analysis: ResidualAnalysis) -> str:
     """The terms that the robot needs, in one sentence."""
-    if not found.needed:
-        return f"This robot needs no term beyond geometry ({found.rms_geometry / MM:.3f} mm {LEFT_OUT})."
+    if not analysis.needed:
+        return f"This robot needs no term beyond geometry ({analysis.rms_geometry / MM:.3f} mm {LEFT_OUT})."
     names = {
         "backlash": "backlash of joint {}",
         "move": "error by the size of the last move of joint {}",
@@ -663,46 +665,46 @@ def needed_by_residuals(found: ResidualAnalysis) -> str:
         "fourier": "Fourier series of joint {}",
         "stiffness": "arm stiffness",
     }
-    steps = ", ".join(f"{names[s.kind].format(s.joint)} ({s.rms / MM:.3f})" for s in found.needed)
+    steps = ", ".join(f"{names[s.kind].format(s.joint)} ({s.rms / MM:.3f})" for s in analysis.needed)
     return (
         f"This robot needs, the most important first: {steps}; in brackets the {LEFT_OUT} in mm with all terms so far, "
-        f"geometry alone {found.rms_geometry / MM:.3f}."
+        f"geometry alone {analysis.rms_geometry / MM:.3f}."
     )
 
 
-def residual_terms_table(found: ResidualAnalysis, mark: str = "") -> Table:
+def residual_terms_table(analysis: ResidualAnalysis, mark: str = "") -> Table:
     """The terms of `terms_table` from the residuals of a robot model."""
     title = (
-        f"{mark}Terms from the residuals of {found.robot.arm.name} on {found.points.poses} poses, geometry refitted "
-        f"({found.rms / MM:.3f} mm rms); without and with: rms of poses left out of the fit, mm"
+        f"{mark}Terms from the residuals of {analysis.robot.arm.name} on {analysis.points.poses} poses, geometry "
+        f"refitted ({analysis.rms / MM:.3f} mm rms); without and with: rms of poses left out of the fit, mm"
     )
-    return terms_table(found.terms, title, found.robot.arm.table.prismatic)
+    return terms_table(analysis.terms, title, analysis.robot.arm.table.prismatic)
 
 
-def residuals_dict(found: ResidualAnalysis) -> dict[str, Any]:
+def residuals_dict(analysis: ResidualAnalysis) -> dict[str, Any]:
     """The analysis of residuals as plain numbers."""
-    slides = found.robot.arm.table.prismatic
+    slides = analysis.robot.arm.table.prismatic
     halves = [
         {
             "joint": j + 1,
-            "first": _outside(found.halves[j, 0], slides[j]),
-            "second": _outside(found.halves[j, 1], slides[j]),
-            "p": finite(found.halves_p[j]),
+            "first": _outside(analysis.halves[j, 0], slides[j]),
+            "second": _outside(analysis.halves[j, 1], slides[j]),
+            "p": finite(analysis.halves_p[j]),
         }
         for j in range(len(slides))
     ]
     return {
-        "robot": found.robot.arm.name,
-        "poses": found.points.poses,
-        "points": len(found.points),
-        "rms_mm": found.rms / MM,
-        "terms": [_beside_dict(term, slides) for term in found.terms],
+        "robot": analysis.robot.arm.name,
+        "poses": analysis.points.poses,
+        "points": len(analysis.points),
+        "rms_mm": analysis.rms / MM,
+        "terms": [_beside_dict(term, slides) for term in analysis.terms],
         "backlash_halves": halves,
-        "left_out_rms_by_approach_mm": {name: finite(value / MM) for name, value in found.approach.items()},
-        "left_out_rms_geometry_mm": found.rms_geometry / MM,
+        "left_out_rms_by_approach_mm": {name: finite(value / MM) for name, value in analysis.approach.items()},
+        "left_out_rms_geometry_mm": analysis.rms_geometry / MM,
         "needed": [
             {"kind": step.kind, "joint": step.joint, "p": step.p, "left_out_rms_mm": step.rms / MM}
-            for step in found.needed
+            for step in analysis.needed
         ],
     }
 

@@ -144,9 +144,9 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
     phi = np.arctan2(plane[:, 1], plane[:, 0])
     error = phi - turn[pose]
     for k in range(len(fit.targets)):  # each target stands at an angle of its own on the tool
-        mine = slot == k
-        start = np.angle(np.sum(np.exp(1j * error[mine])))
-        error[mine] = _wrapped(error[mine] - start)
+        of_target = slot == k
+        start = np.angle(np.sum(np.exp(1j * error[of_target])))
+        error[of_target] = _wrapped(error[of_target] - start)
     angle, error = _common_angle(error, pose, slot, radius**2)
     zero = turn[np.argmin(np.abs(turn))]
     at_zero = angle[np.abs(turn - zero) < axes.SAME_ANGLE].mean()
@@ -237,10 +237,10 @@ def home_poses(
         If other joints move all the time.
     """
     rows = np.flatnonzero(mine)
-    rest = np.delete(q[rows], joint - 1, axis=1)
+    other_joints = np.delete(q[rows], joint - 1, axis=1)
     homes: list[FloatArray] = []
     which = np.empty(len(rows), dtype=int)
-    for k, pose in enumerate(rest):
+    for k, pose in enumerate(other_joints):
         off = [np.abs(_wrapped(pose - home)).max() for home in homes]
         if off and min(off) <= STILL:
             which[k] = int(np.argmin(off))
@@ -248,7 +248,7 @@ def home_poses(
             which[k] = len(homes)
             homes.append(pose)
     if np.bincount(which).min() < 3:
-        spread = np.ptp(_wrapped(rest - rest[0]), axis=0)
+        spread = np.ptp(_wrapped(other_joints - other_joints[0]), axis=0)
         moving = int(np.argmax(spread))
         number = moving + 1 if moving + 1 < joint else moving + 2
         if spread[moving] > STILL:
@@ -406,10 +406,10 @@ def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:
         light, heavy = sorted((first, second), key=lambda s: s.payload_kg)
         names = [s.points.target_names for s in (light, heavy)]
         radii = dict(zip((names[0][t] for t in light.fit.targets), light.fit.radii, strict=True))
-        both = [name for name in radii if name in {names[1][t] for t in heavy.fit.targets}]
-        if not both:
+        common = [name for name in radii if name in {names[1][t] for t in heavy.fit.targets}]
+        if not common:
             continue
-        target = max(both, key=lambda name: float(radii[name]))
+        target = max(common, key=lambda name: float(radii[name]))
         loads, sizes = (light.payload_kg, heavy.payload_kg), (_largest(light, target), _largest(heavy, target))
         shift = _shift(light, heavy, target)
         out.append(PayloadEffect(first.joint, light.q[0], target, loads[0], loads[1], sizes[0], sizes[1], shift))
@@ -417,21 +417,23 @@ def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:
 
 
 def _largest(s: Series, target: str) -> float:
-    mine = s.points.names() == target
-    return float(np.sqrt(s.radial[mine] ** 2 + s.tangential[mine] ** 2 + s.axial[mine] ** 2).max())
+    rows = s.points.names() == target
+    return float(np.sqrt(s.radial[rows] ** 2 + s.tangential[rows] ** 2 + s.axial[rows] ** 2).max())
 
 
 def _shift(light: Series, heavy: Series, target: str) -> float:
     """Largest distance between places at the same angle, reached from the same side."""
-    found = []
-    here, there = (np.flatnonzero(s.points.names() == target) for s in (light, heavy))
-    poses, others = light.points.pose[here], heavy.points.pose[there]
-    for row, pose in zip(here, poses, strict=True):
-        same = np.abs(heavy.turn[others] - light.turn[pose]) < axes.SAME_ANGLE
-        same &= (heavy.direction[others] == light.direction[pose]) & (light.direction[pose] != 0)
-        if same.any():
-            found.append(float(np.linalg.norm(heavy.points.xyz[there[same]].mean(axis=0) - light.points.xyz[row])))
-    return max(found, default=float("nan"))
+    shifts = []
+    rows_light, rows_heavy = (np.flatnonzero(s.points.names() == target) for s in (light, heavy))
+    poses, poses_heavy = light.points.pose[rows_light], heavy.points.pose[rows_heavy]
+    for row, pose in zip(rows_light, poses, strict=True):
+        alike = np.abs(heavy.turn[poses_heavy] - light.turn[pose]) < axes.SAME_ANGLE
+        alike &= (heavy.direction[poses_heavy] == light.direction[pose]) & (light.direction[pose] != 0)
+        if alike.any():
+            shifts.append(
+                float(np.linalg.norm(heavy.points.xyz[rows_heavy[alike]].mean(axis=0) - light.points.xyz[row]))
+            )
+    return max(shifts, default=float("nan"))
 
 
 def payload_table(effects: Sequence[PayloadEffect], mark: str = "") -> Table:

@@ -238,35 +238,35 @@ def interval(
         Q, R = np.linalg.qr(M)
         size = np.abs(np.diag(R))
         Q = Q[:, size > 1e-9 * size.max()]
-        left = z - Q @ (Q.T @ z)
-        return float(left @ left)
+        residual = z - Q @ (Q.T @ z)
+        return float(residual @ residual)
 
     step, highest = float(tried[1] - tried[0]), float(max(tried[-1], best))
     bounds = (max(LEAST, best - 0.5 * step), min(highest, best + 0.5 * step))
     nearest = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-7})
-    found = float(nearest.x) if nearest.fun <= misfit(best) else best
-    limit = misfit(found) + quantile(freedom) ** 2
+    best_f = float(nearest.x) if nearest.fun <= misfit(best) else best
+    limit = misfit(best_f) + quantile(freedom) ** 2
 
     def over(f: float) -> float:
         return misfit(f) - limit
 
     accepted = [float(f) for f in tried if over(f) <= 0.0]
     for ratio in sorted({k / m for k in range(1, order + 1) for m in range(1, order + 1)} - {1.0}):
-        near = ratio * found  # harmonics of the one may be those of the other
+        near = ratio * best_f  # harmonics of the one may be those of the other
         ends = (max(LEAST, near - 0.5 * step), min(highest, near + 0.5 * step))
         if ends[0] < ends[1]:
-            other = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-7})
-            accepted += [float(other.x)] if other.fun <= limit else []
-    low, high = min([found, *accepted]), max([found, *accepted])
-    first = _scale(misfit, found, limit, step)
-    return found, _end(over, low, -first, LEAST, brentq), _end(over, high, first, highest, brentq)
+            harmonic = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-7})
+            accepted += [float(harmonic.x)] if harmonic.fun <= limit else []
+    low, high = min([best_f, *accepted]), max([best_f, *accepted])
+    first = _scale(misfit, best_f, limit, step)
+    return best_f, _end(over, low, -first, LEAST, brentq), _end(over, high, first, highest, brentq)
 
 
-def _scale(misfit: Callable[[float], float], found: float, limit: float, step: float) -> float:
+def _scale(misfit: Callable[[float], float], best_f: float, limit: float, step: float) -> float:
     """A step that is of the size of the interval, from the curvature at the best frequency."""
     h = 1e-3 * step
-    bend = (misfit(found + h) + misfit(found - h) - 2 * misfit(found)) / h**2
-    return min(step, np.sqrt(2 * (limit - misfit(found)) / bend) / 2) if bend > 0 else step
+    bend = (misfit(best_f + h) + misfit(best_f - h) - 2 * misfit(best_f)) / h**2
+    return min(step, np.sqrt(2 * (limit - misfit(best_f)) / bend) / 2) if bend > 0 else step
 
 
 def _end(over: Callable[[float], float], start: float, step: float, last: float, root: Callable[..., float]) -> float:
@@ -324,16 +324,16 @@ def plus_minus(value: float, low: float, high: float, size: float, digits: int =
     return f"{value / size:.{digits}f} ± {(high - low) / 2 / size:.{digits}f}"
 
 
-def change_of(term: JointTerm, what: str) -> str:
+def change_of(term: JointTerm, quantity: str) -> str:
     """What a term does to the error of what was left out, in words."""
-    return f"reduces the {what} from {term.rms_without / MM:.3f} to {term.rms_with / MM:.3f} mm"
+    return f"reduces the {quantity} from {term.rms_without / MM:.3f} to {term.rms_with / MM:.3f} mm"
 
 
-def judgement_of(term: JointTerm, what: str, beside: str = "") -> str:
+def judgement_of(term: JointTerm, quantity: str, beside: str = "") -> str:
     """`change_of` with the test and its verdict."""
     if term.verdict == "not seen" and term.rms_with >= term.rms_without:
-        return f"does not reduce the {what} ({p_text(term.p)}): not worth it"
-    return f"{change_of(term, what)}{beside} (F test, {p_text(term.p)}): {LABELS[term.verdict]}"
+        return f"does not reduce the {quantity} ({p_text(term.p)}): not worth it"
+    return f"{change_of(term, quantity)}{beside} (F test, {p_text(term.p)}): {LABELS[term.verdict]}"
 
 
 def name_of(term: JointTerm) -> str:
@@ -350,8 +350,8 @@ def frequency_text(term: JointTerm) -> str:
         return ""
     if len(term.frequency) == 1:
         return f" at {term.frequency[0]:.4g} periods per turn"
-    found, low, high = term.frequency
-    return f" at {found:.4g} ({low:.4g} to {high:.4g}) periods per turn (free)"
+    frequency, low, high = term.frequency
+    return f" at {frequency:.4g} ({low:.4g} to {high:.4g}) periods per turn (free)"
 
 
 def play_in_words(term: JointTerm, slides: Slides = ()) -> str:
@@ -403,8 +403,8 @@ def _values(term: JointTerm, slides: Slides) -> list[str]:
         label = f"{name} " if len(term.values) > 1 else ""
         lines.append(f"{label}{value / size:.{digits}f} ± {(high - low) / 2 / size:.{digits}f}")
     if term.frequency is not None and len(term.frequency) == 3:
-        found, low, high = term.frequency
-        lines.append(f"frequency {found:.4f} ({low:.4f} to {high:.4f})")
+        frequency, low, high = term.frequency
+        lines.append(f"frequency {frequency:.4f} ({low:.4f} to {high:.4f})")
     return lines
 
 

@@ -115,13 +115,13 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
     OptionError
         If the evaluation does not know where it comes from.
     """
-    origin, kept = _origin(evaluation), evaluation.conformity
+    origin, conformity = _origin(evaluation), evaluation.conformity
     remarks, stated = _remarks(evaluation), origin.stated()
-    crowded = sum(_lines([words for _, words in remarks], stated) > room for room in ROOM)
+    crowded = sum(_lines([text for _, text in remarks], stated) > room for room in ROOM)
     return paper.template("certificate.html.j2").render(
         e=evaluation,
         origin=origin,
-        kept=kept,
+        kept=conformity,
         paint=charts.PAINT,
         key_mark=charts.key,
         stated=stated,
@@ -140,11 +140,11 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
 
 def draw(evaluation: Evaluation) -> list[Chart]:
     """Errors of the calibrated robot by pose, with the tolerance, and over the workspace; error vectors of both."""
-    kept = evaluation.conformity
-    mine = _calibrated(evaluation)
+    conformity = evaluation.conformity
+    calibrated = _calibrated(evaluation)
     return [
-        errors_by_pose(mine, None if kept is None else kept.tolerance_mm),
-        workspace(mine),
+        errors_by_pose(calibrated, None if conformity is None else conformity.tolerance_mm),
+        workspace(calibrated),
         vectors(evaluation.errors),
     ]
 
@@ -173,11 +173,11 @@ def data_files(evaluation: Evaluation) -> dict[str, bytes]:
         for k, name in enumerate(e.pose_names)
     ]
     rows = [{str(key): value for key, value in row.items()} for row in points.to_dict("records")]
-    whole = json.dumps({"irbcal": __version__, **evaluation.to_dict()}, indent=1, allow_nan=False, ensure_ascii=False)
+    data = json.dumps({"irbcal": __version__, **evaluation.to_dict()}, indent=1, allow_nan=False, ensure_ascii=False)
     return {
         "points.csv": as_csv(rows, evaluation.simulated),
         "poses.csv": as_csv(poses, evaluation.simulated),
-        "certificate.json": f"{whole}\n".encode(),
+        "certificate.json": f"{data}\n".encode(),
     }
 
 
@@ -211,32 +211,32 @@ def _lines(remarks: Sequence[str], stated: Sequence[tuple[str, str]]) -> int:
     """Lines that remarks, and what was told beyond `FIELDS`, take of the first page."""
     pairs = [stated[k : k + 2] for k in range(0, len(stated), 2)]
     long = sum(any(len(value) > LINE // 3 for _, value in pair) for pair in pairs)
-    return sum(-(-len(words) // LINE) for words in remarks) + long + len(pairs) - (len(FIELDS) + 1) // 2
+    return sum(-(-len(text) // LINE) for text in remarks) + long + len(pairs) - (len(FIELDS) + 1) // 2
 
 
-def _short(notes: Sequence[str], most: int) -> list[str]:
+def _short(notes: Sequence[str], limit: int) -> list[str]:
     """So many notes at most, none too long."""
-    short = [words if len(words) <= LONGEST else f"{words[:LONGEST]} …" for words in notes]
-    more = len(short) - most
-    return [*short[:most], f"{more} more: irbcal evaluate prints them."] if more > 0 else short
+    short = [text if len(text) <= LONGEST else f"{text[:LONGEST]} …" for text in notes]
+    more = len(short) - limit
+    return [*short[:limit], f"{more} more: irbcal evaluate prints them."] if more > 0 else short
 
 
 def _remarks(evaluation: Evaluation) -> list[tuple[str, str]]:
     """What stands beside the verdict, in sentences; those against a pass are called so."""
-    kept = evaluation.conformity
-    if kept is None:
-        return [("against", words) for words in _short(evaluation.verdict.doubts, 4)]
-    before = "Also: " if kept.outcome == "fail" else "No pass: "
-    return [("against", before + words) for words in _short(kept.against, 4)]
+    conformity = evaluation.conformity
+    if conformity is None:
+        return [("against", text) for text in _short(evaluation.verdict.doubts, 4)]
+    label = "Also: " if conformity.outcome == "fail" else "No pass: "
+    return [("against", label + text) for text in _short(conformity.against, 4)]
 
 
-def _notes(evaluation: Evaluation, most: int) -> list[str]:
+def _notes(evaluation: Evaluation, limit: int) -> list[str]:
     """What a reader must know besides the verdict."""
     against = () if evaluation.conformity is None else evaluation.conformity.against
-    left = [text.split(" (pose/target")[0].strip() for text in left_out(evaluation.excluded)]
+    reasons = [text.split(" (pose/target")[0].strip() for text in left_out(evaluation.excluded)]
     notes = [
         *_origin(evaluation).scope,
-        *([f"Measured points left out: {', '.join(left)}."] if left else []),
-        *(words for words in evaluation.notes if words not in (*evaluation.verdict.doubts, *against)),
+        *([f"Measured points left out: {', '.join(reasons)}."] if reasons else []),
+        *(text for text in evaluation.notes if text not in (*evaluation.verdict.doubts, *against)),
     ]
-    return _short(notes, most)
+    return _short(notes, limit)

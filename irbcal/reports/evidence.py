@@ -115,30 +115,32 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
     table = c.points
     rows = np.flatnonzero(np.array(table.heldout, dtype=bool) == heldout)
 
-    def of(column: list[T]) -> list[T]:
+    def column_of(column: list[T]) -> list[T]:
         return [column[k] for k in rows.tolist()]
 
     points, direction = c.used_points(heldout) or (None, None)
-    target = of(table.target)
+    target = column_of(table.target)
     if points is not None:
         pose, pose_names, groups = points.pose, points.pose_ids.tolist(), points.groups.tolist()
     else:
-        pose, pose_names, groups = _runs(of(table.pose), of(table.group))
-    place = np.arange(len(pose_names)) if points is None else places(points)
+        pose, pose_names, groups = _runs(column_of(table.pose), column_of(table.group))
+    place_index = np.arange(len(pose_names)) if points is None else places(points)
     errors = {model: np.array(getattr(table, f"{model}_mm"))[rows] * MM for model in statistics}
     compared: comparison.Comparison | None = comparison.compare(
-        errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object), place=place
+        errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object), place=place_index
     )
     assert compared is not None
     per_pose = {"nominal": compared.first, "calibrated": compared.second}
-    held = {model: bootstrap.intervals(errors[model], place[pose]) for model in statistics if name == "held-out"}
-    covers, count = accuracy.largest_covers(len(np.unique(place))), len(pose_names)
+    intervals = {
+        model: bootstrap.intervals(errors[model], place_index[pose]) for model in statistics if name == "held-out"
+    }
+    covers, count = accuracy.largest_covers(len(np.unique(place_index))), len(pose_names)
     if points is not None and direction is not None and count > MOST_POSES:
         drawn = _drawn(errors["calibrated"], pose, count)
-        mine, keep = drawn[pose], np.flatnonzero(drawn)
-        target = [target[k] for k in np.flatnonzero(mine)]
+        shown, keep = drawn[pose], np.flatnonzero(drawn)
+        target = [target[k] for k in np.flatnonzero(shown)]
         pose_names, groups = ([column[k] for k in keep] for column in (pose_names, groups))
-        errors = {model: values[mine] for model, values in errors.items()}
+        errors = {model: values[shown] for model, values in errors.items()}
         per_pose = {model: values[keep] for model, values in per_pose.items()}
         points, direction = points.select(drawn), direction[keep]
         pose = points.pose
@@ -152,7 +154,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
             statistics[model],
             errors[model],
             per_pose[model],
-            held.get(model),
+            intervals.get(model),
             None if points is None else accuracy.error_vectors(robot, points) @ T_base_world[:3, :3].T,
             None if points is None else accuracy.turns(robot, points),
         )
@@ -199,9 +201,9 @@ def _approach(c: Record, chosen: PoseSet) -> tuple[joint_approach.Approach | Non
         return None, chosen.name, "the order in which these poses were run is not known"
     robot = c.robot_nominal() if c.model == "nominal" else c.robot_calibrated()
     try:
-        found = joint_approach.analyse(robot, chosen.points, chosen.direction)
+        approach = joint_approach.analyse(robot, chosen.points, chosen.direction)
     except IdentificationError as error:
         return None, chosen.name, str(error)
-    if not np.isfinite(found.angle).any():
+    if not np.isfinite(approach.angle).any():
         return None, chosen.name, "no joint was reached from both sides"
-    return found, chosen.name, ""
+    return approach, chosen.name, ""

@@ -57,17 +57,17 @@ def limits(record: Record, evidence: Evidence) -> list[Limit]:
     first = evidence.sets[0]
     model = first.models.get("calibrated", first.models["nominal"])
     rms = float(np.sqrt(np.mean(model.distance**2)) / MM)
-    found = [*_before_all(record, first), *_corner(record)]
+    found_limits = [*_before_all(record, first), *_corner(record)]
     if rms > 0.0:
-        found += [
+        found_limits += [
             *_few_poses(record, rms, first),
             *_small_model(record, rms),
             *_lag(record),
             *_reversal(record, evidence),
         ]
-        found += [*_untried(record, rms), *_outliers(first)]
-    found = [limit for limit in found if limit.share >= SHARE]
-    return sorted(found, key=lambda limit: -limit.share)
+        found_limits += [*_untried(record, rms), *_outliers(first)]
+    found_limits = [limit for limit in found_limits if limit.share >= SHARE]
+    return sorted(found_limits, key=lambda limit: -limit.share)
 
 
 def _before_all(record: Record, first: PoseSet) -> list[Limit]:
@@ -156,14 +156,14 @@ def _reversal(record: Record, evidence: Evidence) -> list[Limit]:
     terms = [term for term in (evidence.approach.terms if evidence.approach else ()) if term.verdict == "worth it"]
     if not terms:
         return []
-    least = max(terms, key=lambda term: term.rms_without**2 - term.rms_with**2)
+    strongest = max(terms, key=lambda term: term.rms_without**2 - term.rms_with**2)
     share = 1.0 - float(np.prod([(term.rms_with / term.rms_without) ** 2 for term in terms]))
     joints = ", ".join(str(term.joint) for term in terms)
     return [
         Limit(
             f"Gears: joint{'s' if len(terms) > 1 else ''} {joints} stop{'' if len(terms) > 1 else 's'} elsewhere when "
-            f"reached from the other side (joint {least.joint} alone: {least.rms_without / MM:.3f} to "
-            f"{least.rms_with / MM:.3f} mm).",
+            f"reached from the other side (joint {strongest.joint} alone: {strongest.rms_without / MM:.3f} to "
+            f"{strongest.rms_with / MM:.3f} mm).",
             "Reach targets that matter from one side always"
             + ("." if record.evidence else ", or calibrate with --model auto, which learns the last move."),
             share,
@@ -196,13 +196,13 @@ def _untried(record: Record, rms: float) -> list[Limit]:
 def _outliers(first: PoseSet) -> list[Limit]:
     """A few poses that hold most of the error."""
     square = np.sort(np.array(list(first.models.values())[-1].per_pose) ** 2)[::-1]
-    few = max(1, int(FEW * len(square)))
-    share = float(square[:few].sum() / max(square.sum(), 1e-300))
+    count = max(1, int(FEW * len(square)))
+    share = float(square[:count].sum() / max(square.sum(), 1e-300))
     if len(square) < 20 or share < HALF:
         return []
     return [
         Limit(
-            f"A few poses: {few} of {len(square)} hold {share:.0%} of the mean square error.",
+            f"A few poses: {count} of {len(square)} hold {share:.0%} of the mean square error.",
             "Look at the worst poses below: was a reflector hit, a joint at its end, the tool touched?",
             share,
         )

@@ -46,6 +46,6 @@ def file_name(path: str) -> str:
     return path.replace("\\", "/").rstrip("/").rpartition("/")[2] or path
 
 
-def short(text: str, most: int = 28) -> str:
+def short(text: str, limit: int = 28) -> str:
     """A name from data that must not fill a page: its beginning and its end."""
-    return text if len(text) <= most else f"{text[: most // 2]}…{text[-(most // 2 - 1) :]}"
+    return text if len(text) <= limit else f"{text[: limit // 2]}…{text[-(limit // 2 - 1) :]}"

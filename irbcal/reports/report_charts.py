@@ -78,12 +78,12 @@ def explained(record: Record) -> Chart:
     top = up_to(1.02 * max(average or 0.0, *(value for _, value in rows)))
     drawing = Drawing(caption, 46.0 + ROW * (len(rows) + 1))
     panel = Panel(drawing, (0, top), (0, len(rows) + 1), f"{'rms' if left_out else 'mean'} error (mm)", "", plain=True)
-    before = 0.0
+    seen_before = 0.0
     for k, (stage, value) in enumerate(rows):
-        words = _stage_words(stage, value, stage.seen - before, k)
-        before = stage.seen if stage.carried else before
+        text = _stage_words(stage, value, stage.seen - seen_before, k)
+        seen_before = stage.seen if stage.carried else seen_before
         y = len(rows) - k
-        _bar(panel, drawing, y, value, words, "calibrated" if stage.carried else "soft", 0.55)
+        _bar(panel, drawing, y, value, text, "calibrated" if stage.carried else "soft", 0.55)
         if stage.timed_mean_mm is not None and not left_out:
             x = stage.timed_mean_mm
             panel.line([x, x], [y + 0.03, y + 0.5], "accent", 3.0)
@@ -97,15 +97,15 @@ def explained(record: Record) -> Chart:
     return Chart("explained", caption, [drawing], legend, columns=1)
 
 
-def _stage_words(stage: ExplainedStage, value: float, seen: float, k: int) -> str:
+def _stage_words(stage: ExplainedStage, value: float, gain: float, k: int) -> str:
     more = "" if k == 0 else "+ "
-    return f"{more}{stage.added}: {fixed(value, 3)} mm ({max(seen, 0.0):.0f} seen)"
+    return f"{more}{stage.added}: {fixed(value, 3)} mm ({max(gain, 0.0):.0f} seen)"
 
 
-def _bar(panel: Panel, drawing: Drawing, y: float, value: float, words: str, colour: str, opacity: float) -> None:
-    place = panel.at(0, y + 0.75)[0]
-    drawing.add(Text(place[0] + 4, place[1], words, bold=opacity == 1.0))
-    panel.boxes([0], [y + 0.08], [value], [y + 0.45], colour, titles=[words], opacity=opacity)
+def _bar(panel: Panel, drawing: Drawing, y: float, value: float, text: str, colour: str, opacity: float) -> None:
+    at = panel.at(0, y + 0.75)[0]
+    drawing.add(Text(at[0] + 4, at[1], text, bold=opacity == 1.0))
+    panel.boxes([0], [y + 0.08], [value], [y + 0.45], colour, titles=[text], opacity=opacity)
 
 
 # --- gears ------------------------------------------------------------------------------------------------
@@ -122,17 +122,17 @@ def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[GearSection]) -> Chart
         panel = Panel(drawing, (0.0, cycles[-1] + 3), (0.0, top), f"joint {joint}, cycles per turn", "chi2")
         panel.level(spectrum.limit, "soft", dash="4 3")
         panel.line(cycles, row, "ink", 1.0)
-        mine = sorted((gear for gear in gears if gear.joint == joint), key=lambda gear: gear.cycles_per_turn)
-        for gear in mine:
-            words = in_words(gear.joint, gear.cycles_per_turn, gear.amplitude_deg)
-            panel.dots([gear.cycles_per_turn], [gear.chi2], "accent", 7.0, titles=[f"{words} (chi2 {gear.chi2:.0f})"])
-        _named(drawing, panel, mine, cycles[-1], spectrum.limit)
+        gears_of_joint = sorted((gear for gear in gears if gear.joint == joint), key=lambda gear: gear.cycles_per_turn)
+        for gear in gears_of_joint:
+            text = in_words(gear.joint, gear.cycles_per_turn, gear.amplitude_deg)
+            panel.dots([gear.cycles_per_turn], [gear.chi2], "accent", 7.0, titles=[f"{text} (chi2 {gear.chi2:.0f})"])
+        _named(drawing, panel, gears_of_joint, cycles[-1], spectrum.limit)
         drawings.append(drawing)
-    found = f"{len(gears)} found" if gears else "none was found"
+    count = f"{len(gears)} found" if gears else "none was found"
     caption = (
         "Gear scan: by how much a wave of so many cycles per turn would explain what the terms so far leave (chi2; the "
         f"strongest of every {spectrum.step} frequencies), before any was taken. Above the dashed line it is not "
-        f"chance: {found}{', marked as strong as when it was taken' if gears else ''}. A harmonic drive makes twice "
+        f"chance: {count}{', marked as strong as when it was taken' if gears else ''}. A harmonic drive makes twice "
         "its ratio"
     )
     legend: list[LegendEntry] = [("ink", "-", "scan"), ("soft", "--", "limit of chance")]
@@ -141,7 +141,7 @@ def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[GearSection]) -> Chart
 
 def _named(drawing: Drawing, panel: Panel, gears: Sequence[GearSection], end: float, limit: float) -> None:
     """Numbers of found waves beside their marks, each below the one before where they would meet."""
-    taken: list[FloatArray] = []
+    used: list[FloatArray] = []
     for gear in gears:
         at = panel.at(gear.cycles_per_turn, gear.chi2)[0]
         right = gear.cycles_per_turn < 0.6 * end
@@ -150,9 +150,9 @@ def _named(drawing: Drawing, panel: Panel, gears: Sequence[GearSection], end: fl
         level = panel.at(0, limit)[0, 1]
         if abs(at[1] - level) < 8:
             at = at + np.array([0.0, level - 9 - at[1]])
-        while any(abs(at[0] - other[0]) < 90 and abs(at[1] - other[1]) < 13 for other in taken):
+        while any(abs(at[0] - neighbour[0]) < 90 and abs(at[1] - neighbour[1]) < 13 for neighbour in used):
             at = at + np.array([0.0, 13.0])
-        taken.append(at)
+        used.append(at)
         drawing.add(Text(at[0] + (7 if right else -7), at[1], text, "start" if right else "end", size=11.0))
 
 
@@ -191,7 +191,7 @@ def corrections(record: Record, evidence: Evidence) -> Chart | None:
     caption += f". The two sides: after a move of {TYPICAL[0] / DEG:.0f}° of this joint alone"
     if record.robot.joint_types.count("prismatic"):
         caption += f" ({TYPICAL[1] / MM:.0f} mm of one that slides)"
-    return Chart("corrections", caption, drawings, [(c, "-", words) for _, c, _, words in SIDES], 3)
+    return Chart("corrections", caption, drawings, [(c, "-", label) for _, c, _, label in SIDES], 3)
 
 
 def _correction(
@@ -203,14 +203,14 @@ def _correction(
     reach = FAR * max(high - low, step)
     ends = max(low - reach, float(robot.arm.lower[j])), min(high + reach, float(robot.arm.upper[j]))
     ends = min(ends[0], low), max(ends[1], high)
-    there = np.tile(np.median(q, axis=0), (FINE, 1))
-    there[:, j] = np.linspace(*ends, FINE)
+    q_line = np.tile(np.median(q, axis=0), (FINE, 1))
+    q_line[:, j] = np.linspace(*ends, FINE)
     curves = []
-    for sign, colour, _, words in SIDES if has_history else ((0.0, "calibrated", "o", "correction"),):
-        before = there.copy()
-        before[:, j] -= sign * step
-        values = robot.joint_map.effective(there, before if sign else None)[:, j] - there[:, j]
-        curves.append((colour, words, _binned(there[:, j], values)))
+    for sign, colour, _, label in SIDES if has_history else ((0.0, "calibrated", "o", "correction"),):
+        q_before = q_line.copy()
+        q_before[:, j] -= sign * step
+        values = robot.joint_map.effective(q_line, q_before if sign else None)[:, j] - q_line[:, j]
+        curves.append((colour, label, _binned(q_line[:, j], values)))
     every = (
         np.concatenate([at_poses[:, j], *(np.concatenate([low, high]) for _, _, (_, low, high, _) in curves)]) / size
     )
@@ -228,26 +228,26 @@ def _correction(
         panel.level(0.0)
     sides = direction[:, j] if direction is not None and has_history else None
     _pose_dots(panel, q[:, j] / size, at_poses[:, j] / size, sides)
-    for colour, words, (x, bottom, top, mean) in curves:
+    for colour, label, (x, bottom, top, mean) in curves:
         half = 0.5 * (x[1] - x[0])
         panel.boxes((x - half) / size, bottom / size, (x + half) / size, top / size, colour, opacity=0.3)
         panel.line(x / size, mean / size, colour, 1.5)
-        some = np.linspace(0, len(x) - 1, 12).astype(int)
-        texts = [f"{words}: {mean[k] / size:+.4f} {unit} at {x[k] / size:.1f} {unit}" for k in some]
-        panel.dots(x[some] / size, mean[some] / size, colour, 2.5, titles=texts)
+        rows = np.linspace(0, len(x) - 1, 12).astype(int)
+        texts = [f"{label}: {mean[k] / size:+.4f} {unit} at {x[k] / size:.1f} {unit}" for k in rows]
+        panel.dots(x[rows] / size, mean[rows] / size, colour, 2.5, titles=texts)
     return drawing
 
 
 def _pose_dots(panel: Panel, q: FloatArray, values: FloatArray, direction: FloatArray | None) -> None:
-    some = np.arange(len(q)) if len(q) <= MOST_DOTS else np.random.default_rng(0).permutation(len(q))[:MOST_DOTS]
-    q, values = q[some], values[some]
+    rows = np.arange(len(q)) if len(q) <= MOST_DOTS else np.random.default_rng(0).permutation(len(q))[:MOST_DOTS]
+    q, values = q[rows], values[rows]
     if direction is None:
         panel.dots(q, values, "soft", 2.4, opacity=0.6)
         return
     for sign, colour in ((0.0, "soft"), (1.0, "below"), (-1.0, "above")):
-        mine = direction[some] == sign
-        if mine.any():
-            panel.dots(q[mine], values[mine], colour, 2.4, opacity=0.5)
+        of_side = direction[rows] == sign
+        if of_side.any():
+            panel.dots(q[of_side], values[of_side], colour, 2.4, opacity=0.5)
 
 
 def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -288,11 +288,11 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
         out["space"] = [workspace(first), vectors(first)]
     if evidence.approach is not None:
         out["joints"] = [residuals_by_joint(evidence)]
-    known = calibration.evidence
-    if known is not None and known.explained:
+    evidence_of = calibration.evidence
+    if evidence_of is not None and evidence_of.explained:
         out["families"] = [explained(calibration)]
-    if known is not None and known.spectrum is not None:
-        out["joint-map"].append(gear_spectrum(known.spectrum, known.gears))
+    if evidence_of is not None and evidence_of.spectrum is not None:
+        out["joint-map"].append(gear_spectrum(evidence_of.spectrum, evidence_of.gears))
     carried = corrections(calibration, evidence)
     if carried is not None:
         out["joint-map"].insert(0, carried)
@@ -308,16 +308,16 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
 
 def residuals_by_joint(evidence: Evidence) -> Chart:
     """A panel for each joint: single poses faint, means of bins with 95 % intervals strong."""
-    found = evidence.approach
-    assert found is not None
-    slides = found.robot.arm.table.prismatic
+    approach = evidence.approach
+    assert approach is not None
+    slides = approach.robot.arm.table.prismatic
     drawings, bare = [], []
-    for j in range(found.angle.shape[1]):
-        if not np.isfinite(found.angle[:, j]).any():
+    for j in range(approach.angle.shape[1]):
+        if not np.isfinite(approach.angle[:, j]).any():
             continue
         unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
-        drawings.append(_one_joint(found, j, unit, size))
-        if not all(len(found.by_angle(j, sign)) for sign, *_ in SIDES):
+        drawings.append(_one_joint(approach, j, unit, size))
+        if not all(len(approach.by_angle(j, sign)) for sign, *_ in SIDES):
             bare.append(str(j + 1))
     caption = (
         f"Angular residual of each joint against its angle, by the direction it came from ({evidence.approach_name} "
@@ -326,14 +326,14 @@ def residuals_by_joint(evidence: Evidence) -> Chart:
     )
     if bare:
         joints = f"joint{'s' if len(bare) > 1 else ''} {', '.join(bare)}"
-        caption += f". At {joints}, {found.points.poses} poses are too few for means of both directions"
-    return Chart("residuals_by_joint", caption, drawings, [(c, m, words) for _, c, m, words in SIDES], 3)
+        caption += f". At {joints}, {approach.points.poses} poses are too few for means of both directions"
+    return Chart("residuals_by_joint", caption, drawings, [(c, m, label) for _, c, m, label in SIDES], 3)
 
 
-def _one_joint(found: Approach, j: int, unit: str, size: float) -> Drawing:
-    q, angle = found.points.q[:, j] / size, found.angle[:, j] / size
+def _one_joint(approach: Approach, j: int, unit: str, size: float) -> Drawing:
+    q, angle = approach.points.q[:, j] / size, approach.angle[:, j] / size
     have = np.isfinite(angle)
-    means = {sign: found.by_angle(j, sign) / size for sign, *_ in SIDES}
+    means = {sign: approach.by_angle(j, sign) / size for sign, *_ in SIDES}
     tall = [np.abs(rows[:, 1]) + rows[:, 2] for rows in means.values()]
     top = 1.15 * max(np.concatenate([*tall, [np.quantile(np.abs(angle[have]), 0.8)]]).max(), 1e-9)
     margin = 0.04 * max(np.ptp(q[have]), 1e-6)
@@ -346,16 +346,22 @@ def _one_joint(found: Approach, j: int, unit: str, size: float) -> Drawing:
         f"residual ({unit})",
     )
     panel.level(0.0)
-    few = have.sum() < 100
+    sparse = have.sum() < 100
     for sign, colour, *_ in SIDES:
-        here = have & (found.direction[:, j] == sign)
-        panel.dots(q[here], np.clip(angle[here], -top, top), colour, 4.0 if few else 1.8, opacity=0.7 if few else 0.35)
-    for sign, colour, mark, words in SIDES:
+        of_side = have & (approach.direction[:, j] == sign)
+        panel.dots(
+            q[of_side],
+            np.clip(angle[of_side], -top, top),
+            colour,
+            4.0 if sparse else 1.8,
+            opacity=0.7 if sparse else 0.35,
+        )
+    for sign, colour, mark, label in SIDES:
         x, y, half = means[sign].T
         panel.line(x, y, colour, 1.2)
         for a, b, h in zip(x, y, half, strict=True):
             panel.line([a, a], [b - h, b + h], colour, 1.2)
-        texts = [f"{words}: {b:+.4f} ± {h:.4f} {unit} near {a:.1f} {unit}" for a, b, h in zip(x, y, half, strict=True)]
+        texts = [f"{label}: {b:+.4f} ± {h:.4f} {unit} near {a:.1f} {unit}" for a, b, h in zip(x, y, half, strict=True)]
         panel.dots(x, y, colour, 6.0, shape=mark, titles=texts)
     return drawing
 
@@ -367,23 +373,23 @@ def singular_values(observability: Observability) -> Chart:
     """Seen directions, and held ones at the edge of the drawing where they are far smaller."""
     caption = "Singular values of the scaled Jacobian: how far all points move together for a plausible error"
     values = np.array(observability.singular_values_mm)
-    seen = np.arange(len(values)) < observability.seen
-    floor = values[seen].min() / 10 if seen.any() else 1.0
-    shown = np.maximum(values, floor)
+    identified = np.arange(len(values)) < observability.seen
+    floor = values[identified].min() / 10 if identified.any() else 1.0
+    drawn = np.maximum(values, floor)
     drawing = Drawing(caption, 230.0)
-    ends = (0.5 * shown.min(), 2.0 * shown.max())
+    ends = (0.5 * drawn.min(), 2.0 * drawn.max())
     panel = Panel(drawing, (0.2, len(values) + 0.8), ends, "direction", "singular value (mm)", log=True, whole_x=True)
-    place = np.arange(1, len(values) + 1)
+    number = np.arange(1, len(values) + 1)
     legend: list[LegendEntry] = []
     kinds: tuple[tuple[BoolArray, str, Shape, str], ...] = (
-        (seen, "ink", "o", "seen"),
-        (~seen, "accent", "v", f"held (below {floor:.2g} mm drawn there)"),
+        (identified, "ink", "o", "seen"),
+        (~identified, "accent", "v", f"held (below {floor:.2g} mm drawn there)"),
     )
-    for mask, colour, mark, words in kinds:
+    for mask, colour, mark, label in kinds:
         if mask.any():
-            texts = [f"direction {k}: {v:.3g} mm" for k, v in zip(place[mask], values[mask], strict=True)]
-            panel.dots(place[mask], shown[mask], colour, 5.5, shape=mark, titles=texts)
-            legend.append((colour, mark, words))
+            texts = [f"direction {k}: {v:.3g} mm" for k, v in zip(number[mask], values[mask], strict=True)]
+            panel.dots(number[mask], drawn[mask], colour, 5.5, shape=mark, titles=texts)
+            legend.append((colour, mark, label))
     return Chart("singular_values", caption, [drawing], legend)
 
 
@@ -418,13 +424,13 @@ def course(history: Mapping[str, Sequence[float]]) -> Chart:
     panel = Panel(
         drawing, ends, (0.8 * every.min(), 1.25 * every.max()), "iteration", "error (mm)", log=True, whole_x=True
     )
-    for words, colour, dash, values in rows:
+    for label, colour, dash, values in rows:
         values = np.maximum(values, tiny)
         panel.line(iteration, values, colour, 1.4, dash=dash)
-        texts = [f"{words}, iteration {i:g}: {v:.4g} mm" for i, v in zip(iteration, values, strict=True)]
+        texts = [f"{label}, iteration {i:g}: {v:.4g} mm" for i, v in zip(iteration, values, strict=True)]
         if len(unused) > 1 and colour == "accent" and not dash:
             end = panel.at(iteration[-1], values[-1])[0]
-            number = words.split()[1].rstrip(",")
+            number = label.split()[1].rstrip(",")
             drawing.add(Text(end[0] + 9 * int(number) - 5, end[1], number, colour="accent", size=10.0))
         panel.dots(iteration, values, colour, 4.0, titles=texts if len(texts) < 200 else None)
     legend: list[LegendEntry] = [
@@ -496,17 +502,17 @@ class Plots:
 
     def explained(self) -> Chart:
         """What each family of terms explains, of model auto."""
-        known = self._record.evidence
-        if known is None or not known.explained:
+        section = self._record.evidence
+        if section is None or not section.explained:
             raise OptionError("only model auto, saved by this version, knows what each family of terms explains")
         return explained(self._record).marked(self._record.simulated)
 
     def gear_spectrum(self) -> Chart:
         """What the gear scan of model auto saw, and found."""
-        known = self._record.evidence
-        if known is None or known.spectrum is None:
+        section = self._record.evidence
+        if section is None or section.spectrum is None:
             raise OptionError("no gear scan was made: only model auto makes one, where no long series of harmonics do")
-        return gear_spectrum(known.spectrum, known.gears).marked(self._record.simulated)
+        return gear_spectrum(section.spectrum, section.gears).marked(self._record.simulated)
 
     def corrections(self) -> Chart:
         """What the joint map adds to each joint, over its range and from both sides."""

@@ -36,15 +36,15 @@ def error_tables(c: Record) -> list[dict[str, Any]]:
         overall = _models(c, nominal.all, calibrated.all)
         if proves and c.heldout_least_squares:
             overall["calibrated by rms"] = c.heldout_least_squares.all
-        parts: dict[str, dict[str, Any]] = {"": {"": overall}}
-        for name, before, after, least in (
+        by_kind: dict[str, dict[str, Any]] = {"": {"": overall}}
+        for name, before, after, fewest in (
             ("target", nominal.per_target, calibrated.per_target, 2),
             ("group", nominal.per_group, calibrated.per_group, 1),
         ):
-            if len(after) >= least:
-                parts[name] = {label: _models(c, before[label], after[label]) for label in after}
+            if len(after) >= fewest:
+                by_kind[name] = {label: _models(c, before[label], after[label]) for label in after}
         turned = _models(c, nominal.orientation, calibrated.orientation) if calibrated.orientation else {}
-        out.append({"title": title, "proves": proves, "poses": poses, "parts": parts, "orientation": turned})
+        out.append({"title": title, "proves": proves, "poses": poses, "parts": by_kind, "orientation": turned})
     return out
 
 
@@ -114,7 +114,7 @@ def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
             for k, value in enumerate(calibration.observability.singular_values_mm, 1)
         ],
         **_model_rows(calibration, evidence),
-        "left_out.csv": [vars(item) for item in calibration.excluded],
+        "left_out.csv": [vars(point) for point in calibration.excluded],
         "joints.csv": _joints_rows(evidence),
         "backlash.csv": [
             {
@@ -135,7 +135,9 @@ def _model_rows(c: Record, evidence: Evidence) -> dict[str, list[dict[str, Any]]
     """Families, gear scan and coverage of an average of error models."""
     out: dict[str, list[dict[str, Any]]] = {}
     if evidence.coverage is not None:
-        out["coverage.csv"] = [{"part": name} | part for name, part in evidence.coverage["parts"].items()]
+        out["coverage.csv"] = [
+            {"part": name} | coverage_row for name, coverage_row in evidence.coverage["parts"].items()
+        ]
     if c.evidence is None:
         return out
     out["explained.csv"] = [vars(stage) for stage in c.evidence.explained]
@@ -205,12 +207,12 @@ def _errors_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
     rows = []
     for table in error_tables(c):
         name_of_set = "held-out" if table["proves"] else "fitted"
-        for part, labels in table["parts"].items():
+        for kind, labels in table["parts"].items():
             for label, statistics in labels.items():
                 for name, values in statistics.items():
-                    row = {"set": name_of_set, "by": part, "label": label, "model": name} | vars(values)
+                    row = {"set": name_of_set, "by": kind, "label": label, "model": name} | vars(values)
                     model = models.get(table["proves"], {}).get(name)
-                    intervals = model.intervals if model and not part else None
+                    intervals = model.intervals if model and not kind else None
                     for key, (low, high) in (intervals or {}).items():
                         row |= {f"{key}_low": low, f"{key}_high": high}
                     rows.append(row)
@@ -218,14 +220,14 @@ def _errors_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
 
 
 def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
-    found = evidence.approach
-    if found is None:
+    approach = evidence.approach
+    if approach is None:
         return []
-    slides = found.robot.arm.table.prismatic
+    slides = approach.robot.arm.table.prismatic
     rows = []
-    for n, pose in enumerate(found.points.pose_ids):
-        for j in range(found.angle.shape[1]):
-            if found.angle[n, j] == found.angle[n, j]:
+    for n, pose in enumerate(approach.points.pose_ids):
+        for j in range(approach.angle.shape[1]):
+            if approach.angle[n, j] == approach.angle[n, j]:
                 unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
                 rows.append(
                     {
@@ -233,9 +235,9 @@ def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
                         "pose": pose,
                         "joint": j + 1,
                         "unit": unit,
-                        "q": round(found.points.q[n, j] / size, 9),
-                        "came_from": "below" if found.direction[n, j] > 0 else "above",
-                        "residual": round(found.angle[n, j] / size, 9),
+                        "q": round(approach.points.q[n, j] / size, 9),
+                        "came_from": "below" if approach.direction[n, j] > 0 else "above",
+                        "residual": round(approach.angle[n, j] / size, 9),
                     }
                 )
     return rows

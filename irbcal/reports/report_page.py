@@ -144,8 +144,8 @@ def figure_files(calibration: Record, evidence: Evidence, kind: Literal["png", "
 
 def verdict(calibration: Record) -> list[str]:
     """The verdict, and what speaks against it, in sentences, see `irbcal.validation.verdict`."""
-    found = verdict_of(calibration)
-    return [found.sentence(), *found.doubts]
+    judged = verdict_of(calibration)
+    return [judged.sentence(), *judged.doubts]
 
 
 # --- tables ----------------------------------------------------------------------------------------------
@@ -198,13 +198,13 @@ def _left_out(excluded: Sequence[ExclusionSection]) -> dict[str, Any]:
     """Counts by kind of reason, and one line for each pose and reason in the order of the file."""
     counts: dict[str, int] = {}
     lines: dict[tuple[str, str], list[str]] = {}
-    for item in excluded:
-        kind = item.reason.split(":")[0]
+    for point in excluded:
+        kind = point.reason.split(":")[0]
         counts[kind] = counts.get(kind, 0) + 1
-        lines.setdefault((item.pose, item.reason), []).append(item.target)
+        lines.setdefault((point.pose, point.reason), []).append(point.target)
     listed = [(pose, ", ".join(targets), reason) for (pose, reason), targets in lines.items()]
     return {
-        "counts": sorted(counts.items(), key=lambda item: -item[1]),
+        "counts": sorted(counts.items(), key=lambda entry: -entry[1]),
         "lines": listed[:MOST_LISTED],
         "more": max(0, len(listed) - MOST_LISTED),
     }
@@ -213,8 +213,8 @@ def _left_out(excluded: Sequence[ExclusionSection]) -> dict[str, Any]:
 def _seen(approach: Approach | None) -> dict[str, str]:
     """Joints with an effect of the direction, in words, and those of them where it is negative."""
     terms = () if approach is None else approach.terms
-    seen = [term for term in terms if term.tested and term.verdict != "not seen"]
-    return {"all": _joints(seen), "beyond": _joints([term for term in seen if term.values[0] < 0])}
+    tested_terms = [term for term in terms if term.tested and term.verdict != "not seen"]
+    return {"all": _joints(tested_terms), "beyond": _joints([term for term in tested_terms if term.values[0] < 0])}
 
 
 def _joints(terms: Sequence[JointTerm]) -> str:

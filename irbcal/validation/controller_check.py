@@ -272,7 +272,7 @@ def _option(fit: ControllerFit) -> Option:
 def _written(urdf: UrdfArm, fit: ControllerFit) -> tuple[bytes, list[str]]:
     """The URDF that equals the controller, and what it does not hold."""
     notes = []
-    data = urdf_module.to_bytes(urdf, fit.arm, words="irbcal: made equal to a controller's kinematics")
+    data = urdf_module.to_bytes(urdf, fit.arm, comment="irbcal: made equal to a controller's kinematics")
     if fit.frames_differ:
         notes.append("the URDF holds the controller's numbers of the arm, not its base frame and tool")
     elif not np.allclose(fit.T_tool, np.eye(4), rtol=0, atol=1e-12):

@@ -298,7 +298,7 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
 
 
 def _bytes(path: Path, source: str) -> bytes:
-    data = read_bytes(path, MeasurementError, most=LARGEST_FILE)
+    data = read_bytes(path, MeasurementError, limit_bytes=LARGEST_FILE)
     if not data.strip():
         raise MeasurementError("the file is empty, expected rows", file=source)
     return data

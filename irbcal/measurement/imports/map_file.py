@@ -124,7 +124,7 @@ def validated(model: type[Map], values: Mapping[str, Any], source: str) -> Map:
 
 
 def _read_text(source: str) -> str:
-    data = read_bytes(source, MeasurementError, most=LARGEST_MAP)
+    data = read_bytes(source, MeasurementError, limit_bytes=LARGEST_MAP)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
