@@ -191,17 +191,19 @@ class Options:
         if self.payload_place is not None:
             place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
         self._check_holdout()
-        own = f"model {self.model}" if self.model not in (None, "auto") else next(iter(self.of_a_level), None)
-        own = own if self.terms == TERMS[0] else f"terms {self.terms}"
-        if self.prior is not None and own is not None:
-            raise OptionError(f"prior: it is for model auto of terms joint-map: leave out {own}", parameter="prior")
+        conflict = f"model {self.model}" if self.model not in (None, "auto") else next(iter(self.of_a_level), None)
+        conflict = conflict if self.terms == TERMS[0] else f"terms {self.terms}"
+        if self.prior is not None and conflict is not None:
+            raise OptionError(
+                f"prior: it is for model auto of terms joint-map: leave out {conflict}", parameter="prior"
+            )
         check_seed(self.seed)
         if self.leave_out is not None and self.features is None:
             raise OptionError("leave_out: only rows at features have places: name --features", parameter="leave_out")
         number("power", self.power, 2.0)
-        both = set(names("free", self.free)) & set(names("hold", self.hold))
-        if both:
-            raise OptionError(f"hold: {min(both)} is to be freed, too: choose one", parameter="hold")
+        twice = set(names("free", self.free)) & set(names("hold", self.hold))
+        if twice:
+            raise OptionError(f"hold: {min(twice)} is to be freed, too: choose one", parameter="hold")
         if self.frame is not None and len(names("frame", self.frame)) != 3:
             raise OptionError(
                 f"frame: expected the names of three reference points, found {len(self.frame)}", parameter="frame"
@@ -232,7 +234,7 @@ class Options:
             ("free", tuple(self.free), ()),
             ("hold", tuple(self.hold), ()),
         )
-        return tuple(option for option, given, own in choices if given != own)
+        return tuple(option for option, value, default in choices if value != default)
 
     @property
     def share(self) -> float:
@@ -401,9 +403,9 @@ class Proven(Doubted):
         return f"<Proven {self.robot_file.name}, model {self.fit.level}: {poses}>"
 
 
-def _next(kind: type[T], before: Inputs, **changes: Any) -> T:
+def _next(kind: type[T], inputs: Inputs, **changes: Any) -> T:
     """The dataclass of the next step."""
-    return kind(**vars(before) | changes)
+    return kind(**vars(inputs) | changes)
 
 
 def run(
@@ -422,7 +424,7 @@ def run(
     say: Progress = progress or (lambda text: None)
     inputs = read(measurements, robot, options, say)
     check_names(
-        [Path(item.source).name for item in (inputs.measurements, inputs.verification) if item is not None],
+        [Path(file.source).name for file in (inputs.measurements, inputs.verification) if file is not None],
         MeasurementError,
         parameter="measurements",
     )
@@ -515,7 +517,7 @@ def clean(inputs: Inputs) -> CleanInputs:
     measurements, check = inputs.measurements, inputs.verification
     tools.check(measurements, options.model in (None, "auto"), options)
     usual = tools.usual(measurements)
-    words = tools.in_words(measurements, usual, options.same_tool)
+    sentences = tools.in_words(measurements, usual, options.same_tool)
     if not options.same_tool:
         measurements = tools.with_tool_per_load(measurements, usual)
         check = None if check is None else tools.with_tool_per_load(check, usual)
@@ -528,15 +530,15 @@ def clean(inputs: Inputs) -> CleanInputs:
         options.as_poses,
         several_allowed=method_of(options.method) != "circles",
     )
-    notes = [*inputs.notes, *cleaned.notes, *words, *repeat_notes(cleaned.points)]
+    notes = [*inputs.notes, *cleaned.notes, *sentences, *repeat_notes(cleaned.points)]
     excluded, proof = cleaned.excluded, None
     if check is not None:
-        other = cleaning.clean(check, cleaned.references or None, cleaned.target_names)
-        heldout, left_out, mixed_up = without_gross_errors(arm, other, check)
+        check_points = cleaning.clean(check, cleaned.references or None, cleaned.target_names)
+        heldout, left_out, mixed_up = without_gross_errors(arm, check_points, check)
         if options.as_poses:
             heldout, _ = as_poses(heldout, check.source, cleaned.tool_shape)
         heldout, fitted_too = _not_fitted(heldout, cleaned.points, arm.table.prismatic, check.source)
-        notes += [f"{Path(check.source).name}: {note}" for note in [*mixed_up, *other.notes, *fitted_too]]
+        notes += [f"{Path(check.source).name}: {note}" for note in [*mixed_up, *check_points.notes, *fitted_too]]
         notes += mixed_use(measurements.programmed, check.programmed, check.source)
         proof, excluded = (_of_last_session(heldout, cleaned.points), motion_of(check, heldout)), (*excluded, *left_out)
     return _next(
@@ -550,7 +552,7 @@ def clean(inputs: Inputs) -> CleanInputs:
         excluded=excluded,
         references=cleaned.references,
         tool_shape=cleaned.tool_shape,
-        poses_measured=sum(item.poses for item in (measurements, check, earlier) if item is not None),
+        poses_measured=sum(points_in.poses for points_in in (measurements, check, earlier) if points_in is not None),
         usual_kg=usual,
         notes=tuple(notes),
     )
@@ -568,8 +570,8 @@ def _of_last_session(heldout: PointSet, points: PointSet) -> PointSet:
 
 def _not_fitted(heldout: PointSet, points: PointSet, prismatic: BoolArray, source: str) -> tuple[PointSet, list[str]]:
     """Poses for the proof without those that are fitted."""
-    same = fitted.poses_of(heldout, points, prismatic)
-    count, n = int(same.sum()), heldout.poses
+    repeated = fitted.poses_of(heldout, points, prismatic)
+    count, n = int(repeated.sum()), heldout.poses
     if not count:
         return heldout, []
     if count == n:
@@ -578,7 +580,7 @@ def _not_fitted(heldout: PointSet, points: PointSet, prismatic: BoolArray, sourc
             "so they prove nothing: measure other poses, or leave verify away and hold some of the measurements out",
             file=source,
         )
-    return heldout.select(~same).with_seen_targets(), [
+    return heldout.select(~repeated).with_seen_targets(), [
         f"{count} of its {n} poses are at joints that are fitted, and are counted out: no proof."
     ]
 
@@ -595,8 +597,8 @@ def split(cleaned: CleanInputs) -> SplitInputs:
         if not by_axes:
             new = np.arange(points.poses) >= (0 if cleaned.earlier is None else cleaned.earlier.poses)
             of_new = held_out(points.select(new), options.share, options.split, options.seed)
-            place = places(points)
-            fit = ~np.isin(place, place[new][of_new])
+            position = places(points)
+            fit = ~np.isin(position, position[new][of_new])
         heldout, heldout_motion = points.select(~fit), motion.select(~fit)
     return _next(
         SplitInputs,
@@ -634,8 +636,8 @@ def held_out(points: PointSet, holdout: float, order: str = "random", seed: int 
         If the order is another one.
     """
     checked("split", order, SPLITS)
-    place = places(points)
-    n = int(place.max(initial=-1)) + 1
+    position = places(points)
+    n = int(position.max(initial=-1)) + 1
     count = round(holdout * n) if holdout < 1 else int(holdout)
     if holdout < 0 or count >= n:
         kind = "poses" if n == points.poses else f"places (of {points.poses} poses, repeats of one place together)"
@@ -645,13 +647,13 @@ def held_out(points: PointSet, holdout: float, order: str = "random", seed: int 
         mask[n - count :] = True
     else:
         mask[np.random.default_rng(seed).permutation(n)[:count]] = True
-    return mask[place]
+    return mask[position]
 
 
-def fit(ready: SplitInputs, say: Progress) -> Fitted:
+def fit(inputs: SplitInputs, say: Progress) -> Fitted:
     """Identify base and tool with the nominal arm, then the error model that is asked for."""
-    options, arm, source = ready.options, ready.urdf.arm, ready.measurements.source
-    points, heldout, targets = ready.fit_points, ready.heldout_points, ready.known_targets
+    options, arm, source = inputs.options, inputs.urdf.arm, inputs.measurements.source
+    points, heldout, targets = inputs.fit_points, inputs.heldout_points, inputs.known_targets
     strange = [name for name in targets or {} if name not in points.target_names]
     if strange:
         raise MeasurementError(
@@ -668,29 +670,29 @@ def fit(ready: SplitInputs, say: Progress) -> Fitted:
         model = choice.level
     say(f"identifying model {model}")
     sessions = () if points.session is None else session_names(points)
-    found = _identified(ready, model, say)
-    whole = ready.whole
-    if found.other_bases:
-        frames = found.robot.T_world_base, found.other_bases
-        whole = tuple(replace(into_one_frame(each, *frames), session=each.session) for each in whole)
+    identified = _identified(inputs, model, say)
+    all_points = inputs.whole
+    if identified.other_bases:
+        frames = identified.robot.T_world_base, identified.other_bases
+        all_points = tuple(replace(into_one_frame(each, *frames), session=each.session) for each in all_points)
         points, heldout = into_one_frame(points, *frames), into_one_frame(heldout, *frames)
         nominal = identify(arm, points, "nominal", known_targets=targets)
-    unseen = [name for name in heldout.target_names if name not in found.robot.targets]
+    unseen = [name for name in heldout.target_names if name not in identified.robot.targets]
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
-    heldout, moves = with_last_moves(found.robot, heldout)
+    heldout, moves = with_last_moves(identified.robot, heldout)
     return _next(
         Fitted,
-        ready,
+        inputs,
         fit_points=points,
         heldout_points=heldout,
-        whole=whole,
-        fit=found,
+        whole=all_points,
+        fit=identified,
         nominal_robot=nominal.robot,
         nominal_fit=nominal,
         choice=choice,
         sessions=sessions,
-        notes=(*ready.notes, *moves, *notes),
+        notes=(*inputs.notes, *moves, *notes),
     )
 
 
@@ -714,9 +716,9 @@ def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
     level, of_level = default_level(arm), options.of_a_level
     if method_of(options.method) == "circles":
         return "26", ["Method circles takes all link geometry from the axes (model 26), and nothing beyond geometry."]
-    taken = f"Model {level} was taken, not the default, which averages many error models (auto): "
+    prefix = f"Model {level} was taken, not the default, which averages many error models (auto): "
     if of_level:
-        return level, [f"{taken}{' and '.join(of_level)} belong{'s' if len(of_level) == 1 else ''} to a level."]
+        return level, [f"{prefix}{' and '.join(of_level)} belong{'s' if len(of_level) == 1 else ''} to a level."]
     try:
         check_averaging(arm, poses)
     except IdentificationError as error:
@@ -724,32 +726,32 @@ def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
             raise OptionError(
                 f"prior: it is for model auto, and {error}, without the prior", parameter="prior"
             ) from None
-        return level, [f"{taken}{error}."]
+        return level, [f"{prefix}{error}."]
     return "auto", []
 
 
-def _identified(ready: SplitInputs, model: str, say: Progress) -> Fit | EvidenceFit:
+def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | EvidenceFit:
     """The fit of a level, or the average of error models."""
-    options, arm, points, heldout = ready.options, ready.urdf.arm, ready.fit_points, ready.heldout_points
+    options, arm, points, heldout = inputs.options, inputs.urdf.arm, inputs.fit_points, inputs.heldout_points
     if model == "auto":
-        motion = ready.fit_motion if options.torques else replace(ready.fit_motion, torques=None)
+        motion = inputs.fit_motion if options.torques else replace(inputs.fit_motion, torques=None)
         return identify_evidence(
             arm,
             points,
             motion,
             terms=options.terms,
             seed=options.seed,
-            known_targets=ready.known_targets,
+            known_targets=inputs.known_targets,
             payload_place=options.payload_place,
-            usual_kg=ready.usual_kg,
-            prior=ready.prior,
+            usual_kg=inputs.usual_kg,
+            prior=inputs.prior,
             progress=say,
         )
     groups = sorted({str(name) for name in heldout.groups if name})
     watched = {name: heldout.select(heldout.groups == name).without_empty_poses() for name in groups}
     if len(groups) < 2:  # the history of a fit tells all together
         watched = {"held-out": heldout} if heldout.poses else {}
-    found = identify_by(
+    identified = identify_by(
         arm,
         points,
         checked("model", model, LEVELS),
@@ -757,12 +759,12 @@ def _identified(ready: SplitInputs, model: str, say: Progress) -> Fit | Evidence
         checked("objective", options.objective, OBJECTIVES),
         options.power,
         checked("loss", options.loss, LOSSES),
-        known_targets=ready.known_targets,
+        known_targets=inputs.known_targets,
         parameters=selected_parameters(model, options.free, options.hold, arm),
         watched=watched,
         parallel=checked("parallel", options.parallel, PARALLELS),
     )
-    return replace(found, robot=found.robot.replace(certainty=certainty_of(found)))
+    return replace(identified, robot=identified.robot.replace(certainty=certainty_of(identified)))
 
 
 def doubt(done: Fitted) -> Doubted:
@@ -801,11 +803,11 @@ def _worth_knowing(done: Fitted) -> list[str]:
 
 def prove(done: Doubted) -> Proven:
     """Compute the errors of fitted and of held-out points, of the calibrated robot and of the nominal one."""
-    both = done.fit.robot, done.nominal_robot
+    robots = done.fit.robot, done.nominal_robot
     errors = [
         distances(robot, points) if len(points) else np.zeros(0)
         for points in (done.fit_points, done.heldout_points)
-        for robot in both
+        for robot in robots
     ]
     return _next(Proven, done, errors=PointErrors(*map(locked, errors)))
 
@@ -835,8 +837,8 @@ def _read_features(measurements: MeasurementsLike, robot: str | Path | None, opt
     rows = feature_files.read(measurements, options.features, nominal.arm)
     if options.payload_place is not None:
         if rows.payload_kg is None or rows.payload_place is not None:
-            why = "there is no column payload_kg" if rows.payload_kg is None else "the rows tell the payload's place"
-            raise OptionError(f"payload_place: {why}: leave it out", parameter="payload_place")
+            reason = "there is no column payload_kg" if rows.payload_kg is None else "the rows tell the payload's place"
+            raise OptionError(f"payload_place: {reason}: leave it out", parameter="payload_place")
         centre = np.asarray(options.payload_place, dtype=float)
         rows = replace(rows, payload_place=np.tile(centre, (len(rows), 1)))
     if shape_only(rows):
@@ -862,7 +864,7 @@ def fit_features(inputs: Inputs, say: Progress) -> Fitted:
     """Identify from all rows at features; `prove_features` leaves places out."""
     rows = inputs.feature_rows
     assert rows is not None
-    found = identify_features(inputs.urdf.arm, rows, inputs.options.terms, progress=say)
+    feature_fit = identify_features(inputs.urdf.arm, rows, inputs.options.terms, progress=say)
     points = as_points(rows)
     motion = Motion(points.q)
     nobody = np.zeros(points.poses, dtype=bool)
@@ -876,8 +878,8 @@ def fit_features(inputs: Inputs, say: Progress) -> Fitted:
         heldout_points=points.select(nobody),
         heldout_motion=motion.select(nobody),
         poses_measured=rows.poses,
-        fit=found,
-        nominal_robot=found.nominal_robot,
+        fit=feature_fit,
+        nominal_robot=feature_fit.nominal_robot,
     )
 
 
@@ -893,10 +895,10 @@ def prove_features(done: Fitted, say: Progress) -> Proven:
     calibrated, nominal = (fit.problem.residuals(state)[order] for state in (fit.state, fit.nominal_state))
     heldout, left_out = done.heldout_points, (np.zeros(0), np.zeros(0))
     if proof is not None:
-        missed = [proof.of_rows(len(rows), own)[order] for own in (True, False)]
-        aside = np.isfinite(missed[0])
-        left_out = missed[0][aside], missed[1][aside]
-        heldout = points if aside.all() else points.take(aside).without_empty_poses() if aside.any() else heldout
+        missed = [proof.of_rows(len(rows), calibrated)[order] for calibrated in (True, False)]
+        tested = np.isfinite(missed[0])
+        left_out = missed[0][tested], missed[1][tested]
+        heldout = points if tested.all() else points.take(tested).without_empty_poses() if tested.any() else heldout
     return _next(
         Proven,
         done,
@@ -947,27 +949,27 @@ def _feature_notes(section: FeaturesSection) -> list[str]:
 def _features_section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
     """What is known of the features, of each place while it was left out, and of lengths."""
     problem, rows = fit.problem, fit.problem.seen
-    before, left = fit.left_open()
+    before_mm, std_after = fit.left_open()
     lengths = {} if proof is None else proof.lengths
     return FeaturesSection(
         kinds=rows.kinds(),
         framed=problem.framed,
         scale_measured=fit.scale_measured,
         left_out=None if proof is None else proof.by,
-        before_mm=before / MM,
-        open_mm=left / MM,
+        before_mm=before_mm / MM,
+        open_mm=std_after / MM,
         features=_feature_rows(fit),
         places=[
             PlaceRow(
-                name=place.name,
-                rows=len(place.rows),
-                nominal_mean_mm=float(place.nominal.mean()) / MM,
-                nominal_max_mm=float(place.nominal.max()) / MM,
-                mean_mm=float(place.calibrated.mean()) / MM,
-                rms_mm=float(np.sqrt(np.mean(place.calibrated**2))) / MM,
-                max_mm=float(place.calibrated.max()) / MM,
+                name=proof_of_place.name,
+                rows=len(proof_of_place.rows),
+                nominal_mean_mm=float(proof_of_place.nominal.mean()) / MM,
+                nominal_max_mm=float(proof_of_place.nominal.max()) / MM,
+                mean_mm=float(proof_of_place.calibrated.mean()) / MM,
+                rms_mm=float(np.sqrt(np.mean(proof_of_place.calibrated**2))) / MM,
+                max_mm=float(proof_of_place.calibrated.max()) / MM,
             )
-            for place in (() if proof is None else proof.places)
+            for proof_of_place in (() if proof is None else proof.places)
         ],
         lengths=[
             LengthRow(
@@ -986,15 +988,15 @@ def _features_section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSe
     )
 
 
-def _feature_rows(found: FeatureFit) -> list[FeatureRow]:
-    problem, rows = found.problem, found.problem.seen
-    places = rows.places("place") if "place" in rows.cells.columns else rows.places()
-    residuals = [problem.residuals(state) for state in (found.nominal_state, found.state)]
+def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
+    problem, rows = feature_fit.problem, feature_fit.problem.seen
+    labels = rows.places("place") if "place" in rows.cells.columns else rows.places()
+    residuals = [problem.residuals(state) for state in (feature_fit.nominal_state, feature_fit.state)]
     tool = np.zeros((len(rows), 3))
-    known: dict[str, dict[str, list[float]]] = {}
-    for miss in problem.misses(found.state):
+    stated: dict[str, dict[str, list[float]]] = {}
+    for miss in problem.misses(feature_fit.state):
         tool[miss.group.rows] = miss.seen.p
-        unknown, given = miss.group.keys(), known.setdefault(miss.group.feature.name, {})
+        unknown, given = miss.group.keys(), stated.setdefault(miss.group.feature.name, {})
         for name, value in miss.own.items():
             if name not in unknown:
                 given[name] = (np.ravel(value) / SHOWN[miss.group.kind.own[name].unit]).tolist()
@@ -1006,7 +1008,7 @@ def _feature_rows(found: FeatureFit) -> list[FeatureRow]:
         std: dict[str, list[float]] = {}
         for key, unit in _unknowns(problem, name).items():
             shape = problem.layout[key][0]
-            value, deviation = found.state.own[key], found.std_of(key)
+            value, deviation = feature_fit.state.own[key], feature_fit.std_of(key)
             if shape in ("axis", "line"):
                 values[key[0]] = value[:, 2].tolist()
                 if shape == "line":
@@ -1021,12 +1023,12 @@ def _feature_rows(found: FeatureFit) -> list[FeatureRow]:
                 kind=feature.kind,
                 target=feature.target,
                 rows=int(of_feature.sum()),
-                place=str(places[np.flatnonzero(of_feature)[0]]),
+                place=str(labels[np.flatnonzero(of_feature)[0]]),
                 rms_mm=fitted_rms,
                 nominal_rms_mm=nominal,
                 found=values,
                 std=std,
-                known=known[name],
+                known=stated[name],
                 middle_mm=(tool[of_feature].mean(axis=0) / MM).tolist(),
                 spread_mm=float(np.sqrt(tool[of_feature].var(axis=0).sum())) / MM,
                 imaging={} if feature.imaging is None else feature.imaging.columns(),
@@ -1068,18 +1070,21 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
     certainty = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
     fitted_points, heldout, features = done.fit_points, done.heldout_points, done.features
     added_to = [] if done.earlier is None else [done.earlier.record]
-    files = [item for item in (done.measurements, done.verification) if item is not None]
-    data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
-    data += [item for other in added_to for item in other.data if item not in data]
+    files = [file for file in (done.measurements, done.verification) if file is not None]
+    data = [DataFile(file=Path(file.source).name, sha256=file.sha256, programmed=file.programmed) for file in files]
+    data += [file for earlier in added_to for file in earlier.data if file not in data]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    before, after = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
+    nominal_origins, origins = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
     frame_terms = FrameTermsSection.of_robot(robot)
     moving: dict[str, Any] = {
-        "simulated": any([*(item.simulated for item in files), *(item.simulated for item in added_to)]),
+        "simulated": any([*(file.simulated for file in files), *(item.simulated for item in added_to)]),
         "robot": RobotSection.of(arm, robot.table, *done.nominal_source),
         "joint_origins": [
             JointOrigin(
-                joint=name, link=link, nominal=OriginSection.of(before[name]), calibrated=OriginSection.of(after[name])
+                joint=name,
+                link=link,
+                nominal=OriginSection.of(nominal_origins[name]),
+                calibrated=OriginSection.of(origins[name]),
             )
             for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
         ],
@@ -1089,17 +1094,17 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         "data": data,
     }
     fingerprint = integrity.fingerprint(moving)
-    listed = " and ".join(f"{item.file} (SHA-256 {item.sha256[:12]}...)" for item in data)
+    listed = " and ".join(f"{file.file} (SHA-256 {file.sha256[:12]}...)" for file in data)
     kind = "SIMULATED measurements" if moving["simulated"] else "measurements"
-    words = (
+    comment = (
         f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {done.nominal_source[0]} were "
         f"corrected, model {fit.level}, from {kind} {listed}. Comments below that call this robot nominal are "
         "those of that file. The joint map is in calibration.json."
         + ("" if frame_terms is None else f" {frame_terms.in_words}")
     )
-    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=words)
+    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=comment)
     nominal, errors = done.nominal_robot, done.errors
-    made = Record(
+    content = Record(
         schema_name=SCHEMA,
         created=created,
         fingerprint=fingerprint,
@@ -1154,7 +1159,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         software=software(),
         seconds=time.perf_counter() - started,
     )
-    return made.model_copy(update={"doubts": list(verdict_of(made).doubts)}), urdf_bytes
+    return content.model_copy(update={"doubts": list(verdict_of(content).doubts)}), urdf_bytes
 
 
 def _choice(done: Proven) -> ChoiceSection | EvidenceChoice | None:
@@ -1177,8 +1182,12 @@ def _evidence(done: Proven) -> EvidenceSection | None:
 
 def _least_squares_errors(done: Proven) -> Errors | None:
     """Held-out errors of the fit by least squares, where another objective was asked for."""
-    least, points = done.fit.least_squares, done.heldout_points
-    return None if least is None else Errors.of(least.robot, points, distances(least.robot, points))
+    least_squares, points = done.fit.least_squares, done.heldout_points
+    return (
+        None
+        if least_squares is None
+        else Errors.of(least_squares.robot, points, distances(least_squares.robot, points))
+    )
 
 
 def _pose_table(done: Proven) -> PoseTable:
@@ -1202,15 +1211,15 @@ def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[F
     sign = np.sign(np.nan_to_num(last_moves(q, groups)))
     names = first["pose"].astype(str).to_numpy()
     rows, *numbers = near.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))
-    size = 1 + max(part.max(initial=-1) for part in (rows, *numbers))
+    size = 1 + max(numbers_.max(initial=-1) for numbers_ in (rows, *numbers))
     # of poses with the same name and joints it is not known which one this is
-    known, sign_of = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))
-    known[rows], sign_of[rows] = True, sign
+    has_sign, sign_of = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))
+    has_sign[rows], sign_of[rows] = True, sign
     unlike = (sign_of[rows] != sign).astype(float)
     sign_of[np.column_stack([np.bincount(rows, column, minlength=size) for column in unlike.T]) > 0] = 0.0
     # those of an earlier calibration are not in the file
     pairs = zip(numbers, sets, strict=True)
-    return [np.where(known[number, None], sign_of[number], np.sign(points.moves())) for number, points in pairs]
+    return [np.where(has_sign[number, None], sign_of[number], np.sign(points.moves())) for number, points in pairs]
 
 
 def software() -> dict[str, str]:

@@ -231,7 +231,12 @@ def without_gross_errors(
     wrong = np.zeros(points.poses, dtype=bool)
     wrong[points.pose[~gross.keep]] = True
     swaps = [(p, order) for p, order in swapped.by_robot(gross.robot, points) if wrong[p]]
-    truth = {(p, k): points.target_names[target] for p, order in swaps for k, target in enumerate(order) if other != k}
+    truth = {
+        (p, k): points.target_names[name_index]
+        for p, order in swaps
+        for k, name_index in enumerate(order)
+        if name_index != k
+    }
     excluded = []
     for k in np.flatnonzero(~gross.keep):
         other = truth.get((int(points.pose[k]), int(points.target[k])))

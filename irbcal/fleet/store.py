@@ -225,11 +225,11 @@ class Store:
         estimates: dict[str, Estimate | None] = {part_name: getattr(stored, part_name) for part_name in PARTS}
         with self.engine.execution_options(writes=True).begin() as link:
             link.execute(self._insert(robots).values(**stored.robot).on_conflict_do_nothing())
-            known = link.execute(sql.select(robots).where(robots.c.id == stored.robot["id"])).mappings().one()
+            head = link.execute(sql.select(robots).where(robots.c.id == stored.robot["id"])).mappings().one()
             for column in ("serial", "type"):
-                if known[column] != stored.robot[column]:
+                if head[column] != stored.robot[column]:
                     raise CalibrationError(
-                        f"robot {known['id']} is in the store with {column} {known[column]}, not {stored.robot[column]}",
+                        f"robot {head['id']} is in the store with {column} {head[column]}, not {stored.robot[column]}",
                         file=stored.calibration["folder"],
                     )
             number = link.execute(
