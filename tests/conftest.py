@@ -1,5 +1,7 @@
 """What many tests need: the measured data, the program inside this process, a calibration of simulated data."""
 
+import functools
+import gc
 import json
 import os
 from pathlib import Path
@@ -7,6 +9,7 @@ from pathlib import Path
 import new_family
 import numpy as np
 import pytest
+import typer.testing
 from hypothesis import settings
 from support import arm, measured, random_robot, write_measurements
 from typer.testing import CliRunner
@@ -19,6 +22,11 @@ from irbcal.modeling.terms import families
 # the same examples every time, and no verdict on a slow moment of a shared machine
 settings.register_profile("irbcal", deadline=None, derandomize=True)
 settings.load_profile("irbcal")
+
+# the command line is built once, not at each call
+typer.testing._get_command = functools.cache(typer.main.get_command)
+# as the program does: what is imported stays, there is little to collect
+gc.set_threshold(300000, 20, 100)
 
 
 LONG = (

@@ -13,6 +13,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timezone
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -163,10 +164,11 @@ def refuse_absurd(document: dict[str, Any], file: Path) -> None:
     CalibrationError
         For the first such number; the sentence says where it stands.
     """
-    _refuse_beyond(document, (), LARGEST_NUMBER, file)
+    _refuse_beyond(document, (), LARGEST_NUMBER, LARGEST_SITE, file)
 
 
-def _refuse_beyond(value: Any, path: tuple[str, ...], largest: float, file: Path) -> None:
+def _refuse_beyond(value: Any, path: tuple[str, ...], largest: float, metres: float, file: Path) -> None:
+    """Refuse numbers beyond ``largest`` in a value, lengths in parts of it beyond ``metres``."""
     if isinstance(value, float):
         if abs(value) > largest:
             where = ".".join(path)
@@ -175,8 +177,10 @@ def _refuse_beyond(value: Any, path: tuple[str, ...], largest: float, file: Path
             )
     elif isinstance(value, dict):
         for name, entry in value.items():
-            if name not in UNBOUNDED:
-                _refuse_beyond(entry, (*path, str(name)), _bound(str(name), path, largest), file)
+            if name in UNBOUNDED or isinstance(entry, (str, int)):
+                continue
+            longest = LARGEST_ARM if name in OF_THE_ARM else metres
+            _refuse_beyond(entry, (*path, str(name)), _bound(str(name), longest, largest), longest, file)
     elif isinstance(value, (list, tuple)):
         kinds = set(map(type, value))
         if kinds <= {float, type(None)}:  # long columns
@@ -186,12 +190,12 @@ def _refuse_beyond(value: Any, path: tuple[str, ...], largest: float, file: Path
         elif not kinds & {float, list, tuple, dict}:
             return
         for k, entry in enumerate(value):
-            _refuse_beyond(entry, (*path, str(k)), largest, file)
+            _refuse_beyond(entry, (*path, str(k)), largest, metres, file)
 
 
-def _bound(name: str, path: tuple[str, ...], inherited: float) -> float:
+@cache
+def _bound(name: str, metres: float, inherited: float) -> float:
     """Largest number under a name: by the unit in it."""
-    metres = LARGEST_ARM if set(OF_THE_ARM) & {name, *path} else LARGEST_SITE
     if name in MATRICES:
         return LARGEST_ARM
     for ending, largest in (("_mm", metres * 1000), ("_m", metres), ("_deg", TURN_DEG), ("_rad", TURN_RAD)):

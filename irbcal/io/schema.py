@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -1080,16 +1080,22 @@ class Check(Section):
     yourdfpy_poses: int
 
 
-class Kept(dict[bool, tuple[PointTable, PoseTable, PointSet, FloatArray]]):
-    """Points of a record that were computed already; no part of what it says, so records are equal without it."""
+class Computed(dict[str, tuple[tuple[object, ...], Any]]):
+    """What was computed from a record already; no part of what it says, so records are equal without it."""
+
+    def get_or_make(self, name: str, parts: tuple[object, ...], make: Callable[[], Any]) -> Any:
+        """What ``make`` gives; made again where one of the parts that it comes from is another object by now."""
+        if name not in self or any(a is not b for a, b in zip(self[name][0], parts, strict=True)):
+            self[name] = parts, make()
+        return self[name][1]
 
     def __eq__(self, value: object) -> bool:
-        return isinstance(value, Kept)
+        return isinstance(value, Computed)
 
     __hash__ = None
 
     def __reduce__(self) -> tuple[type, tuple[()]]:
-        return Kept, ()
+        return Computed, ()
 
 
 class Record(Section):
@@ -1154,7 +1160,7 @@ class Record(Section):
     seconds: float
     seal: Seal | None = None
 
-    _used: Kept = PrivateAttr(default_factory=Kept)
+    _computed: Computed = PrivateAttr(default_factory=Computed)
 
     def __repr__(self) -> str:
         kind = "SIMULATED, " if self.simulated else ""
@@ -1191,6 +1197,11 @@ class Record(Section):
 
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints, and says how well it knows them."""
+        moved_by = (self.robot, self.joint_map, self.frame_terms, self.placement)
+        known_by = (self.parameters, self.covariance, self.certainty)
+        return self._computed.get_or_make("robot", (*moved_by, *known_by), self._robot_calibrated)
+
+    def _robot_calibrated(self) -> Robot:
         nominal = self.arm(calibrated=False)
         frame_terms = None if self.frame_terms is None else self.frame_terms.term_map(nominal)
         joint_map = self.joint_map.joint_map(nominal)
@@ -1221,9 +1232,8 @@ class Record(Section):
         terms: dict[str, Term] = {term.name: term for term in robot.joint_map.terms.terms}
         if robot.frame_terms is not None:
             terms |= {term.name: term for term in robot.frame_terms.terms}
-        terms_by_name = {
-            name: term_of(parameter(name), nominal) for name in listed if name in all_names(nominal)
-        } | terms
+        named = listed & set(all_names(nominal))
+        terms_by_name = {name: term_of(parameter(name), nominal) for name in named} | terms
         # row by row, as the columns of the covariance are: terms of two families may be the same function
         rows = [row for row in self.parameters if row.name in terms_by_name]
         factor = dict(UNIT_OUTSIDE.values())
@@ -1261,10 +1271,8 @@ class Record(Section):
         t, p = self.points, self.poses
         if not t.x_mm:
             return None
-        used = self._used.get(heldout)
-        if used is None or used[0] is not t or used[1] is not p:
-            used = self._used[heldout] = (t, p, *self._points_of(t, p, heldout))
-        return used[2:]
+        name = "held-out points" if heldout else "fitted points"
+        return self._computed.get_or_make(name, (t, p), lambda: self._points_of(t, p, heldout))
 
     def _points_of(self, t: PointTable, p: PoseTable, heldout: bool) -> tuple[PointSet, FloatArray]:
         poses = np.array(p.heldout, dtype=bool) == heldout
