@@ -1,5 +1,12 @@
 """What several tests need: comparators with metre and radian tolerances, central differences, simulation."""
 
+import atexit
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import traceback
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,6 +148,45 @@ def example_robot(name):
     if not path.is_file():
         pytest.skip(f"example-robot-data does not hold {name}")
     return path
+
+
+def started(*words, cwd=None, **environment):
+    """The program in a fork of this process, which has its modules loaded: exit code and both streams.
+
+    At most two minutes; its streams are files, and as wide as 100 columns.
+    """
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        child = os.fork()
+        if child == 0:
+            try:
+                os._exit(_started(words, cwd, environment, out, err))
+            finally:
+                os._exit(70)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        out.seek(0)
+        err.seek(0)
+        return subprocess.CompletedProcess(words, code, out.read(), err.read())
+
+
+def _started(words, cwd, environment, out, err):
+    """The exit code of the program in a process that ends with it."""
+    from irbcal.__main__ import start
+
+    atexit._clear()
+    signal.alarm(120)
+    os.dup2(out.fileno(), 1)
+    os.dup2(err.fileno(), 2)
+    os.environ.update({"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", **environment})
+    os.chdir(cwd or ".")
+    sys.argv = ["irbcal", *map(str, words)]
+    with open(1, "w", closefd=False) as sys.stdout, open(2, "w", closefd=False) as sys.stderr:
+        try:
+            start()
+        except SystemExit as end:
+            return end.code or 0
+        except BaseException:
+            traceback.print_exc()
+    return 70
 
 
 def proven_of(*arguments, **options):

@@ -1,8 +1,6 @@
 """Arms of all kinds from their URDF: read, perturbed, measured (simulated), calibrated, written back, seen by Pinocchio."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
@@ -17,6 +15,7 @@ from support import (
     proven_of,
     random_robot,
     random_rotation,
+    started,
     write_measurements,
 )
 
@@ -141,7 +140,7 @@ def test_jacobian_with_a_prismatic_joint(rail):
 
 def run(*arguments):
     """The command's standard output as text; exit code 0."""
-    done = subprocess.run([sys.executable, "-m", "irbcal", *map(str, arguments)], capture_output=True, text=True)
+    done = started(*arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

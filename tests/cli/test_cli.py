@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
-from support import arm, measured, random_robot, write_measurements
+from support import arm, measured, random_robot, started, write_measurements
 from typer.main import get_command
 
 import irbcal
@@ -17,21 +17,9 @@ from irbcal.cli.main import app
 from irbcal.io import robots
 
 
-def run(*arguments, cwd=None):
-    """Run irbcal as a program; returns the finished process."""
-    return subprocess.run(
-        [sys.executable, "-W", "error::DeprecationWarning:irbcal", "-m", "irbcal", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        timeout=120,
-        env=os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"},
-    )
-
-
 def refused(*arguments):
     """The one sentence of a refusal."""
-    done = run(*arguments)
+    done = started(*arguments)
     assert done.returncode == 1, done.stderr
     assert "Traceback" not in done.stderr
     assert done.stderr.count("\n") == 1
@@ -54,7 +42,9 @@ def data(tmp_path_factory):
 @pytest.fixture(scope="module")
 def calibration(data):
     """The same calibrated by the program."""
-    done = run("calibrate", data / "good.csv", "--robot", "irb120", "--model", "34", "--out", data / "cal", "--json")
+    done = started(
+        "calibrate", data / "good.csv", "--robot", "irb120", "--model", "34", "--out", data / "cal", "--json"
+    )
     assert done.returncode == 0, done.stderr
     return data / "cal", json.loads(done.stdout)
 
@@ -67,7 +57,7 @@ def edited(data, name, change):
 
 
 def test_help_names_the_commands():
-    done = run("--help")
+    done = started("--help")
     assert done.returncode == 0
     for command in ("demo", "calibrate", "evaluate", "fk"):
         assert command in done.stdout
@@ -78,7 +68,7 @@ def test_help_names_the_commands():
     [["calibrate"], ["fk"], ["nonsense"], ["calibrate", "x.csv", "--robot", "irb120", "--out", "y", "--model", "35"]],
 )
 def test_wrong_calls_exit_with_2(arguments):
-    assert run(*arguments).returncode == 2
+    assert started(*arguments).returncode == 2
 
 
 def test_calibrate_json_keeps_its_contract(calibration):
@@ -102,7 +92,7 @@ def test_calibrate_json_keeps_its_contract(calibration):
 
 
 def test_evaluate_json_keeps_its_contract(calibration, data):
-    done = run("evaluate", calibration[0], data / "good.csv", "--json")
+    done = started("evaluate", calibration[0], data / "good.csv", "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert set(result["per_target"]) == {"smr1", "smr2", "smr3"}
@@ -110,12 +100,12 @@ def test_evaluate_json_keeps_its_contract(calibration, data):
     assert result["calibrated"]["rms_mm"] < 0.1 * result["nominal"]["rms_mm"]
     assert result["excluded"] == []
     assert any("45 of these 60 poses" in note and "counted out" in note for note in result["notes"])
-    whole = json.loads(run("evaluate", calibration[0], data / "good.csv", "--include-fitted", "--json").stdout)
+    whole = json.loads(started("evaluate", calibration[0], data / "good.csv", "--include-fitted", "--json").stdout)
     assert whole["per_target"]["smr1"]["calibrated"]["n"] == 60
 
 
 def test_tables_for_people(calibration, data):
-    done = run("evaluate", calibration[0], data / "good.csv")
+    done = started("evaluate", calibration[0], data / "good.csv")
     assert done.returncode == 0
     assert "model 34" in done.stdout
     assert "counted out" in done.stdout
@@ -129,7 +119,7 @@ def test_moved_tracker_is_noticed_and_can_be_placed_anew(calibration, data):
 
     path = edited(data, "moved.csv", moved)
     assert "evaluate with --refit-base" in refused("evaluate", calibration[0], path)
-    done = run("evaluate", calibration[0], path, "--refit-base", "--json")
+    done = started("evaluate", calibration[0], path, "--refit-base", "--json")
     assert json.loads(done.stdout)["calibrated"]["mean_mm"] < 0.1
 
 
@@ -137,24 +127,24 @@ def test_fk_of_urdf_and_calibration(calibration, data):
     folder, _ = calibration
     joints = data / "joints.csv"
     joints.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,0,0\n10,20,30,40,50,60\n")
-    done = run("fk", "irb1600", "--joints", joints)
+    done = started("fk", "irb1600", "--joints", joints)
     lines = done.stdout.splitlines()
     assert lines[0] == "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz"
     assert np.abs(np.array(lines[1].split(","), float)[6:9] - [815, 0, 1186.5]).max() < 1e-6
     assert np.abs(np.array(lines[1].split(","), float)[9:] - [np.sqrt(0.5), 0, np.sqrt(0.5), 0]).max() < 1e-8
     robot = irbcal.load(folder).robot_calibrated()
     q = np.radians([[0, 0, 0, 0, 0, 0], [10, 20, 30, 40, 50, 60]])
-    done = run("fk", folder, "--joints", joints, "--json")
+    done = started("fk", folder, "--joints", joints, "--json")
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert np.abs([[r["x_mm"], r["y_mm"], r["z_mm"]] for r in rows] - robot.poses(q)[:, :3, 3] * 1e3).max() < 1e-9
-    done = run("fk", folder, "--joints", joints, "--target", "smr2", "--json")
+    done = started("fk", folder, "--joints", joints, "--target", "smr2", "--json")
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert np.abs([[r["x_mm"], r["y_mm"], r["z_mm"]] for r in rows] - robot.points(q, "smr2") * 1e3).max() < 1e-9
     assert "unknown target 'smr9'" in refused("fk", folder, "--joints", joints, "--target", "smr9")
 
 
 def test_demo_calls_its_data_simulated(tmp_path):
-    done = run("demo", "--out", tmp_path / "demo")
+    done = started("demo", "--out", tmp_path / "demo")
     assert done.returncode == 0, done.stderr
     assert "SIMULATED" in done.stdout
     loaded = irbcal.load(tmp_path / "demo")
@@ -167,7 +157,7 @@ def test_demo_calls_its_data_simulated(tmp_path):
 def test_same_input_gives_the_same_calibration(data, tmp_path):
     results = []
     for name in ("one", "two"):
-        run("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / name)
+        started("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / name)
         urdf = (tmp_path / name / "calibrated.urdf").read_text()
         results.append(re.sub(r" on \d{4}-[\d:T+-]+: ", "", urdf))  # the date
         assert results[-1] != urdf
@@ -264,7 +254,7 @@ def test_a_folder_without_write_permission_is_refused_before_any_work(data, tmp_
 
 
 def calibrated(data, out, *options):
-    done = run("calibrate", data / "good.csv", "--robot", "irb120", "--out", out, "--json", *options)
+    done = started("calibrate", data / "good.csv", "--robot", "irb120", "--out", out, "--json", *options)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), irbcal.load(out).record
 
@@ -313,7 +303,7 @@ def test_three_targets_as_one_pose_and_the_same_tool_again(data, tmp_path):
     result, loaded = calibrated(data, tmp_path / "out", "--as-poses")
     assert list(loaded.placement.targets) == ["tool"]
     assert loaded.heldout.orientation.max_deg < 0.05 < loaded.heldout_nominal.orientation.max_deg
-    done = run("evaluate", tmp_path / "out", data / "good.csv", "--json")
+    done = started("evaluate", tmp_path / "out", data / "good.csv", "--json")
     again = json.loads(done.stdout)
     assert again["calibrated"]["n"] == 15
     assert again["orientation"]["calibrated"]["mean_deg"] < 0.04
@@ -327,14 +317,14 @@ def test_ik_gives_the_joints_of_fk_back(calibration, data):
     folder, _ = calibration
     joints, poses = data / "there.csv", data / "poses.csv"
     joints.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,20,30,40,50,60\n-50,-10,5,-20,40,130\n")
-    poses.write_text(run("fk", folder, "--joints", joints).stdout)
+    poses.write_text(started("fk", folder, "--joints", joints).stdout)
     expected = np.array([[10, 20, 30, 40, 50, 60], [-50, -10, 5, -20, 40, 130.0]])
     for near, row in zip(("10,20,30,40,50,60", "-50,-10,5,-20,40,130"), (0, 1), strict=True):
-        done = run("ik", folder, "--poses", poses, "--near", near)
+        done = started("ik", folder, "--poses", poses, "--near", near)
         assert done.returncode == 0, done.stderr
         found = np.array(done.stdout.splitlines()[1 + row].split(",")[-7:-1], float)
         assert np.abs(found - expected[row]).max() < 1e-5, "poses carry nine decimals"
-    every = run("ik", "irb120", "--poses", poses, "--all-branches").stdout.splitlines()
+    every = started("ik", "irb120", "--poses", poses, "--all-branches").stdout.splitlines()
     assert every[0].endswith(",row,branch,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,note")
     assert len(every) == 5, "two branches within the limits for each pose"
 
@@ -342,12 +332,12 @@ def test_ik_gives_the_joints_of_fk_back(calibration, data):
 def test_ik_says_which_poses_it_cannot_reach(data):
     far = data / "far.csv"
     far.write_text("x_mm,y_mm,z_mm,qw,qx,qy,qz\n5000,0,0,1,0,0,0\n")
-    done = run("ik", "irb1600", "--poses", far, "--json")
+    done = started("ik", "irb1600", "--poses", far, "--json")
     assert done.returncode == 0
     assert json.loads(done.stdout)["q1_deg"] is None
     assert "1 of 1 poses have no joints" in done.stderr
     assert "row 2, columns qw, qx, qy, qz: expected a unit quaternion" in refused_ik(data, "1,0,0,2,0,0,0")
-    assert run("ik", "irb1600", "--poses", far, "--near", "1,2").returncode == 2
+    assert started("ik", "irb1600", "--poses", far, "--near", "1,2").returncode == 2
 
 
 def refused_ik(data, row):
@@ -374,7 +364,7 @@ def test_filter_writes_fake_targets_and_refuses_them_the_second_time(calibration
     folder, _ = calibration
     source = tmp_path / "job.mod"
     source.write_bytes(MODULE.format(more="").replace("\n", "\r\n").encode("latin-1"))
-    done = run("filter", folder, source, "--out", tmp_path / "new.mod", "--changes", tmp_path / "c.csv", "--json")
+    done = started("filter", folder, source, "--out", tmp_path / "new.mod", "--changes", tmp_path / "c.csv", "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["corrected"] == 1
@@ -393,11 +383,11 @@ def test_filter_writes_nothing_unless_everything_is_corrected_or_partial_is_allo
     folder, _ = calibration
     source = tmp_path / "job.mod"
     source.write_text(MODULE.format(more="MoveJ Offs(CRobT(),0,0,10),v500,fine,tool0;"))
-    done = run("filter", folder, source, "--out", tmp_path / "new.mod")
+    done = started("filter", folder, source, "--out", tmp_path / "new.mod")
     assert done.returncode == 1
     assert "its target is computed" in done.stdout
     assert not (tmp_path / "new.mod").exists()
-    done = run("filter", folder, source, "--out", tmp_path / "new.mod", "--allow-partial")
+    done = started("filter", folder, source, "--out", tmp_path / "new.mod", "--allow-partial")
     assert done.returncode == 0
     assert (tmp_path / "new.mod").exists()
 
@@ -410,7 +400,7 @@ def test_filter_refuses_unknown_tools_and_broken_modules(calibration, tmp_path):
     assert "uses the tool tgun, which the program does not define" in refused(
         "filter", folder, source, "--out", tmp_path / "n.mod"
     )
-    assert run("filter", folder, source, "--out", tmp_path / "n.mod", "--tool", "tGun=1,2").returncode == 2
+    assert started("filter", folder, source, "--out", tmp_path / "n.mod", "--tool", "tGun=1,2").returncode == 2
     source.write_text("MODULE Job\nCONST jointtarget j:=[[0,0,")
     assert "job.mod: " in refused("filter", folder, source, "--out", tmp_path / "n.mod")
     source.write_text("")

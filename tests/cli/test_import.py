@@ -1,12 +1,10 @@
 """``irbcal import`` as a user meets it."""
 
 import json
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from support import started
 from typer.testing import CliRunner
 
 import irbcal
@@ -78,12 +76,7 @@ def test_refused_input_is_one_sentence_and_leaves_an_earlier_file(source, tmp_pa
     out = tmp_path / "measured.csv"
     out.write_text("earlier")
     source.write_text(source.read_text().replace("640.75,2", "n/a,2"))
-    done = subprocess.run(
-        [sys.executable, "-m", "irbcal", "import", source, "--as", "robodk", "--out", out],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"},
-    )
+    done = started("import", source, "--as", "robodk", "--out", out)
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr == (

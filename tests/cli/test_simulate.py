@@ -1,13 +1,11 @@
 """``irbcal simulate`` as a user meets it: plans in, measurements and truth out, and the whole way round."""
 
 import json
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
 import pytest
+from support import started
 from typer.testing import CliRunner
 
 import irbcal
@@ -221,20 +219,8 @@ def test_links_without_masses_and_bad_masses(tmp_path):
     assert "link 'link_2', mass: expected 1 numbers, found 'heavy'" in sentence
 
 
-def test_the_program_itself(tmp_path):
-    """As a process: exit codes, one sentence, nothing heavy for --help."""
-    environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
-
-    def process(*arguments):
-        return subprocess.run(
-            [sys.executable, "-m", "irbcal", "simulate", *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            env=environment,
-            timeout=60,
-        )
-
-    done = process(tmp_path / "absent.csv", "--robot", "irb1600", "--out", tmp_path / "m.csv")
+def test_a_file_that_is_not_there_is_one_sentence_on_the_error_stream(tmp_path):
+    done = started("simulate", tmp_path / "absent.csv", "--robot", "irb1600", "--out", tmp_path / "m.csv")
     assert done.returncode == 1
     assert done.stderr == f"irbcal: {tmp_path / 'absent.csv'}: there is no such file\n"
 

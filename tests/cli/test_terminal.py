@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from rich.cells import cell_len
+from support import started
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -147,7 +148,7 @@ def complete(*words):
     """What bash is offered after these words."""
     line = " ".join(words)
     more = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1), "_IRBCAL_COMPLETE": "complete_bash"}
-    return subprocess.run(PROGRAM, capture_output=True, text=True, env=environment(**more)).stdout.split()
+    return started(**more).stdout.split()
 
 
 def test_completion():
@@ -167,12 +168,7 @@ def test_completion():
 
 
 def test_completion_is_installed(tmp_path):
-    done = subprocess.run(
-        [*PROGRAM, "--install-completion", "bash"],
-        capture_output=True,
-        text=True,
-        env=environment(HOME=str(tmp_path)),
-    )
+    done = started("--install-completion", "bash", HOME=str(tmp_path))
     assert done.returncode == 0, done.stderr
     assert "_IRBCAL_COMPLETE=complete_bash" in (tmp_path / ".bash_completions" / "irbcal.sh").read_text()
     assert "irbcal.sh" in (tmp_path / ".bashrc").read_text()

@@ -1,10 +1,9 @@
 """Whether a URDF or a program found somewhere is of a calibration."""
 
 import json
-import subprocess
-import sys
 
 import pytest
+from support import started
 
 import irbcal
 from irbcal.errors import OptionError, ProgramError, RobotError
@@ -81,17 +80,13 @@ def test_calibrating_a_calibrated_urdf_again_leaves_one_fingerprint(folders, tmp
 
 
 def test_command_line(folders):
-    def run(*arguments):
-        command = [sys.executable, "-m", "irbcal", "verify", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True)
-
-    done = run(folders[0], "--urdf", folders[0] / "calibrated.urdf", "--json")
+    done = started("verify", folders[0], "--urdf", folders[0] / "calibrated.urdf", "--json")
     assert done.returncode == 0
     assert json.loads(done.stdout)["same_file"]
-    done = run(folders[0], "--urdf", folders[1] / "calibrated.urdf")
+    done = started("verify", folders[0], "--urdf", folders[1] / "calibrated.urdf")
     assert done.returncode == 1
     assert "is not this calibration" in done.stdout
-    done = run(folders[0], "--urdf", folders[0] / "nothing.urdf")
+    done = started("verify", folders[0], "--urdf", folders[0] / "nothing.urdf")
     assert done.returncode == 1
     assert done.stderr.strip().endswith("nothing.urdf: there is no such file")
 

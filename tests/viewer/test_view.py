@@ -2,7 +2,6 @@
 
 import http.client
 import json
-import os
 import pickle
 import re
 import signal
@@ -13,7 +12,7 @@ from dataclasses import FrozenInstanceError
 import numpy as np
 import pandas as pd
 import pytest
-from support import arm
+from support import arm, started
 from typer.testing import CliRunner
 
 import irbcal
@@ -66,11 +65,6 @@ def command(*arguments):
     return [sys.executable, "-m", "irbcal", "view", *map(str, arguments)]
 
 
-def run(*arguments):
-    environment = os.environ | {"COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"}
-    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=60, env=environment)
-
-
 def called(*arguments):
     """The command in this process."""
     return CliRunner().invoke(app, ["view", *map(str, arguments)])
@@ -99,7 +93,7 @@ def test_command_writes_a_page(cell, tmp_path):
 
 def test_command_refuses_in_one_sentence(cell, tmp_path):
     (tmp_path / "bad.csv").write_text("pose,target,x_mm\n1,a,2\n")
-    done = run(cell / "cal", tmp_path / "bad.csv", "--html", tmp_path / "view.html")
+    done = started("view", cell / "cal", tmp_path / "bad.csv", "--html", tmp_path / "view.html")
     assert done.returncode == 1
     assert done.stdout == ""
     assert "missing column" in done.stderr
