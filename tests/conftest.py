@@ -2,12 +2,15 @@
 
 import functools
 import gc
+import hashlib
 import json
 import os
+import pickle
 from pathlib import Path
 
 import new_family
 import numpy as np
+import pandas as pd
 import pytest
 import typer.testing
 from hypothesis import settings
@@ -15,6 +18,7 @@ from support import arm, measured, random_robot, write_measurements
 from typer.testing import CliRunner
 
 import irbcal
+from irbcal import calibration
 from irbcal.cli.main import app
 from irbcal.io import calibration_folder, robots
 from irbcal.modeling.terms import families
@@ -78,6 +82,41 @@ def calibrated():
 def demo_calibration(calibrated, tmp_path_factory):
     """Folder of a calibration of the simulated demonstration robot, level 34."""
     return calibrated(tmp_path_factory.mktemp("calibration") / "demo", "34")
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory):
+    """A folder of this run of the tests, the same for all workers of pytest-xdist."""
+    folder = tmp_path_factory.getbasetemp()
+    return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+@pytest.fixture(scope="module")
+def fits_once(shared_folder):
+    """Calibrations from the same content with the same options are computed once a run of the tests."""
+    compute = calibration.run
+
+    def run(measurements, robot, options, progress=None):
+        chosen = {name: _content(value) for name, value in vars(options).items()}
+        key = pickle.dumps([_content(measurements), _content(robot), sorted(chosen.items())])
+        path = shared_folder / f"fit-{hashlib.sha256(key).hexdigest()}"
+        if not path.exists():
+            part = path.with_suffix(f".{os.getpid()}")
+            part.write_bytes(pickle.dumps(compute(measurements, robot, options, progress)))
+            part.replace(path)
+        return pickle.loads(path.read_bytes())
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "run", run)
+        yield
+
+
+def _content(value):
+    """What a file, or a calibration's folder, holds beside its name; anything else as it is."""
+    if isinstance(value, (str, Path)):
+        path = Path(value, "calibration.json") if os.path.isdir(value) else Path(value)
+        return (Path(value).name, path.read_bytes()) if path.is_file() else str(value)
+    return value.to_csv() if isinstance(value, pd.DataFrame) else value
 
 
 @pytest.fixture(scope="session")

@@ -186,6 +186,9 @@ def _started(words, cwd, environment, out, err):
             return end.code or 0
         except BaseException:
             traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
     return 70
 
 

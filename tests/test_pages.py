@@ -1,9 +1,10 @@
 """Every line of the README and of docs/ works as it is printed, in a folder that ``irbcal samples`` made.
 
-Shell blocks stand without a language, ``python`` blocks are run in their order with one namespace a page; anything else
-(``text``, ``yaml``, ``cpp``) is not run here.
+So do the cells of the notebooks. Shell blocks stand without a language, ``python`` blocks are run in their order with
+one namespace a page; anything else (``text``, ``yaml``, ``cpp``) is not run here.
 """
 
+import functools
 import glob
 import os
 import re
@@ -19,8 +20,10 @@ import irbcal
 from irbcal.cli.main import app
 
 ROOT = Path(__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("[!i]*.md"))
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```([^\n]*)\n(.*?)^```[ \t]*$", re.DOTALL | re.MULTILINE)
+CELL = re.compile(r"^```\{code-cell\}[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 ELSEWHERE = {
     "irbcal fleet prior --type irb1600_6_145 --store fleet.db --out prior.json": "tests/fleet/test_prior.py",
@@ -64,7 +67,7 @@ def lines(page):
 
 
 @pytest.fixture(scope="module")
-def samples(tmp_path_factory):
+def samples(fits_once, tmp_path_factory):
     """The samples, with my-robot calibrated as the front page says."""
     folder = tmp_path_factory.mktemp("pages") / "samples"
     irbcal.samples(folder)
@@ -77,10 +80,6 @@ def samples(tmp_path_factory):
     return folder
 
 
-MADE = {}
-"""Calibrations by their command: pages begin alike, and what they make is the same."""
-
-
 def run(line, page):
     """Run a line; what a command before a ``|`` prints is what the next one reads."""
     printed = None
@@ -90,19 +89,12 @@ def run(line, page):
 
 def run_one(line, page, given):
     words = [word for part in shlex.split(line)[1:] for word in (sorted(glob.glob(part)) if "*" in part else [part])]
-    out = Path(words[words.index("--out") + 1]) if words[0] == "calibrate" else None
-    key = tuple(word for word in words if word != str(out))
-    if key in MADE:
-        shutil.copytree(MADE[key], out)
-        return ""
     if words[0] == "view" and "--html" not in words:
         words += ["--html", "served.html"]
     done = CliRunner().invoke(app, words, input=given, prog_name="irbcal")
     if done.exception and not isinstance(done.exception, SystemExit):
         raise AssertionError(f"{page.name}: {line}: {done.exception}") from done.exception
     assert done.exit_code == 0, f"{page.name}: {line}\n{done.output}"
-    if out is not None:
-        MADE[key] = out.absolute()
     return done.stdout
 
 
@@ -137,6 +129,17 @@ def test_python_blocks(page, samples, tmp_path, monkeypatch):
     names = {}
     for text in blocks(page, "python"):
         exec(compile(text, str(page), "exec"), names)
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_cells_run(notebook, samples, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(irbcal, "samples", functools.partial(shutil.copytree, samples))
+    cells = CELL.findall(notebook.read_text(encoding="utf-8"))
+    assert len(cells) >= 3
+    names = {}
+    for cell in cells:
+        exec(compile(cell, str(notebook), "exec"), names)
 
 
 def test_every_command_is_told_and_every_option_exists():
