@@ -416,7 +416,7 @@ def _client(address: str) -> Iterator[Any]:
     except ImportError:
         raise OptionError("engine: this needs Dask: pip install 'irbcal[dask]'", parameter="engine") from None
     try:
-        client: Any = Client(address, timeout=10, set_as_default=False)  # type: ignore[no-untyped-call]
+        client: Any = Client(address, timeout=10, set_as_default=False)
     except OSError:
         raise IrbcalError(f"no Dask scheduler answers at {address}", parameter="engine") from None
     try:

@@ -1,6 +1,7 @@
 """The house keeps its order: imports point one way, and light rooms stay light."""
 
 import ast
+import functools
 import importlib
 from pathlib import Path
 
@@ -42,13 +43,18 @@ FLOORS = (
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
 
+@functools.cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def room_of(module):
     return module.split(".")[1]
 
 
 def imported(path, types=True):
     """Modules of irbcal that a file imports, anywhere in it; with or without those that only its types need."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     for_types = {
         inner
         for node in ast.walk(tree)
@@ -102,7 +108,7 @@ def test_no_circle():
 def test_a_class_name_stands_once():
     places = {}
     for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
     assert {name: paths for name, paths in places.items() if len(paths) > 1} == {}
@@ -113,7 +119,7 @@ def test_light_rooms_stay_light():
     heavy = {"pinocchio", "yourdfpy", "meshcat", "matplotlib", "trimesh", "coal", "lxml", "jinja2", "scipy"}
     for room in ("modeling", "measurement", "identification"):
         for path in (PACKAGE / room).rglob("*.py"):
-            for node in ast.parse(path.read_text()).body:
+            for node in tree_of(path).body:
                 if isinstance(node, (ast.Import, ast.ImportFrom)):
                     names = [node.module] if isinstance(node, ast.ImportFrom) else [alias.name for alias in node.names]
                     assert not heavy & {str(name).split(".")[0] for name in names}, path

@@ -74,7 +74,7 @@ class Arm:
         """Whether the arm has six revolute joints: what the thesis's error models and closed forms are made for."""
         return len(self.joint_names) == 6 and not self.table.prismatic.any()
 
-    @property
+    @cached_property
     def planar(self) -> bool:
         """Whether all turning axes are parallel (SCARA): such an arm cannot tell its base from its tool in all ways."""
         values = self.random_joints(3, 0).T + self.table.offsets[:, None]
