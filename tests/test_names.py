@@ -1,4 +1,7 @@
-"""Names cannot act: not in comments of programs, not in terminals, not in spreadsheets."""
+"""Names cannot act: not in comments of programs, not in terminals, not in spreadsheets. Names in the code say what things are."""
+
+import runpy
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -78,3 +81,13 @@ def test_a_file_name_with_a_line_break_is_refused_before_the_fit(tmp_path):
     (tmp_path / "a\nb.csv").write_bytes(data)
     with pytest.raises(MeasurementError, match=r"printable characters on one line, found 'a\\nb\.csv'"):
         irbcal.calibrate(tmp_path / "a\nb.csv", "irb1600", model="34")
+
+
+def test_names_in_the_code_say_what_things_are(monkeypatch, capsys):
+    script = Path(__file__).parents[1] / "scripts" / "names"
+    monkeypatch.setattr("sys.argv", [str(script), "--check"])
+    names = runpy.run_path(str(script))
+    assert names["main"]() == 0, capsys.readouterr().out
+    text = "def fit(points, own):\n    found = own.found + points\n    return found"
+    assert sorted(names["names_in"](text)) == ["found", "found", "own", "own", "points", "points"]
+    assert {"found", "own"} <= names["VAGUE"]

@@ -190,13 +190,13 @@ def fit_axis(xyz: ArrayLike, target: ArrayLike, angle: ArrayLike, name: str = "a
         the axis' position uncertain by more than `MAX_POSITION_STD`, if the points do not lie on circles or do not
         turn as the joint does.
     """
-    places, angles = np.asarray(xyz, dtype=float), np.asarray(angle, dtype=float)
+    positions, angles = np.asarray(xyz, dtype=float), np.asarray(angle, dtype=float)
     names, index = np.unique(np.asarray(target), return_inverse=True)
     turns = [distinct_angles(angles[index == k]) for k in range(len(names))]
-    most = max(map(len, turns), default=0)
-    if most < 3:
+    count = max(map(len, turns), default=0)
+    if count < 3:
         raise IdentificationError(
-            f"group {name}: found {most} different joint angle{'s' if most != 1 else ''}, at least 3 are needed "
+            f"group {name}: found {count} different joint angle{'s' if count != 1 else ''}, at least 3 are needed "
             "to find the axis"
         )
     arc = max(map(arc_of, turns))
@@ -205,32 +205,32 @@ def fit_axis(xyz: ArrayLike, target: ArrayLike, angle: ArrayLike, name: str = "a
             f"group {name}: an arc of {arc / DEG:.1f} degrees is too short to find the axis: "
             f"at least {MIN_ARC / DEG:.0f} degrees are needed"
         )
-    off_center = np.linalg.norm(places - _means(places, index)[index], axis=1)
+    off_center = np.linalg.norm(positions - _means(positions, index)[index], axis=1)
     moves = np.array([off_center[index == k].max() > MOVED and len(turns[k]) > 1 for k in range(len(names))])
     used = moves[index]
     if not any(len(turn) > 2 and moved for turn, moved in zip(turns, moves, strict=True)):
         raise IdentificationError(
             f"group {name}: no target moves by more than {MOVED / MM:g} mm: all of them lie on the axis"
         )
-    places, angles = places[used], angles[used]
+    positions, angles = positions[used], angles[used]
     targets, index = np.unique(index[used], return_inverse=True)
-    direction, point = _fit(places, index, name)
-    direction, disagreement = _sense(direction, point, places, index, angles)
+    direction, point = _fit(positions, index, name)
+    direction, disagreement = _sense(direction, point, positions, index, angles)
     if disagreement > MAX_DISAGREEMENT:
         raise IdentificationError(
             f"group {name}: the points turn otherwise than the joint does, by {disagreement / DEG:.0f} degrees: "
             "check the joint's unit and column"
         )
-    basis, radii, heights, r, J = _equations(direction, point, places, index)
-    m = len(places)
+    basis, radii, heights, r, J = _equations(direction, point, positions, index)
+    m = len(positions)
     freedom = 2 * m - 4 - 2 * len(targets)
     # three points on one circle leave no residual to judge by
     covariance = np.linalg.inv(J.T @ J) * (r @ r / freedom) if freedom > 0 else np.full((4, 4), np.nan)
-    found = AxisFit(
+    fit = AxisFit(
         name, direction, point, names[targets], radii, heights, used, r[:m], r[m:], basis, covariance, float(arc)
     )
-    _check(found)
-    return found
+    _check(fit)
+    return fit
 
 
 def distinct_angles(angle: FloatArray) -> FloatArray:
@@ -239,8 +239,8 @@ def distinct_angles(angle: FloatArray) -> FloatArray:
     if len(angle) == 0:
         return angle
     gaps = np.diff(angle, prepend=angle[-1] - 2 * np.pi)
-    kept = angle[gaps > SAME_ANGLE]
-    return kept if len(kept) else angle[:1]
+    distinct = angle[gaps > SAME_ANGLE]
+    return distinct if len(distinct) else angle[:1]
 
 
 def arc_of(angles: FloatArray) -> float:
@@ -248,15 +248,15 @@ def arc_of(angles: FloatArray) -> float:
     return 2 * np.pi - np.diff(angles, append=angles[0] + 2 * np.pi).max()
 
 
-def _check(found: AxisFit) -> None:
-    std = found.position_std
+def _check(axis: AxisFit) -> None:
+    std = axis.position_std
     if not std > MAX_POSITION_STD:
         return
-    needed = found.arc * np.sqrt(std / MAX_POSITION_STD)
-    said = f"group {found.name}: on an arc of {found.arc / DEG:.1f} degrees the axis is known to {std / MM:.1f} mm only"
+    needed = axis.arc * np.sqrt(std / MAX_POSITION_STD)
+    said = f"group {axis.name}: on an arc of {axis.arc / DEG:.1f} degrees the axis is known to {std / MM:.1f} mm only"
     if needed < np.radians(300.0):
         raise IdentificationError(f"{said}: about {needed / DEG:.0f} degrees are needed")
-    raise IdentificationError(f"{said}: the points lie {found.rms / MM:.1f} mm off their circles")
+    raise IdentificationError(f"{said}: the points lie {axis.rms / MM:.1f} mm off their circles")
 
 
 def _means(values: FloatArray, index: IntArray) -> FloatArray:
@@ -308,8 +308,8 @@ def _fit(xyz: FloatArray, index: IntArray, name: str) -> tuple[FloatArray, Float
     triples = [best_triple(xyz[index == k]) for k in range(index.max() + 1)]
     best = int(np.argmax([area for _, area in triples]))
     direction, point, _ = circle_through(triples[best][0])
-    mine = index == best
-    direction, point = _gauss_newton(direction, point, xyz[mine], np.zeros(mine.sum(), dtype=int), name)
+    one_target = index == best
+    direction, point = _gauss_newton(direction, point, xyz[one_target], np.zeros(one_target.sum(), dtype=int), name)
     return _gauss_newton(direction, point, xyz, index, name)
 
 
@@ -327,9 +327,9 @@ def _gauss_newton(
             return direction, point
         while True:
             trial = _moved(direction, point, basis, shrink * step)
-            rest = _equations(*trial, xyz, index)[3]
+            residual = _equations(*trial, xyz, index)[3]
             # what a short step gains is lost in rounding
-            if rest @ rest <= r @ r or size < 1e-7:
+            if residual @ residual <= r @ r or size < 1e-7:
                 break
             shrink *= 0.5
             if shrink < 1e-6:
@@ -435,11 +435,11 @@ def measure_axes(points: PointSet) -> MeasuredAxes:
         If a group is missing, if other joints move within a group or if a group does not give an axis.
     """
     with_points, groups = _groups(points)
-    found = sorted({group for group in groups[with_points] if group})
-    if not set(GROUPS) <= set(found):
+    axis_groups = sorted({group for group in groups[with_points] if group})
+    if not set(GROUPS) <= set(axis_groups):
         raise IdentificationError(
             "the method circles needs one-joint moves in the groups axis1 ... axis6; found "
-            + (", ".join(found) or "no groups")
+            + (", ".join(axis_groups) or "no groups")
         )
     found_axes = [one_axis(points, k) for k in range(6)]
     fits, homes = [axis.fit for axis in found_axes], np.array([axis.home for axis in found_axes])
@@ -468,11 +468,11 @@ def one_axis(points: PointSet, k: int) -> OneAxis:
     """
     name = f"axis{k + 1}"
     with_points, groups = _groups(points)
-    mine = with_points & (groups == name)
-    if not mine.any():
-        others = ", ".join(sorted({group for group in groups[with_points] if group})) or "no groups"
-        raise IdentificationError(f"there are no moves of joint {k + 1} in a group {name}; found {others}")
-    moves = points.select(mine)
+    moved_alone = with_points & (groups == name)
+    if not moved_alone.any():
+        listed = ", ".join(sorted({group for group in groups[with_points] if group})) or "no groups"
+        raise IdentificationError(f"there are no moves of joint {k + 1} in a group {name}; found {listed}")
+    moves = points.select(moved_alone)
     home = _home(moves.q, k)
     return OneAxis(fit_axis(moves.xyz, moves.target, moves.joints()[:, k], name), home, moves)
 

@@ -322,7 +322,7 @@ def calibrate_by_axes(
         raise IdentificationError(f"the method circles is for arms with six revolute joints, {arm.name} has others")
     axes = measure_axes(points)
     moves = axes.moves
-    known = _known(known_targets, moves.target_names)
+    places_in_tip = _known(known_targets, moves.target_names)
     chain = AxisChain(axes, parallel, tolerance)
     sine = np.linalg.norm(np.cross(*axes.directions[:2]))
     if sine < NEARLY_PARALLEL:
@@ -333,19 +333,19 @@ def calibrate_by_axes(
 
     def values(p: FloatArray, z: FloatArray) -> dhm.DHMTable:
         robot = _robot(arm, nominal, chain, p, z)
-        return _with_tool(robot, moves, known)[0].table if known else robot.table
+        return _with_tool(robot, moves, places_in_tip)[0].table if places_in_tip else robot.table
 
     robot, scatter = _robot(arm, nominal, chain, *axes.as_measured()), (np.nan, np.nan)
-    if known:
-        robot, scatter = _with_tool(robot, moves, known)
+    if places_in_tip:
+        robot, scatter = _with_tool(robot, moves, places_in_tip)
     corrections = _difference(robot.table, nominal)
     _check_arm(arm, corrections)
     std = standard_deviations(axes, values)
     std = unknown(std, np.hypot(std.theta[5], scatter[0]), np.hypot(std.d[5], scatter[1]))
-    robot = robot.replace(targets=_targets(robot, moves) | known)
+    robot = robot.replace(targets=_targets(robot, moves) | places_in_tip)
     off = moves.xyz - moves.predicted(robot)
     rms = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
-    return AxisCalibration(robot, axes, corrections, std, bool(known), parallel, rms)
+    return AxisCalibration(robot, axes, corrections, std, bool(places_in_tip), parallel, rms)
 
 
 def _robot(arm: Arm, nominal: dhm.DHMTable, chain: AxisChain, p: FloatArray, z: FloatArray) -> Robot:
@@ -369,8 +369,8 @@ def _nominal_form(arm: Arm) -> dhm.DHMTable:
     T_6_6 = frames.inverse(dhm.forward(table, joints)[0]) @ dhm.forward(arm.table, joints)[0]
     theta6 = arm.table.theta[5] + wrapped(np.arctan2(T_6_6[1, 0], T_6_6[0, 0]) - arm.table.theta[5])
     table = with_ends(table, arm.table, theta6, T_6_6[2, 3])
-    same = {name: np.abs(getattr(table, name) - getattr(arm.table, name)) < 1e-12 for name in COLUMNS}
-    return dhm.DHMTable(*(np.where(same[n], getattr(arm.table, n), getattr(table, n)) for n in COLUMNS))
+    equal = {name: np.abs(getattr(table, name) - getattr(arm.table, name)) < 1e-12 for name in COLUMNS}
+    return dhm.DHMTable(*(np.where(equal[n], getattr(arm.table, n), getattr(table, n)) for n in COLUMNS))
 
 
 def _difference(table: dhm.DHMTable, nominal: dhm.DHMTable) -> dhm.DHMTable:
@@ -402,16 +402,16 @@ def _check_arm(arm: Arm, corrections: dhm.DHMTable) -> None:
 
 def _known(known_targets: Mapping[str, ArrayLike] | None, names: Sequence[str]) -> dict[str, FloatArray]:
     """Known places in the tip link, refused where they are no places or were not measured."""
-    known = {name: np.asarray(place, dtype=float) for name, place in (known_targets or {}).items()}
-    for name, place in known.items():
+    xyz_of_target = {name: np.asarray(xyz, dtype=float) for name, xyz in (known_targets or {}).items()}
+    for name, place in xyz_of_target.items():
         if name not in names:
             raise IdentificationError(f"known target {name!r} was not measured: found {', '.join(names)}")
         if place.shape != (3,) or not np.isfinite(place).all():
             raise IdentificationError(f"known target {name!r} needs three coordinates, found {place.tolist()}")
-    return known
+    return xyz_of_target
 
 
-def _with_tool(robot: Robot, moves: PointSet, known: Mapping[str, FloatArray]) -> tuple[Robot, tuple[float, float]]:
+def _with_tool(robot: Robot, moves: PointSet, targets: Mapping[str, FloatArray]) -> tuple[Robot, tuple[float, float]]:
     """The robot with ``theta6`` and ``d6`` from targets known in the tip link, and their scatter (rad, m).
 
     What Nubiola 2011, section 3.4.3 (eqs. 3.25, 3.26, 3.27, 3.28, 3.29 and 3.30, Figure 3.8) does with one measurement,
@@ -420,9 +420,9 @@ def _with_tool(robot: Robot, moves: PointSet, known: Mapping[str, FloatArray]) -
     In the frame that turns with joint 6 at zero ``theta6`` and ``d6``, a target at ``t`` in frame 6 lies at
     ``Rot(z, theta6) t + d6 z``; turn and shift in closed form.
     """
-    moves = moves.take(np.isin(moves.names(), list(known)))
-    places = np.array([known.get(name, np.zeros(3)) for name in moves.target_names])
-    t = frames.apply(robot.arm.T_last_tip, places)[moves.target]
+    moves = moves.take(np.isin(moves.names(), list(targets)))
+    xyz = np.array([targets.get(name, np.zeros(3)) for name in moves.target_names])
+    t = frames.apply(robot.arm.T_last_tip, xyz)[moves.target]
     square = np.sum(t[:, :2] ** 2, axis=1)
     if len(t) < 2 or square.max() < (1.0 * MM) ** 2:
         raise IdentificationError("all known targets lie on axis 6: theta6 needs one beside it")
@@ -442,9 +442,9 @@ def _with_tool(robot: Robot, moves: PointSet, known: Mapping[str, FloatArray]) -
 def _targets(robot: Robot, moves: PointSet) -> dict[str, FloatArray]:
     """Mean place of each target in the tip link over the poses at hand (Nubiola 2011, eqs. 3.22, 3.23 and 3.24)."""
     T_tip_world = frames.inverse(robot.T_world_base @ robot.poses(moves.q))[moves.pose]
-    places = np.einsum("nij,nj->ni", T_tip_world[:, :3, :3], moves.xyz) + T_tip_world[:, :3, 3]
-    seen = np.unique(moves.target)
-    return {moves.target_names[t]: places[moves.target == t].mean(axis=0) for t in seen}
+    xyz = np.einsum("nij,nj->ni", T_tip_world[:, :3, :3], moves.xyz) + T_tip_world[:, :3, 3]
+    measured = np.unique(moves.target)
+    return {moves.target_names[t]: xyz[moves.target == t].mean(axis=0) for t in measured}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -505,8 +505,8 @@ class ToolOfAxes(Speaks):
     def told(self) -> Sequence[Told]:
         """Places of the targets."""
         rows = tuple(
-            (name, *(float(v / MM) for v in place), *(known(float(s / MM)) for s in self.std[name]))
-            for name, place in self.targets.items()
+            (name, *(float(v / MM) for v in xyz), *(known(float(s / MM)) for s in self.std[name]))
+            for name, xyz in self.targets.items()
         )
         columns = ("target", "x mm", "y mm", "z mm", "± x", "± y", "± z")
         return [
@@ -545,22 +545,22 @@ def base_of_axes(arm: Arm, points: PointSet) -> BaseOfAxes:
     """
     _check_turning(arm, (0, 1))
     first, second = one_axis(points, 0), one_axis(points, 1)
-    before = arm.T_base_0 @ arm.table.step(0)
+    T_before = arm.T_base_0 @ arm.table.step(0)
 
-    def place(p: FloatArray, z: FloatArray) -> FloatArray:
+    def base_from(p: FloatArray, z: FloatArray) -> FloatArray:
         R = frames.rotation_from_vector(-second.home[0] * z[0])  # axis 2 back to joint 1 at zero
         p_2, z_2 = p[0] + R @ (p[1] - p[0]), R @ z[1]
-        return _on_normal(p[0], z[0], p_2, z_2, arm.table.alpha[1], first=True) @ frames.inverse(before)
+        return _on_normal(p[0], z[0], p_2, z_2, arm.table.alpha[1], first=True) @ frames.inverse(T_before)
 
     def values(p: FloatArray, z: FloatArray) -> FloatArray:
-        T = place(p, z)
-        turn = T[:3, :3] @ found[:3, :3].T
+        T = base_from(p, z)
+        turn = T[:3, :3] @ T_base[:3, :3].T
         return np.concatenate([T[:3, 3], [turn[2, 1], turn[0, 2], turn[1, 0]]])  # tiny angles only
 
     p, z = _both(first, second)
-    found = place(p, z)
+    T_base = base_from(p, z)
     angle, distance = _beyond(arm, 1, p, z, frames.rotation_from_vector(-second.home[0] * z[0]))
-    return BaseOfAxes(found, _std((first, second), values), angle, distance)
+    return BaseOfAxes(T_base, _std((first, second), values), angle, distance)
 
 
 def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
@@ -587,8 +587,8 @@ def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
     """
     n = len(arm.joint_names)
     _check_turning(arm, (n - 2, n - 1))
-    before, last = one_axis(points, n - 2), one_axis(points, n - 1)
-    off = before.home[: n - 2] - last.home[: n - 2]
+    second_last, last = one_axis(points, n - 2), one_axis(points, n - 1)
+    off = second_last.home[: n - 2] - last.home[: n - 2]
     off = np.abs(off - 2 * np.pi * np.round(off / (2 * np.pi)))
     if off.max(initial=0.0) > STILL:
         k = int(np.argmax(off))
@@ -596,41 +596,41 @@ def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
             f"groups axis{n - 1} and axis{n}: joint {k + 1} stands {off[k] / DEG:.3g} degrees apart: for the tool both "
             "axes are moved from one pose"
         )
-    names, both = points.target_names, (before.moves, last.moves)
+    names, axis_moves = points.target_names, (second_last.moves, last.moves)
     theta, d = arm.table.theta[n - 1], arm.table.d[n - 1]
-    after = frames.transform(None, [0.0, 0.0, d]) @ arm.T_last_tip
+    T_after = frames.transform(None, [0.0, 0.0, d]) @ arm.T_last_tip
 
-    def places(p: FloatArray, z: FloatArray) -> list[FloatArray]:
+    def targets_in_tip(p: FloatArray, z: FloatArray) -> list[FloatArray]:
         """In the tip link, all points of both groups."""
         N = _on_normal(p[0], z[0], p[1], z[1], arm.table.alpha[n - 1], first=False)
         out = []
-        for moves in both:
-            seen = np.empty((len(moves), 3))
+        for moves in axis_moves:
+            in_tip = np.empty((len(moves), 3))
             for pose in range(moves.poses):
-                mine = moves.pose == pose
+                rows = moves.pose == pose
                 turn = moves.q[pose, n - 2] - last.home[n - 2]
                 R = frames.rotation_from_vector(-turn * z[0])
-                back = p[0] + (moves.xyz[mine] - p[0]) @ R.T
-                tip = N @ frames.transform(frames.rot_z(theta + moves.q[pose, n - 1])) @ after
-                seen[mine] = frames.apply(frames.inverse(tip), back)
-            out.append(seen)
+                turned_back = p[0] + (moves.xyz[rows] - p[0]) @ R.T
+                tip = N @ frames.transform(frames.rot_z(theta + moves.q[pose, n - 1])) @ T_after
+                in_tip[rows] = frames.apply(frames.inverse(tip), turned_back)
+            out.append(in_tip)
         return out
 
-    target = np.concatenate([moves.target for moves in both])
+    target = np.concatenate([moves.target for moves in axis_moves])
     used = np.unique(target)
 
     def means(p: FloatArray, z: FloatArray) -> FloatArray:
-        all_places = np.concatenate(places(p, z))
+        all_places = np.concatenate(targets_in_tip(p, z))
         return np.concatenate([all_places[target == t].mean(axis=0) for t in used])
 
-    p, z = _both(before, last)
-    seen = np.concatenate(places(p, z))
-    of_axes = _std((before, last), means).reshape(-1, 3)
+    p, z = _both(second_last, last)
+    all_in_tip = np.concatenate(targets_in_tip(p, z))
+    of_axes = _std((second_last, last), means).reshape(-1, 3)
     targets, std = {}, {}
     for k, t in enumerate(used):
-        mine = seen[target == t]
-        scatter = mine.std(axis=0, ddof=1) / np.sqrt(len(mine)) if len(mine) > 1 else np.full(3, np.nan)
-        targets[names[t]], std[names[t]] = mine.mean(axis=0), np.hypot(of_axes[k], scatter)
+        of_target = all_in_tip[target == t]
+        scatter = of_target.std(axis=0, ddof=1) / np.sqrt(len(of_target)) if len(of_target) > 1 else np.full(3, np.nan)
+        targets[names[t]], std[names[t]] = of_target.mean(axis=0), np.hypot(of_axes[k], scatter)
     angle, distance = _beyond(arm, n - 1, p, z, np.eye(3))
     return ToolOfAxes(targets, std, angle, distance)
 
@@ -659,7 +659,7 @@ def _on_normal(
     x = cross / sine * (1.0 if np.sin(alpha) > 0 else -1.0)
     w = p_2 - p_1
     # feet of the common normal: p_1 + s z_1 and p_2 + t z_2
-    s, t = (np.dot(np.cross(w, other), cross) / sine**2 for other in (z_2, z_1))
+    s, t = (np.dot(np.cross(w, axis), cross) / sine**2 for axis in (z_2, z_1))
     z, origin = (z_1, p_1 + s * z_1) if first else (z_2, p_2 + t * z_2)
     return frames.transform(np.column_stack([x, np.cross(z, x), z]), origin)
 

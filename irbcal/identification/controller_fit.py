@@ -179,32 +179,44 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
     names = _candidates(arm)
     J, r = _linearised(start, names, q[rows], T[rows])
     always = [names.index(name) for name in names if frames_differ and (name in TOOL or name.endswith("1"))]
-    few = _chosen(J, r, always)
+    sparse = _chosen(J, r, always)
     every = list(range(len(names)))
-    core = _core(J, r, few)
-    rms_few, rms_all = (_rms(J, r, chosen, core) for chosen in (few, every))
-    many = rms_all < MANY_GAIN * rms_few and rms_few > EXACT and len(rows) > len(names)
-    chosen = every if many else few
+    core = _core(J, r, sparse)
+    rms_few, rms_all = (_rms(J, r, chosen, core) for chosen in (sparse, every))
+    dense = rms_all < MANY_GAIN * rms_few and rms_few > EXACT and len(rows) > len(names)
+    chosen = every if dense else sparse
     model, values, std = _refined(start, names, chosen, q[rows], T[rows])
-    taken = tuple(names[k] for k in chosen)
+    names_chosen = tuple(names[k] for k in chosen)
     if frames_differ:  # the frames are told as frames, not as numbers of the model
-        told = [k for k, name in enumerate(taken) if name not in TOOL and not name.endswith("1")]
+        of_arm = [k for k, name in enumerate(names_chosen) if name not in TOOL and not name.endswith("1")]
         base = {f"{kind}1" for kind in GEOMETRIC}
-        own = _ControllerModel(arm, np.eye(4), np.eye(4)).moved(np.array(taken, dtype=object)[told], values[told])
-        row = start.moved(*_some(taken, values, base)).arm
+        corrected = _ControllerModel(arm, np.eye(4), np.eye(4)).moved(
+            np.array(names_chosen, dtype=object)[of_arm], values[of_arm]
+        )
+        row = start.moved(*_some(names_chosen, values, base)).arm
         shift = row.T_base_0 @ row.table.step(0) @ np.linalg.inv(arm.T_base_0 @ arm.table.step(0))
-        model = _ControllerModel(own.arm, start.T_base @ shift, model.T_tool)
-        taken, values, std = tuple(taken[k] for k in told), values[told], std[told]
-    both = [_errors(one, q, T) for one in (start, model)]
-    after = both[1][:, 0]
-    moment = after > max(MOMENT, MOMENT_FACTOR * float(np.median(after)))
+        model = _ControllerModel(corrected.arm, start.T_base @ shift, model.T_tool)
+        names_chosen, values, std = tuple(names_chosen[k] for k in of_arm), values[of_arm], std[of_arm]
+    errors_of_both = [_errors(fitted_model, q, T) for fitted_model in (start, model)]
+    remaining = errors_of_both[1][:, 0]
+    moment = remaining > max(MOMENT, MOMENT_FACTOR * float(np.median(remaining)))
     return ControllerFit(
-        model.arm, model.T_base, model.T_tool, taken, values, std, both[0], both[1], moment, frames_differ, many
+        model.arm,
+        model.T_base,
+        model.T_tool,
+        names_chosen,
+        values,
+        std,
+        errors_of_both[0],
+        errors_of_both[1],
+        moment,
+        frames_differ,
+        dense,
     )
 
 
-def _some(names: tuple[str, ...], values: FloatArray, wanted: set[str]) -> tuple[NameArray, FloatArray]:
-    keep = [k for k, name in enumerate(names) if name in wanted]
+def _some(names: tuple[str, ...], values: FloatArray, selection: set[str]) -> tuple[NameArray, FloatArray]:
+    keep = [k for k, name in enumerate(names) if name in selection]
     return np.array([names[k] for k in keep], dtype=object), values[keep]
 
 
@@ -256,23 +268,23 @@ def _linearised(
     model: _ControllerModel, names: list[str], q: FloatArray, T: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Derivative of `differences` with respect to all candidates, (n, 6, k), and the differences (n, 6)."""
-    before = model.poses(q)
+    T_before = model.poses(q)
     columns = []
     for name in names:
         ends = [model.moved(np.array([name], dtype=object), np.array([h])).poses(q) for h in (1e-5, -1e-5)]
-        columns.append((differences(before, ends[0]) - differences(before, ends[1])) / 2e-5)
-    return np.stack(columns, axis=2), differences(before, T)
+        columns.append((differences(T_before, ends[0]) - differences(T_before, ends[1])) / 2e-5)
+    return np.stack(columns, axis=2), differences(T_before, T)
 
 
 def _solve(J: FloatArray, r: FloatArray, chosen: list[int], core: IntArray) -> FloatArray:
-    left = J[core][:, :, chosen].reshape(-1, len(chosen))
-    return np.asarray(np.linalg.lstsq(left, r[core].ravel(), rcond=1e-7)[0])
+    columns = J[core][:, :, chosen].reshape(-1, len(chosen))
+    return np.asarray(np.linalg.lstsq(columns, r[core].ravel(), rcond=1e-7)[0])
 
 
 def _left(J: FloatArray, r: FloatArray, chosen: list[int], core: IntArray) -> FloatArray:
     """Size of what is left of each row, shape (n,)."""
-    rest = r - J[:, :, chosen] @ _solve(J, r, chosen, core) if chosen else r
-    return np.asarray(np.linalg.norm(rest, axis=1))
+    residual = r - J[:, :, chosen] @ _solve(J, r, chosen, core) if chosen else r
+    return np.asarray(np.linalg.norm(residual, axis=1))
 
 
 def _core(J: FloatArray, r: FloatArray, chosen: list[int]) -> IntArray:
@@ -298,20 +310,20 @@ def _chosen(J: FloatArray, r: FloatArray, always: list[int]) -> list[int]:
         if now < EXACT:
             break
         open_ = [k for k in range(J.shape[2]) if k not in chosen]
-        least, best = min((_rms(J, r, [*chosen, k], core), k) for k in open_)
-        if least > GAIN * now:
+        best_rms, best = min((_rms(J, r, [*chosen, k], core), k) for k in open_)
+        if best_rms > GAIN * now:
             pairs = [(a, b) for at, a in enumerate(open_) for b in open_[at + 1 :]]
-            least, *two = min((_rms(J, r, [*chosen, a, b], core), a, b) for a, b in pairs)
-            if least > GAIN**2 * now:
+            best_rms, *two = min((_rms(J, r, [*chosen, a, b], core), a, b) for a, b in pairs)
+            if best_rms > GAIN**2 * now:
                 break
             chosen += two
         else:
             chosen.append(best)
     for k in chosen[len(always) :]:  # what others taken later make needless
-        rest = [other for other in chosen if other != k]
+        kept_numbers = [number for number in chosen if number != k]
         core = _core(J, r, chosen)
-        if _rms(J, r, rest, core) * GAIN**0.5 < _rms(J, r, chosen, core):
-            chosen = rest
+        if _rms(J, r, kept_numbers, core) * GAIN**0.5 < _rms(J, r, chosen, core):
+            chosen = kept_numbers
     return chosen
 
 
@@ -319,18 +331,18 @@ def _refined(
     start: _ControllerModel, names: list[str], chosen: list[int], q: FloatArray, T: FloatArray
 ) -> tuple[_ControllerModel, FloatArray, FloatArray]:
     """The model with the chosen numbers by Gauss-Newton, their values and standard deviations."""
-    own = np.array([names[k] for k in chosen], dtype=object)
+    names_chosen = np.array([names[k] for k in chosen], dtype=object)
     values = np.zeros(len(chosen))
     if not chosen:
         return start, values, values
     every = list(range(len(chosen)))
     for _ in range(4):
-        J, r = _linearised(start.moved(own, values), list(own), q, T)
+        J, r = _linearised(start.moved(names_chosen, values), list(names_chosen), q, T)
         core = _core(J, r, every)
         values = values + _solve(J, r, every, core)
-    left = J[core].reshape(-1, len(chosen))
-    sigma = np.linalg.norm(r[core].ravel() - left @ _solve(J, r, every, core)) / np.sqrt(
-        max(left.shape[0] - len(chosen), 1)
+    columns = J[core].reshape(-1, len(chosen))
+    sigma = np.linalg.norm(r[core].ravel() - columns @ _solve(J, r, every, core)) / np.sqrt(
+        max(columns.shape[0] - len(chosen), 1)
     )
-    std = sigma * np.sqrt(np.diag(np.linalg.pinv(left.T @ left, rcond=1e-14, hermitian=True)))
-    return start.moved(own, values), values, std
+    std = sigma * np.sqrt(np.diag(np.linalg.pinv(columns.T @ columns, rcond=1e-14, hermitian=True)))
+    return start.moved(names_chosen, values), values, std

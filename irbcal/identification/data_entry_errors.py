@@ -133,14 +133,14 @@ class Hypothesis:
         xyz = points.xyz * (self.scale * flip)
         return replace(points, q=self.joints(points.q), xyz=xyz, rotation=None, previous=None, session=None)
 
-    def then(self, other: Hypothesis) -> Hypothesis:
+    def then(self, second: Hypothesis) -> Hypothesis:
         """Both: the other is applied to what this one gives."""
         return Hypothesis(
-            self.words + other.words,
-            self.cost + other.cost,
-            other.matrix @ self.matrix,
-            other.matrix @ self.offset + other.offset,
-            self.late + other.late,
+            self.words + second.words,
+            self.cost + second.cost,
+            second.matrix @ self.matrix,
+            second.matrix @ self.offset + second.offset,
+            self.late + second.late,
         )
 
 
@@ -183,7 +183,7 @@ class EntryError(Speaks):
         source : str
             The file.
         """
-        also = "; ".join(" and ".join(other.words) for other in self.also)
+        also = "; ".join(" and ".join(hypothesis.words) for hypothesis in self.also)
         also = f" (as well with {also})" if also else ""
         return (
             f"these look like {self.looks_like}: read so, the nominal robot meets the points within "
@@ -207,8 +207,8 @@ class EntryError(Speaks):
             return f"to mend it, {' and '.join(by_hand)}"
         first = f"to mend it, {' and '.join(by_hand)}, then" if by_hand else "to read them so:"
         name = source if source and not source.startswith("<") else "measured.csv"
-        words = ["irbcal", "import", name, "--as", "irbcal"]
-        return f"{first} {shlex.join(words + [part for text in options for part in ('--set', text)])} --out mended.csv"
+        call = ["irbcal", "import", name, "--as", "irbcal"]
+        return f"{first} {shlex.join(call + [word for text in options for word in ('--set', text)])} --out mended.csv"
 
     def told(self) -> Sequence[Told]:
         """The sentence."""
@@ -216,7 +216,9 @@ class EntryError(Speaks):
         return [text[0].upper() + text[1:]]
 
 
-def find_entry_error(arm: Arm, points: PointSet, before: float | None = None, pairs: bool = True) -> EntryError | None:
+def find_entry_error(
+    arm: Arm, points: PointSet, error_before: float | None = None, pairs: bool = True
+) -> EntryError | None:
     """Look for a slip that explains why points do not fit a robot.
 
     Parameters
@@ -225,7 +227,7 @@ def find_entry_error(arm: Arm, points: PointSet, before: float | None = None, pa
         Nominal.
     points : PointSet
         All poses in the order of the file; of several sessions, those of the last one are used.
-    before : float, optional
+    error_before : float, optional
         Median distance from the nominal robot as the points are, metres, where it is known; infinite where it cannot
         be fitted at all.
     pairs : bool
@@ -241,27 +243,27 @@ def find_entry_error(arm: Arm, points: PointSet, before: float | None = None, pa
     unknowns = 12 + 3 * len(np.unique(points.target))
     if points.poses < FEWEST_POSES or 3 * len(points) < FEWEST_EQUATIONS * unknowns:
         return None
-    own = _judged(arm, replace(points, rotation=None, previous=None, session=None))
-    before = own if before is None else min(own, before)
-    if before < SUSPECT:
+    error_as_read = _judged(arm, replace(points, rotation=None, previous=None, session=None))
+    error_before = error_as_read if error_before is None else min(error_as_read, error_before)
+    if error_before < SUSPECT:
         return None
     single = list(hypotheses(arm))
-    found = _best(arm, points, single, before, FACTOR)
-    if found is None and pairs:
-        found = _best(arm, points, list(_pairs(single)), before, FACTOR**1.5)
-    return found
+    entry_error = _best(arm, points, single, error_before, FACTOR)
+    if entry_error is None and pairs:
+        entry_error = _best(arm, points, list(_pairs(single)), error_before, FACTOR**1.5)
+    return entry_error
 
 
 def hypotheses(arm: Arm) -> Iterator[Hypothesis]:
     """All single slips of an arm's joints, the file as it is first, in the order in which two of them are applied."""
     n = len(arm.joint_names)
     turning = np.flatnonzero(~arm.table.prismatic)
-    one, none = np.eye(n), np.zeros(n)
-    yield Hypothesis((), 0.0, one, none)
+    eye, none = np.eye(n), np.zeros(n)
+    yield Hypothesis((), 0.0, eye, none)
     for late in (1, -1):
         where = "before" if late > 0 else "behind"
-        words = f"points one pose {'late' if late > 0 else 'early'} (they belong to the joints of the row {where})"
-        yield Hypothesis((words,), 1.4, one, none, late)
+        text = f"points one pose {'late' if late > 0 else 'early'} (they belong to the joints of the row {where})"
+        yield Hypothesis((text,), 1.4, eye, none, late)
     if len(turning):
         unit = np.where(arm.table.prismatic, 1.0, 1.0 / DEG)
         yield Hypothesis(("joints in radians instead of degrees",), 0.5, np.diag(unit), none)
@@ -269,27 +271,27 @@ def hypotheses(arm: Arm) -> Iterator[Hypothesis]:
     for a, b in combinations(range(n), 2):
         order = np.arange(n)
         order[[a, b]] = b, a
-        yield Hypothesis((f"joints {a + 1} and {b + 1} swapped",), 1.2, one[order], none)
+        yield Hypothesis((f"joints {a + 1} and {b + 1} swapped",), 1.2, eye[order], none)
     for a in range(n):
         for b in (a - 1, a + 1):
             for sign in (1.0, -1.0):
                 if a in turning and b in turning:
-                    matrix = one.copy()
+                    matrix = eye.copy()
                     matrix[a, b] = sign
                     how = "be added to" if sign > 0 else "be taken from"
-                    words = f"joint {a + 1} shown with joint {b + 1} in it (joint {b + 1} is to {how} it)"
-                    yield Hypothesis((words,), 1.1 if a > b else 1.6, matrix, none)
+                    text = f"joint {a + 1} shown with joint {b + 1} in it (joint {b + 1} is to {how} it)"
+                    yield Hypothesis((text,), 1.1 if a > b else 1.6, matrix, none)
     for k in range(1, n + 1 if n <= 6 else 4):
         for joints in combinations(range(n), k):
             signs = np.ones(n)
             signs[list(joints)] = -1.0
             yield Hypothesis((_turned(joints),), float(k), np.diag(signs), none)
     for a in turning[1:-1]:  # offsets of the first and the last joint go into base and tool
-        for degrees, shown in ((90, "+90"), (-90, "-90"), (180, "±180")):
+        for degrees, zero in ((90, "+90"), (-90, "-90"), (180, "±180")):
             offset = none.copy()
             offset[a] = degrees * DEG
-            words = f"joint {a + 1} with its zero elsewhere ({shown} degrees)"
-            yield Hypothesis((words,), 1.3, one, offset)
+            text = f"joint {a + 1} with its zero elsewhere ({zero} degrees)"
+            yield Hypothesis((text,), 1.3, eye, offset)
 
 
 def _turned(joints: Sequence[int]) -> str:
@@ -301,38 +303,42 @@ def _turned(joints: Sequence[int]) -> str:
 
 def _pairs(single: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
     """Two slips at once; of signs that are turned at most three."""
-    likely = [item for item in single if 0 < item.cost < 3.5]
+    likely = [hypothesis for hypothesis in single if 0 < hypothesis.cost < 3.5]
     for first, second in combinations(likely, 2):
-        signs = [bool(item.words[0].endswith("turned")) for item in (first, second)]
+        signs = [bool(hypothesis.words[0].endswith("turned")) for hypothesis in (first, second)]
         if not all(signs) and not (first.late and second.late):
             yield first.then(second)
 
 
-def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], before: float, factor: float) -> EntryError | None:
+def _best(
+    arm: Arm, points: PointSet, tried: Sequence[Hypothesis], error_before: float, factor: float
+) -> EntryError | None:
     """The simplest of the hypotheses that fit clearly better than the file as it is."""
     spread = float(np.sqrt(np.var(points.xyz, axis=0).sum()))
     fits: list[tuple[float, Hypothesis]] = []
     for hypothesis in _screened(arm, points, tried):
         if hypothesis.cost:
-            after = _judged(arm, read := hypothesis.of(points))
-            if after <= NEAR and not _determined(arm, read):
+            error = _judged(arm, read := hypothesis.of(points))
+            if error <= NEAR and not _determined(arm, read):
                 continue
-            if after <= min(hypothesis.scale * min(before / factor, NEAR_SHARE * spread), NEAR):
-                fits.append((after, hypothesis))
+            if error <= min(hypothesis.scale * min(error_before / factor, NEAR_SHARE * spread), NEAR):
+                fits.append((error, hypothesis))
     if not fits:
         return None
-    least = min(after for after, _ in fits)
-    near = AS_GOOD * least + SAME
-    good = sorted((item for item in fits if item[0] <= near), key=lambda item: item[1].cost)
-    also = tuple(item for _, item in good[1:] if item.cost < good[0][1].cost + 0.6)
-    return EntryError(good[0][1], before, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
+    smallest = min(error for error, _ in fits)
+    near = AS_GOOD * smallest + SAME
+    good = sorted((fit for fit in fits if fit[0] <= near), key=lambda item: item[1].cost)
+    also = tuple(hypothesis for _, hypothesis in good[1:] if hypothesis.cost < good[0][1].cost + 0.6)
+    return EntryError(
+        good[0][1], error_before, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any())
+    )
 
 
 def _subset(points: PointSet) -> tuple[PointSet, FloatArray]:
     """Some poses from the whole file, and their rows."""
     inner = np.arange(1, points.poses - 1)
-    most = int(np.clip(ENOUGH_POINTS * points.poses / len(points), SUBSET // 2, SUBSET))
-    rows = inner[np.unique(np.linspace(0, len(inner) - 1, min(most, len(inner))).round().astype(int))]
+    count = int(np.clip(ENOUGH_POINTS * points.poses / len(points), SUBSET // 2, SUBSET))
+    rows = inner[np.unique(np.linspace(0, len(inner) - 1, min(count, len(inner))).round().astype(int))]
     keep = np.zeros(points.poses, dtype=bool)
     keep[rows] = True
     return points.select(keep).with_seen_targets(), rows
@@ -340,9 +346,9 @@ def _subset(points: PointSet) -> tuple[PointSet, FloatArray]:
 
 def _screened(arm: Arm, points: PointSet, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The hypotheses that fit best with any affine base, each with the scale and the hand that its base tells."""
-    some, rows = _subset(points)
-    m, count = len(some), len(some.target_names)
-    y = some.xyz - some.xyz.mean(axis=0)
+    subset, rows = _subset(points)
+    m, count = len(subset), len(subset.target_names)
+    y = subset.xyz - subset.xyz.mean(axis=0)
     size = max(float(np.abs(y).max()), 1e-12)
     design = np.column_stack([y / size, np.ones(m)])
     U, S, _ = np.linalg.svd(design, full_matrices=False)
@@ -350,24 +356,24 @@ def _screened(arm: Arm, points: PointSet, tried: Sequence[Hypothesis]) -> list[H
     inverse = np.linalg.pinv(design, rcond=1e-9)
     scores, bases = [], []
     for first in range(0, len(tried), CHUNK):
-        part = tried[first : first + CHUNK]
-        q = np.concatenate([item.joints(points.q)[rows] for item in part])
-        T = arm.forward(q).reshape(len(part), -1, 4, 4)[:, some.pose]
+        chunk = tried[first : first + CHUNK]
+        q = np.concatenate([hypothesis.joints(points.q)[rows] for hypothesis in chunk])
+        T = arm.forward(q).reshape(len(chunk), -1, 4, 4)[:, subset.pose]
         p = T[:, :, :3, 3]
-        turns = np.zeros((len(part), m, 3, count, 3))
-        turns[:, np.arange(m), :, some.target] = np.moveaxis(T[:, :, :3, :3], 0, 1)
-        A = turns.reshape(len(part), m, 3 * 3 * count)
-        left = (A - Q @ (Q.T @ A)).reshape(len(part), 3 * m, 3 * count)
-        right = (p - Q @ (Q.T @ p)).reshape(len(part), 3 * m)
-        normal = np.swapaxes(left, 1, 2) @ left
-        c = -np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ (np.swapaxes(left, 1, 2) @ right[..., None])
-        residual = (right + (left @ c)[..., 0]).reshape(len(part), m, 3)
-        reached = p + (A.reshape(len(part), 3 * m, -1) @ c).reshape(len(part), m, 3)
+        turns = np.zeros((len(chunk), m, 3, count, 3))
+        turns[:, np.arange(m), :, subset.target] = np.moveaxis(T[:, :, :3, :3], 0, 1)
+        A = turns.reshape(len(chunk), m, 3 * 3 * count)
+        columns = (A - Q @ (Q.T @ A)).reshape(len(chunk), 3 * m, 3 * count)
+        right = (p - Q @ (Q.T @ p)).reshape(len(chunk), 3 * m)
+        normal = np.swapaxes(columns, 1, 2) @ columns
+        c = -np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ (np.swapaxes(columns, 1, 2) @ right[..., None])
+        residual = (right + (columns @ c)[..., 0]).reshape(len(chunk), m, 3)
+        reached = p + (A.reshape(len(chunk), 3 * m, -1) @ c).reshape(len(chunk), m, 3)
         placed = reached - residual
         spread = np.sqrt(np.var(placed, axis=1).sum(axis=1))  # joints that hardly move are met by a base that shrinks
         scores.append(np.median(np.linalg.norm(residual, axis=2), axis=1) / np.maximum(spread, 1e-12))
         bases.append(np.swapaxes((inverse @ reached)[:, :3], 1, 2) / size)
-    order = np.argsort(np.concatenate(scores) * (1.0 + 0.02 * np.array([item.cost for item in tried])))
+    order = np.argsort(np.concatenate(scores) * (1.0 + 0.02 * np.array([hypothesis.cost for hypothesis in tried])))
     W = np.concatenate(bases)
     return [_with_base(tried[k], W[k]) for k in order[:JUDGED]]
 
@@ -377,23 +383,23 @@ def _with_base(hypothesis: Hypothesis, W: FloatArray) -> Hypothesis:
     sizes = np.linalg.svd(W, compute_uv=False)
     if sizes[-1] < 0.7 * sizes[0]:  # the points do not tell all of it
         return hypothesis
-    words, cost = list(hypothesis.words), hypothesis.cost
+    texts, cost = list(hypothesis.words), hypothesis.cost
     mirrored, scale = bool(np.linalg.det(W) < 0), 1.0
-    found = float(np.exp(np.log(sizes).mean()))
+    size = float(np.exp(np.log(sizes).mean()))
     for factor, (name, _) in LENGTHS.items():
-        if abs(np.log(found / factor)) < 0.1:
+        if abs(np.log(size / factor)) < 0.1:
             scale, cost = factor, cost + 0.5
-            words.append(name)
+            texts.append(name)
     if mirrored:
-        words.append("left-handed points (one axis mirrored, or two swapped)")
+        texts.append("left-handed points (one axis mirrored, or two swapped)")
         cost += 1.0
-    return replace(hypothesis, words=tuple(words), cost=cost, mirrored=mirrored, scale=scale)
+    return replace(hypothesis, words=tuple(texts), cost=cost, mirrored=mirrored, scale=scale)
 
 
 def _judged(arm: Arm, points: PointSet) -> float:
     """Median distance from the nominal robot, fitted rigidly to the best part of the points, metres."""
-    found = fitted(arm, points.without_empty_poses().with_seen_targets())
-    return np.inf if found is None else float(np.median(found[1]))
+    fit = fitted(arm, points.without_empty_poses().with_seen_targets())
+    return np.inf if fit is None else float(np.median(fit[1]))
 
 
 def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
@@ -414,11 +420,11 @@ def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
     core = np.ones(len(points), dtype=bool)
     best: tuple[State, FloatArray] | None = None
     for k in range(ROUNDS):
-        some = points.take(core).without_empty_poses()
-        if len(np.unique(some.target)) < len(points.target_names):
+        subset = points.take(core).without_empty_poses()
+        if len(np.unique(subset.target)) < len(points.target_names):
             break
         try:
-            problem = Problem(arm, some, ())
+            problem = Problem(arm, subset, ())
             state, _ = initial_guess.closed_form(problem)
             if k == ROUNDS - 1 and best is not None and np.median(best[1]) < FAR:
                 state = least_squares.solve(problem, state).state
@@ -463,9 +469,9 @@ def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None
     entries = [np.flatnonzero(np.abs(row) > 1e-9) for row in matrix]
     if not np.allclose(np.abs(matrix[np.abs(matrix) > 1e-9]), 1.0) or any(len(row) not in (1, 2) for row in entries):
         return None
-    taken = {int(row[0]) for row in entries if len(row) == 1}
+    columns_used = {int(row[0]) for row in entries if len(row) == 1}
     for k, row in enumerate(entries):
-        free = [int(j) for j in row if len(row) == 1 or int(j) not in taken]
+        free = [int(j) for j in row if len(row) == 1 or int(j) not in columns_used]
         if len(free) > 1:
             free = [j for j in free if j == k] or free[:1]
         if len(free) != 1:
@@ -476,13 +482,13 @@ def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None
     for k, row in enumerate(entries):
         for j in row:
             if j != order[k]:
-                other = int(np.flatnonzero(order == j)[0]) + 1
-                add[k + 1] = other if matrix[k, j] * signs[k] > 0 else -other
-    own = [f"q{k}_deg" for k in range(1, 7)]
+                source = int(np.flatnonzero(order == j)[0]) + 1
+                add[k + 1] = source if matrix[k, j] * signs[k] > 0 else -source
+    standard = [f"q{k}_deg" for k in range(1, 7)]
     names = [columns[int(j)] for j in order]
-    if names != own:
+    if names != standard:
         options.append(f"columns.joints=[{', '.join(names)}]")
-    if names != own:
+    if names != standard:
         options.append(f"columns.programmed=[{', '.join('c' + name[1:] for name in names)}]")
     if radians:
         units = ["rad" if turns else "mm" for turns in turning]
@@ -490,7 +496,7 @@ def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None
     elif not turning.all():
         options.append(f"units.joints=[{', '.join('deg' if turns else 'mm' for turns in turning)}]")
     if add:
-        options.append(f"joints.add={{{', '.join(f'{to}: {of}' for to, of in add.items())}}}")
+        options.append(f"joints.add={{{', '.join(f'{to}: {source_joint}' for to, source_joint in add.items())}}}")
     if -1 in signs:
         options.append(f"joints.signs={signs}")
     if hypothesis.offset.any():
@@ -548,11 +554,11 @@ class LostRow:
             rows = table["row"][table["pose"].astype(str) == self.pose]
             where = f"row {rows.iloc[0]} of {Path(measurements.source).name}" if len(rows) else where
         late = self.late > 0
-        what = "a row of joints is missing or a position is doubled"
+        cause = "a row of joints is missing or a position is doubled"
         if not late:
-            what = "a position is missing or a row of joints is doubled"
+            cause = "a position is missing or a row of joints is doubled"
         return (
-            f"from pose {self.pose} on the points are one pose {'late' if late else 'early'}: {what} at about {where} "
+            f"from pose {self.pose} on the points are one pose {'late' if late else 'early'}: {cause} at about {where} "
             f"(read so, the {self.poses} poses from there on are met within {self.after / MM:.2g} mm (median), as they "
             f"are within {self.before / MM:.3g} mm); nothing was changed"
         )
@@ -591,14 +597,14 @@ def find_lost_row(arm: Arm, points: PointSet) -> LostRow | None:
         window = np.zeros(points.poses, dtype=bool)
         window[first : first + width] = True
         for late in (0, 1, -1):
-            found = _change(arm, points, _read(points, window * late), window)
-            if found is not None and (best is None or found < best):
-                best = found
+            change = _change(arm, points, _read(points, window * late), window)
+            if change is not None and (best is None or change < best):
+                best = change
     for _ in range(2):
         if best is None:
             return None
-        _, late, place = best
-        shifted = np.arange(points.poses) >= place
+        _, late, first_shifted = best
+        shifted = np.arange(points.poses) >= first_shifted
         best = _change(arm, points, _read(points, shifted * late), np.ones(points.poses, dtype=bool), (late,))
     return None if best is None else _named(arm, points, best[1], best[2])
 
@@ -625,8 +631,8 @@ def lost_row_of_robot(robot: Robot, points: PointSet) -> LostRow | None:
     else:
         apart = {late: distances(robot, _read(points, late)) for late in (0, 1, -1)}
     read = {late: _of_poses(points, distance) for late, distance in apart.items()}
-    _, late, place = min(_cheapest(read, late) for late in (1, -1))
-    return _lost_row(points, read[0], read[late], late, place)
+    _, late, index = min(_cheapest(read, late) for late in (1, -1))
+    return _lost_row(points, read[0], read[late], late, index)
 
 
 def _read(points: PointSet, late: int | IntArray) -> PointSet:
@@ -638,9 +644,11 @@ def _read(points: PointSet, late: int | IntArray) -> PointSet:
 def _every_target(robot: Robot, points: PointSet) -> FloatArray:
     """Where a robot expects each target at each pose from unknown moves, shape (targets, n, 3), metres."""
     n = points.poses
-    alone = replace(points, pose=np.arange(n), target=np.zeros(n, int), xyz=np.zeros((n, 3)), rotation=None, u95=None)
-    alone = replace(alone, previous=None)
-    tip = robot.T_world_base @ alone.tips(robot)
+    every_pose = replace(
+        points, pose=np.arange(n), target=np.zeros(n, int), xyz=np.zeros((n, 3)), rotation=None, u95=None
+    )
+    every_pose = replace(every_pose, previous=None)
+    tip = robot.T_world_base @ every_pose.tips(robot)
     return np.stack([tip[:, :3, :3] @ robot.targets[name] + tip[:, :3, 3] for name in points.target_names])
 
 
@@ -648,12 +656,12 @@ def _of_poses(points: PointSet, distance: FloatArray) -> FloatArray:
     """Median distance (n,) of the points of each pose, metres."""
     first = np.searchsorted(points.pose, np.arange(points.poses))
     count = np.bincount(points.pose, minlength=points.poses)
-    most = int(count.max())
-    if most * points.poses > 4 * len(distance):
+    largest = int(count.max())
+    if largest * points.poses > 4 * len(distance):
         order = np.lexsort((distance, points.pose))
         ordered = distance[order]
         return np.asarray((ordered[first + (count - 1) // 2] + ordered[first + count // 2]) / 2.0)
-    table = np.full((points.poses, most), np.inf)
+    table = np.full((points.poses, largest), np.inf)
     table[points.pose, np.arange(len(distance)) - first[points.pose]] = distance
     table.sort(axis=1)
     row = np.arange(points.poses)
@@ -664,13 +672,13 @@ def _change(
     arm: Arm, points: PointSet, read: PointSet, used: BoolArray, shifts: tuple[int, ...] = (1, -1)
 ) -> tuple[float, int, int] | None:
     """Sum of capped distances, shift and place of the best change, seen by the robot that fits points as read."""
-    some = read.select(used).without_empty_poses()
-    if len(np.unique(some.target)) < len(points.target_names):
+    subset = read.select(used).without_empty_poses()
+    if len(np.unique(subset.target)) < len(points.target_names):
         return None
-    found = fitted(arm, some)
-    if found is None:
+    fit = fitted(arm, subset)
+    if fit is None:
         return None
-    state, _ = found
+    state, _ = fit
     distance = {k: _of_poses(points, misses(arm, state, _read(points, k))) for k in (0, *shifts)}
     return min(_cheapest(distance, late) for late in shifts)
 
@@ -680,31 +688,31 @@ def _cheapest(distance: Mapping[int, FloatArray], late: int) -> tuple[float, int
     cap = 5.0 * ROWS_NEAR
     plain, shifted = np.minimum(distance[0], cap), np.minimum(distance[late], cap)
     sums = np.concatenate([[0.0], np.cumsum(plain)]) + np.concatenate([np.cumsum(shifted[::-1])[::-1], [0.0]])
-    place = int(np.argmin(sums))
-    return float(sums[place]), late, place
+    index = int(np.argmin(sums))
+    return float(sums[index]), late, index
 
 
-def _named(arm: Arm, points: PointSet, late: int, place: int) -> LostRow | None:
+def _named(arm: Arm, points: PointSet, late: int, index: int) -> LostRow | None:
     """The change that a robot fitted to the file as read so stands by."""
-    shifted = np.arange(points.poses) >= place
-    found = fitted(arm, _read(points, shifted * late))
-    if found is None:
+    shifted = np.arange(points.poses) >= index
+    fit = fitted(arm, _read(points, shifted * late))
+    if fit is None:
         return None
-    plain, other = (_of_poses(points, misses(arm, found[0], _read(points, k))) for k in (0, late))
-    return _lost_row(points, plain, other, late, place)
+    plain, shifted_errors = (_of_poses(points, misses(arm, fit[0], _read(points, k))) for k in (0, late))
+    return _lost_row(points, plain, shifted_errors, late, index)
 
 
-def _lost_row(points: PointSet, plain: FloatArray, shifted: FloatArray, late: int, place: int) -> LostRow | None:
+def _lost_row(points: PointSet, plain: FloatArray, shifted: FloatArray, late: int, index: int) -> LostRow | None:
     """The change, where both sides are clearly nearer as read and near."""
     spread = float(np.sqrt(np.var(points.xyz, axis=0).sum()))
     near = min(ROWS_NEAR, ROWS_NEAR_SHARE * spread)
-    sides = ((plain[:place], shifted[:place]), (shifted[place:], plain[place:]))
+    sides = ((plain[:index], shifted[:index]), (shifted[index:], plain[index:]))
     for good, bad in sides:
         if len(good) < FEWEST_ROWS or np.median(good) > min(near, float(np.median(bad)) / ROWS_NEARER):
             return None
         # of a few poses all must be nearer
         if np.count_nonzero((good < 0.5 * bad) & (good <= 3.0 * near)) < max(ROWS_SHARE * len(good), FEWEST_ROWS):
             return None
-    name = str(points.pose_ids[place])
-    after = float(np.median(shifted[place:]))
-    return LostRow(name, late, points.poses - place, float(np.median(plain[place:])), after)
+    name = str(points.pose_ids[index])
+    error_after = float(np.median(shifted[index:]))
+    return LostRow(name, late, points.poses - index, float(np.median(plain[index:])), error_after)

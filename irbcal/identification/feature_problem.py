@@ -80,11 +80,11 @@ class Group:
     def keys(self) -> dict[str, Key]:
         """Its unknowns by their name in the kind."""
         out = {}
-        for name, own in self.kind.own.items():
+        for name, unknown in self.kind.own.items():
             if name == "centre" and (self.measured or self.feature.centre is not None):
                 continue
             if name not in self.kind.fixed(self.feature):
-                out[name] = (name, self.feature.name if own.of == "feature" else self.target)
+                out[name] = (name, self.feature.name if unknown.of == "feature" else self.target)
         return out
 
 
@@ -106,10 +106,10 @@ class FeatureProblem:
     ----------
     arm : Arm
         Nominal.
-    seen : FeatureSet
+    rows : FeatureSet
     terms : sequence of Term
         All that may be fitted.
-    held : dict, optional
+    fixed : dict, optional
         Unknowns of tool and features that are known, by their key.
     base : ndarray, shape (4, 4), optional
         The base in the measuring frame, where it is known.
@@ -130,15 +130,15 @@ class FeatureProblem:
     def __init__(
         self,
         arm: Arm,
-        seen: FeatureSet,
+        rows: FeatureSet,
         terms: Sequence[Term],
-        held: Mapping[Key, FloatArray] | None = None,
+        fixed: Mapping[Key, FloatArray] | None = None,
         base: FloatArray | None = None,
     ) -> None:
-        self.arm, self.seen, self.terms = arm, seen, list(terms)
-        self.held = dict(held or {})
+        self.arm, self.seen, self.terms = arm, rows, list(terms)
+        self.held = dict(fixed or {})
         self.known_base = base
-        self.groups = _groups(seen)
+        self.groups = _groups(rows)
         self.layout: dict[Key, tuple[Shape | None, int]] = {}
         self.framed = any(self._in_world(group) for group in self.groups)
         units: list[FloatArray] = []
@@ -150,8 +150,8 @@ class FeatureProblem:
             if group.kind.pointed:
                 shapes.setdefault((TOOL, group.target), ("place", "m"))
             for name, key in group.keys().items():
-                own = group.kind.own[name]
-                shapes.setdefault(key, (own.shape, own.unit))
+                unknown = group.kind.own[name]
+                shapes.setdefault(key, (unknown.shape, unknown.unit))
         for key in sorted(shapes, key=lambda key: (key[0] != TOOL, key[0] != "axes")):
             if key in self.held:
                 continue
@@ -167,13 +167,13 @@ class FeatureProblem:
         self.others = TermMap(
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
         )
-        self.motion = seen.motion()
-        self.pose = np.unique(seen.pose_index, return_inverse=True)[1].ravel()
-        u95 = np.where(np.isfinite(seen.u95), seen.u95, ROW_U95)
+        self.motion = rows.motion()
+        self.pose = np.unique(rows.pose_index, return_inverse=True)[1].ravel()
+        u95 = np.where(np.isfinite(rows.u95), rows.u95, ROW_U95)
         self.typical = float(np.median(u95))
         self.weights: FloatArray = np.clip(self.typical / np.maximum(u95, 1e-9), 0.01, 100.0)
-        self.lengths = [one for one in seen.lengths if ("centre", one.first) in self.layout]
-        self.lengths = [one for one in self.lengths if ("centre", one.second) in self.layout]
+        self.lengths = [length for length in rows.lengths if ("centre", length.first) in self.layout]
+        self.lengths = [length for length in self.lengths if ("centre", length.second) in self.layout]
         self.expected = {
             key: group.kind.expected(group.feature)[name]
             for group in self.groups
@@ -206,10 +206,10 @@ class FeatureProblem:
         """The arm with the constants of a state in its table."""
         table = self.arm.table
         for kind in set(DHM_COLUMNS.values()):
-            mine = [k for k, t in enumerate(self.terms) if self.geometry[k] and DHM_COLUMNS[t.axis] == kind]
-            if mine:
+            constants = [k for k, t in enumerate(self.terms) if self.geometry[k] and DHM_COLUMNS[t.axis] == kind]
+            if constants:
                 column = getattr(table, kind).copy()
-                for k in mine:
+                for k in constants:
                     column[self.terms[k].joint] += state.coefficients[k]
                 table = replace(table, **{kind: column})
         return self.arm.with_table(table)
@@ -221,15 +221,15 @@ class FeatureProblem:
     def moved(self, state: FeatureState, step: FloatArray) -> FeatureState:
         """A state after a step of the flat columns, in their units; coefficients stay unless the step has them, too."""
         si = step[: self.flat] * self.sizes[: self.flat]
-        own, T = dict(state.own), state.T_world_base
+        values, T = dict(state.own), state.T_world_base
         for key, (shape, at) in self.layout.items():
             if shape is None:
                 T = T @ frames.transform(frames.rotation_from_vector(si[:3]), si[3:6])
             else:
-                own[key] = observations.moved(shape, own[key], si[at : at + observations.DIMENSIONS[shape]])
+                values[key] = observations.moved(shape, values[key], si[at : at + observations.DIMENSIONS[shape]])
         if len(step) == self.flat:
-            return replace(state, own=own, T_world_base=T)
-        return FeatureState(own, step[self.flat :] * self.sizes[self.flat :], T)
+            return replace(state, own=values, T_world_base=T)
+        return FeatureState(values, step[self.flat :] * self.sizes[self.flat :], T)
 
     # ---------------------------------------------------------------- predictions
 
@@ -245,54 +245,56 @@ class FeatureProblem:
         """Where the tool is at a group's rows, ``tip`` (4, 3, m); at the tip where its place is not known yet."""
         tool = state.own.get((TOOL, group.target), np.zeros(3))
         R = tip[:3].transpose(2, 1, 0)
-        rows, seen = group.rows, self.seen
+        rows, features = group.rows, self.seen
         p = tip[3].T + R @ tool
         return Seen(
             group.feature,
             p,
             R,
-            seen.value[rows],
-            seen.xyz[rows],
-            seen.rotation[rows],
+            features.value[rows],
+            features.xyz[rows],
+            features.rotation[rows],
             state.T_world_base,
-            None if seen.corners is None else seen.corners[rows],
+            None if features.corners is None else features.corners[rows],
             {name: state.own[key] for name, key in group.keys().items() if key in state.own},
         )
 
     def own_of(self, state: FeatureState, group: Group) -> dict[str, FloatArray]:
         """The unknowns of a group's kind; a centre that is known in the measuring frame is brought to the base link."""
-        own = dict(group.kind.fixed(group.feature))
-        own |= {name: state.own[key] for name, key in group.keys().items()}
-        if "centre" in group.kind.own and "centre" not in own:
+        values = dict(group.kind.fixed(group.feature))
+        values |= {name: state.own[key] for name, key in group.keys().items()}
+        if "centre" in group.kind.own and "centre" not in values:
             world = self.seen.xyz[group.rows] if group.measured else group.feature.centre
             assert world is not None
-            own["centre"] = frames.apply(frames.inverse(state.T_world_base), np.atleast_2d(world))
-        return own
+            values["centre"] = frames.apply(frames.inverse(state.T_world_base), np.atleast_2d(world))
+        return values
 
     def misses(self, state: FeatureState) -> Iterator[Missed]:
         """What every group misses."""
         arm = self.arm_of(state)
         for group in self.groups:
             path = self.walk(state, group.rows, arm)
-            seen, own = self.seen_of(state, group, path.tip), self.own_of(state, group)
-            yield Missed(group, seen, own, path, group.kind.misses(seen, own))
+            obs, values = self.seen_of(state, group, path.tip), self.own_of(state, group)
+            yield Missed(group, obs, values, path, group.kind.misses(obs, values))
 
     def residuals(self, state: FeatureState) -> FloatArray:
         """Size of what each row misses, metres, shape (rows,): the distance of places; turns are left out."""
         out = np.full(len(self.seen), np.nan)
-        for one in self.misses(state):
-            size = one.found.size
-            out[one.group.rows] = np.linalg.norm(one.found.r[:, :3], axis=1) if size is None else size
+        for missed in self.misses(state):
+            size = missed.found.size
+            out[missed.group.rows] = np.linalg.norm(missed.found.r[:, :3], axis=1) if size is None else size
         return out
 
     def length_errors(self, state: FeatureState) -> FloatArray:
         """Found minus known length of each pair of features that are both unknown, metres."""
-        own = state.own
+        values = state.own
         return np.array(
             [
-                observations.length_misses(own["centre", one.first], own["centre", one.second], one.length)[0]
-                for one in self.seen.lengths
-                if ("centre", one.first) in own and ("centre", one.second) in own
+                observations.length_misses(
+                    values["centre", length.first], values["centre", length.second], length.length
+                )[0]
+                for length in self.seen.lengths
+                if ("centre", length.first) in values and ("centre", length.second) in values
             ]
         )
 
@@ -311,12 +313,12 @@ class FeatureProblem:
         width = self.flat + len(chosen)
         sizes = np.concatenate([self.sizes[: self.flat], self.sizes[self.flat + chosen]])
         values = state.coefficients[chosen] / sizes[self.flat :]
-        for one in self.misses(state):
-            rows, r = one.group.rows, one.found.r
+        for missed in self.misses(state):
+            rows, r = missed.group.rows, missed.found.r
             J = np.zeros((width, *r.shape))
             if len(chosen):
-                J[self.flat :] = self._by_terms(one, chosen)
-            self._flat_columns(J, one)
+                J[self.flat :] = self._by_terms(missed, chosen)
+            self._flat_columns(J, missed)
             w = self.weights[rows][:, None] / MM
             J *= w
             J *= sizes[:, None, None]
@@ -332,89 +334,89 @@ class FeatureProblem:
         """Normal equations of the linear model; columns as `dense`."""
         width = self.flat + (len(self.terms) if columns is None else len(columns))
         H, g, yy, equations = np.zeros((width, width)), np.zeros(width), 0.0, 0
-        for part in self.dense(state, columns):
-            H += part.J @ part.J.T
-            g += part.J @ part.y
-            yy += float(part.y @ part.y)
-            equations += len(part.y)
+        for block in self.dense(state, columns):
+            H += block.J @ block.J.T
+            g += block.J @ block.y
+            yy += float(block.y @ block.y)
+            equations += len(block.y)
         return NormalEquations(H, g, yy, equations)
 
-    def _by_terms(self, one: Missed, chosen: IntArray) -> FloatArray:
+    def _by_terms(self, missed: Missed, chosen: IntArray) -> FloatArray:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
-        group, path, found = one.group, one.path, one.found
+        group, path, misses = missed.group, missed.path, missed.found
         pose = np.arange(len(group.rows))
-        here = Situation(self.arm, self.motion.select(group.rows))
-        out = np.zeros((len(chosen), *found.r.shape))
+        situation = Situation(self.arm, self.motion.select(group.rows))
+        out = np.zeros((len(chosen), *misses.r.shape))
         for constant in (True, False):
             where = np.flatnonzero(self.geometry[chosen] == constant)
             if not len(where):
                 continue
             terms = [self.terms[k] for k in chosen[where]]
-            values = np.ones((len(terms), len(pose))) if constant else basis_values(terms, here)
+            values = np.ones((len(terms), len(pose))) if constant else basis_values(terms, situation)
             if group.kind.pointed:
-                moves = term_columns(terms, chain.point_columns(path, one.seen.p.T, pose, constant), values, pose)
-                out[where] = np.einsum("mki,cim->cmk", found.point, moves, optimize=True)
-            if found.turn is not None:
+                moves = term_columns(terms, chain.point_columns(path, missed.seen.p.T, pose, constant), values, pose)
+                out[where] = np.einsum("mki,cim->cmk", misses.point, moves, optimize=True)
+            if misses.turn is not None:
                 turns = term_columns(terms, chain.turn_columns(path, pose, constant), values, pose)
-                out[where] += np.einsum("mki,cim->cmk", found.turn, turns, optimize=True)
+                out[where] += np.einsum("mki,cim->cmk", misses.turn, turns, optimize=True)
         return out
 
     def points_by_terms(self, path: chain.Walk, p: FloatArray, motion: Motion) -> FloatArray:
         """Derivative of points p (m, 3) at some joints by all terms, shape (terms, 3, m), SI units."""
-        pose, here = np.arange(len(p)), Situation(self.arm, motion)
+        pose, situation = np.arange(len(p)), Situation(self.arm, motion)
         out = np.zeros((len(self.terms), 3, len(p)))
         for constant in (True, False):
             where = np.flatnonzero(self.geometry == constant)
             terms = [self.terms[k] for k in where]
-            values = basis_values(terms, here)
+            values = basis_values(terms, situation)
             out[where] = term_columns(terms, chain.point_columns(path, p.T, pose, constant), values, pose)
         return out
 
-    def _flat_columns(self, J: FloatArray, one: Missed) -> None:
+    def _flat_columns(self, J: FloatArray, missed: Missed) -> None:
         """Derivatives by base, tool and features into (columns, m, k), SI units."""
-        group, found = one.group, one.found
+        group, misses = missed.group, missed.found
         key = (TOOL, group.target)
         if group.kind.pointed and key in self.layout:
             at = self.layout[key][1]
-            J[at : at + 3] += np.einsum("mki,aim->amk", found.point, one.path.tip[:3])
+            J[at : at + 3] += np.einsum("mki,aim->amk", misses.point, missed.path.tip[:3])
         for name, key in group.keys().items():
             if key in self.layout:
                 shape, at = self.layout[key]
                 assert shape is not None
-                J[at : at + observations.DIMENSIONS[shape]] += found.own[name].transpose(2, 0, 1)
+                J[at : at + observations.DIMENSIONS[shape]] += misses.own[name].transpose(2, 0, 1)
         if BASE not in self.layout or not self._in_world(group):
             return
-        if "base" in found.own:
-            J[:6] += found.own["base"].transpose(2, 0, 1)
+        if "base" in misses.own:
+            J[:6] += misses.own["base"].transpose(2, 0, 1)
         else:  # as the base turns and shifts, a place c of the measuring frame moves by -w x c - t
-            by, c = found.own["centre"], np.broadcast_to(one.own["centre"], (len(group.rows), 3))
+            by, c = misses.own["centre"], np.broadcast_to(missed.own["centre"], (len(group.rows), 3))
             J[:3] += (by @ observations.cross(c)).transpose(2, 0, 1)
             J[3:6] -= by.transpose(2, 0, 1)
 
     def _of_lengths(self, state: FeatureState, width: int) -> Rows:
         """Known lengths as rows; they belong to no row of the file."""
         J, y = np.zeros((width, len(self.lengths))), np.zeros(len(self.lengths))
-        for k, one in enumerate(self.lengths):
-            keys = ("centre", one.first), ("centre", one.second)
-            miss, by = observations.length_misses(state.own[keys[0]], state.own[keys[1]], one.length)
-            w = np.clip(self.typical / max(one.u95, 1e-9), 0.01, 100.0) / MM
+        for k, length in enumerate(self.lengths):
+            keys = ("centre", length.first), ("centre", length.second)
+            miss, by = observations.length_misses(state.own[keys[0]], state.own[keys[1]], length.length)
+            w = np.clip(self.typical / max(length.u95, 1e-9), 0.01, 100.0) / MM
             for key, sign in zip(keys, (1.0, -1.0), strict=True):
                 at = self.layout[key][1]
                 J[at : at + 3, k] = sign * by * w * self.sizes[at : at + 3]
             y[k] = -miss * w
         return self._beside(J, y, 0)
 
-    def _beside(self, J: FloatArray, y: FloatArray, before: int) -> Rows:
+    def _beside(self, J: FloatArray, y: FloatArray, count: int) -> Rows:
         """Rows of no measurement, each as if of a pose of its own."""
-        return Rows(J, y, self.seen.poses + before + np.arange(len(y)), np.full(len(y), -1))
+        return Rows(J, y, self.seen.poses + count + np.arange(len(y)), np.full(len(y), -1))
 
     def _of_expected(self, state: FeatureState, width: int) -> Rows:
         """What is known of unknowns beforehand as rows."""
         J, y = np.zeros((width, len(self.expected))), np.zeros(len(self.expected))
-        for k, (key, one) in enumerate(self.expected.items()):
-            at, w = self.layout[key][1], self.typical / MM / one.u95
+        for k, (key, prior) in enumerate(self.expected.items()):
+            at, w = self.layout[key][1], self.typical / MM / prior.u95
             J[at, k] = w * self.sizes[at]
-            y[k] = w * float(one.value[0] - state.own[key][0])
+            y[k] = w * float(prior.value[0] - state.own[key][0])
         return self._beside(J, y, len(self.lengths))
 
 
@@ -423,46 +425,47 @@ def _groups(seen: FeatureSet) -> list[Group]:
     out = []
     for name in dict.fromkeys(seen.kind):
         kind = KINDS.get(str(name))
-        mine = seen.kind == name
+        of_kind = seen.kind == name
         if kind is None:
             raise MeasurementError(
                 f"unknown kind {name!r} of a row: kinds are {', '.join(KINDS)}",
                 file=seen.source,
-                row=int(seen.row[mine][0]),
+                row=int(seen.row[of_kind][0]),
                 column="kind",
             )
-        for feature in dict.fromkeys(seen.feature[mine]):
-            for target in dict.fromkeys(seen.target[mine & (seen.feature == feature)]):
-                rows = np.flatnonzero(mine & (seen.feature == feature) & (seen.target == target))
+        for feature in dict.fromkeys(seen.feature[of_kind]):
+            for target in dict.fromkeys(seen.target[of_kind & (seen.feature == feature)]):
+                rows = np.flatnonzero(of_kind & (seen.feature == feature) & (seen.target == target))
                 _check(seen, kind, str(feature), rows)
-                what = seen.features.get(str(feature), Feature(str(feature), kind.name, str(target)))
+                feature_of_rows = seen.features.get(str(feature), Feature(str(feature), kind.name, str(target)))
                 measured = not feature and "centre" in kind.own
                 out += [
-                    Group(kind, what, str(target), rows[at : at + BLOCK], measured) for at in range(0, len(rows), BLOCK)
+                    Group(kind, feature_of_rows, str(target), rows[at : at + BLOCK], measured)
+                    for at in range(0, len(rows), BLOCK)
                 ]
     return out
 
 
-def _check(seen: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> None:
+def _check(measured: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> None:
     """Whether rows have what their kind needs."""
-    own = any(item.of == "feature" for item in kind.own.values())
+    has_feature = any(unknown.of == "feature" for unknown in kind.own.values())
     needs = (*kind.needs, *(("xyz",) if not feature and "centre" in kind.own else ()))
-    if not feature and own and kind.name != "point":
+    if not feature and has_feature and kind.name != "point":
         raise MeasurementError(
             f"a row of kind {kind.name} needs its feature",
-            file=seen.source,
-            row=int(seen.row[rows[0]]),
+            file=measured.source,
+            row=int(measured.row[rows[0]]),
             column="feature",
         )
     columns = {"value": "value_mm" if kind.pointed else "value_deg", "xyz": "x_mm", "rotation": "qw"}
     for need in [need for need in needs if need in columns]:  # images are whole as they are read
-        bad = ~np.isfinite(getattr(seen, need)[rows].reshape(len(rows), -1)).all(axis=1)
+        bad = ~np.isfinite(getattr(measured, need)[rows].reshape(len(rows), -1)).all(axis=1)
         if bad.any():
             raise MeasurementError(
                 f"a row of kind {kind.name} needs {need if need != 'value' else columns[need]}"
                 + (" (or the name of the feature that it is at)" if need == "xyz" and not feature else ""),
-                file=seen.source,
-                row=int(seen.row[rows[bad][0]]),
+                file=measured.source,
+                row=int(measured.row[rows[bad][0]]),
                 column=columns[need],
             )
 
@@ -484,12 +487,12 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
         return
     worst = int(np.argmax(np.abs(vector[:, 0] / scale)))
     starts = sorted((at, key) for key, (_, at) in problem.layout.items())
-    name, of = [key for at, key in starts if at <= worst][-1]
-    what = {"tool": f"the place of {of} on the tool", "base": "the base in the measuring frame"}.get(
-        name, f"{name} of {of}"
+    name, name_of_unknown = [key for at, key in starts if at <= worst][-1]
+    subject = {"tool": f"the place of {name_of_unknown} on the tool", "base": "the base in the measuring frame"}.get(
+        name, f"{name} of {name_of_unknown}"
     )
     raise IdentificationError(
-        f"these rows do not tell {what}: turn the tool about more axes there, touch more of it, or say what is known"
+        f"these rows do not tell {subject}: turn the tool about more axes there, touch more of it, or say what is known"
     )
 
 
@@ -512,15 +515,15 @@ def start(problem: FeatureProblem) -> FeatureState:
     if problem.known_base is not None:
         zero = replace(zero, T_world_base=problem.known_base)
     candidates = [_tools(problem, zero), {}]
-    best, least = None, np.inf
+    best, smallest = None, np.inf
     for tools in candidates:
         try:
             state = settle(problem, _features(problem, zero, tools))
         except (np.linalg.LinAlgError, IdentificationError):
             continue
         rss = problem.sums(state, np.zeros(0, dtype=int)).yy
-        if rss < least:
-            best, least = state, rss
+        if rss < smallest:
+            best, smallest = state, rss
         if rss < 100.0 * problem.scalars:  # a centimetre: there is one minimum as near as that
             break
     if best is None:
@@ -537,17 +540,17 @@ def start_of_features(problem: FeatureProblem, state: FeatureState) -> FeatureSt
     IdentificationError
         If the rows leave a feature open.
     """
-    own = dict(problem.held)
+    values = dict(problem.held)
     for group in problem.groups:
         if group.measured:
             continue
-        here = replace(state, own=own)
-        seen = problem.seen_of(here, group, problem.walk(here, group.rows).tip)
+        current = replace(state, own=values)
+        obs = problem.seen_of(current, group, problem.walk(current, group.rows).tip)
         for name, key in group.keys().items():
-            own.setdefault(key, group.kind.start(seen)[name])
-    there = settle(problem, replace(state, own=own))
-    refuse_undetermined(problem, problem.sums(there, np.zeros(0, dtype=int)))
-    return there
+            values.setdefault(key, group.kind.start(obs)[name])
+    settled = settle(problem, replace(state, own=values))
+    refuse_undetermined(problem, problem.sums(settled, np.zeros(0, dtype=int)))
+    return settled
 
 
 def settle(problem: FeatureProblem, state: FeatureState, steps: int = STEPS) -> FeatureState:
@@ -584,20 +587,20 @@ def tracked(problem: FeatureProblem) -> PointSet | None:
     return None if not rows else points_of(problem.seen, np.array([k for _, k in rows]))
 
 
-def points_of(seen: FeatureSet, rows: FloatArray) -> PointSet:
+def points_of(measured: FeatureSet, rows: FloatArray) -> PointSet:
     """Rows with positions as points, sorted by pose."""
-    rows = rows[np.argsort(seen.pose_index[rows], kind="stable")]
-    _, first, pose = np.unique(seen.pose_index[rows], return_index=True, return_inverse=True)
-    names = tuple(sorted(set(seen.target[rows].astype(str))))
-    number = np.array([names.index(str(name)) for name in seen.target[rows]])
-    rotation = seen.rotation[rows]
+    rows = rows[np.argsort(measured.pose_index[rows], kind="stable")]
+    _, first, pose = np.unique(measured.pose_index[rows], return_index=True, return_inverse=True)
+    names = tuple(sorted(set(measured.target[rows].astype(str))))
+    number = np.array([names.index(str(name)) for name in measured.target[rows]])
+    rotation = measured.rotation[rows]
     return PointSet(
-        seen.q[rows][first],
+        measured.q[rows][first],
         pose,
         number,
-        seen.xyz[rows],
+        measured.xyz[rows],
         names,
-        seen.pose[rows][first],
+        measured.pose[rows][first],
         np.full(len(first), "", dtype=object),
         rotation if np.isfinite(rotation).all(axis=(1, 2)).any() else None,
     )
@@ -605,54 +608,54 @@ def points_of(seen: FeatureSet, rows: FloatArray) -> PointSet:
 
 def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]:
     """Places of the targets in the tip link, each from the rows that tell it."""
-    told: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
+    estimates: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     for group in problem.groups:
         if not group.kind.pointed or (TOOL, group.target) in problem.held or group.measured:
             continue
-        seen = problem.seen_of(replace(zero, own={}), group, problem.walk(zero, group.rows, problem.arm).tip)
-        found = group.kind.tool(seen)
-        if found is not None and np.isfinite(found[0]).all():
-            told.setdefault(group.target, []).append(found)
+        obs = problem.seen_of(replace(zero, own={}), group, problem.walk(zero, group.rows, problem.arm).tip)
+        estimate = group.kind.tool(obs)
+        if estimate is not None and np.isfinite(estimate[0]).all():
+            estimates.setdefault(group.target, []).append(estimate)
     return {
-        name: np.asarray(np.linalg.solve(sum(H for _, H in parts), sum(H @ t for t, H in parts)), dtype=float)
-        for name, parts in told.items()
+        name: np.asarray(np.linalg.solve(sum(H for _, H in pairs), sum(H @ t for t, H in pairs)), dtype=float)
+        for name, pairs in estimates.items()
     }
 
 
 def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, FloatArray]) -> FeatureState:
     """All unknowns from the tool's places: first what a tracker saw, then features in closed form, then the base."""
-    own, T = dict(zero.own), zero.T_world_base
+    values, T = dict(zero.own), zero.T_world_base
     points = tracked(problem)
     if points is not None and problem.known_base is None:
-        found = first_state(Problem(problem.arm, points, ()))
-        T = found.T_world_base
+        solution = first_state(Problem(problem.arm, points, ()))
+        T = solution.T_world_base
         for k, name in enumerate(points.target_names):
-            own.setdefault((TOOL, name), found.targets[k])
-            own.setdefault(("axes", name), found.rotations[k])
+            values.setdefault((TOOL, name), solution.targets[k])
+            values.setdefault(("axes", name), solution.rotations[k])
     for key in problem.layout:
         if key[0] == TOOL:
-            own.setdefault(key, tools.get(key[1], np.zeros(3)))
-    state = replace(zero, own=own, T_world_base=T)
+            values.setdefault(key, tools.get(key[1], np.zeros(3)))
+    state = replace(zero, own=values, T_world_base=T)
     centres = []
     for group in problem.groups:
         if group.measured:
             continue
-        seen = problem.seen_of(state, group, problem.walk(state, group.rows, problem.arm).tip)
-        found_own = group.kind.start(seen)
+        obs = problem.seen_of(state, group, problem.walk(state, group.rows, problem.arm).tip)
+        found_own = group.kind.start(obs)
         if group.feature.centre is not None and "centre" in found_own:
             centres.append((found_own["centre"], group.feature.centre))
         for name, key in group.keys().items():
             if name in found_own:
-                own.setdefault(key, found_own[name])
+                values.setdefault(key, found_own[name])
     if points is None and problem.framed and problem.known_base is None:
-        here, there = (np.array(list(column)) for column in zip(*centres, strict=True))
-        T = rigid(here, there)
-    return FeatureState(own, zero.coefficients, T)
+        centres_base, centres_world = (np.array(list(column)) for column in zip(*centres, strict=True))
+        T = rigid(centres_base, centres_world)
+    return FeatureState(values, zero.coefficients, T)
 
 
-def rigid(here: FloatArray, there: FloatArray) -> FloatArray:
+def rigid(points: FloatArray, targets: FloatArray) -> FloatArray:
     """The motion (4, 4) that brings places (n, 3) nearest to others."""
-    a, b = here.mean(axis=0), there.mean(axis=0)
-    U, _, Vt = np.linalg.svd((there - b).T @ (here - a))
+    a, b = points.mean(axis=0), targets.mean(axis=0)
+    U, _, Vt = np.linalg.svd((targets - b).T @ (points - a))
     R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     return frames.transform(R, b - R @ a)

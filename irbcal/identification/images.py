@@ -50,14 +50,14 @@ def project(lens: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Fl
     """
     z = np.maximum(y[..., 2], NEAREST)
     x, v = y[..., 0] / z, y[..., 1] / z
-    there, J, by_distortion = _distorted(lens, x, v)
+    distorted, J, by_distortion = _distorted(lens, x, v)
     focal = lens[:2]
-    uv = focal * there + lens[2:4]
+    uv = focal * distorted + lens[2:4]
     by_point = np.empty((*x.shape, 2, 3))
     by_point[..., :2] = focal[:, None] * J / z[..., None, None]
     by_point[..., 2] = -(by_point[..., 0] * x[..., None] + by_point[..., 1] * v[..., None])
     by_lens = np.zeros((*x.shape, 2, 9))
-    by_lens[..., 0, 0], by_lens[..., 1, 1] = there[..., 0], there[..., 1]
+    by_lens[..., 0, 0], by_lens[..., 1, 1] = distorted[..., 0], distorted[..., 1]
     by_lens[..., 0, 2] = by_lens[..., 1, 3] = 1.0
     by_lens[..., 4:] = focal[:, None] * by_distortion
     return uv, by_point, by_lens
@@ -69,7 +69,7 @@ def _distorted(lens: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArr
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2))  # d radial / d r2, times 2
-    there = np.stack(
+    distorted = np.stack(
         [
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -87,16 +87,16 @@ def _distorted(lens: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArr
         ],
         axis=-2,
     )
-    return there, J, by
+    return distorted, J, by
 
 
 def undistorted(lens: FloatArray, uv: FloatArray) -> FloatArray:
     """Normalised coordinates (..., 2) of places in the image, by Newton steps."""
-    there = (uv - lens[2:4]) / lens[:2]
-    x = there.copy()
+    target = (uv - lens[2:4]) / lens[:2]
+    x = target.copy()
     for _ in range(20):
-        found, J, _ = _distorted(lens, x[..., 0], x[..., 1])
-        e = there - found
+        distorted, J, _ = _distorted(lens, x[..., 0], x[..., 1])
+        e = target - distorted
         det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
         det = np.where(np.abs(det) < 1e-3, 1e-3, det)  # a lens that folds over is not followed
         step = np.stack(
@@ -139,11 +139,11 @@ def boards(lens: FloatArray, corners: FloatArray) -> FloatArray:
 
 def _homography(xy: FloatArray, uv: FloatArray) -> FloatArray:
     """The homography (3, 3) from places on a plane to their images, by the direct linear transformation."""
-    A, B = (_normaliser(one) for one in (xy, uv))
+    A, B = (_normaliser(points) for points in (xy, uv))
     p = xy @ A[:2, :2].T + A[:2, 2]
     q = uv @ B[:2, :2].T + B[:2, 2]
-    one, none = np.ones((len(p), 1)), np.zeros((len(p), 3))
-    h = np.hstack([p, one])
+    column, none = np.ones((len(p), 1)), np.zeros((len(p), 3))
+    h = np.hstack([p, column])
     rows = np.vstack([np.hstack([h, none, -q[:, :1] * h]), np.hstack([none, h, -q[:, 1:] * h])])
     H = np.linalg.svd(rows)[2][8].reshape(3, 3)
     return np.asarray(np.linalg.inv(B) @ H @ A)
@@ -225,23 +225,23 @@ class Image(Kind):
         square = _view(feature).square
         return f"squares of {square / MM:.6g} mm" if square else "places of the corners on the board"
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """What corners miss, image by image; see the module."""
-        view, corners = _view(seen.feature), _corners(seen)
+        view, corners = _view(obs.feature), _corners(obs)
         lens = view.lens.copy()
         for k, name in enumerate(FITTED):
-            lens[k] = own[name][0]
-        there = np.isfinite(corners[:, :, 2])
-        x = np.where(there[..., None], corners[:, :, :2], 0.0)
+            lens[k] = values[name][0]
+        is_seen = np.isfinite(corners[:, :, 2])
+        x = np.where(is_seen[..., None], corners[:, :, :2], 0.0)
         x = np.concatenate([x, np.zeros((*x.shape[:2], 1))], axis=2)
-        by_p, by_turn, uv, by_lens = self._seen(seen, own, x, lens)
-        m, n = there.shape
-        count = there.sum(axis=1)
+        by_p, by_turn, uv, by_lens = self._seen(obs, values, x, lens)
+        m, n = is_seen.shape
+        count = is_seen.sum(axis=1)
         pixel = per_pixel(corners)
         typical = np.nanmedian(corners[:, :, 4], axis=1)
-        w = np.where(there, typical[:, None] / np.where(there, corners[:, :, 4], 1.0), 0.0)
+        w = np.where(is_seen, typical[:, None] / np.where(is_seen, corners[:, :, 4], 1.0), 0.0)
         w *= (pixel / np.sqrt(count))[:, None]
-        e = np.where(there[..., None], uv - corners[:, :, 2:4], 0.0)
+        e = np.where(is_seen[..., None], uv - corners[:, :, 2:4], 0.0)
         fitted = [k for k, name in enumerate(FITTED) if name in view.fit]
         A: FloatArray = (
             np.concatenate([by_p, by_turn, by_lens[..., fitted], e[..., None]], axis=3) * w[:, :, None, None]
@@ -255,49 +255,49 @@ class Image(Kind):
         point, turn, r = A[:, :, :3], A[:, :, 3:6], A[:, :, k]
         by = {
             "centre": -point,
-            "attitude": point @ cross(seen.p - own["centre"]) - turn,
-            "axes": turn @ seen.R,
+            "attitude": point @ cross(obs.p - values["centre"]) - turn,
+            "axes": turn @ obs.R,
         }
         by |= {FITTED[at]: A[:, :, [6 + column]] for column, at in enumerate(fitted)}
         size = pixel * np.sqrt((e**2).sum(axis=(1, 2)) / count)
         return Misses(r, point, by, turn, size)
 
-    def doubt(self, seen: Seen, found: Misses) -> str:
+    def doubt(self, obs: Seen, misses: Misses) -> str:
         """Corners that no place of camera and board explains, or no robot: a lens or a board that is another."""
-        assert found.size is not None
-        corners = _corners(seen)
+        assert misses.size is not None
+        corners = _corners(obs)
         count = np.isfinite(corners[:, :, 2]).sum(axis=1)
         expected = float(np.nanmedian(corners[:, :, 4])) / 1.96
-        spare = np.maximum(2 * count - found.r.shape[1], 1)
-        left = np.maximum(found.size**2 - (found.r**2).sum(axis=1), 0.0) * count / spare
+        spare = np.maximum(2 * count - misses.r.shape[1], 1)
+        residual = np.maximum(misses.size**2 - (misses.r**2).sum(axis=1), 0.0) * count / spare
         pixel = per_pixel(corners)
-        within, whole = (float(np.median(np.sqrt(one) / pixel)) for one in (left, found.size**2 / 2.0))
-        if within < TOO_FAR * expected and (np.median(found.size) < NO_ROBOT or whole < TOO_FAR * expected):
+        within, overall = (float(np.median(np.sqrt(squares) / pixel)) for squares in (residual, misses.size**2 / 2.0))
+        if within < TOO_FAR * expected and (np.median(misses.size) < NO_ROBOT or overall < TOO_FAR * expected):
             return ""
-        what = f"{within:.2f} px from where any place of camera and board has them"
+        problem = f"{within:.2f} px from where any place of camera and board has them"
         if within < TOO_FAR * expected:
-            what = f"{whole:.1f} px ({np.median(found.size) / MM:.1f} mm) from where any robot like this has them"
+            problem = f"{overall:.1f} px ({np.median(misses.size) / MM:.1f} mm) from where any robot like this has them"
         return (
-            f"Corners of {seen.feature.name} are {what} ({expected:.2f} px expected): lens or board are not what was "
+            f"Corners of {obs.feature.name} are {problem} ({expected:.2f} px expected): lens or board are not what was "
             "said of them, or joints and images do not belong together; give the camera's distortion, or fit: fx fy cx "
             "cy k1."
         )
 
     def _seen(
-        self, seen: Seen, own: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
+        self, obs: Seen, values: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Derivatives of corners (m, n, 2, 3) by the tool's point and its turn, where they are, and by the lens."""
         m, n = x.shape[:2]
-        on_tool = x @ (seen.R @ own["axes"]).transpose(0, 2, 1)
-        F = own["attitude"]
-        uv, P, by_lens = project(lens, (seen.p[:, None] - own["centre"] + on_tool) @ F)
+        on_tool = x @ (obs.R @ values["axes"]).transpose(0, 2, 1)
+        F = values["attitude"]
+        uv, P, by_lens = project(lens, (obs.p[:, None] - values["centre"] + on_tool) @ F)
         by_p = P @ F.T
         by_turn = -by_p @ cross(on_tool.reshape(-1, 3)).reshape(m, n, 3, 3)
         return by_p, by_turn, uv, by_lens
 
-    def poses(self, seen: Seen) -> FloatArray:
+    def poses(self, obs: Seen) -> FloatArray:
         """The frame on the tool in that in the hall, image by image, (m, 4, 4); closed form."""
-        T = boards(_view(seen.feature).lens, _corners(seen))
+        T = boards(_view(obs.feature).lens, _corners(obs))
         if not self.on_tool:
             return T
         R = T[:, :3, :3].transpose(0, 2, 1)
@@ -305,24 +305,24 @@ class Image(Kind):
         out[:, :3, :3], out[:, :3, 3] = R, -np.einsum("mij,mj->mi", R, T[:, :3, 3])
         return out
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """From the board's pose in each image; the axes on the tool from ``R_i A = F D_i`` where they are not known."""
-        D = self.poses(seen)
-        A = seen.known.get("axes")
+        D = self.poses(obs)
+        A = obs.known.get("axes")
         if A is None:
-            found = hand_eye(seen.R, D[:, :3, :3])
-            A = np.eye(3) if found is None else found[0]
-        F = np.asarray(frames.nearest_rotation((seen.R @ A @ D[:, :3, :3].transpose(0, 2, 1)).mean(axis=0)))
-        lens = {name: np.array([value]) for name, value in zip(FITTED, _view(seen.feature).lens, strict=False)}
-        return {"axes": A, "attitude": F, "centre": (seen.p - D[:, :3, 3] @ F.T).mean(axis=0), **lens}
+            rotations = hand_eye(obs.R, D[:, :3, :3])
+            A = np.eye(3) if rotations is None else rotations[0]
+        F = np.asarray(frames.nearest_rotation((obs.R @ A @ D[:, :3, :3].transpose(0, 2, 1)).mean(axis=0)))
+        lens = {name: np.array([value]) for name, value in zip(FITTED, _view(obs.feature).lens, strict=False)}
+        return {"axes": A, "attitude": F, "centre": (obs.p - D[:, :3, 3] @ F.T).mean(axis=0), **lens}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t - c = F d - p``, which is linear once the rotations are known."""
-        D = self.poses(seen)
-        found = hand_eye(seen.R, D[:, :3, :3])
-        if found is None:
+        D = self.poses(obs)
+        rotations = hand_eye(obs.R, D[:, :3, :3])
+        if rotations is None:
             return None
-        return eliminated(seen.R, [-ones(len(D))], D[:, :3, 3] @ found[1].T - seen.p)
+        return eliminated(obs.R, [-ones(len(D))], D[:, :3, 3] @ rotations[1].T - obs.p)
 
 
 class ImageOnTool(Image):
@@ -334,14 +334,14 @@ class ImageOnTool(Image):
     }
 
     def _seen(
-        self, seen: Seen, own: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
+        self, obs: Seen, values: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         m, n = x.shape[:2]
-        way = x @ own["attitude"].T + own["centre"] - seen.p[:, None]
-        M = seen.R @ own["axes"]
-        uv, P, by_lens = project(lens, way @ M)
+        ray = x @ values["attitude"].T + values["centre"] - obs.p[:, None]
+        M = obs.R @ values["axes"]
+        uv, P, by_lens = project(lens, ray @ M)
         by_p = -P @ M.transpose(0, 2, 1)[:, None]
-        by_turn = -by_p @ cross(way.reshape(-1, 3)).reshape(m, n, 3, 3)
+        by_turn = -by_p @ cross(ray.reshape(-1, 3)).reshape(m, n, 3, 3)
         return by_p, by_turn, uv, by_lens
 
 
@@ -350,6 +350,6 @@ def _view(feature: Feature) -> Imaging:
     return feature.imaging
 
 
-def _corners(seen: Seen) -> FloatArray:
-    assert seen.corners is not None
-    return seen.corners
+def _corners(obs: Seen) -> FloatArray:
+    assert obs.corners is not None
+    return obs.corners

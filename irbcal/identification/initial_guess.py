@@ -55,11 +55,11 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     points, free = problem.points, problem.free
     unknowns = 12 + 3 * len(free)
     if points.poses > MOST_POSES and not len(problem.framed):
-        some = problem.of_poses(
+        subset = problem.of_poses(
             np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
         )
-        if np.isin(free, some.points.target).all():
-            return closed_form(some)
+        if np.isin(free, subset.points.target).all():
+            return closed_form(subset)
     if 3 * len(points) < unknowns:
         raise IdentificationError(
             f"{len(points)} points of {points.poses} poses are too few to find base and tool: "
@@ -121,14 +121,14 @@ def placed(
     if rows is None:
         empty = np.zeros((3 + 3 * len(free), 3, len(points)))
         _place_rows(problem, tip, empty)
-        left = empty.reshape(len(empty), -1)
-        rows = left, left @ left.T
+        columns = empty.reshape(len(empty), -1)
+        rows = columns, columns @ columns.T
     right = _without_targets(problem, tip) - W @ (y - center)
-    rest = np.linalg.lstsq(rows[1], rows[0] @ right.ravel(), rcond=1e-12)[0]
+    solution = np.linalg.lstsq(rows[1], rows[0] @ right.ravel(), rcond=1e-12)[0]
     targets = _known_targets(problem)
-    targets[free] = rest[3:].reshape(-1, 3)
+    targets[free] = solution[3:].reshape(-1, 3)
     return State(
-        frames.inverse(frames.transform(W, rest[:3] - W @ center[:, 0])),
+        frames.inverse(frames.transform(W, solution[:3] - W @ center[:, 0])),
         targets,
         np.zeros(len(problem.parameters)),
         _target_rotations(problem, tip, W),
@@ -158,11 +158,11 @@ def hand_eye(problem: Problem) -> State | None:
     counts = np.bincount(points.target[oriented], minlength=len(points.target_names))
     if counts.max(initial=0) < 3:
         return None
-    mine = oriented & (points.target == np.argmax(counts))
+    of_target = oriented & (points.target == np.argmax(counts))
     tip = nominal_tip(problem)
     R_A, R_M = tip[:3].transpose(2, 1, 0), points.rotation
     # row-major: (M (x) A) vec(X) = vec(M X A'), so that vec(R_W) and vec(R_X') are the first singular vectors
-    K = np.einsum("mij,mkl->ikjl", R_M[mine], R_A[mine]).reshape(9, 9)
+    K = np.einsum("mij,mkl->ikjl", R_M[of_target], R_A[of_target]).reshape(9, 9)
     U, _, _ = np.linalg.svd(K)
     R_W = U[:, 0].reshape(3, 3)
     R_W = frames.nearest_rotation(R_W if np.linalg.det(R_W) > 0 else -R_W)
@@ -170,17 +170,17 @@ def hand_eye(problem: Problem) -> State | None:
     rows = np.zeros((m, 3, unknowns))
     rows[:, :, :3] = np.eye(3)
     for slot, t in enumerate(free):
-        own = points.target == t
-        rows[own, :, 3 + 3 * slot : 6 + 3 * slot] = R_W @ R_A[own]
+        rows_of_target = points.target == t
+        rows[rows_of_target, :, 3 + 3 * slot : 6 + 3 * slot] = R_W @ R_A[rows_of_target]
     targets = np.zeros((len(points.target_names), 3))
     for k, name in enumerate(points.target_names):
         targets[k] = problem.known.get(name, targets[k])
-    seen = tip[3].T + np.einsum("mij,mj->mi", R_A, targets[points.target])
-    right = points.xyz - seen @ R_W.T
-    found = np.linalg.lstsq(rows.reshape(3 * m, unknowns), right.ravel(), rcond=1e-9)[0]
-    targets[free] = found[3:].reshape(-1, 3)
+    predicted = tip[3].T + np.einsum("mij,mj->mi", R_A, targets[points.target])
+    right = points.xyz - predicted @ R_W.T
+    solution = np.linalg.lstsq(rows.reshape(3 * m, unknowns), right.ravel(), rcond=1e-9)[0]
+    targets[free] = solution[3:].reshape(-1, 3)
     rotations = _target_rotations(problem, tip, R_W.T)
-    return State(frames.transform(R_W, found[:3]), targets, np.zeros(len(problem.parameters)), rotations)
+    return State(frames.transform(R_W, solution[:3]), targets, np.zeros(len(problem.parameters)), rotations)
 
 
 def nominal_tip(problem: Problem) -> FloatArray:
@@ -198,9 +198,9 @@ def _target_rotations(problem: Problem, tip: FloatArray, W: FloatArray) -> Float
         return rotations
     oriented = points.oriented()
     for k in problem.framed:
-        mine = oriented & (points.target == k)
-        R_tip_base = tip[:3, :, mine].transpose(2, 0, 1)
-        rotations[k] = frames.nearest_rotation((R_tip_base @ (W @ points.rotation[mine])).mean(axis=0))
+        of_target = oriented & (points.target == k)
+        R_tip_base = tip[:3, :, of_target].transpose(2, 0, 1)
+        rotations[k] = frames.nearest_rotation((R_tip_base @ (W @ points.rotation[of_target])).mean(axis=0))
     return rotations
 
 
@@ -238,17 +238,17 @@ def first_state(problem: Problem) -> State:
     if spread > CLEAR:
         if turned is None:
             return state
-        return min((state, turned), key=lambda one: float(np.sum(problem.residuals(one) ** 2)))
+        return min((state, turned), key=lambda guess: float(np.sum(problem.residuals(guess) ** 2)))
     nominal = Problem(problem.arm, problem.points, (), known_targets=problem.known)
     first, _ = closed_form(nominal)
     best: least_squares.Solution | None = None
     failure = IdentificationError("no start was found")
-    shown = hand_eye(nominal)
+    by_orientation = hand_eye(nominal)
     apart = float(((problem.points.xyz - problem.points.xyz.mean(axis=0)) ** 2).sum())
-    own = [first] if shown is None else [first, shown]
+    guesses = [first] if by_orientation is None else [first, by_orientation]
     turns = turned_starts(nominal, first, fitted=spread > SPREAD)
-    for number, candidate in enumerate(itertools.chain(own, turns)):
-        if number == len(own) and spread > SPREAD and best is not None and best.rss < NEAR**2 * apart:
+    for number, candidate in enumerate(itertools.chain(guesses, turns)):
+        if number == len(guesses) and spread > SPREAD and best is not None and best.rss < NEAR**2 * apart:
             break
         try:
             solution = least_squares.solve(nominal, candidate)
@@ -269,14 +269,14 @@ def _first_of_sessions(problem: Problem) -> State:
     targets, bases = np.zeros((len(points.target_names), 3)), []
     rotations = np.tile(np.eye(3), (len(targets), 1, 1))
     for name in problem.sessions:
-        own = replace(points.select(points.session == name), session=None).with_seen_targets()
-        if own.poses < MIN_POSES:
+        subset = replace(points.select(points.session == name), session=None).with_seen_targets()
+        if subset.poses < MIN_POSES:
             raise IdentificationError(
-                f"{own.poses} poses of session {name} cannot determine its base and tool: at least {MIN_POSES} are "
+                f"{subset.poses} poses of session {name} cannot determine its base and tool: at least {MIN_POSES} are "
                 "needed"
             )
-        found = first_state(Problem(problem.arm, own, (), known_targets=problem.known))
-        places = [points.target_names.index(target) for target in own.target_names]
-        targets[places], rotations[places] = found.targets, found.rotations
-        bases.append(found.T_world_base)
+        session_state = first_state(Problem(problem.arm, subset, (), known_targets=problem.known))
+        index = [points.target_names.index(target) for target in subset.target_names]
+        targets[index], rotations[index] = session_state.targets, session_state.rotations
+        bases.append(session_state.T_world_base)
     return State(bases[-1], targets, np.zeros(len(problem.parameters)), rotations, np.array(bases[:-1]))

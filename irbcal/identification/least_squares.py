@@ -84,8 +84,8 @@ class Information:
 
     def weakest(self, rank: int) -> FloatArray:
         """The directions that are held if no more than ``rank`` (base and targets included) are seen, shape (k, h)."""
-        held = len(self.seen) - int(self.seen.sum()) + max(self.rank - rank, 0)
-        return self.directions[:, :held]
+        count = len(self.seen) - int(self.seen.sum()) + max(self.rank - rank, 0)
+        return self.directions[:, :count]
 
     def covariance(self) -> FloatArray:
         """Covariance of base (rotation vector, translation), targets and error parameters, SI units.
@@ -162,13 +162,13 @@ class Information:
             Columns are steps in SI units (`Problem.moved`), a plausible size long each.
         """
         b, k = self.follow.shape
-        seen = self.directions[:, self.seen] * self.scale[:, None]
-        return np.block([[np.eye(b), np.zeros((b, seen.shape[1]))], [np.zeros((k, b)), seen]])
+        identified = self.directions[:, self.seen] * self.scale[:, None]
+        return np.block([[np.eye(b), np.zeros((b, identified.shape[1]))], [np.zeros((k, b)), identified]])
 
     def held_fraction(self) -> FloatArray:
         """Share of each error parameter that lies in held directions, 0 (identified) to 1 (held), shape (k,)."""
-        held = self.directions[:, ~self.seen]
-        return np.clip(np.sum(held**2, axis=1), 0.0, 1.0)
+        directions_held = self.directions[:, ~self.seen]
+        return np.clip(np.sum(directions_held**2, axis=1), 0.0, 1.0)
 
     def held_directions(self) -> list[tuple[int, FloatArray, FloatArray]]:
         """A readable basis of the held directions.
@@ -182,27 +182,27 @@ class Information:
             plausible sizes of the error parameters, shape (k,), one at the leading one; and how base and
             targets move along, SI units, shape (b,).
         """
-        held = self.directions[:, ~self.seen]
-        if not held.shape[1]:
+        fixed = self.directions[:, ~self.seen]
+        if not fixed.shape[1]:
             return []
-        leading = _leading(held)
-        basis = held @ np.linalg.inv(held[leading])
+        leading = _leading(fixed)
+        basis = fixed @ np.linalg.inv(fixed[leading])
         return [(int(j), v, -self.follow @ (self.scale * v)) for j, v in zip(leading, basis.T, strict=True)]
 
 
 def _leading(directions: FloatArray) -> list[int]:
     """Rows of directions (k, h) that are most independent: the pivots of a QR decomposition of their transpose."""
-    left = directions.copy()
+    remaining = directions.copy()
     chosen: list[int] = []
     for _ in range(directions.shape[1]):
-        chosen.append(int(np.argmax(np.sum(left**2, axis=1))))
-        axis = left[chosen[-1]] / np.linalg.norm(left[chosen[-1]])
-        left -= np.outer(left @ axis, axis)
-        left[chosen] = 0.0
+        chosen.append(int(np.argmax(np.sum(remaining**2, axis=1))))
+        axis = remaining[chosen[-1]] / np.linalg.norm(remaining[chosen[-1]])
+        remaining -= np.outer(remaining @ axis, axis)
+        remaining[chosen] = 0.0
     return chosen
 
 
-def information_of(problem: Problem, H: FloatArray, rss: float, held: FloatArray | None = None) -> Information:
+def information_of(problem: Problem, H: FloatArray, rss: float, fixed: FloatArray | None = None) -> Information:
     """Information about the error parameters from the normal matrix.
 
     Parameters
@@ -211,7 +211,7 @@ def information_of(problem: Problem, H: FloatArray, rss: float, held: FloatArray
     H : ndarray, shape (unknowns, unknowns)
     rss : float
         Sum of squared residuals, m^2.
-    held : ndarray, shape (k, h), optional
+    fixed : ndarray, shape (k, h), optional
         Orthonormal directions in plausible sizes that are held whatever the data say; unless given, the residuals
         decide.
 
@@ -238,50 +238,54 @@ def information_of(problem: Problem, H: FloatArray, rss: float, held: FloatArray
     follow = H_nn_inverse @ H[:b, b:]
     scale = problem.scales
     S = (H[b:, b:] - H[b:, :b] @ follow) * scale[:, None] * scale
-    eigenvalues, directions = _eigen(0.5 * (S + S.T), held)
-    seen, sigma = _judged(problem, eigenvalues, b - int(null.sum()), rss, held)
-    return Information(eigenvalues, directions, seen, scale, H_nn_inverse, follow, sigma, vectors[:, null])
+    eigenvalues, directions = _eigen(0.5 * (S + S.T), fixed)
+    identified, sigma = _judged(problem, eigenvalues, b - int(null.sum()), rss, fixed)
+    return Information(eigenvalues, directions, identified, scale, H_nn_inverse, follow, sigma, vectors[:, null])
 
 
-def judged_again(problem: Problem, found: Information, rss: float, held: FloatArray | None = None) -> Information:
+def judged_again(
+    problem: Problem, information: Information, rss: float, fixed: FloatArray | None = None
+) -> Information:
     """The `information` of the same normal matrix with another sum of squares."""
-    outer = len(found.H_nn_inverse) - found.outer_null.shape[1]
-    seen, sigma = _judged(problem, found.eigenvalues, outer, rss, held)
-    return replace(found, seen=seen, sigma=sigma)
+    outer = len(information.H_nn_inverse) - information.outer_null.shape[1]
+    identified, sigma = _judged(problem, information.eigenvalues, outer, rss, fixed)
+    return replace(information, seen=identified, sigma=sigma)
 
 
 def _judged(
-    problem: Problem, eigenvalues: FloatArray, outer: int, rss: float, held: FloatArray | None
+    problem: Problem, eigenvalues: FloatArray, outer: int, rss: float, fixed: FloatArray | None
 ) -> tuple[BoolArray, float]:
     """Which directions are seen, and the standard deviation of a coordinate, with so many outer unknowns seen."""
     equations = 3 * problem.rows
     solid = eigenvalues > ROUNDING * max(eigenvalues.max(initial=0.0), 0.0)
-    known = outer + int(solid.sum())
-    spare = equations - known
+    unknowns = outer + int(solid.sum())
+    spare = equations - unknowns
     if spare < 1:
         raise IdentificationError(
             f"{len(problem.points)} points of {problem.points.poses} poses give {equations} equations for "
-            f"{known} unknowns: measure at least {-(-(1 - spare) // 3)} more points or choose a "
+            f"{unknowns} unknowns: measure at least {-(-(1 - spare) // 3)} more points or choose a "
             "smaller model"
         )
     sigma = float(np.sqrt(rss / spare))
-    seen = solid & ((eigenvalues > sigma**2) if held is None else (np.arange(len(eigenvalues)) >= held.shape[1]))
-    return seen, sigma
+    identified = solid & (
+        (eigenvalues > sigma**2) if fixed is None else (np.arange(len(eigenvalues)) >= fixed.shape[1])
+    )
+    return identified, sigma
 
 
-def _eigen(S: FloatArray, held: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+def _eigen(S: FloatArray, fixed: FloatArray | None) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues, ascending, and eigenvectors of a symmetric matrix; with held directions, theirs come first."""
     if not len(S):
         return np.zeros(0), np.zeros((0, 0))
-    if held is None:
+    if fixed is None:
         values, vectors = np.linalg.eigh(S)
         return values, vectors
-    whole, _ = np.linalg.qr(held, mode="complete")
-    parts = []
-    for V in (held, whole[:, held.shape[1] :]):
+    complete, _ = np.linalg.qr(fixed, mode="complete")
+    blocks = []
+    for V in (fixed, complete[:, fixed.shape[1] :]):
         values, turned = np.linalg.eigh(V.T @ S @ V)
-        parts.append((values, V @ turned))
-    return np.concatenate([values for values, _ in parts]), np.hstack([vectors for _, vectors in parts])
+        blocks.append((values, V @ turned))
+    return np.concatenate([values for values, _ in blocks]), np.hstack([vectors for _, vectors in blocks])
 
 
 def distances(problem: Problem, state: State) -> FloatArray:
@@ -307,7 +311,7 @@ class History(Speaks):
     ----------
     problem : Problem
         The one that is being fitted.
-    others : dict of str to Problem, optional
+    watched : dict of str to Problem, optional
         Unused points under names of the caller's choice. They need the same targets in the same order and the same
         error parameters, so that a state of ``problem`` is a state of theirs.
     objective : callable
@@ -330,17 +334,20 @@ class History(Speaks):
     def __init__(
         self,
         problem: Problem,
-        others: Mapping[str, Problem] | None = None,
+        watched: Mapping[str, Problem] | None = None,
         objective: Callable[[FloatArray], float] = largest,
         every: int = 1,
     ) -> None:
-        self.problem, self.others = problem, dict(others or {})
+        self.problem, self.others = problem, dict(watched or {})
         self.objective, self.every = objective, every
         self.rows: list[dict[str, float]] = []
         self._begin: float | None = None
         self._lost = 0.0
-        for name, other in self.others.items():
-            if other.points.target_names != problem.points.target_names or other.parameters != problem.parameters:
+        for name, problem_watched in self.others.items():
+            if (
+                problem_watched.points.target_names != problem.points.target_names
+                or problem_watched.parameters != problem.parameters
+            ):
                 raise IdentificationError(
                     f"the points {name!r} cannot be followed: they need the targets and error parameters of the fit "
                     f"({', '.join(problem.points.target_names)}; {len(problem.parameters)} error parameters)"
@@ -364,8 +371,8 @@ class History(Speaks):
             "seconds": now - self._begin - self._lost,
             "objective_mm": self.objective(distances(self.problem, state)) / MM,
         }
-        for name, other in self.others.items():
-            d = distances(other, state) / MM
+        for name, problem_watched in self.others.items():
+            d = distances(problem_watched, state) / MM
             row |= {f"{name}_mean_mm": float(d.mean()), f"{name}_max_mm": float(d.max())}
         self.rows.append(row)
         self._lost += time.perf_counter() - now
@@ -394,7 +401,7 @@ class History(Speaks):
         import pandas as pd
 
         columns = ["iteration", "seconds", "objective_mm"]
-        columns += [f"{name}_{what}_mm" for name in self.others for what in ("mean", "max")]
+        columns += [f"{name}_{statistic}_mm" for name in self.others for statistic in ("mean", "max")]
         return pd.DataFrame(self.rows, columns=columns)
 
     def plot(self) -> Chart:
@@ -529,9 +536,9 @@ def line_search(trial: Callable[[float], T], accepted: Callable[[T, float], bool
     """
     share = 1.0
     while share > smallest:
-        found = trial(share)
-        if accepted(found, share):
-            return found
+        result = trial(share)
+        if accepted(result, share):
+            return result
         share *= 0.5
     return None
 
@@ -561,7 +568,7 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
     H, g, rss = problem.normal_equations(state, slopes=slopes)
     sums = [rss]
     ranks: list[int] = []
-    held: FloatArray | None = None
+    fixed: FloatArray | None = None
     looked: tuple[FloatArray, FloatArray | None, Information] | None = None
     last = MAX_ITERATIONS
     if record:
@@ -569,29 +576,36 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
     iteration = 0
     while iteration < last:
         iteration += 1
-        if held is None and _stands_still(sums):
-            held = information_of(problem, H, rss).weakest(min(ranks[-PATIENCE:]))
+        if fixed is None and _stands_still(sums):
+            fixed = information_of(problem, H, rss).weakest(min(ranks[-PATIENCE:]))
             last = iteration + MAX_ITERATIONS
-            state = _put_back(problem, information_of(problem, H, rss, held), state)
+            state = _put_back(problem, information_of(problem, H, rss, fixed), state)
             H, g, rss = problem.normal_equations(state, slopes=(slopes := []))
-        if looked and looked[0] is H and looked[1] is held:
-            seen = judged_again(problem, looked[2], rss, held)
+        if looked and looked[0] is H and looked[1] is fixed:
+            information = judged_again(problem, looked[2], rss, fixed)
         else:
-            seen = information_of(problem, H, rss, held)
-        looked = H, held, seen
-        ranks.append(seen.rank)
-        step = _step(seen, g, state)
+            information = information_of(problem, H, rss, fixed)
+        looked = H, fixed, information
+        ranks.append(information.rank)
+        step = _step(information, g, state)
         size = np.abs(step).max()
-        if size < STEP_TOLERANCE or (held is not None and g @ step < DECREASE_TOLERANCE * seen.sigma**2):
+        if size < STEP_TOLERANCE or (fixed is not None and g @ step < DECREASE_TOLERANCE * information.sigma**2):
             # the sum is a parabola over so short a step
-            left = max(rss - float(step @ (2.0 * g - H @ step)), 0.0)
+            rss_expected = max(rss - float(step @ (2.0 * g - H @ step)), 0.0)
             course = tuple(np.sqrt(np.array(sums) / m))
-            return Solution(problem.moved(state, step), seen, left, float(np.sqrt(left / m)), iteration, course)
+            return Solution(
+                problem.moved(state, step),
+                information,
+                rss_expected,
+                float(np.sqrt(rss_expected / m)),
+                iteration,
+                course,
+            )
 
-        chord, before = slopes if size < CHORD else [], (state, step, H)
-        found = line_search(partial(_moved, problem, before, chord), partial(_lower, rss, size), 0.0)
-        assert found is not None
-        state, H, g, rss, slopes = found
+        chord, start = slopes if size < CHORD else [], (state, step, H)
+        better = line_search(partial(_moved, problem, start, chord), partial(_lower, rss, size), 0.0)
+        assert better is not None
+        state, H, g, rss, slopes = better
         sums.append(rss)
         if record:
             record(iteration, state)
@@ -607,10 +621,10 @@ _Place: TypeAlias = "tuple[State, FloatArray, FloatArray, float, list[FloatArray
 
 
 def _moved(
-    problem: Problem, before: tuple[State, FloatArray, FloatArray], chord: list[FloatArray], share: float
+    problem: Problem, start: tuple[State, FloatArray, FloatArray], chord: list[FloatArray], share: float
 ) -> _Place:
     """Where a share of a step leads; a whole short one (``chord``) with the derivatives before it."""
-    state, step, H = before
+    state, step, H = start
     moved = problem.moved(state, share * step)
     if chord and share == 1.0:
         return moved, H, *problem.gradient_near(moved, chord), []
@@ -618,9 +632,9 @@ def _moved(
     return moved, *problem.normal_equations(moved, slopes=slopes), slopes
 
 
-def _lower(rss: float, size: float, place: _Place, share: float) -> bool:
+def _lower(rss: float, size: float, reached: _Place, share: float) -> bool:
     """Whether a step is good enough: lower, or lost in rounding, or one that only puts held directions back."""
-    return place[3] <= rss * (1 + 1e-6) or size * share < 1e-7 or share < 2e-6
+    return reached[3] <= rss * (1 + 1e-6) or size * share < 1e-7 or share < 2e-6
 
 
 def _stands_still(sums: list[float]) -> bool:
@@ -628,17 +642,19 @@ def _stands_still(sums: list[float]) -> bool:
     return len(sums) > 2 * PATIENCE and min(sums[-PATIENCE:]) > (1 - PROGRESS) * min(sums[:-PATIENCE])
 
 
-def _put_back(problem: Problem, seen: Information, state: State) -> State:
+def _put_back(problem: Problem, information: Information, state: State) -> State:
     """The state with held directions at nominal; base and targets follow."""
-    return problem.moved(state, _step(seen, np.zeros(problem.unknowns), state))
+    return problem.moved(state, _step(information, np.zeros(problem.unknowns), state))
 
 
-def _step(seen: Information, g: FloatArray, state: State) -> FloatArray:
+def _step(information: Information, g: FloatArray, state: State) -> FloatArray:
     """Gauss-Newton step of base, targets and error parameters; held directions go back to nominal."""
-    b = len(seen.H_nn_inverse)
-    known = seen.H_nn_inverse @ g[:b]
-    rest = seen.scale * (g[b:] - seen.follow.T @ g[:b])
-    V, held = seen.directions[:, seen.seen], seen.directions[:, ~seen.seen]
-    errors = V @ ((V.T @ rest) / seen.eigenvalues[seen.seen]) - held @ (held.T @ (state.errors / seen.scale))
-    errors = seen.scale * errors
-    return np.concatenate([known - seen.follow @ errors, errors])
+    b = len(information.H_nn_inverse)
+    outer = information.H_nn_inverse @ g[:b]
+    gradient = information.scale * (g[b:] - information.follow.T @ g[:b])
+    V, fixed = information.directions[:, information.seen], information.directions[:, ~information.seen]
+    errors = V @ ((V.T @ gradient) / information.eigenvalues[information.seen]) - fixed @ (
+        fixed.T @ (state.errors / information.scale)
+    )
+    errors = information.scale * errors
+    return np.concatenate([outer - information.follow @ errors, errors])

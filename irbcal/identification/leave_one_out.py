@@ -29,7 +29,7 @@ OPEN = 1e-6
 """Share of the information about a direction below which, without the poses left out, it is open: rounding decides."""
 
 
-def residuals(linear: LinearModel, columns: IntArray, found: Posterior) -> tuple[FloatArray, IntArray, IntArray]:
+def residuals(linear: LinearModel, columns: IntArray, fit: Posterior) -> tuple[FloatArray, IntArray, IntArray]:
     """Leave-one-pose-out residuals; repeats of one place (`LinearModel.place`) are left out together.
 
     Parameters
@@ -37,7 +37,7 @@ def residuals(linear: LinearModel, columns: IntArray, found: Posterior) -> tuple
     linear : LinearModel
     columns : ndarray of int
         Columns of the fit.
-    found : Posterior
+    fit : Posterior
 
     Returns
     -------
@@ -46,55 +46,60 @@ def residuals(linear: LinearModel, columns: IntArray, found: Posterior) -> tuple
         without its pose.
     pose, row : ndarray of int, shape (equations,)
     """
-    a = found.temper / found.s2
-    place = linear.place
-    repeated = np.bincount(place)[place] > 1
-    out, kept = [], []
+    a = fit.temper / fit.s2
+    repeats = linear.place
+    repeated = np.bincount(repeats)[repeats] > 1
+    out, blocks = [], []
     for block in linear.blocks(columns):
-        e = block.y - found.c @ block.J
-        mine = repeated[block.pose]
-        kept.append((block.J[:, mine], e[mine]))
-        out.append((single(block.J, e, block.pose, found.covariance, a), block.pose, block.row))
-    u, pose, row = (np.concatenate(parts) for parts in zip(*out, strict=True))
+        e = block.y - fit.c @ block.J
+        repeated_rows = repeated[block.pose]
+        blocks.append((block.J[:, repeated_rows], e[repeated_rows]))
+        out.append((single(block.J, e, block.pose, fit.covariance, a), block.pose, block.row))
+    u, pose, row = (np.concatenate(arrays) for arrays in zip(*out, strict=True))
     if repeated.any():
-        u[repeated[pose]] = _together(kept, place[pose[repeated[pose]]], found)
+        u[repeated[pose]] = _together(blocks, repeats[pose[repeated[pose]]], fit)
     return u, pose, row
 
 
-def _together(kept: list[tuple[FloatArray, FloatArray]], place: IntArray, found: Posterior) -> FloatArray:
+def _together(blocks: list[tuple[FloatArray, FloatArray]], repeats: IntArray, fit: Posterior) -> FloatArray:
     """Residuals (rows,) of poses that are left out with all poses of their place.
 
     Parameters
     ----------
-    kept : list of (ndarray, ndarray)
+    blocks : list of (ndarray, ndarray)
         Derivatives (columns, rows) and residuals (rows,), in parts.
-    place : ndarray of int, shape (rows,)
-    found : Posterior
+    repeats : ndarray of int, shape (rows,)
+    fit : Posterior
     """
-    a = found.temper / found.s2
-    J, e = np.concatenate([part for part, _ in kept], axis=1), np.concatenate([part for _, part in kept])
+    a = fit.temper / fit.s2
+    J, e = (
+        np.concatenate([J_block for J_block, _ in blocks], axis=1),
+        np.concatenate([e_block for _, e_block in blocks]),
+    )
     u = np.empty_like(e)
-    order = np.argsort(place, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
-        share = J[:, rows].T @ (found.covariance @ J[:, rows])
+    order = np.argsort(repeats, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(repeats[order])) + 1):
+        share = J[:, rows].T @ (fit.covariance @ J[:, rows])
         u[rows] = _without(a * share, e[rows])
     return u
 
 
 def _without(share: FloatArray, e: FloatArray) -> FloatArray:
     """Residuals (…, n) without the rows of a share (…, n, n) of the fit; infinite where one is open."""
-    rest = np.eye(share.shape[-1]) - share
-    if _all_closed(rest):
-        return np.asarray(np.linalg.solve(rest, e[..., None])[..., 0])
-    left, V = np.linalg.eigh(rest)
-    u = np.einsum("...rk,...k->...r", V, np.einsum("...rk,...r->...k", V, e) / np.where(left < OPEN, np.inf, left))
-    return np.where(np.einsum("...rk,...k->...r", V * V, (left < OPEN) * 1.0) > OPEN, np.inf, u)
+    M = np.eye(share.shape[-1]) - share
+    if _all_closed(M):
+        return np.asarray(np.linalg.solve(M, e[..., None])[..., 0])
+    eigenvalues, V = np.linalg.eigh(M)
+    u = np.einsum(
+        "...rk,...k->...r", V, np.einsum("...rk,...r->...k", V, e) / np.where(eigenvalues < OPEN, np.inf, eigenvalues)
+    )
+    return np.where(np.einsum("...rk,...k->...r", V * V, (eigenvalues < OPEN) * 1.0) > OPEN, np.inf, u)
 
 
-def _all_closed(rest: FloatArray) -> bool:
+def _all_closed(M: FloatArray) -> bool:
     """Whether no direction of symmetric matrices (…, n, n) is open."""
     try:
-        np.linalg.cholesky(rest - OPEN * np.eye(rest.shape[-1]))
+        np.linalg.cholesky(M - OPEN * np.eye(M.shape[-1]))
     except np.linalg.LinAlgError:
         return False
     return True
@@ -134,13 +139,13 @@ class Without:
         L = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
         out = []
         for H, right in zip(information, b, strict=True):
-            rest = np.eye(len(L)) - L.T @ H @ L
-            if _all_closed(rest):
-                out.append(Without(L @ np.linalg.solve(rest, L.T @ right), np.zeros((len(L), 0))))
+            M = np.eye(len(L)) - L.T @ H @ L
+            if _all_closed(M):
+                out.append(Without(L @ np.linalg.solve(M, L.T @ right), np.zeros((len(L), 0))))
                 continue
-            left, V = np.linalg.eigh(rest)
-            shift = V @ ((V.T @ (L.T @ right)) / np.where(left < OPEN, np.inf, left))
-            out.append(Without(L @ shift, L @ V[:, left < OPEN]))
+            eigenvalues, V = np.linalg.eigh(M)
+            shift = V @ ((V.T @ (L.T @ right)) / np.where(eigenvalues < OPEN, np.inf, eigenvalues))
+            out.append(Without(L @ shift, L @ V[:, eigenvalues < OPEN]))
         return out
 
     def residuals(self, J: FloatArray, e: FloatArray, a: float) -> FloatArray:
@@ -179,41 +184,43 @@ def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray,
     return u
 
 
-def block_numbers(place: IntArray, session: NameArray | None, blocks: int = BLOCKS) -> IntArray:
+def block_numbers(repeats: IntArray, session: NameArray | None, blocks: int = BLOCKS) -> IntArray:
     """Number of the contiguous block that each pose belongs to, in the order of the poses, repeats together.
 
     Each session is cut by itself: without all poses of one its base would be anywhere.
     """
-    _, first, rank = np.unique(place, return_index=True, return_inverse=True)
+    _, first, rank = np.unique(repeats, return_index=True, return_inverse=True)
     number = np.zeros(len(first), dtype=int)
-    own = np.zeros(len(first), dtype=int) if session is None else np.unique(session[first], return_inverse=True)[1]
-    for k in range(int(own.max(initial=-1)) + 1):
-        mine = np.flatnonzero(own == k)
-        number[mine] = np.arange(len(mine)) * blocks // len(mine)
+    session_number = (
+        np.zeros(len(first), dtype=int) if session is None else np.unique(session[first], return_inverse=True)[1]
+    )
+    for k in range(int(session_number.max(initial=-1)) + 1):
+        of_session = np.flatnonzero(session_number == k)
+        number[of_session] = np.arange(len(of_session)) * blocks // len(of_session)
     return number[rank]
 
 
-def block_residuals(linear: LinearModel, columns: IntArray, found: Posterior, blocks: int = BLOCKS) -> FloatArray:
+def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, blocks: int = BLOCKS) -> FloatArray:
     """As `residuals`, leaving out contiguous blocks of poses in place of single ones, shape (equations,)."""
-    a = found.temper / found.s2
+    a = fit.temper / fit.s2
     number = block_numbers(linear.place, linear.session, blocks)
     k = len(columns)
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):
-        e = block.y - found.c @ block.J
+        e = block.y - fit.c @ block.J
         for part in np.unique(number[block.pose]):
-            mine = number[block.pose] == part
-            J = block.J[:, mine]
+            rows = number[block.pose] == part
+            J = block.J[:, rows]
             H[part] += a * (J @ J.T)
-            b[part] += a * (J @ e[mine])
-    without = Without.of(found.covariance, list(H), list(b))
+            b[part] += a * (J @ e[rows])
+    without = Without.of(fit.covariance, list(H), list(b))
     out = []
     for block in linear.blocks(columns):
-        e = block.y - found.c @ block.J
+        e = block.y - fit.c @ block.J
         out.append(np.empty_like(e))
         for part in np.unique(number[block.pose]):
-            mine = number[block.pose] == part
-            out[-1][mine] = without[part].residuals(block.J[:, mine], e[mine], a)
+            rows = number[block.pose] == part
+            out[-1][rows] = without[part].residuals(block.J[:, rows], e[rows], a)
     return np.concatenate(out)
 
 
@@ -224,16 +231,16 @@ def lengths(linear: LinearModel, u: FloatArray, pose: IntArray, row: IntArray) -
     without its pose a direction that it depends on is open. Where a direction of each pose was projected out, what all
     its points have in common shows in two of three coordinates only; the third is as large.
     """
-    mine = row >= 0
-    mine[mine] = linear.target[row[mine]] >= 0
-    target, square = linear.target[row[mine]], u[mine] ** 2
+    measured = row >= 0
+    measured[measured] = linear.target[row[measured]] >= 0
+    target, square = linear.target[row[measured]], u[measured] ** 2
     if linear.projected:
-        of = pose[mine][::3]
-        total = [np.bincount(of, u[mine][k::3], of.max() + 1) for k in range(3)]
-        common = np.sum(np.square(total), axis=0) / np.maximum(np.bincount(of), 1) ** 2
-        square = square + np.repeat(common[of] / 6.0, 3)
+        pose_of_point = pose[measured][::3]
+        total = [np.bincount(pose_of_point, u[measured][k::3], pose_of_point.max() + 1) for k in range(3)]
+        common = np.sum(np.square(total), axis=0) / np.maximum(np.bincount(pose_of_point), 1) ** 2
+        square = square + np.repeat(common[pose_of_point] / 6.0, 3)
     figures = {"": square} | {name: square[target == k] for k, name in enumerate(linear.target_names)}
-    return {name: closed(float(np.sqrt(3.0 * part.mean())) * MM) for name, part in figures.items()}
+    return {name: closed(float(np.sqrt(3.0 * squares.mean())) * MM) for name, squares in figures.items()}
 
 
 def rms_length(u: FloatArray) -> float:

@@ -165,8 +165,8 @@ def _newton(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Step of (y, t), and of s and z in scaled coordinates, for the right-hand side ``W dz + W^-1 ds = q``."""
     m, n = len(beta), len(flat_A)
-    back = _scaled(v, 1.0 / beta, q, -1.0)
-    dx = inverse @ (np.append(-(flat_A @ back[1:].ravel()), back[0].sum()) - drift)
+    scaled = _scaled(v, 1.0 / beta, q, -1.0)
+    dx = inverse @ (np.append(-(flat_A @ scaled[1:].ravel()), scaled[0].sum()) - drift)
     Gdx = np.concatenate([np.full(m, -dx[n]), dx[:n] @ flat_A]).reshape(4, m)
     dz = _scaled(v, 1.0 / beta, Gdx, -1.0) + q
     return dx, q - dz, dz
@@ -222,8 +222,8 @@ def _to_boundary(x: FloatArray, step: FloatArray) -> float:
     size = _cone_norm(x)
     x = x / size
     lead = x[0] * step[0] - _dot(x[1:], step[1:])
-    rest = step[1:] - ((lead + step[0]) / (x[0] + 1.0)) * x[1:]
-    reach = ((np.sqrt(_dot(rest, rest)) - lead) / size).max()
+    residual = step[1:] - ((lead + step[0]) / (x[0] + 1.0)) * x[1:]
+    reach = ((np.sqrt(_dot(residual, residual)) - lead) / size).max()
     return float(1.0 / reach) if reach > 0 else np.inf
 
 
@@ -280,7 +280,7 @@ def solve(
     if record:
         record(0, state)
     for iteration in range(MAX_ITERATIONS + 1):
-        Q, back = _orthonormal(problem.jacobian(state) @ basis, 1e-3 * np.sqrt(np.mean(r**2)))
+        Q, to_columns = _orthonormal(problem.jacobian(state) @ basis, 1e-3 * np.sqrt(np.mean(r**2)))
         # the multipliers of the last model often prove this one too, which saves the solution of one more
         w, bound = certificate(r, Q, w)
         if not _closed(value, bound, tolerance):
@@ -297,7 +297,7 @@ def solve(
                 lower_bound=bound,
                 multipliers=w,
             )
-        moved = _shortened(problem, state, basis @ (back @ z), value, bound)
+        moved = _shortened(problem, state, basis @ (to_columns @ z), value, bound)
         if moved is None:
             break
         state, r = moved
@@ -322,41 +322,41 @@ def _by_parts(
 
     What some of the points need at least all need at least: the bound of the part is one of the whole.
     """
-    points, before, iterations = problem.points, problem.residuals(state), 0
-    first = largest_distance(before)
+    points, r_before, iterations = problem.points, problem.residuals(state), 0
+    first = largest_distance(r_before)
     rows = np.concatenate([points.pose, points.pose[points.oriented()]])
-    mine = _farthest(before, rows, points.poses, np.zeros(points.poses, dtype=bool))
+    chosen = _farthest(r_before, rows, points.poses, np.zeros(points.poses, dtype=bool))
     while True:
-        part = solve(problem.of_poses(mine), solution, state, tolerance, record)
-        state, iterations = part.state, iterations + part.iterations
+        subset = solve(problem.of_poses(chosen), solution, state, tolerance, record)
+        state, iterations = subset.state, iterations + subset.iterations
         r = problem.residuals(state)
-        value, bound = largest_distance(r), part.lower_bound or 0.0
-        if _closed(value, bound, tolerance) or mine.sum() > MOST_POSES - ADDED:
+        value, bound = largest_distance(r), subset.lower_bound or 0.0
+        if _closed(value, bound, tolerance) or chosen.sum() > MOST_POSES - ADDED:
             break
-        mine = _farthest(r, rows, points.poses, mine)
+        chosen = _farthest(r, rows, points.poses, chosen)
     if not _closed(value, bound, tolerance):
         raise IdentificationError(
             f"the largest distance is {1e3 * value:.6g} mm, but only {1e3 * bound:.6g} mm are proved to be "
-            f"needed by the {int(mine.sum())} poses with the largest ones: allow a larger tolerance"
+            f"needed by the {int(chosen.sum())} poses with the largest ones: allow a larger tolerance"
         )
     multipliers = np.zeros((problem.rows, 3))
-    multipliers[mine[rows]] = part.multipliers
+    multipliers[chosen[rows]] = subset.multipliers
     return replace(
-        part,
+        subset,
         rss=problem.rss(state),
         value=value,
         iterations=iterations,
-        history=(first, *part.history[1:-1], value),
+        history=(first, *subset.history[1:-1], value),
         multipliers=multipliers,
     )
 
 
-def _farthest(r: FloatArray, rows: IntArray, n: int, mine: BoolArray) -> BoolArray:
+def _farthest(r: FloatArray, rows: IntArray, n: int, chosen: BoolArray) -> BoolArray:
     """The poses of a part, and those of the others with the largest distances."""
     worst = np.zeros(n)
     np.maximum.at(worst, rows, np.linalg.norm(r, axis=1))
-    worst[mine] = -1.0
-    more = mine.copy()
+    worst[chosen] = -1.0
+    more = chosen.copy()
     more[np.argpartition(-worst, ADDED)[:ADDED]] = True
     return more
 
@@ -367,13 +367,13 @@ def _orthonormal(A: FloatArray, cut: float) -> tuple[FloatArray, FloatArray]:
     Directions along which a whole unit moves all predictions by less than ``cut`` together are not moved: far from
     the least-squares state there may be such among the seen ones. The second time removes what rounding left.
     """
-    back: FloatArray = np.eye(A.shape[1])
+    to_columns: FloatArray = np.eye(A.shape[1])
     for limit in (cut, 0.0):
         squares, V = np.linalg.eigh(A.T @ A)
         keep = squares > limit**2
         turned = V[:, keep] / np.sqrt(squares[keep])
-        A, back = A @ turned, back @ turned
-    return A, back
+        A, to_columns = A @ turned, to_columns @ turned
+    return A, to_columns
 
 
 def _closed(value: float, bound: float, tolerance: float) -> bool:
@@ -390,7 +390,9 @@ def _shortened(
         moved = problem.moved(state, share * step)
         return moved, problem.residuals(moved)
 
-    return line_search(trial, lambda found, s: largest_distance(found[1]) <= value - 0.1 * s * (value - bound), 1e-6)
+    return line_search(
+        trial, lambda trial_state, s: largest_distance(trial_state[1]) <= value - 0.1 * s * (value - bound), 1e-6
+    )
 
 
 ITERATIONS = 2000
@@ -470,7 +472,7 @@ def nelder_mead(
     first = np.vstack([np.zeros(len(scale)), simplex * np.eye(len(scale))])
     # scipy counts the first simplex as an iteration
     options = {"maxiter": iterations + 1, "xatol": 0.0, "fatol": 0.0, "initial_simplex": first}
-    found = minimize(function, first[0], method="Nelder-Mead", callback=callback, options=options)
-    state, evaluations = state_at(found.x), int(found.nfev) + 1
+    result = minimize(function, first[0], method="Nelder-Mead", callback=callback, options=options)
+    state, evaluations = state_at(result.x), int(result.nfev) + 1
     information, rss = solution.information, problem.rss(state)
-    return Solution(state, information, rss, float(found.fun), count, tuple(history), evaluations=evaluations)
+    return Solution(state, information, rss, float(result.fun), count, tuple(history), evaluations=evaluations)

@@ -163,19 +163,19 @@ class Kind(ABC):
         """The known length that gives the robot its scale, where it is a part of the feature."""
         return ""
 
-    def doubt(self, seen: Seen, found: Misses) -> str:
+    def doubt(self, obs: Seen, misses: Misses) -> str:
         """What speaks against what is known of the feature, in a sentence; nothing where nothing does."""
         return ""
 
     @abstractmethod
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """Residuals and derivatives at values of the kind's unknowns."""
 
     @abstractmethod
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """Unknowns of the kind where the tool's point is known, in closed form."""
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """The tool's point in the tip link where ``seen.p`` is the tip itself, in closed form, and how firmly.
 
         Returns
@@ -198,20 +198,20 @@ def moved(shape: Shape, value: FloatArray, step: FloatArray) -> FloatArray:
     return np.column_stack([Q, value[:, 3] + value[:, :2] @ step[2:]])
 
 
-def eliminated(A_t: FloatArray, others: list[FloatArray], b: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+def eliminated(A_t: FloatArray, columns: list[FloatArray], b: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """Least squares of ``A_t t + A_o o = b`` for t alone, with its information; None where it is not determined.
 
     Parameters
     ----------
     A_t : ndarray, shape (m, k, 3)
-    others : list of ndarray, shape (m, k, any)
+    columns : list of ndarray, shape (m, k, any)
     b : ndarray, shape (m, k)
     """
     rows = b.size
-    rest = np.concatenate(others, axis=2).reshape(rows, -1)
-    if rows < 3 + rest.shape[1]:
+    matrix = np.concatenate(columns, axis=2).reshape(rows, -1)
+    if rows < 3 + matrix.shape[1]:
         return None
-    U, s, _ = np.linalg.svd(rest, full_matrices=False)
+    U, s, _ = np.linalg.svd(matrix, full_matrices=False)
     U = U[:, s > 1e-10 * s[0]]
     A = A_t.reshape(rows, 3)
     A = A - U @ (U.T @ A)
@@ -250,16 +250,16 @@ def ball(p: FloatArray) -> tuple[FloatArray, float]:
 
 
 def ball_tool(
-    seen: Seen, more: tuple[FloatArray, ...], square: FloatArray | None = None
+    obs: Seen, more: tuple[FloatArray, ...], square: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray] | None:
     """The tool's point of rows on a sphere (or with ``square`` the squared radius of each row, and columns more)."""
-    m = len(seen.p)
-    middle = seen.p.mean(axis=0)  # lengths that cancel less
-    p = seen.p - middle
-    A = 2.0 * np.einsum("mij,mi->mj", seen.R, p)
-    rest = [-2.0 * seen.R.reshape(m, 9), -2.0 * p, np.ones((m, 1)), *(-2.0 * column for column in more)]
+    m = len(obs.p)
+    middle = obs.p.mean(axis=0)  # lengths that cancel less
+    p = obs.p - middle
+    A = 2.0 * np.einsum("mij,mi->mj", obs.R, p)
+    columns = [-2.0 * obs.R.reshape(m, 9), -2.0 * p, np.ones((m, 1)), *(-2.0 * column for column in more)]
     b = -np.sum(p**2, axis=1) + (0.0 if square is None else square)
-    return eliminated(A[:, None], [column[:, None] for column in rest], b[:, None])
+    return eliminated(A[:, None], [column[:, None] for column in columns], b[:, None])
 
 
 def null(A: FloatArray) -> FloatArray | None:
@@ -273,8 +273,8 @@ def null(A: FloatArray) -> FloatArray | None:
 
 def with_third(axis: FloatArray) -> FloatArray:
     """A rotation whose third column is a unit vector."""
-    other = np.eye(3)[np.argmin(np.abs(axis))]
-    x = np.cross(other, axis)
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    x = np.cross(helper, axis)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(axis, x), axis])
 

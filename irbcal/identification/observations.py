@@ -53,18 +53,18 @@ class Point(Kind):
 
     name, size, own, shown_as = "point", 3, {"centre": Own("place")}, "socket"
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``p - c``."""
-        one = ones(len(seen.p))
-        return Misses(seen.p - own["centre"], one, {"centre": -one})
+        eye = ones(len(obs.p))
+        return Misses(obs.p - values["centre"], eye, {"centre": -eye})
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """The mean."""
-        return {"centre": seen.p.mean(axis=0)}
+        return {"centre": obs.p.mean(axis=0)}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t - c = -p``, which is linear."""
-        return eliminated(seen.R, [-ones(len(seen.p))], -seen.p)
+        return eliminated(obs.R, [-ones(len(obs.p))], -obs.p)
 
 
 class Sphere(Kind):
@@ -76,19 +76,19 @@ class Sphere(Kind):
         """The radius, where it is known."""
         return {} if feature.radius is None else {"radius": np.array([feature.radius])}
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``|p - c| - R``."""
-        d, n = distance(seen.p, own["centre"])
-        return Misses((d - own["radius"])[:, None], n, {"centre": -n, "radius": -np.ones((len(d), 1, 1))})
+        d, n = distance(obs.p, values["centre"])
+        return Misses((d - values["radius"])[:, None], n, {"centre": -n, "radius": -np.ones((len(d), 1, 1))})
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """From ``|p|^2 - 2 p.c + |c|^2 - R^2 = 0``, which is linear in c and a constant."""
-        c, rest = ball(seen.p)
-        return {"centre": c, "radius": np.array([np.sqrt(max(float(c @ c) - rest, 1e-8))])}
+        c, constant = ball(obs.p)
+        return {"centre": c, "radius": np.array([np.sqrt(max(float(c @ c) - constant, 1e-8))])}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """From the same equation with ``p + R t`` in place of p, linear in t, c, their products and a constant."""
-        return ball_tool(seen, ())
+        return ball_tool(obs, ())
 
 
 class Radius(Sphere):
@@ -101,27 +101,27 @@ class Radius(Sphere):
         """The offset, where it is known."""
         return {} if feature.offset is None else {"offset": np.array([feature.offset])}
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``|p - c| - value - offset``."""
-        d, n = distance(seen.p, own["centre"])
-        r = (d - seen.value - own["offset"])[:, None]
+        d, n = distance(obs.p, values["centre"])
+        r = (d - obs.value - values["offset"])[:, None]
         return Misses(r, n, {"centre": -n, "offset": -np.ones((len(d), 1, 1))})
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """As of a sphere, with ``(value + offset)^2`` in place of its radius; the offset as on the mean."""
-        known = seen.feature.offset or 0.0
-        v = seen.value + known
-        few = np.ptp(v) < 1e-3 * v.mean()  # one radius: the offset is told from it, not from its changes
-        A = [-2.0 * seen.p, np.ones((len(v), 1))]
-        A += [] if few or seen.feature.offset is not None else [-2.0 * v[:, None]]
-        x = np.linalg.lstsq(np.hstack(A), v**2 - np.sum(seen.p**2, axis=1), rcond=1e-10)[0]
+        offset = obs.feature.offset or 0.0
+        v = obs.value + offset
+        constant = np.ptp(v) < 1e-3 * v.mean()  # one radius: the offset is told from it, not from its changes
+        A = [-2.0 * obs.p, np.ones((len(v), 1))]
+        A += [] if constant or obs.feature.offset is not None else [-2.0 * v[:, None]]
+        x = np.linalg.lstsq(np.hstack(A), v**2 - np.sum(obs.p**2, axis=1), rcond=1e-10)[0]
         c = x[:3]
-        return {"centre": c, "offset": np.array([float(np.mean(distance(seen.p, c)[0] - seen.value))])}
+        return {"centre": c, "offset": np.array([float(np.mean(distance(obs.p, c)[0] - obs.value))])}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """As of a sphere."""
-        v = seen.value + (seen.feature.offset or 0.0)
-        return ball_tool(seen, (v[:, None],), v**2)
+        v = obs.value + (obs.feature.offset or 0.0)
+        return ball_tool(obs, (v[:, None],), v**2)
 
 
 class Plane(Kind):
@@ -131,28 +131,28 @@ class Plane(Kind):
     own: ClassVar[Mapping[str, Own]] = {"normal": Own("axis", unit="rad"), "height": Own("number")}
     shape_only, spread = True, True
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``n.p - d``."""
-        Q = own["normal"]
-        point = np.broadcast_to(Q[:, 2], (len(seen.p), 1, 3)).copy()
-        local = seen.p @ Q
+        Q = values["normal"]
+        point = np.broadcast_to(Q[:, 2], (len(obs.p), 1, 3)).copy()
+        local = obs.p @ Q
         by_axis = np.stack([-local[:, 1], local[:, 0]], axis=1)[:, None]
         return Misses(
-            (local[:, 2] - own["height"])[:, None],
+            (local[:, 2] - values["height"])[:, None],
             point,
             {"normal": by_axis, "height": -np.ones((len(local), 1, 1))},
         )
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """The direction in which the points scatter least."""
-        middle = seen.p.mean(axis=0)
-        n = np.linalg.svd(seen.p - middle)[2][2]
+        middle = obs.p.mean(axis=0)
+        n = np.linalg.svd(obs.p - middle)[2][2]
         return {"normal": with_third(n), "height": np.array([n @ middle])}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """From ``n.p + (n t').R - d = 0``, whose unknowns are a null vector."""
-        m = len(seen.p)
-        A = np.hstack([seen.p, seen.R.reshape(m, 9), -np.ones((m, 1))])
+        m = len(obs.p)
+        A = np.hstack([obs.p, obs.R.reshape(m, 9), -np.ones((m, 1))])
         x = null(A)
         if x is None:
             return None
@@ -166,24 +166,24 @@ class Line(Kind):
     name, size, own = "line", 2, {"line": Own("line")}
     shape_only, spread = True, True
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """The two coordinates across the line."""
-        Q, a = own["line"][:, :3], own["line"][:, 3]
-        m = len(seen.p)
-        local = (seen.p - a) @ Q
+        Q, a = values["line"][:, :3], values["line"][:, 3]
+        m = len(obs.p)
+        local = (obs.p - a) @ Q
         by_line = np.zeros((m, 2, 4))
         by_line[:, 0, 1], by_line[:, 1, 0] = -local[:, 2], local[:, 2]
         by_line[:, 0, 2] = by_line[:, 1, 3] = -1.0
         return Misses(local[:, :2], np.broadcast_to(Q[:, :2].T, (m, 2, 3)).copy(), {"line": by_line})
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """Through the mean, along the direction in which the points scatter most."""
-        middle = seen.p.mean(axis=0)
-        return {"line": np.column_stack([with_third(np.linalg.svd(seen.p - middle)[2][0]), middle])}
+        middle = obs.p.mean(axis=0)
+        return {"line": np.column_stack([with_third(np.linalg.svd(obs.p - middle)[2][0]), middle])}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """From ``(p + R t) x u = m``, whose unknowns u, products of t and u, and m are a null vector."""
-        m = len(seen.p)
+        m = len(obs.p)
         cross = np.array(
             [
                 [[0, 0, 0], [0, 0, 1], [0, -1, 0]],
@@ -194,8 +194,8 @@ class Line(Kind):
         )  # (p x u)_i = cross[i, j, k] p_j u_k
         A = np.concatenate(
             [
-                np.einsum("ijk,mj->mik", cross, seen.p),
-                np.einsum("ijk,mjl->milk", cross, seen.R).reshape(m, 3, 9),
+                np.einsum("ijk,mj->mik", cross, obs.p),
+                np.einsum("ijk,mjl->milk", cross, obs.R).reshape(m, 3, 9),
                 -ones(m),
             ],
             axis=2,
@@ -212,25 +212,25 @@ class Gauge(Plane):
 
     name, needs, shape_only = "gauge", ("value",), False
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``n.p - d - value``."""
-        found = super().misses(seen, own)
-        return Misses(found.r - seen.value[:, None], found.point, found.own)
+        planar = super().misses(obs, values)
+        return Misses(planar.r - obs.value[:, None], planar.point, planar.own)
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """Linear in the direction and the zero."""
-        middle = seen.p.mean(axis=0)
-        x = np.linalg.lstsq(np.hstack([seen.p - middle, np.ones((len(seen.p), 1))]), seen.value, rcond=1e-9)[0]
+        middle = obs.p.mean(axis=0)
+        x = np.linalg.lstsq(np.hstack([obs.p - middle, np.ones((len(obs.p), 1))]), obs.value, rcond=1e-9)[0]
         n = x[:3] / max(float(np.linalg.norm(x[:3])), 1e-12)
-        return {"normal": with_third(n), "height": np.array([np.mean(seen.p @ n - seen.value)])}
+        return {"normal": with_third(n), "height": np.array([np.mean(obs.p @ n - obs.value)])}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """From ``n.p + (n t').R - d = value``, which is linear."""
-        m = len(seen.p)
-        A = np.hstack([seen.p - seen.p.mean(axis=0), seen.R.reshape(m, 9), -np.ones((m, 1))])
+        m = len(obs.p)
+        A = np.hstack([obs.p - obs.p.mean(axis=0), obs.R.reshape(m, 9), -np.ones((m, 1))])
         if m < A.shape[1]:
             return None
-        x, _, rank, _ = np.linalg.lstsq(A, seen.value, rcond=1e-9)
+        x, _, rank, _ = np.linalg.lstsq(A, obs.value, rcond=1e-9)
         n, nt = x[:3], x[3:12].reshape(3, 3)
         return None if rank < A.shape[1] else (nt.T @ n / (n @ n), 1e-6 * np.eye(3))
 
@@ -242,22 +242,22 @@ class Offset(Kind):
     own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", unit="rad")}
     needs = ("xyz",)
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``p - c - F v``."""
-        there = seen.xyz @ own["axes"].T
-        one = ones(len(there))
-        return Misses(seen.p - own["centre"] - there, one, {"centre": -one, "axes": cross(there)})
+        turned = obs.xyz @ values["axes"].T
+        eye = ones(len(turned))
+        return Misses(obs.p - values["centre"] - turned, eye, {"centre": -eye, "axes": cross(turned)})
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """Linear in c and F."""
-        A = np.hstack([np.ones((len(seen.p), 1)), seen.xyz])
-        x = np.asarray(np.linalg.lstsq(A, seen.p, rcond=1e-12)[0], dtype=float)
+        A = np.hstack([np.ones((len(obs.p), 1)), obs.xyz])
+        x = np.asarray(np.linalg.lstsq(A, obs.p, rcond=1e-12)[0], dtype=float)
         return {"centre": x[0], "axes": rotation(x[1:].T)}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t - c - F v = -p``, which is linear."""
-        all_of = np.einsum("ij,mk->mijk", np.eye(3), seen.xyz).reshape(len(seen.p), 3, 9)
-        return eliminated(seen.R, [-ones(len(seen.p)), -all_of], -seen.p)
+        all_of = np.einsum("ij,mk->mijk", np.eye(3), obs.xyz).reshape(len(obs.p), 3, 9)
+        return eliminated(obs.R, [-ones(len(obs.p)), -all_of], -obs.p)
 
 
 class OffsetOnTool(Kind):
@@ -267,27 +267,27 @@ class OffsetOnTool(Kind):
     own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", of="target", unit="rad")}
     needs = ("xyz",)
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``p + R X v - c``."""
-        local = seen.xyz @ own["axes"].T
-        there = np.einsum("mij,mj->mi", seen.R, local)
-        one = ones(len(there))
+        local = obs.xyz @ values["axes"].T
+        turned = np.einsum("mij,mj->mi", obs.R, local)
+        eye = ones(len(turned))
         return Misses(
-            seen.p + there - own["centre"], one, {"centre": -one, "axes": -seen.R @ cross(local)}, -cross(there)
+            obs.p + turned - values["centre"], eye, {"centre": -eye, "axes": -obs.R @ cross(local)}, -cross(turned)
         )
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """Linear in c and X."""
-        m = len(seen.p)
-        A = np.concatenate([np.einsum("mij,mk->mijk", seen.R, seen.xyz).reshape(m, 3, 9), -ones(m)], axis=2)
-        x = np.linalg.lstsq(A.reshape(3 * m, 12), -seen.p.ravel(), rcond=1e-12)[0]
+        m = len(obs.p)
+        A = np.concatenate([np.einsum("mij,mk->mijk", obs.R, obs.xyz).reshape(m, 3, 9), -ones(m)], axis=2)
+        x = np.linalg.lstsq(A.reshape(3 * m, 12), -obs.p.ravel(), rcond=1e-12)[0]
         return {"centre": x[9:], "axes": rotation(x[:9].reshape(3, 3))}
 
-    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t + R X v - c = -p``, which is linear."""
-        m = len(seen.p)
-        all_of = np.einsum("mij,mk->mijk", seen.R, seen.xyz).reshape(m, 3, 9)
-        return eliminated(seen.R, [all_of, -ones(m)], -seen.p)
+        m = len(obs.p)
+        all_of = np.einsum("mij,mk->mijk", obs.R, obs.xyz).reshape(m, 3, 9)
+        return eliminated(obs.R, [all_of, -ones(m)], -obs.p)
 
 
 class Pose(Kind):
@@ -297,26 +297,26 @@ class Pose(Kind):
     own: ClassVar[Mapping[str, Own]] = {"axes": Own("turn", of="target", unit="rad")}
     needs, metric, spread = ("xyz", "rotation"), True, True
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``p - T^-1 x``, and the rotation vector from measured to predicted axes times `LEVER`."""
-        T = frames.inverse(seen.T_world_base)
-        m = len(seen.p)
-        there = seen.xyz @ T[:3, :3].T + T[:3, 3]
-        E = seen.R @ own["axes"] @ (T[:3, :3] @ seen.rotation).transpose(0, 2, 1)
+        T = frames.inverse(obs.T_world_base)
+        m = len(obs.p)
+        predicted = obs.xyz @ T[:3, :3].T + T[:3, 3]
+        E = obs.R @ values["axes"] @ (T[:3, :3] @ obs.rotation).transpose(0, 2, 1)
         e = vectors(E)
         left, right = left_inverse(e), left_inverse(-e)
         point, turn, axes, base = (np.zeros((m, 6, k)) for k in (3, 3, 3, 6))
         point[:, :3] = np.eye(3)
         turn[:, 3:] = LEVER * left
-        axes[:, 3:] = LEVER * left @ seen.R
-        base[:, :3, :3], base[:, :3, 3:] = -cross(there), np.eye(3)
+        axes[:, 3:] = LEVER * left @ obs.R
+        base[:, :3, :3], base[:, :3, 3:] = -cross(predicted), np.eye(3)
         base[:, 3:, :3] = LEVER * right
-        return Misses(np.hstack([seen.p - there, LEVER * e]), point, {"axes": axes, "base": base}, turn)
+        return Misses(np.hstack([obs.p - predicted, LEVER * e]), point, {"axes": axes, "base": base}, turn)
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """The mean of what the axes on the tool must be."""
-        there = seen.T_world_base[:3, :3].T @ seen.rotation
-        return {"axes": frames.nearest_rotation((seen.R.transpose(0, 2, 1) @ there).mean(axis=0))}
+        turned = obs.T_world_base[:3, :3].T @ obs.rotation
+        return {"axes": frames.nearest_rotation((obs.R.transpose(0, 2, 1) @ turned).mean(axis=0))}
 
 
 class Angle(Kind):
@@ -326,26 +326,26 @@ class Angle(Kind):
     own: ClassVar[Mapping[str, Own]] = {"axis": Own("axis", of="target", unit="rad"), "up": Own("axis", unit="rad")}
     needs, spread, pointed = ("value",), True, False
 
-    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
         """``asin(a.u) - value`` times `LEVER`, with a the axis of the tool and u upwards."""
-        A, U = own["axis"], own["up"]
-        here = seen.R @ A  # columns: the axis and two across it
-        a, u = here[:, :, 2], U[:, 2]
+        A, U = values["axis"], values["up"]
+        axes = obs.R @ A  # columns: the axis and two across it
+        a, u = axes[:, :, 2], U[:, 2]
         s = np.clip(a @ u, -1.0 + 1e-12, 1.0 - 1e-12)
         slope = (LEVER / np.sqrt(1.0 - s * s))[:, None, None]
-        by_axis = np.stack([-here[:, :, 1] @ u, here[:, :, 0] @ u], axis=1)[:, None]
+        by_axis = np.stack([-axes[:, :, 1] @ u, axes[:, :, 0] @ u], axis=1)[:, None]
         by_up = np.stack([-a @ U[:, 1], a @ U[:, 0]], axis=1)[:, None]
         turn = np.cross(a, u)[:, None]
         return Misses(
-            (LEVER * (np.arcsin(s) - seen.value))[:, None],
+            (LEVER * (np.arcsin(s) - obs.value))[:, None],
             np.zeros((len(s), 1, 3)),
             {"axis": slope * by_axis, "up": slope * by_up},
             slope * turn,
         )
 
-    def start(self, seen: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Seen) -> dict[str, FloatArray]:
         """The base link taken as level: ``a.(R' z) = sin(value)`` is linear."""
-        a = np.linalg.lstsq(seen.R[:, 2, :], np.sin(seen.value), rcond=1e-12)[0]
+        a = np.linalg.lstsq(obs.R[:, 2, :], np.sin(obs.value), rcond=1e-12)[0]
         return {"axis": with_third(a / np.linalg.norm(a)), "up": np.eye(3)}
 
 

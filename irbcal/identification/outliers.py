@@ -107,14 +107,14 @@ def find_gross_errors(
     IdentificationError
         If the robot does not fit the points at all.
     """
-    some = points
+    subset = points
     if points.poses > MOST_POSES:
-        mine = np.isin(np.arange(points.poses), np.random.default_rng(0).permutation(points.poses)[:MOST_POSES])
-        some = points.select(mine)
-        if len(np.unique(some.target)) < len(points.target_names):  # a target that few poses saw
-            some = points
+        chosen = np.isin(np.arange(points.poses), np.random.default_rng(0).permutation(points.poses)[:MOST_POSES])
+        subset = points.select(chosen)
+        if len(np.unique(subset.target)) < len(points.target_names):  # a target that few poses saw
+            subset = points
     try:
-        robot = trimmed(arm, some)
+        robot = trimmed(arm, subset)
     except IdentificationError as error:
         _refuse_slip(arm, points, np.inf, source, measurements)
         raise IdentificationError(str(error), file=source) from None
@@ -130,10 +130,10 @@ def find_gross_errors(
         )
     level: Level = "nominal"
     for closer in dict.fromkeys(("offsets", default_level(arm))):
-        found = _closer(arm, some, distances(robot, some), closer)
-        nearer = None if found is None else distances(found, points)
-        if found is not None and nearer is not None and np.median(nearer) < np.median(distance):
-            robot, level, distance = found, closer, nearer
+        closer_robot = _closer(arm, subset, distances(robot, subset), closer)
+        nearer = None if closer_robot is None else distances(closer_robot, points)
+        if closer_robot is not None and nearer is not None and np.median(nearer) < np.median(distance):
+            robot, level, distance = closer_robot, closer, nearer
     return GrossErrors(distance <= limit(distance, level), distance, robot, level)
 
 
@@ -179,11 +179,11 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
     IdentificationError
         If the data do not allow it.
     """
-    whole = None
+    of_all = None
     if distance is None:
-        whole = identify(arm, points, level).robot
-        distance = distances(whole, points)
-    robot, core = whole, None
+        of_all = identify(arm, points, level).robot
+        distance = distances(of_all, points)
+    robot, core = of_all, None
     for _ in range(20):
         new = distance <= np.quantile(distance, CORE)
         if core is not None and (new == core).all():
@@ -192,9 +192,9 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
         try:
             robot = identify(arm, points.take(core).without_empty_poses().with_seen_targets(), level).robot
         except IdentificationError:  # too few for a part of them: all are needed
-            return whole or identify(arm, points, level).robot
+            return of_all or identify(arm, points, level).robot
         if set(robot.targets) != set(points.target_names):
-            return whole or identify(arm, points, level).robot
+            return of_all or identify(arm, points, level).robot
         distance = distances(robot, points)
     assert robot is not None
     return robot

@@ -106,7 +106,7 @@ def cut(points: PointSet, oriented: BoolArray, session: IntArray, length: int = 
     list of PoseBlock
         Poses without points are in none.
     """
-    before = np.cumsum(oriented) - 1 + len(points)
+    orientation_row = np.cumsum(oriented) - 1 + len(points)
 
     def block(poses: IntArray | slice, frames: IntArray | slice, at: IntArray) -> PoseBlock:
         """The points ``at`` (t, f) of ``points``, at these frames of the poses."""
@@ -120,7 +120,7 @@ def cut(points: PointSet, oriented: BoolArray, session: IntArray, length: int = 
             xyz=np.ascontiguousarray(points.xyz[flat].T),
             turned=turned,
             rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[flat[turned]],
-            rows=np.concatenate([flat, before[flat[turned]]]),
+            rows=np.concatenate([flat, orientation_row[flat[turned]]]),
             session=np.concatenate([session[flat], session[flat[turned]]]),
         )
 
@@ -136,8 +136,8 @@ def cut(points: PointSet, oriented: BoolArray, session: IntArray, length: int = 
         if 2 * np.count_nonzero(alike) < len(at):
             alike[:] = False
         if usual and alike.any():
-            some = poses if shared.all() else start + np.flatnonzero(shared)
-            blocks.append(block(some, slice(None), at[alike].reshape(-1, usual).T))
+            alike_poses = poses if shared.all() else start + np.flatnonzero(shared)
+            blocks.append(block(alike_poses, slice(None), at[alike].reshape(-1, usual).T))
         if not alike.all():
             blocks.append(block(poses, pose[~alike], at[~alike][None]))
     return blocks
@@ -271,18 +271,18 @@ class Problem:
         self.outer = self.others + 6 * (len(self.sessions) - 1)
         self.rows = len(points) + int(oriented.sum())
         self.weights = _weights(points, oriented)
-        self._take([term_of(item, arm) for item in self.parameters], Motion(points.q))
+        self._take([term_of(parameter, arm) for parameter in self.parameters], Motion(points.q))
 
     def _take(self, terms: Sequence[Term], motion: Motion) -> None:
         """Take terms, functions of a motion of the points' poses."""
         self.terms, self.motion = tuple(terms), motion
         joints = len(self.arm.joint_names)
-        own = [own_axis(self.arm, j) for j in range(joints)]
+        axes = [own_axis(self.arm, j) for j in range(joints)]
         self._moving = [k for k, term in enumerate(terms) if term.family != "geometry"]
-        self._frame_terms = [k for k in self._moving if terms[k].axis != own[terms[k].joint]]
+        self._frame_terms = [k for k in self._moving if terms[k].axis != axes[terms[k].joint]]
         self._mix = np.zeros((joints, len(self._moving)))
         for row, k in enumerate(self._moving):
-            if terms[k].axis == own[terms[k].joint]:
+            if terms[k].axis == axes[terms[k].joint]:
                 self._mix[[terms[k].joint, *terms[k].also], row] = 1.0
         self._layout = self._layout_of(range(len(terms)))
         length = min(BLOCK, TERMS_IN_BLOCK // (1 + len(terms)))
@@ -297,13 +297,13 @@ class Problem:
 
     def of_poses(self, keep: BoolArray) -> Problem:
         """The same unknowns and weights with some of the poses, shape (n,)."""
-        part = copy(self)
-        taken = keep[self.points.pose]
-        part.points = self.points.select(keep)
-        part.rows = len(part.points) + int(part.points.oriented().sum())
-        part.weights = self.weights[np.concatenate([taken, taken[self.points.oriented()]])]
-        part._take(self.terms, self.motion.select(keep))
-        return part
+        subset = copy(self)
+        points_kept = keep[self.points.pose]
+        subset.points = self.points.select(keep)
+        subset.rows = len(subset.points) + int(subset.points.oriented().sum())
+        subset.weights = self.weights[np.concatenate([points_kept, points_kept[self.points.oriented()]])]
+        subset._take(self.terms, self.motion.select(keep))
+        return subset
 
     @property
     def unknowns(self) -> int:
@@ -313,7 +313,7 @@ class Problem:
     @property
     def scales(self) -> FloatArray:
         """Plausible sizes of the error parameters, SI units."""
-        return np.array([item.scale for item in self.parameters])
+        return np.array([parameter.scale for parameter in self.parameters])
 
     def moved(self, state: State, step: FloatArray) -> State:
         """The state after a step in the order of the unknowns.
@@ -328,7 +328,7 @@ class Problem:
         for j, turn in zip(self.framed, step[k : self.others].reshape(-1, 3), strict=True):
             rotations[j] = frames.rotation_from_one(turn) @ rotations[j]
         steps = step[self.others : self.outer].reshape(-1, 6)
-        others = [
+        bases = [
             T @ frames.transform(frames.rotation_from_one(s[:3]), s[3:])
             for T, s in zip(state.others, steps, strict=True)
         ]
@@ -337,7 +337,7 @@ class Problem:
             targets,
             state.errors + step[self.outer :],
             rotations,
-            np.array(others).reshape(-1, 4, 4),
+            np.array(bases).reshape(-1, 4, 4),
         )
 
     def session_of_points(self) -> IntArray:
@@ -345,8 +345,8 @@ class Problem:
         if len(self.sessions) < 2:
             return np.zeros(len(self.points), dtype=int)
         number = {name: k for k, name in enumerate(self.sessions)}
-        own = np.full(self.points.poses, self.sessions[-1]) if self.points.session is None else self.points.session
-        return np.array([number[str(name)] for name in own], dtype=int)[self.points.pose]
+        session = np.full(self.points.poses, self.sessions[-1]) if self.points.session is None else self.points.session
+        return np.array([number[str(name)] for name in session], dtype=int)[self.points.pose]
 
     def in_base_link(self, state: State) -> FloatArray:
         """Measured points in the base link, shape (m, 3), metres."""
@@ -366,8 +366,8 @@ class Problem:
 
     def model(self, state: State) -> tuple[Arm, TermMap]:
         """Arm with the state's constants of the geometry, and its other terms."""
-        others = tuple(self.terms[k] for k in self._moving)
-        return self.arm_at(state), TermMap(self.arm, others, state.errors[self._moving])
+        terms = tuple(self.terms[k] for k in self._moving)
+        return self.arm_at(state), TermMap(self.arm, terms, state.errors[self._moving])
 
     def residuals(self, state: State) -> FloatArray:
         """Residuals of all rows in the base link, shape (rows, 3), metres; not weighted."""
@@ -486,8 +486,8 @@ class Problem:
         if k in self._values:
             return self._values[k]
         poses = self._blocks[k].poses
-        whole = isinstance(poses, slice) and poses.stop - poses.start == len(self.motion)
-        motion = self.motion if whole else self.motion.select(poses)
+        all_poses = isinstance(poses, slice) and poses.stop - poses.start == len(self.motion)
+        motion = self.motion if all_poses else self.motion.select(poses)
         out = basis_values([self.terms[j] for j in self._moving], Situation(self.arm, motion))
         if len(self._moving) * len(self.motion) <= MOST_VALUES:
             self._values[k] = out
@@ -581,9 +581,9 @@ class Problem:
     def share_out(self, J: FloatArray, session: IntArray) -> None:
         """Give derivatives by the base, (unknowns, 3, rows), to the base of each row's session (rows,), in place."""
         for k in range(len(self.sessions) - 1):
-            mine = np.flatnonzero(session == k)
-            J[self.others + 6 * k : self.others + 6 * k + 6, :, mine] = J[:6, :, mine]
-            J[:6, :, mine] = 0.0
+            rows = np.flatnonzero(session == k)
+            J[self.others + 6 * k : self.others + 6 * k + 6, :, rows] = J[:6, :, rows]
+            J[:6, :, rows] = 0.0
 
     def _orientation_columns(
         self, J: FloatArray, path: dhm.ChainFrames | chain.Walk, block: PoseBlock, layout: _Layout, values: FloatArray
@@ -615,16 +615,16 @@ def _fill(J: FloatArray, layout: _Layout, motion: Callable[[Key], FloatArray | N
         Derivative by the motion of each joint's frame, shape (joints, 3, …), None where nothing moves.
     values : ndarray, shape (functions, frames)
     """
-    constant = {(axis, False): of for axis, of in layout.constant.items()}
+    constant = {(axis, False): weights for axis, weights in layout.constant.items()}
     columns = {key: motion(key) for key in {*constant, *(key for _, key, *_ in layout.moving)}}
     for key, (slots, joints) in constant.items():
         column = columns[key]
         if column is not None:
             J[slots] = column[joints]
-    for slot, key, own, row in layout.moving:
+    for slot, key, joints_of, row in layout.moving:
         column = columns[key]
         if column is not None:
-            along = column[own[0]] if len(own) == 1 else column[list(own)].sum(axis=0)
+            along = column[joints_of[0]] if len(joints_of) == 1 else column[list(joints_of)].sum(axis=0)
             np.multiply(along, values[row], out=J[slot])
 
 

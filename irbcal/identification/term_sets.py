@@ -115,18 +115,18 @@ class TermSet:
         """Columns of a linearisation of the superset: the flat ones and its terms."""
         return np.concatenate([np.arange(flat), flat + self.terms])
 
-    def extended(self, places: Sequence[int], names: Sequence[str]) -> TermSet:
+    def extended(self, indices: Sequence[int], names: Sequence[str]) -> TermSet:
         """With more terms of the superset at its end, each with the name of its group."""
         groups = list(self.groups)
         groups += [name for name in dict.fromkeys(names) if name not in groups]
         return TermSet(
             self.name,
-            np.concatenate([self.terms, np.asarray(places, dtype=int)]),
+            np.concatenate([self.terms, np.asarray(indices, dtype=int)]),
             tuple(groups),
             np.concatenate([self.group, [groups.index(name) for name in names]]).astype(int),
             self.bands,
             self.highest,
-            None if self.expected is None else self.expected.extended(len(places)),
+            None if self.expected is None else self.expected.extended(len(indices)),
         )
 
 
@@ -182,15 +182,15 @@ def candidates(terms: Sequence[Term], kind: str, tau: float | None) -> list[Term
     """
     out: list[TermSet] = []
     for names, highest in CHOICES:
-        found = make(terms, [n for n in names if kind == ALL or n not in FRAME_FAMILIES], highest, tau)
-        if all(not np.array_equal(found.terms, other.terms) for other in out):
-            out.append(found)
+        candidate = make(terms, [n for n in names if kind == ALL or n not in FRAME_FAMILIES], highest, tau)
+        if all(not np.array_equal(candidate.terms, earlier.terms) for earlier in out):
+            out.append(candidate)
     return out
 
 
 def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float | None) -> TermSet:
     """One term set: geometry and some families, harmonics up to an order; families without terms do not count."""
-    places, groups = [], []
+    indices, groups = [], []
     for k, term in enumerate(terms):
         if term.family != "geometry" and term.family not in names:
             continue
@@ -198,13 +198,13 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
             continue
         if term.family == "warm_up" and term.parameters["tau"] != tau:
             continue
-        places.append(k)
+        indices.append(k)
         groups.append(band_group(term, highest) if term.family == "harmonics" and highest > LOW else term.group)
-    present = {terms[k].family for k in places}
+    present = {terms[k].family for k in indices}
     distinct = tuple(dict.fromkeys(groups))
-    words = ["geometry", *(_word(n, highest) for n in names if n in present)]
+    texts = ["geometry", *(_word(n, highest) for n in names if n in present)]
     numbers = np.array([distinct.index(name) for name in groups], dtype=int)
-    return TermSet(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW, highest)
+    return TermSet(", ".join(texts), np.array(indices, dtype=int), distinct, numbers, highest > LOW, highest)
 
 
 def with_type(
@@ -224,34 +224,34 @@ def with_type(
     everything = expect(terms)
     out: list[TermSet] = []
     for names, highest in CHOICES:
-        found = make(terms, [n for n in names if n not in FRAME_FAMILIES], max(highest, TYPE_ORDERS), tau)
-        mine = np.isin(np.arange(len(terms)), found.terms)
-        if (everything.known & ~mine).any() or any(np.array_equal(found.terms, other.terms) for other in out):
+        term_set = make(terms, [n for n in names if n not in FRAME_FAMILIES], max(highest, TYPE_ORDERS), tau)
+        in_set = np.isin(np.arange(len(terms)), term_set.terms)
+        if (everything.known & ~in_set).any() or any(np.array_equal(term_set.terms, earlier.terms) for earlier in out):
             continue
-        own = everything.part(found.terms)
+        prior = everything.part(term_set.terms)
         labels = [
-            f"{terms[k].group}{OF_TYPE}" if known else found.groups[g]
-            for k, g, known in zip(found.terms, found.group, own.known, strict=True)
+            f"{terms[k].group}{OF_TYPE}" if expected else term_set.groups[g]
+            for k, g, expected in zip(term_set.terms, term_set.group, prior.known, strict=True)
         ]
         distinct = tuple(dict.fromkeys(labels))
         numbers = np.array([distinct.index(label) for label in labels], dtype=int)
-        name = f"{found.name}; as its sisters"
-        out.append(TermSet(name, found.terms, distinct, numbers, highest > LOW, found.highest, own))
+        name = f"{term_set.name}; as its sisters"
+        out.append(TermSet(name, term_set.terms, distinct, numbers, highest > LOW, term_set.highest, prior))
     return out
 
 
 def tau_of(term_set: TermSet, terms: Sequence[Term]) -> float | None:
     """Time constant of a dictionary's warm-up; None without."""
-    found = [terms[k].parameters["tau"] for k in term_set.terms if terms[k].family == "warm_up"]
-    return float(str(found[0])) if found else None
+    taus = [terms[k].parameters["tau"] for k in term_set.terms if terms[k].family == "warm_up"]
+    return float(str(taus[0])) if taus else None
 
 
 def with_tau(term_set: TermSet, terms: Sequence[Term], tau: float) -> TermSet:
     """The same term set with another time constant of warm-up."""
     warm = [k for k, term in enumerate(terms) if term.family == "warm_up" and term.parameters["tau"] == tau]
-    places = term_set.terms.copy()
-    places[[terms[k].family == "warm_up" for k in places]] = warm
-    return replace(term_set, terms=places)
+    indices = term_set.terms.copy()
+    indices[[terms[k].family == "warm_up" for k in indices]] = warm
+    return replace(term_set, terms=indices)
 
 
 def _word(family: str, highest: int) -> str:
@@ -355,7 +355,7 @@ def like_type(chi2: float, directions: int) -> bool:
 
 
 def chi_square_of_type(
-    sums: NormalEquations, flat: int, dictionary: TermSet, found: Posterior, largest: float = np.inf
+    sums: NormalEquations, flat: int, dictionary: TermSet, fit: Posterior, largest: float = np.inf
 ) -> tuple[float, int]:
     """Chi-square of a robot against its sisters, and its degrees of freedom.
 
@@ -369,7 +369,7 @@ def chi_square_of_type(
     flat : int
     dictionary : Dictionary
         One that knows of sisters.
-    found : Posterior
+    fit : Posterior
         Its fit: residual variance, tempering and the variances of groups of which nothing is known.
     largest : float
         Residual variance without sisters, mm^2: of a stranger what contradicts them is taken for noise by the fit.
@@ -383,15 +383,17 @@ def chi_square_of_type(
     expected = dictionary.expected
     if expected is None:
         raise IdentificationError("this choice of terms knows of no sisters")
-    a = found.temper / min(found.s2, largest)
-    free = np.concatenate([np.zeros(flat), np.where(expected.known, 0.0, 1.0 / found.variances[dictionary.group])])
+    a = fit.temper / min(fit.s2, largest)
+    free = np.concatenate([np.zeros(flat), np.where(expected.known, 0.0, 1.0 / fit.variances[dictionary.group])])
     A, b = a * sums.H + np.diag(free), a * sums.g
-    known = np.concatenate([np.zeros(flat, dtype=bool), expected.known])
-    crossed = np.linalg.solve(A[np.ix_(~known, ~known)], np.column_stack([A[np.ix_(~known, known)], b[~known]]))
-    L = A[np.ix_(known, known)] - A[np.ix_(known, ~known)] @ crossed[:, :-1]
-    left = b[known] - A[np.ix_(known, ~known)] @ crossed[:, -1] - L @ expected.mean[expected.known]
+    of_type = np.concatenate([np.zeros(flat, dtype=bool), expected.known])
+    crossed = np.linalg.solve(
+        A[np.ix_(~of_type, ~of_type)], np.column_stack([A[np.ix_(~of_type, of_type)], b[~of_type]])
+    )
+    L = A[np.ix_(of_type, of_type)] - A[np.ix_(of_type, ~of_type)] @ crossed[:, :-1]
+    gradient = b[of_type] - A[np.ix_(of_type, ~of_type)] @ crossed[:, -1] - L @ expected.mean[expected.known]
     std = expected.std[expected.known]
     values, vectors = np.linalg.eigh(std[:, None] * (0.5 * (L + L.T)) * std)
-    shown = values > INFORMED
-    z = vectors[:, shown].T @ (std * left)
-    return float(np.sum(z * z / (values[shown] * (1.0 + values[shown])))), int(shown.sum())
+    informed = values > INFORMED
+    z = vectors[:, informed].T @ (std * gradient)
+    return float(np.sum(z * z / (values[informed] * (1.0 + values[informed])))), int(informed.sum())
