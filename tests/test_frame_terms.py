@@ -1,7 +1,6 @@
 """Frame terms from end to end: a robot that has them, measured, calibrated with terms all, saved, and used."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -12,7 +11,6 @@ from term_cases import framed_robot
 import irbcal
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import CalibrationError, OptionError, RobotError
-from irbcal.joint_analysis.linearised import Linearised
 from irbcal.measurement.points import distances
 from irbcal.modeling.inverse import any_arm, calibrated_arm
 from irbcal.modeling.robot import Robot
@@ -112,12 +110,6 @@ def test_fake_targets_reach_what_was_wanted(made, folder, program, tmp_path):
     fake = np.radians(pd.read_csv(tmp_path / "fake.csv", comment="#")[columns].to_numpy())
     before = np.vstack([np.full(6, np.nan), fake[:-1]])
     assert_same_poses(robot.forward(fake, before), nominal.forward(q), 1e-7, 1e-7)
-
-
-def test_the_effects_of_joints_are_tested_on_what_frame_terms_leave(made):
-    robot, points = made.proven.fit.robot, replace(made.proven.heldout_points, previous=None)
-    linear = Linearised(robot, points, np.zeros_like(points.q))
-    assert linear.size(linear.r) == pytest.approx(np.sqrt(np.mean(distances(robot, points) ** 2)), rel=1e-6)
 
 
 def test_the_view_says_what_is_drawn(made, folder, tmp_path):

@@ -11,7 +11,14 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification.evidence_maximisation import NormalEquations, Posterior, maximise_evidence
+from irbcal.identification.evidence_maximisation import (
+    LEAST,
+    NATS,
+    NormalEquations,
+    Posterior,
+    maximise_evidence,
+    worth_of_each,
+)
 from irbcal.identification.fit import ParameterReport, outer_reports
 from irbcal.identification.gear_scan import GearFound, Spectrum
 from irbcal.identification.term_sets import TermSet
@@ -34,12 +41,6 @@ if TYPE_CHECKING:
 
 COMPARED = 3000
 """Poses on which term sets are compared at most; those with weight are fitted to all."""
-NATS = 5.0
-"""Log evidence that a family must be worth to count as shown: odds of 150 to 1; false alarms are counted on SIMULATED
-robots by ``scripts/false_alarms``. Of families that can stand in for one another (gravity at joint 2 is a first
-harmonic) each is shown only by what the others cannot explain."""
-LEAST = 0.003 * MM
-"""Root mean square distance by which the fitted points must move without it, metres: a third of a tracker's noise."""
 
 
 @dataclass(frozen=True)
@@ -98,24 +99,9 @@ def families_shown(
     """
     known = term_set.expected
     found = maximise_evidence(sums, flat, term_set.group, term_set.caps, t, start.variances, start.s2, expected=known)
-    names, out = np.array(families, dtype=object), []
-    for family in dict.fromkeys(families):
-        if family == "geometry":
-            continue
-        stays = names != family
-        groups = np.unique(term_set.group[stays])
-        group = np.searchsorted(groups, term_set.group[stays])
-        columns = np.concatenate([np.arange(flat), flat + np.flatnonzero(stays)])
-        caps, variances = term_set.caps[groups], found.variances[groups]
-        rest = None if known is None else known.part(stays)
-        without = maximise_evidence(sums.part(columns), flat, group, caps, t, variances, found.s2, expected=rest)
-        change = found.c.copy()
-        change[columns] -= without.c
-        moved = 3.0 * float(change @ sums.H @ change) / sums.equations
-        seen = float(found.gammas[np.unique(term_set.group[~stays])].sum())
-        lost = found.log_evidence - without.log_evidence
-        out.append(FamilyShown(str(family), seen, float(lost), float(np.sqrt(max(moved, 0.0))) * MM))
-    return tuple(out)
+    labels = [None if family == "geometry" else family for family in families]
+    worth = worth_of_each(sums, found, flat, labels, term_set.group, term_set.caps, known)
+    return tuple(FamilyShown(str(name), w.determined, w.evidence, w.moves) for name, w in worth.items())
 
 
 def sentence(families: Sequence[FamilyShown]) -> str:

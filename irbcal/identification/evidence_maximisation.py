@@ -7,12 +7,15 @@ independent. All lengths in millimetres, coefficients in units of their natural 
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
+from irbcal.units import MM
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +87,12 @@ class Anderson:
 
 VARIANCE_CAP, GEOMETRY_CAP = 4.0, 400.0
 """Largest variances, in squared natural sizes: without them a fit on one corner of the workspace ran off."""
+NATS = 5.0
+"""Log evidence that a part of the terms must be worth to count as shown: odds of 150 to 1; false alarms are counted on
+SIMULATED robots by ``scripts/false_alarms``. Of parts that can stand in for one another (gravity at joint 2 is a first
+harmonic) each is shown only by what the others cannot explain."""
+LEAST = 0.003 * MM
+"""Root mean square distance by which the fitted points must move without it, metres: a third of a tracker's noise."""
 PRIOR_C2, PRIOR_GAMMA = 0.002, 0.2
 """What keeps a group's variance from zero: ``v = (|c|^2 + .002) / (gamma + .2)``."""
 NOISE, NOISE_COUNT = 0.01, 5.0
@@ -245,6 +254,77 @@ def maximise_evidence(
     covariance = (here.whitened.T @ here.whitened) * np.outer(here.scale, here.scale)
     here.c[flat:] += 0.0 if expected is None else expected.mean
     return Posterior(here.c, covariance, v, here.gammas, s2, here.evidence, iteration, t, float(here.down[-1]))
+
+
+class Worth(NamedTuple):
+    """What the data say of a part of the coefficients, beside all others.
+
+    Attributes
+    ----------
+    evidence : float
+        Log evidence that is lost without it, nats.
+    moves : float
+        Root mean square distance by which the fitted points move without it, metres.
+    determined : float
+        Number of its coefficients that the data determine.
+    """
+
+    evidence: float
+    moves: float
+    determined: float
+
+
+def worth_of_each(
+    sums: NormalEquations,
+    found: Posterior,
+    flat: int,
+    labels: Sequence[Hashable],
+    group: IntArray,
+    caps: FloatArray,
+    expected: CoefficientPrior | None = None,
+) -> dict[Hashable, Worth]:
+    """Fit again without each part of the coefficients.
+
+    Parameters
+    ----------
+    sums : NormalEquations
+    found : Posterior
+        The fit with all of them.
+    flat : int
+    labels : sequence of hashable, length k - flat
+        Which part each coefficient belongs to; those of ``None`` always stay.
+    group, caps, expected
+        As `maximise_evidence`; parts have groups that no other part has.
+
+    Returns
+    -------
+    dict
+        In the order of the labels.
+    """
+    out: dict[Hashable, Worth] = {}
+    for label in dict.fromkeys(labels):
+        if label is None:
+            continue
+        stays = np.array([other != label for other in labels], dtype=bool)
+        groups = np.unique(group[stays])
+        columns = np.concatenate([np.arange(flat), flat + np.flatnonzero(stays)])
+        rest = None if expected is None else expected.part(stays)
+        without = maximise_evidence(
+            sums.part(columns),
+            flat,
+            np.searchsorted(groups, group[stays]),
+            caps[groups],
+            found.temper,
+            found.variances[groups],
+            found.s2,
+            expected=rest,
+        )
+        change = found.c.copy()
+        change[columns] -= without.c
+        moved = np.sqrt(max(3.0 * float(change @ sums.H @ change) / sums.equations, 0.0)) * MM
+        lost = float(found.log_evidence - without.log_evidence)
+        out[label] = Worth(lost, float(moved), float(found.gammas[np.unique(group[~stays])].sum()))
+    return out
 
 
 @dataclass(frozen=True, eq=False)

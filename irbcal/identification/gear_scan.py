@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,8 +68,8 @@ class Spectrum:
         lock(self)
 
 
-class _Reduced:
-    """What the scan needs of the data, summed over the rows of each pose once: axis columns against everything.
+class PoseSums:
+    """What a search for frequencies needs, summed over the rows of each pose once: axis columns against everything.
 
     With ``k_jn`` the derivative of pose n's rows by joint j: ``KJ[j, n] = k_jn' J_n``, ``Ky[j, n] = k_jn' y_n`` and
     ``KK[i, j, n] = k_in' k_jn``; a wave of the joint's angle then only multiplies poses.
@@ -78,7 +78,7 @@ class _Reduced:
     def __init__(self, linear: Linearisation, columns: IntArray, joints: list[int]) -> None:
         self.joints, self.q = joints, linear.motion.q
         probes = [gear_terms(j, 0)[0] for j in joints]  # cos 0: the axis column itself, times the natural size
-        wide = Linearisation(linear.problem, linear.state, linear.motion, [*linear.terms, *probes], linear.projected)
+        wide = linear.extended(probes)
         start = linear.flat + len(linear.terms)
         n, m, k = len(self.q), len(columns), len(joints)
         self.KJ, self.Ky, self.KK = np.zeros((k, n, m)), np.zeros((k, n)), np.zeros((k, k, n))
@@ -115,12 +115,12 @@ class _Reduced:
         products = self.KJ.size * len(cycles)
         return np.array(list(parallel.threads(of_joint, range(len(self.joints)), NUMBER_S * products)))
 
-    def _wave(self, place: int, cycles: int) -> tuple[int, FloatArray]:
+    def _wave(self, place: int, cycles: float) -> tuple[int, FloatArray]:
         """Cosine and sine of a frequency of the joint at a place, shape (n, 2)."""
         angle = cycles * self.q[:, self.joints[place]]
         return place, np.column_stack(cos_sin(angle))
 
-    def extended(self, sums: NormalEquations, pairs: list[tuple[int, int]]) -> NormalEquations:
+    def extended(self, sums: NormalEquations, pairs: Sequence[tuple[int, float]]) -> NormalEquations:
         """Sums with the columns cos, sin of some frequencies (place of the joint, cycles per turn) at the end."""
         taken = [self._wave(*pair) for pair in pairs]
         if not taken:
@@ -163,7 +163,7 @@ def scan(
     """
     joints = revolute(linear.problem.arm)
     cycles = np.arange(LOWEST, HIGHEST + 1)
-    reduced = _Reduced(linear, term_set.columns(linear.flat), joints)
+    reduced = PoseSums(linear, term_set.columns(linear.flat), joints)
     limit = 2.0 * np.log(len(joints) * len(cycles)) + 4.0
     by_evidence, by_fit = start
     pairs: list[tuple[int, int]] = []

@@ -266,6 +266,12 @@ class Linearisation(LinearModel):
         out.bend[:count] = self.problem.residuals(self.moved(coefficients))[:count] - linear
         return out
 
+    def extended(self, terms: Sequence[Term]) -> Linearisation:
+        """The same linear model with more terms at its end."""
+        out = Linearisation(self.problem, self.state, self.motion, [*self.terms, *terms], self.projected)
+        out.bend = self.bend
+        return out
+
     def moved(self, coefficients: FloatArray) -> State:
         """The state as some coefficients say (columns: flat, terms; those that are left out are zero)."""
         step = np.zeros(self.problem.unknowns)

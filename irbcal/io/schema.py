@@ -1253,12 +1253,12 @@ class Record(Section):
         nominal = self.arm(calibrated=False)
         return Robot(nominal, JointMap.identity(nominal), *self.placement_nominal.parts())
 
-    def used_points(self, heldout: bool) -> tuple[PointSet, FloatArray] | None:
-        """The used points, fitted or held out, and the directions from which their joints were reached.
+    def used_points(self, heldout: bool | None) -> tuple[PointSet, FloatArray] | None:
+        """The used points, fitted or held out or (None) both, and the directions from which their joints were reached.
 
         Parameters
         ----------
-        heldout : bool
+        heldout : bool or None
 
         Returns
         -------
@@ -1271,12 +1271,13 @@ class Record(Section):
         t, p = self.points, self.poses
         if not t.x_mm:
             return None
-        name = "held-out points" if heldout else "fitted points"
+        name = {True: "held-out points", False: "fitted points", None: "all points"}[heldout]
         return self._computed.get_or_make(name, (t, p), lambda: self._points_of(t, p, heldout))
 
-    def _points_of(self, t: PointTable, p: PoseTable, heldout: bool) -> tuple[PointSet, FloatArray]:
-        poses = np.array(p.heldout, dtype=bool) == heldout
-        mask = np.array(t.heldout, dtype=bool) == heldout
+    def _points_of(self, t: PointTable, p: PoseTable, heldout: bool | None) -> tuple[PointSet, FloatArray]:
+        poses, mask = (
+            np.array([heldout is None or kind == heldout for kind in table.heldout], dtype=bool) for table in (p, t)
+        )
         units = self.robot.joint_units
         labels = np.array(t.target, dtype=object)[mask]
         names = sorted(set(labels))

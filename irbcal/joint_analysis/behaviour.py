@@ -5,14 +5,14 @@ Two ways of looking at a joint:
 - one-joint moves (`irbcal.joint_analysis.moves`): groups ``axis1``, ``axis2``, ...; several tests of one joint may
   be called ``axis6_b``, ``axis6_c``. Circles alone give the axis; radial, axial and tangential errors of every point
   and the angular error of every pose follow without a robot model;
-- residuals of a robot model (`irbcal.joint_analysis.residuals`): any poses. Effects of a joint are estimated by
-  least squares through the analytic Jacobian, with base, targets and link geometry refitted at the same time.
+- any poses (`irbcal.joint_analysis.residuals`): all terms of all joints fitted together with base, targets and link
+  geometry, from the nominal robot.
 
 Backlash is the joint's angle reached from above minus the angle reached from below, for one command: twice the
 half-width, positive where the joint stops short of where it was sent. Intervals are 95 %: of one-joint moves from the
-least-squares covariance (with that of the circles), of residuals from leaving out one pose at a time (jackknife). p
-values are those of the F test with these covariances, within one kind of term corrected for the number of joints
-tested (Holm) and for the number of frequencies tried.
+least-squares covariance (with that of the circles), of any poses from the posterior. Whether a joint needs a term is
+answered by the log evidence with and without it (`irbcal.identification.evidence_maximisation`), less the logarithm of
+the number of frequencies tried.
 """
 
 from __future__ import annotations
@@ -23,12 +23,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-import numpy as np
-
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
-from irbcal.identification import outliers
-from irbcal.joint_analysis.moves import JointMoves, _best, analyse_moves, errors_table, has_moves, moves_dict, of_moves
+from irbcal.joint_analysis.moves import (
+    JointMoves,
+    analyse_moves,
+    best_of,
+    errors_table,
+    has_moves,
+    moves_dict,
+    of_moves,
+)
 from irbcal.joint_analysis.residuals import (
     ResidualAnalysis,
     analyse_residuals,
@@ -37,24 +42,13 @@ from irbcal.joint_analysis.residuals import (
     residuals_dict,
 )
 from irbcal.joint_analysis.series import PayloadEffect, payload_effects, payload_table
-from irbcal.joint_analysis.terms import (
-    LABELS,
-    MOVES_TITLE,
-    JointTerm,
-    Slides,
-    name_of,
-    of_joints,
-    terms_table,
-    unit_of,
-    versions,
-)
+from irbcal.joint_analysis.terms import MOVES_TITLE, name_of, of_joints, term_rows, terms_table
 from irbcal.measurement import table
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.last_moves import last_moves
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.reading_lag import ReadingLag, mixed_use
 from irbcal.measurement.table import MeasurementSet
-from irbcal.modeling import parameters
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
@@ -91,23 +85,22 @@ def verdict(result: JointBehaviour) -> list[str]:
 
 
 def _disagreements(moves: Sequence[JointMoves], residuals: ResidualAnalysis) -> list[str]:
-    """JointTerms that one of the two sources calls worth having and the other does not."""
-    needed = {(step.kind, step.joint) for step in residuals.needed}
-    tested = {(term.kind, term.joint) for term in residuals.terms if term.tested}
-    best = [term for joint in moves for term in _best(joint)]
+    """Terms that one of the two sources calls needed and the other does not."""
+    tested = {(term.kind, term.joint): term.needed for term in residuals.terms if term.tested}
+    best = [term for joint in moves for term in best_of(joint)]
     out = []
     for term in (term for joint in moves for term in joint.terms if term.tested):
-        key = (term.kind, term.joint)
+        needed = tested.get((term.kind, term.joint))
         name = f"{name_of(term)}{of_joints([term.joint])}"
-        if key in needed and term.verdict != "worth it":
+        if needed and not term.needed:
             out.append(
-                f"{name}: needed by the residuals, {LABELS[term.verdict]} by the one-joint moves: these stand at one "
-                "home pose, the residuals at all poses"
+                f"{name}: needed by any poses, not needed by the one-joint moves: these are from one home pose, the "
+                "others from all over the workspace"
             )
-        elif key in tested - needed and term in best:
+        elif needed is False and term in best:
             out.append(
-                f"{name}: worth it by the one-joint moves, not needed by the residuals: it may be small beside their "
-                "other errors, or hold at that home pose only"
+                f"{name}: needed by the one-joint moves, not needed by any poses: it may be small beside their other "
+                "errors, or hold at that home pose only"
             )
     return out
 
@@ -125,8 +118,8 @@ def as_dict(result: JointBehaviour) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``source``, ``simulated``, ``moves`` (by joint: series with errors, terms), ``residuals`` (terms, halves,
-        approach, needed; None without a robot), ``payloads`` (Table 4.3), ``verdict`` (sentences), ``excluded``,
+        ``source``, ``simulated``, ``moves`` (by joint: series with errors, terms), ``residuals`` (terms,
+        needed; None without a robot), ``payloads`` (Table 4.3), ``verdict`` (sentences), ``excluded``,
         ``notes``, ``plots`` (files); where there are programmed joints, ``reading_lag``.
     """
     residuals = result.residuals
@@ -163,34 +156,21 @@ def tables(result: JointBehaviour) -> list[Table]:
 def frame(result: JointBehaviour) -> pd.DataFrame:
     """All coefficients of all terms, a row for each; of terms that were not tested a row without value.
 
-    A term that others had hidden has rows of its own for what it is beside these (``beside_needed``).
-
     Returns
     -------
     DataFrame
-        ``source`` (moves or residuals), ``beside_needed``, ``kind``, ``joint``, ``name``, ``value``, ``low``, ``high``,
-        ``unit`` (as in `as_dict`), ``p``, ``rms_without_mm``, ``rms_with_mm``, ``verdict``, ``note``.
+        ``source`` (moves or residuals), ``kind``, ``joint``, ``name``, ``value``, ``low``, ``high``, ``unit`` (as in
+        `as_dict`), ``log_evidence``, ``probability``, ``moves_mm``, ``verdict``, ``note``.
     """
     import pandas as pd
 
-    slides: Slides = () if result.residuals is None else result.residuals.robot.arm.table.prismatic
-    sources: list[tuple[str, JointTerm, Slides]] = [
-        ("moves", term, ()) for joint in result.moves for term in joint.terms
-    ]
-    if result.residuals is not None:
-        sources += [("residuals", term, slides) for term in result.residuals.terms]
-    versions_of = [(source, t, slides, k > 0) for source, term, slides in sources for k, t in enumerate(versions(term))]
-    rows = []
-    for source, term, sliding, beside in versions_of:
-        unit, size = unit_of(term, sliding)
-        first = (source, beside, term.kind, term.joint)
-        tail = (unit, term.p, term.rms_without / MM, term.rms_with / MM, term.verdict, term.note)
-        values = list(zip(term.names, term.values, term.low, term.high, strict=False)) if term.tested else []
-        for name, *three in values or [("", np.nan, np.nan, np.nan)]:
-            rows.append((*first, name, *(v / size for v in three), *tail))
-    columns = ("source", "beside_needed", "kind", "joint", "name", "value", "low", "high", "unit", "p")
-    table = pd.DataFrame(rows, columns=[*columns, "rms_without_mm", "rms_with_mm", "verdict", "note"])
-    return table.astype({"joint": "Int64"})
+    sources = {"moves": term_rows([term for joint in found.moves for term in joint.terms])}
+    if found.residuals is not None:
+        sources["residuals"] = term_rows(found.residuals.terms, found.residuals.robot.arm.table.prismatic)
+    rows = [{"source": source, **row} for source, those in sources.items() for row in those]
+    columns = ["source", "kind", "joint", "name", "value", "low", "high", "unit", "log_evidence", "probability"]
+    columns += ["moves_mm", "verdict", "note"]
+    return pd.DataFrame(rows, columns=columns).astype({"joint": "Int64", "value": float, "low": float, "high": float})
 
 
 HIGHEST_ORDER = 12
@@ -250,17 +230,11 @@ class JointBehaviour(Speaks):
         """Errors and terms as tables, the verdict in sentences, what was left out, notes, files written."""
         effects = self.payloads()
         mark = "SIMULATED data: " if self.simulated else ""
-        hidden = self.residuals is not None and any(term.beside_needed for term in self.residuals.terms)
         out: list[Told] = [
             *tables(self),
             *([payload_table(effects, mark)] if effects else []),
-            *(
-                ["*: beside the other terms that this robot needs, which hide it when they are left out."]
-                if hidden
-                else []
-            ),
             "± is the half-width of the 95 % interval; backlash is reached from above minus reached from below.",
-            "Per move: for each 100 degrees of the last move. Gain: a ratio. p: F test, corrected for what was tried.",
+            "Per move: for each 100 degrees of the last move. Gain: a ratio. Log evidence: with, minus without it.",
             "Verdict",
             *(f"- {sentence}" for sentence in self.verdict()),
         ]
@@ -465,10 +439,9 @@ def analyse(
     ----------
     measurements : MeasurementSet
     robot : Robot or Arm, optional
-        A robot with its targets (from a calibration), or a nominal arm, which is identified from these points with the
-        level for that kind of arm. Without: circles alone.
+        A robot (from a calibration) or a nominal arm. Without: circles alone.
     nominal : Arm, optional
-        Nominal arm of a calibrated robot: its lengths name the stretched arm's bending.
+        Nominal arm of a calibrated robot.
     references : dict of str to ndarray, optional
         Reference places of the calibration, metres.
     joint, order, frequency
@@ -511,12 +484,11 @@ def analyse(
             file=source,
         )
     residuals = None
+    nominal = robot.joint_map.terms.arm if nominal is None and isinstance(robot, Robot) else nominal
     nominal = robot if isinstance(robot, Arm) else nominal
-    if robot is not None:
-        if not isinstance(robot, Robot):
-            robot = _named(source, _identified, robot, points)
-        residuals = _named(source, analyse_residuals, robot, points, step, *options)
-        excluded += [_far(exclusion, "the robot") for exclusion in residuals.excluded]
+    if nominal is not None:
+        residuals = _named(source, analyse_residuals, nominal, points, step, *asked)
+        excluded += [_far(item, "the robot") for item in residuals.excluded]
     geometry = None
     if nominal is not None:
         with suppress(RobotError):
@@ -564,10 +536,3 @@ def _named(source: str, function: Callable[..., T], *arguments: Any) -> T:
         return function(*arguments)
     except IdentificationError as error:
         raise IdentificationError(str(error), file=source) from None
-
-
-def _identified(arm: Arm, points: PointSet) -> Robot:
-    from irbcal.identification.fit import identify
-
-    used = points.take(outliers.find_gross_errors(arm, points).keep).without_empty_poses().with_seen_targets()
-    return identify(arm, used, parameters.default_level(arm)).robot

@@ -4,29 +4,31 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
-from irbcal.chance import f_beyond
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
+from irbcal.identification.evidence_maximisation import (
+    VARIANCE_CAP,
+    NormalEquations,
+    maximise_evidence,
+    worth_of_each,
+)
 from irbcal.joint_analysis.series import Series, error_size, home_poses, one_series, series_dict
 from irbcal.joint_analysis.terms import (
     HIGHEST_FREQUENCY,
-    LABELS,
     JointTerm,
     Kind,
     best_frequency,
-    change_of,
+    evidence_in_words,
     fourier_columns,
     fourier_names,
     frequencies,
     interval,
-    judged,
-    judgement_of,
     name_of,
     not_tested,
     of_joints,
@@ -34,11 +36,11 @@ from irbcal.joint_analysis.terms import (
     quantile,
     term_dict,
     terms_table,
-    worth_saying,
 )
 from irbcal.measurement.points import PointSet
+from irbcal.modeling.terms import direction, gain, gravity, harmonics
 from irbcal.summary import Cell, Speaks, Table, Told
-from irbcal.units import DEG
+from irbcal.units import DEG, MM
 
 GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
 """Names of groups of one-joint moves."""
@@ -46,6 +48,9 @@ GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
 KINDS = ("backlash", "gain", "fourier", "gravity")
 GRAVITY = (2, 3)
 """Joints that lift the arm (Nubiola 2011, section 4.3)."""
+
+SIZES = {"backlash": 2 * direction.SIZES["rad"], "gain": gain.SIZE, "fourier": harmonics.SIZE, "gravity": gravity.SIZE}
+"""Natural sizes of the coefficients, radians."""
 
 SPARE = 3
 """Angles more than unknowns that a test needs."""
@@ -91,9 +96,9 @@ class JointMoves(Speaks):
         return [errors_table([self]), terms_table(self.terms), *of_moves([self])]
 
     def headline(self) -> str:
-        """Its joint and what was seen."""
-        kinds = ", ".join(term.kind for term in self.terms if term.seen) or "nothing"
-        return f"joint {self.joint} moved alone in {len(self.series)} series: seen: {kinds}"
+        """Its joint and what it needs."""
+        needed = ", ".join(term.kind for term in self.terms if term.needed) or "nothing"
+        return f"joint {self.joint} moved alone in {len(self.series)} series: needs {needed}"
 
 
 def has_moves(points: PointSet) -> bool:
@@ -154,7 +159,7 @@ def analyse_moves(
             for mask in home_poses(with_poses.q, np.array(names) == name, number, name, with_poses.payload_kg)
         ]
         out.append(_joint_moves(number, series, order, frequency))
-    return _judged_moves(out)
+    return out
 
 
 def _joint_moves(joint: int, series: Sequence[Series], order: int, frequency: float | None) -> JointMoves:
@@ -193,22 +198,24 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
 
     From angles that were reached from both sides: their differences do not depend on how the error runs.
     """
-    from scipy.stats import t as student
-
-    differences = []
+    found, angles, sides = list[float](), list[float](), list[float]()
     for s, number in zip(series, levels, strict=True):
         above, below = s.direction < 0, s.direction > 0
         for level in np.intersect1d(number[above], number[below]):
-            at_level = number == level
-            differences.append(s.angle[at_level & above].mean() - s.angle[at_level & below].mean())
-    n, name = len(differences), ("backlash",)
+            here = number == level
+            both = [float(s.angle[here & side].mean()) for side in (above, below)]
+            found.append(both[0] - both[1])
+            angles += both
+            sides += [0.5, -0.5]
+    n, name = len(found), ("backlash",)
     if n < SPARE:
         note = f"{n or 'no'} joint angle{'s were' if n > 1 else ' was'} reached from both sides, {SPARE} are needed"
         return JointTerm("backlash", joint, name, note=note)
     difference = np.array(differences)
     mean, std = difference.mean(), max(difference.std(ddof=1) / np.sqrt(n), 1e-12)
     half = quantile(n - 1) * std
-    without_each = (n * mean - difference) / (n - 1)
+    at_level = np.repeat(np.eye(n), 2, axis=0)  # each angle has a mean of its own
+    evidence = _log_evidence(at_level, np.array(sides)[:, None], np.array(angles), "backlash", lever)
     return JointTerm(
         "backlash",
         joint,
@@ -216,25 +223,27 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
         (float(mean),),
         (float(mean - half),),
         (float(mean + half),),
-        float(2 * student.sf(abs(mean) / std, n - 1)),
-        float(lever * np.sqrt(np.mean(difference**2)) / 2),
-        float(lever * np.sqrt(np.mean((difference - without_each) ** 2)) / 2),
+        evidence,
         float(lever * abs(mean) / 2),
     )
 
 
-class _Fit(NamedTuple):
-    """Outcome of `_Levels.fit`; covariance with that of the circles, rms of angles left out in radians.
+def _log_evidence(beside: FloatArray, X: FloatArray, y: FloatArray, kind: Kind, lever: float) -> float:
+    """Log evidence of a term beside what has no prior, of angles in radians with one weight."""
+    mm = lever / MM
+    J = np.concatenate([beside.T, X.T * SIZES[kind]]) * mm
+    sums = NormalEquations(J @ J.T, J @ (y * mm), float(y @ y) * mm**2, len(y))
+    flat, group, caps = beside.shape[1], np.zeros(X.shape[1], dtype=int), np.array([VARIANCE_CAP])
+    found = maximise_evidence(sums, flat, group, caps, 1.0)
+    return worth_of_each(sums, found, flat, [kind] * len(group), group, caps)[kind].evidence
 
-    ``variance`` is that of one pose's angle, rad^2.
-    """
+
+class _Fit(NamedTuple):
+    """Outcome of `_Levels.fit`; covariance with that of the circles, ``variance`` that of one pose's angle, rad^2."""
 
     beta: FloatArray
     covariance: FloatArray
     freedom: int
-    p: float
-    rms_without: float
-    rms_with: float
     variance: float
 
 
@@ -310,18 +319,26 @@ class _Levels:
         sigma2 = max(residual @ residual / freedom, 1e-24)
         S = P * self.root
         C = sigma2 * P @ P.T + S @ self.covariance @ S.T
-        p = f_beyond(float(beta @ np.linalg.solve(C, beta)) / len(beta), len(beta), freedom)
-        H_0 = np.sum(N**2, axis=1)
-        H_1 = H_0 + np.einsum("rk,kr->r", rest_X, P)
-        return _Fit(beta, C, freedom, p, self._left_out(projected, H_0), self._left_out(residual, H_1), sigma2)
+        return _Fit(beta, C, freedom, sigma2)
 
-    def _left_out(self, residual: FloatArray, leverage: FloatArray) -> float:
-        """Root mean square of what is left of angles that were left out, radians; a pose counts once."""
-        return float(np.sqrt(np.sum((residual / np.maximum(1 - leverage, 1e-9)) ** 2) / np.sum(self.root**2)))
+    def evidence(self, kind: Kind, X: FloatArray, lever: float) -> float:
+        """Log evidence of a term beside the series' zeros, nats."""
+        variance = self.fit(X).variance
+        size = np.sqrt(variance)
+        white = size * np.linalg.inv(np.linalg.cholesky(self.covariance + np.diag(variance / self.root**2)))
+        return _log_evidence(white @ self.beside, white @ X, white @ self.y, kind, lever)
 
 
 def _term_of_levels(
-    kind: Kind, joint: int, names: tuple[str, ...], X: FloatArray, data: _Levels, lever: float, fit: _Fit, **more: Any
+    kind: Kind,
+    joint: int,
+    names: tuple[str, ...],
+    X: FloatArray,
+    data: _Levels,
+    lever: float,
+    fit: _Fit,
+    frequency: tuple[float, ...] | None = None,
+    tried: int = 1,
 ) -> JointTerm:
     beta = fit.beta[: len(names)]
     half = quantile(fit.freedom) * np.sqrt(np.diag(fit.covariance))[: len(names)]
@@ -334,11 +351,9 @@ def _term_of_levels(
         tuple(map(float, beta)),
         tuple(map(float, beta - half)),
         tuple(map(float, beta + half)),
-        fit.p,
-        lever * fit.rms_without,
-        lever * fit.rms_with,
+        data.evidence(kind, X, lever) - float(np.log(tried)),
         float(lever * np.sqrt(np.mean(effect**2))),
-        **more,
+        frequency,
     )
 
 
@@ -383,45 +398,31 @@ def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequ
             note = f"steps of {data.step / DEG:.3g} degrees are too wide for order {order} at frequency {frequency:g}"
             return JointTerm("fourier", joint, names, note=note)
         X = fourier_columns(data.x, order, frequency)
-        return _term_of_levels("fourier", joint, names, X, data, lever, data.fit(X), frequency=(float(frequency),))
+        return _term_of_levels("fourier", joint, names, X, data, lever, data.fit(X), (float(frequency),))
     tried = frequencies(data.range, min(highest, HIGHEST_FREQUENCY))
-    best = best_frequency(lambda f: data.fit(fourier_columns(data.x, order, f), extra=1).rms_with, tried)
-    X = fourier_columns(data.x, order, best)
+    found = best_frequency(lambda f: data.fit(fourier_columns(data.x, order, f), extra=1).variance, tried)
+    X = fourier_columns(data.x, order, found)
     fit = data.fit(X, extra=1)
     # one column more for the frequency itself: d/df of the series
     turned = np.column_stack([[-k, k] * data.x[:, None] for k in range(1, order + 1)])
     swapped = X.reshape(len(X), order, 2)[:, :, ::-1].reshape(len(X), -1)
     along = (turned * swapped) @ fit.beta
     free_too = data.fit(np.column_stack([X, along]))
-    fit = fit._replace(covariance=free_too.covariance, freedom=free_too.freedom, p=min(1.0, fit.p * len(tried)))
+    fit = fit._replace(covariance=free_too.covariance, freedom=free_too.freedom)
     spread = data.covariance + np.diag(free_too.variance / data.root**2)
-    sure = interval(data.x, data.y, spread, data.beside, order, tried, best, free_too.freedom)
-    return _term_of_levels("fourier", joint, names, X, data, lever, fit, frequency=sure)
-
-
-def _judged_moves(joints: list[JointMoves]) -> list[JointMoves]:
-    """The same with p values corrected for the number of joints and with verdicts."""
-    for kind in KINDS:
-        have = [k for k, item_moves in enumerate(joints) if getattr(item_moves, kind) is not None]
-        for k, term in zip(have, judged([getattr(joints[k], kind) for k in have]), strict=True):
-            joints[k] = _with_term(joints[k], kind, term)
-    return joints
-
-
-def _with_term(moves: JointMoves, kind: str, term: JointTerm) -> JointMoves:
-    changes: dict[str, Any] = {kind: term}
-    return replace(moves, **changes)
+    sure = interval(data.x, data.y, spread, data.beside, order, tried, found, free_too.freedom)
+    return _term_of_levels("fourier", joint, names, X, data, lever, fit, sure, len(tried))
 
 
 MOSTLY = 0.8
-"""Share of the squares that a Fourier series explains from which on gravity, which explains so much, has its place."""
+"""Share of the squares of a Fourier series from which on gravity, which explains so much, takes its place."""
 
 
-def of_moves(moves: Sequence[JointMoves], only_moves: bool = True) -> list[str]:
-    """What one-joint moves say; ``only_moves``: nothing else is said, so the last sentence is what the robot needs."""
-    source = "" if only_moves else "by one-joint moves, "
-    out = [f"{source}{_of_moves(joint, term)}" for joint in moves for term in joint.terms if worth_saying(term)]
-    out += _beyond([joint.backlash for joint in moves])
+def of_moves(moves: Sequence[JointMoves], alone: bool = True) -> list[str]:
+    """What one-joint moves say; ``alone``: nothing else is said, so the last sentence is what the robot needs."""
+    source = "" if alone else "by one-joint moves, "
+    out = [f"{source}{_of_moves(joint, term)}" for joint in moves for term in joint.terms if _worth_saying(term)]
+    out += beyond_reading([joint.backlash for joint in moves])
     out += not_tested([term for joint in moves for term in joint.terms], "one-joint moves")
     if moves and only_moves:
         out += _period_of_weight(moves)
@@ -429,23 +430,26 @@ def of_moves(moves: Sequence[JointMoves], only_moves: bool = True) -> list[str]:
     return out
 
 
+def _worth_saying(term: JointTerm) -> bool:
+    """Whether people are told of a term: gains only where they are needed."""
+    return term.needed or (term.tested and term.kind != "gain")
+
+
 def _of_moves(joint: JointMoves, term: JointTerm) -> str:
-    quantity = "tangential rms"
     if term.kind == "backlash":
-        said = play_in_words(term)
-        return said if term.verdict == "not seen" else f"{said}: {change_of(term, quantity)}: {LABELS[term.verdict]}"
-    said = f"joint {joint.joint}: {name_of(term)} {judgement_of(term, quantity)}"
+        return f"{play_in_words(term)}: {evidence_in_words(term)}"
+    said = f"joint {joint.joint}: {name_of(term)}: {evidence_in_words(term)}"
     arc = max(np.ptp(series.turn) for series in joint.series)
-    if term.kind == "fourier" and term.verdict == "worth it" and arc < np.pi:
+    if term.kind == "fourier" and term.needed and arc < np.pi:
         said += f"; on an arc of {arc / DEG:.0f} degrees its coefficients hold there only"
-    if term.kind == "gravity" and term.verdict == "worth it":
+    if term.kind == "gravity" and term.needed:
         said += "; model 34 has it as arm stiffness, joints with --robot estimates A and B"
     return said
 
 
-def _beyond(terms: Sequence[JointTerm]) -> list[str]:
+def beyond_reading(terms: Sequence[JointTerm]) -> list[str]:
     """Joints that do the contrary of what play does."""
-    joints = [term.joint for term in terms if term.seen and term.values[0] < 0]
+    joints = [term.joint for term in terms if term.needed and term.values[0] < 0]
     if not joints:
         return []
     return [
@@ -454,16 +458,17 @@ def _beyond(terms: Sequence[JointTerm]) -> list[str]:
     ]
 
 
-def _best(joint: JointMoves) -> list[JointTerm]:
-    """Backlash, and of gain, series and gravity, which explain much of the same, the one that leaves least."""
-    worth = [term for term in joint.terms if term.verdict == "worth it"]
-    runs = sorted((term for term in worth if term.kind != "backlash"), key=lambda term: term.rms_with)
+def best_of(joint: JointMoves) -> list[JointTerm]:
+    """Backlash, and of gain, series and gravity, which explain much of the same, the one with most evidence.
+
+    A series has gravity's one period a turn, too: gravity is taken where it explains most of what the series does.
+    """
+    needed = [term for term in joint.terms if term.needed]
+    runs = sorted((term for term in needed if term.kind != "backlash"), key=lambda term: -term.evidence)
     weight = [term for term in runs if term.kind == "gravity"]
-    if weight and runs[0].kind == "fourier":  # the series has gravity's one period a turn, too: whose is it?
-        gain = runs[0].rms_without ** 2 - runs[0].rms_with ** 2
-        if runs[0].rms_without ** 2 - weight[0].rms_with ** 2 > MOSTLY * gain:
-            runs = weight
-    return [term for term in worth if term.kind == "backlash"] + runs[:1]
+    if weight and runs[0].kind == "fourier" and weight[0].moves ** 2 > MOSTLY * runs[0].moves ** 2:
+        runs = weight
+    return [term for term in needed if term.kind == "backlash"] + runs[:1]
 
 
 def _period_of_weight(moves: Sequence[JointMoves]) -> list[str]:
@@ -471,7 +476,7 @@ def _period_of_weight(moves: Sequence[JointMoves]) -> list[str]:
     joints = [
         joint.joint
         for joint in moves
-        for term in _best(joint)
+        for term in best_of(joint)
         if len(joint.series) == 1 and (term.kind == "gain" or (term.kind == "fourier" and term.frequency == (1.0,)))
     ]
     if not joints:
@@ -484,7 +489,7 @@ def _period_of_weight(moves: Sequence[JointMoves]) -> list[str]:
 
 def _needed_by_moves(moves: Sequence[JointMoves]) -> str:
     terms = [term for joint in moves for term in joint.terms]
-    names = [f"{name_of(term)} of joint {term.joint}" for joint in moves for term in _best(joint)]
+    names = [f"{name_of(term)} of joint {term.joint}" for joint in moves for term in best_of(joint)]
     if names:
         return f"This robot needs: {', '.join(names)}."
     if not any(term.tested for term in terms if term.kind != "gain"):

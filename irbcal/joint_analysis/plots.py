@@ -16,7 +16,7 @@ import numpy as np
 
 from irbcal.errors import OptionError
 from irbcal.joint_analysis.series import equivalent_error, predicted_series
-from irbcal.joint_analysis.terms import JointTerm, fourier_columns, fourier_order
+from irbcal.joint_analysis.terms import fourier_columns, fourier_order
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, Shape, span
 from irbcal.units import DEG, MM
 
@@ -195,8 +195,8 @@ def _stiffness(result: JointBehaviour) -> FloatArray | None:
     """A and B as estimated from the residuals, radians; None where they were not."""
     if result.residuals is None:
         return None
-    term = result.residuals.of("stiffness").get(None)
-    return np.array(term.shown.values) if term is not None and len(term.shown.values) == 2 else None
+    term = found.residuals.of("stiffness").get(None)
+    return np.array(term.values) if term is not None and len(term.values) == 2 else None
 
 
 def _equivalent(report: JointBehaviour) -> Chart:
@@ -257,11 +257,7 @@ def _binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> FloatArray:
     return np.array(out).reshape(-1, 3).T
 
 
-def _plays(analysis: ResidualAnalysis) -> dict[int | None, JointTerm]:
-    return {joint: term.shown for joint, term in analysis.of("backlash").items()}
-
-
-def _shown_joints(analysis: ResidualAnalysis) -> list[int]:
+def _shown_joints(found: ResidualAnalysis) -> list[int]:
     """Joints with a residual at a pose that they came to from a known side, counted from 0."""
     return [
         j
@@ -302,7 +298,7 @@ def _residual_panel(
 
 def _by_direction(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against joint angle: dots are poses, bars the means of bins with 95 % intervals."""
-    slides, plays = analysis.robot.arm.table.prismatic, _plays(analysis)
+    slides, plays = found.robot.arm.table.prismatic, found.of("backlash")
     bare: list[int] = []
     sheets: list[Drawing] = []
     for j in _shown_joints(analysis):
@@ -323,8 +319,8 @@ def _by_direction(analysis: ResidualAnalysis) -> Chart:
 
 def _by_move(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against the last move: play makes a step at zero, a lag a slope."""
-    tested = [joint for joint, term in analysis.of("move").items() if term.tested]
-    slides, plays = analysis.robot.arm.table.prismatic, _plays(analysis)
+    tested = [joint for joint, term in found.of("move").items() if term.tested]
+    slides, plays = found.robot.arm.table.prismatic, found.of("backlash")
     bare: list[int] = []
     sheets: list[Drawing] = []
     for j in (j for j in _shown_joints(analysis) if j + 1 in tested):
@@ -345,30 +341,23 @@ def _by_move(analysis: ResidualAnalysis) -> Chart:
     return Chart("residuals_by_move", caption, sheets, legend, 3)
 
 
-def _backlash(analysis: ResidualAnalysis) -> Chart:
-    """Backlash of each joint with its interval, and what the two halves of the poses give by themselves."""
-    slides = analysis.robot.arm.table.prismatic
-    terms = [term.shown for term in analysis.of("backlash").values() if term.tested]
+def _backlash(found: ResidualAnalysis) -> Chart:
+    """Backlash of each joint with its interval."""
+    slides = found.robot.arm.table.prismatic
+    terms = [term for term in found.of("backlash").values() if term.tested]
     numbers = [term.joint or 0 for term in terms]
     sizes = np.array([MM if slides[number - 1] else DEG for number in numbers])
     value, low, high = (
         np.array([getattr(term, name)[0] for term in terms]) / sizes for name in ("values", "low", "high")
     )
-    halves = analysis.halves[np.array(numbers, dtype=int) - 1] / sizes[:, None]
     label = "backlash (deg)" if not slides.any() else "backlash (deg; mm where it slides)"
     drawing = Drawing("Backlash of each joint", 260.0, WIDE)
     x_ticks = [float(number) for number in numbers], [str(number) for number in numbers]
     x = (min(numbers, default=1) - 0.6, max(numbers, default=1) + 0.6)
-    panel = Panel(drawing, x, span(low, high, halves, [0.0]), "joint", label, x_ticks=x_ticks)
+    panel = Panel(drawing, x, span(low, high, [0.0]), "joint", label, x_ticks=words)
     panel.level(0.0)
     place = np.array(numbers, dtype=float)
     panel.bars(place, (low + high) / 2, (high - low) / 2, "calibrated")
     panel.dots(place, value, "calibrated", 6.0)
-    panel.dots(place - 0.2, halves[:, 0], "unknown", 6.0, shape="^")
-    panel.dots(place + 0.2, halves[:, 1], "unknown", 6.0, shape="v")
-    legend: list[LegendEntry] = [
-        ("calibrated", "o", "all poses, 95 % interval"),
-        ("unknown", "^", "first half"),
-        ("unknown", "v", "second half"),
-    ]
+    legend: list[LegendEntry] = [("calibrated", "o", "all poses, 95 % interval")]
     return Chart("backlash", "Backlash, 95 % intervals", [drawing], legend)

@@ -1,9 +1,9 @@
-"""One non-geometric effect of a joint: its size with an interval, a test, whether it is worth having; frequencies."""
+"""One non-geometric effect of a joint: its size with an interval, and what the data say of it; frequencies."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -11,54 +11,45 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.chance import student_within
+from irbcal.identification.evidence_maximisation import LEAST, NATS
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import DEG, MM
 
-CONFIDENCE, SIGNIFICANT = 0.95, 0.05
-WORTH = 0.02
-"""Share by which a term must lower the rms of poses left out of the fit to be called worth it."""
+CONFIDENCE = 0.95
 
 LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.5, 120.0
 """Periods per turn between which a free frequency is looked for."""
 
 Kind: TypeAlias = Literal["backlash", "move", "gain", "fourier", "gravity", "stiffness"]
-Judgement: TypeAlias = Literal["worth it", "small", "not seen", "not tested"]
+Judgement: TypeAlias = Literal["needed", "not needed", "not tested"]
 Slides: TypeAlias = "BoolArray | Sequence[bool]"
 """Of each joint, whether it is prismatic; empty where all turn."""
 
 
 @dataclass(frozen=True, repr=False)
 class JointTerm(Speaks):
-    """One non-geometric effect: its size, whether it is real, and whether it is worth having.
+    """One non-geometric effect: its size, and whether the joint needs it.
 
     Attributes
     ----------
     kind : str
         ``backlash`` (reached from above minus from below, Nubiola 2011, section 4.2), ``move`` (error per radian of the
         last move), ``gain`` (eq. 3.31), ``fourier`` (section 5.2), ``gravity`` (one period a turn for each home pose of
-        joints 2 and 3) or ``stiffness`` (A and B, see `irbcal.modeling.thesis_map`).
+        joints 2 and 3; of any poses the levers of the links) or ``stiffness`` (A and B, see
+        `irbcal.modeling.thesis_map`).
     joint : int or None
         Counted from 1; None for the stiffness of joints 2 and 3.
     names : tuple of str
     values, low, high : tuple of float
         Estimates and their 95 % intervals; radians (metres for prismatic joints), ``move`` and ``gain`` dimensionless.
-    p : float
-        Probability that chance alone gives as much, corrected for the number of joints and of frequencies tried.
-    rms_without, rms_with : float
-        Root mean square distance (one-joint moves: tangential, of that joint) of poses that were left out of the fit,
-        without and with the term, metres.
-    at_tool : float
-        Root mean square displacement of the targets by the term, beyond what a refit of all else takes over, metres.
-    verdict : str
-        ``worth it``, ``small`` (significant, but it lowers the error by less than `WORTH`), ``not seen`` (not
-        significant, or it does not lower the error of what was left out) or ``not tested``.
+    evidence : float
+        Log evidence with the term minus without it, nats; less what the search for a free frequency costs.
+    moves : float
+        Root mean square distance by which the fitted points move without it, metres.
     frequency : tuple of float, optional
-        Of a Fourier series, periods per turn; with the interval where it was free.
+        Of a Fourier series, periods per turn; of one-joint moves with the interval where it was free.
     note : str
         Why it was not tested.
-    beside_needed : JointTerm, optional
-        The same estimated and tested beside all other terms that the robot needs, where it is one of these and was not
-        called worth it when it was tested by itself: their errors had hidden it.
     """
 
     kind: Kind
@@ -67,29 +58,30 @@ class JointTerm(Speaks):
     values: tuple[float, ...] = ()
     low: tuple[float, ...] = ()
     high: tuple[float, ...] = ()
-    p: float = 1.0
-    rms_without: float = np.nan
-    rms_with: float = np.nan
-    at_tool: float = np.nan
-    verdict: Judgement = "not tested"
+    evidence: float = 0.0
+    moves: float = np.nan
     frequency: tuple[float, ...] | None = None
     note: str = ""
-    beside_needed: JointTerm | None = None
 
     @property
     def tested(self) -> bool:
         """Whether the data allowed a test."""
-        return self.verdict != "not tested"
+        return not self.note
 
     @property
-    def seen(self) -> bool:
-        """Whether it is real, worth having or not."""
-        return self.verdict in ("worth it", "small")
+    def needed(self) -> bool:
+        """Whether the joint needs it: the evidence is worth `NATS`, and points move by `LEAST` without it."""
+        return self.tested and self.evidence >= NATS and self.moves >= LEAST
 
     @property
-    def shown(self) -> JointTerm:
-        """The term as people are told of it: beside the others that the robot needs, where these had hidden it."""
-        return self if self.beside_needed is None else self.beside_needed
+    def probability(self) -> float:
+        """That the joint needs it, where it was as likely as not before the measurements."""
+        return float(1.0 / (1.0 + np.exp(-np.clip(self.evidence, -700.0, 700.0))))
+
+    @property
+    def verdict(self) -> Judgement:
+        """In words."""
+        return "needed" if self.needed else "not needed" if self.tested else "not tested"
 
     def coefficients(self) -> dict[str, float]:
         """Values by name."""
@@ -102,12 +94,11 @@ class JointTerm(Speaks):
             return (f"{self.kind}{where}: not tested: {self.note}",)
         unit, size = unit_of(self)
         values = ", ".join(
-            f"{name} {value / size:.4f} ± {(high - low) / 2 / size:.4f}"
+            f"{name} {plus_minus(value, low, high, size)}"
             for name, value, low, high in zip(self.names, self.values, self.low, self.high, strict=True)
         )
         unit = "" if unit == "1" else f" {unit}"
-        rms = f"left-out rms {self.rms_without / MM:.3f} mm without and {self.rms_with / MM:.3f} mm with it"
-        return (f"{self.kind}{where}: {values}{unit}, p = {self.p:.2g}, {rms}: {self.verdict}",)
+        return (f"{self.kind}{where}: {values}{unit}: {evidence_in_words(self)}",)
 
 
 def unit_of(term: JointTerm, slides: Slides = ()) -> tuple[str, float]:
@@ -162,32 +153,7 @@ def best_frequency(misfit: Callable[[float], float], tried: FloatArray) -> float
     return float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-6}).x)
 
 
-def judged(terms: Sequence[JointTerm]) -> list[JointTerm]:
-    """JointTerms of one kind with Holm's correction and verdicts.
-
-    Of n tests, the smallest p value counts n times, the next n - 1 times and so on, none less than the one before it
-    (S. Holm, *A simple sequentially rejective multiple test procedure*, 1979).
-    """
-    tested = [term for term in terms if term.note == ""]
-    adjusted, largest = {}, 0.0
-    for rank, term in enumerate(sorted(tested, key=lambda term: term.p)):
-        largest = min(1.0, max(largest, (len(tested) - rank) * term.p))
-        adjusted[id(term)] = largest
-    return [replace(t, p=adjusted[id(t)], verdict=_verdict(t, adjusted[id(t)])) if t.note == "" else t for t in terms]
-
-
-def _verdict(term: JointTerm, p: float) -> Judgement:
-    if not p < SIGNIFICANT or term.rms_with >= term.rms_without:
-        return "not seen"
-    return "worth it" if is_worth(term.rms_without, term.rms_with) else "small"
-
-
-def is_worth(without: float, with_it: float) -> bool:
-    """Whether an rms of poses left out is lower by `WORTH`."""
-    return with_it < (1 - WORTH) * without
-
-
-LEAST = 0.05
+SLOWEST = 0.05
 """Smallest frequency that is looked at, periods per turn: below it a series is a constant and a slope."""
 
 WIDER = 1.6
@@ -242,7 +208,7 @@ def interval(
         return float(residual @ residual)
 
     step, highest = float(tried[1] - tried[0]), float(max(tried[-1], best))
-    bounds = (max(LEAST, best - 0.5 * step), min(highest, best + 0.5 * step))
+    bounds = (max(SLOWEST, best - 0.5 * step), min(highest, best + 0.5 * step))
     nearest = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-7})
     best_f = float(nearest.x) if nearest.fun <= misfit(best) else best
     limit = misfit(best_f) + quantile(freedom) ** 2
@@ -252,14 +218,14 @@ def interval(
 
     accepted = [float(f) for f in tried if over(f) <= 0.0]
     for ratio in sorted({k / m for k in range(1, order + 1) for m in range(1, order + 1)} - {1.0}):
-        near = ratio * best_f  # harmonics of the one may be those of the other
-        ends = (max(LEAST, near - 0.5 * step), min(highest, near + 0.5 * step))
+        near = ratio * found  # harmonics of the one may be those of the other
+        ends = (max(SLOWEST, near - 0.5 * step), min(highest, near + 0.5 * step))
         if ends[0] < ends[1]:
-            harmonic = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-7})
-            accepted += [float(harmonic.x)] if harmonic.fun <= limit else []
-    low, high = min([best_f, *accepted]), max([best_f, *accepted])
-    first = _scale(misfit, best_f, limit, step)
-    return best_f, _end(over, low, -first, LEAST, brentq), _end(over, high, first, highest, brentq)
+            other = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-7})
+            accepted += [float(other.x)] if other.fun <= limit else []
+    low, high = min([found, *accepted]), max([found, *accepted])
+    first = _scale(misfit, found, limit, step)
+    return found, _end(over, low, -first, SLOWEST, brentq), _end(over, high, first, highest, brentq)
 
 
 def _scale(misfit: Callable[[float], float], best_f: float, limit: float, step: float) -> float:
@@ -281,20 +247,6 @@ def _end(over: Callable[[float], float], start: float, step: float, last: float,
         inner, step = outer, WIDER * step
 
 
-LABELS = {"worth it": "worth it", "small": "real, but hardly worth it", "not seen": "not worth it"}
-
-
-LEFT_OUT = "left-out rms"
-
-
-BESIDE = "the other terms that this robot needs"
-
-
-def worth_saying(term: JointTerm) -> bool:
-    """Whether people are told of a term: gains and moves only where they are real."""
-    return term.tested and (term.kind not in ("gain", "move") or term.verdict in ("worth it", "small"))
-
-
 def not_tested(terms: Sequence[JointTerm], source: str) -> list[str]:
     """One sentence for each reason, with its joints."""
     reasons: dict[tuple[str, str], list[int | None]] = {}
@@ -314,26 +266,14 @@ def of_joints(joints: Sequence[int | None]) -> str:
     return f" of joints {', '.join(numbers[:-1])} and {numbers[-1]}"
 
 
-def p_text(p: float) -> str:
-    """A probability in words."""
-    return "p < 0.001" if p < 1e-3 else f"p = {p:.2g}"
-
-
 def plus_minus(value: float, low: float, high: float, size: float, digits: int = 4) -> str:
     """A value with half its interval, in a unit."""
     return f"{value / size:.{digits}f} ± {(high - low) / 2 / size:.{digits}f}"
 
 
-def change_of(term: JointTerm, quantity: str) -> str:
-    """What a term does to the error of what was left out, in words."""
-    return f"reduces the {quantity} from {term.rms_without / MM:.3f} to {term.rms_with / MM:.3f} mm"
-
-
-def judgement_of(term: JointTerm, quantity: str, beside: str = "") -> str:
-    """`change_of` with the test and its verdict."""
-    if term.verdict == "not seen" and term.rms_with >= term.rms_without:
-        return f"does not reduce the {quantity} ({p_text(term.p)}): not worth it"
-    return f"{change_of(term, quantity)}{beside} (F test, {p_text(term.p)}): {LABELS[term.verdict]}"
+def evidence_in_words(term: JointTerm) -> str:
+    """What the data say of a term."""
+    return f"log evidence {term.evidence:+.1f}, points move by {term.moves / MM:.3f} mm without it: {term.verdict}"
 
 
 def name_of(term: JointTerm) -> str:
@@ -359,42 +299,34 @@ def play_in_words(term: JointTerm, slides: Slides = ()) -> str:
     unit, size = unit_of(term, slides)
     unit = {"deg": "degrees"}.get(unit, unit)
     amount = plus_minus(term.values[0], term.low[0], term.high[0], size)
-    if term.verdict == "not seen":
-        return f"joint {term.joint}: no backlash seen ({amount} {unit}, {p_text(term.p)})"
-    return f"backlash joint {term.joint}: {amount} {unit} ({p_text(term.p)})"
+    return f"backlash joint {term.joint}: {amount} {unit}"
 
 
 NAMES = {"move": "per move", "fourier": "Fourier"}
 """Kinds of terms as tables name them, where they name them otherwise."""
 
 
-MOVES_TITLE = (
-    "JointTerms from one-joint moves; without and with: tangential rms of joint angles left out of the fit, mm"
-)
+MOVES_TITLE = "Terms from one-joint moves, each beside the zeros of the series"
 
 
 def terms_table(terms: Sequence[JointTerm], title: str = MOVES_TITLE, slides: Slides = ()) -> Table:
-    """Values, intervals, tests and verdicts of terms."""
-    columns = ("joint", "term", "value, deg", "p", "without", "with", "verdict")
+    """Values with intervals, log evidence, probability that the joint needs the term, and how far points move."""
+    columns = ("joint", "term", "value, deg", "log evidence", "probability", "moves, mm", "verdict")
     rows: list[tuple[Cell, ...]] = []
-    for tested in terms:
-        term = tested.shown
+    for term in terms:
         unit, _ = unit_of(term, slides)
         joint = "2, 3" if term.joint is None else str(term.joint)
         name = NAMES.get(term.kind, term.kind) + (", mm" if unit == "mm" else "")
         if term.note:
             rows.append((joint, name, term.note, None, None, None, "not tested"))
             continue
-        p = "<0.001" if term.p < 1e-3 else f"{term.p:.3f}"
-        values = "\n".join(_values(term, slides))
-        rms = (term.rms_without / MM, term.rms_with / MM)
-        rows.append(
-            (joint, name, values, p, *rms, term.verdict if tested.beside_needed is None else f"{term.verdict}*")
-        )
+        values = "\n".join(values_in_words(term, slides))
+        worth = (f"{term.evidence:.1f}", f"{term.probability:.3f}", term.moves / MM)
+        rows.append((joint, name, values, *worth, term.verdict))
     return Table(title, columns, tuple(rows))
 
 
-def _values(term: JointTerm, slides: Slides) -> list[str]:
+def values_in_words(term: JointTerm, slides: Slides) -> list[str]:
     """Lines with the values of a term and their intervals."""
     unit, size = unit_of(term, slides)
     digits = 5 if unit == "1" else 4
@@ -421,21 +353,26 @@ def term_dict(term: JointTerm, slides: Slides = ()) -> dict[str, Any]:
         "joint": term.joint,
         "unit": unit,
         "values": values,
-        "p": None if term.note else term.p,
-        "rms_without_mm": finite(term.rms_without / MM),
-        "rms_with_mm": finite(term.rms_with / MM),
-        "at_tool_mm": finite(term.at_tool / MM),
+        "log_evidence": None if term.note else term.evidence,
+        "probability": None if term.note else term.probability,
+        "moves_mm": finite(term.moves / MM),
         "verdict": term.verdict,
         "frequency": frequency,
         "note": term.note,
     }
 
 
+def term_rows(terms: Sequence[JointTerm], slides: Slides = ()) -> list[dict[str, Any]]:
+    """A row for each coefficient, with what is known of its term; of terms that were not tested a row without value."""
+    rows = []
+    for term in terms:
+        entry = term_dict(term, slides)
+        values = entry.pop("values")
+        none = dict.fromkeys(("value", "low", "high"))
+        rows += [{**entry, "name": name, **three} for name, three in (values or {"": none}).items()]
+    return rows
+
+
 def finite(value: float) -> float | None:
     """A number for JSON; None where it is not finite."""
     return float(value) if np.isfinite(value) else None
-
-
-def versions(term: JointTerm) -> list[JointTerm]:
-    """A term as it was tested by itself and, where others had hidden it, beside them."""
-    return [term] if term.beside_needed is None else [term, term.beside_needed]

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
-from irbcal.errors import IdentificationError
+from irbcal.errors import IrbcalError
 from irbcal.io.schema import Record, Statistics
-from irbcal.joint_analysis import residuals as joint_approach
+from irbcal.joint_analysis.residuals import ResidualAnalysis, analyse_residuals
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
@@ -57,11 +57,9 @@ class Evidence:
     ----------
     sets : tuple of PoseSet
         Held-out poses, if any, and fitted ones.
-    approach : Approach or None
-        From the set with the better claim; None where it cannot be had.
-    approach_name : str
-        Name of that set.
-    approach_note : str
+    joints : ResidualAnalysis or None
+        Which terms each joint needs, from all poses; None where it cannot be had.
+    joints_note : str
         Why there is none.
     coverage : dict or None
         Whether intervals hold on the held-out poses, see `irbcal.validation.coverage.coverage`; None where none are
@@ -69,9 +67,8 @@ class Evidence:
     """
 
     sets: tuple[PoseSet, ...]
-    approach: joint_approach.Approach | None
-    approach_name: str
-    approach_note: str
+    joints: ResidualAnalysis | None
+    joints_note: str
     coverage: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
@@ -98,7 +95,7 @@ def gather(calibration: Record) -> Evidence:
         if calibrated is not None and nominal is not None and heldout in c.points.heldout:
             statistics = {"nominal": nominal.all, "calibrated": calibrated.all}
             sets.append(_pose_set(c, name, heldout, statistics))
-    return Evidence(tuple(sets), *_approach(c, sets[0]), _coverage(c, sets))
+    return Evidence(tuple(sets), *_joints(c), _coverage(c, sets))
 
 
 def _coverage(c: Record, sets: list[PoseSet]) -> Mapping[str, Any] | None:
@@ -193,17 +190,15 @@ def _runs(names: list[str], groups: list[str]) -> tuple[IntArray, list[str], lis
     return np.cumsum(pose), [names[k] for k in first], [groups[k] for k in first]
 
 
-def _approach(c: Record, chosen: PoseSet) -> tuple[joint_approach.Approach | None, str, str]:
-    """Approach, name of its set, and why there is none."""
-    if chosen.points is None:
-        return None, chosen.name, "this calibration was saved without the measured places"
-    if chosen.direction is None or not chosen.direction.any():
-        return None, chosen.name, "the order in which these poses were run is not known"
-    robot = c.robot_nominal() if c.model == "nominal" else c.robot_calibrated()
+def _joints(c: Record) -> tuple[ResidualAnalysis | None, str]:
+    """Which terms each joint needs, and why nothing is known of it."""
+    used = c.used_points(None)
+    if used is None:
+        return None, "this calibration was saved without the measured places"
+    points, came_from = used
+    if points.previous is None or not came_from.any():
+        return None, "the order in which these poses were run is not known"
     try:
-        approach = joint_approach.analyse(robot, chosen.points, chosen.direction)
-    except IdentificationError as error:
-        return None, chosen.name, str(error)
-    if not np.isfinite(approach.angle).any():
-        return None, chosen.name, "no joint was reached from both sides"
-    return approach, chosen.name, ""
+        return analyse_residuals(c.arm(calibrated=False), points, points.q - points.previous), ""
+    except IrbcalError as error:
+        return None, str(error)

@@ -63,7 +63,7 @@ def limits(record: Record, evidence: Evidence) -> list[Limit]:
             *_few_poses(record, rms, first),
             *_small_model(record, rms),
             *_lag(record),
-            *_reversal(record, evidence),
+            *_reversal(record, evidence, rms),
         ]
         found_limits += [*_untried(record, rms), *_outliers(first)]
     found_limits = [limit for limit in found_limits if limit.share >= SHARE]
@@ -151,22 +151,21 @@ def _lag(record: Record) -> list[Limit]:
     ]
 
 
-def _reversal(record: Record, evidence: Evidence) -> list[Limit]:
+def _reversal(record: Record, evidence: Evidence, rms: float) -> list[Limit]:
     """Backlash and friction that the model has not taken."""
-    terms = [term for term in (evidence.approach.terms if evidence.approach else ()) if term.verdict == "worth it"]
+    history = record.robot_calibrated().joint_map.history
+    found = () if evidence.joints is None or history.terms else evidence.joints.needed
+    terms = [term for term in found if term.kind in ("backlash", "move")]
     if not terms:
         return []
-    strongest = max(terms, key=lambda term: term.rms_without**2 - term.rms_with**2)
-    share = 1.0 - float(np.prod([(term.rms_with / term.rms_without) ** 2 for term in terms]))
-    joints = ", ".join(str(term.joint) for term in terms)
+    joints = ", ".join(dict.fromkeys(str(term.joint) for term in terms))
+    several = "," in joints
     return [
         Limit(
-            f"Gears: joint{'s' if len(terms) > 1 else ''} {joints} stop{'' if len(terms) > 1 else 's'} elsewhere when "
-            f"reached from the other side (joint {strongest.joint} alone: {strongest.rms_without / MM:.3f} to "
-            f"{strongest.rms_with / MM:.3f} mm).",
-            "Reach targets that matter from one side always"
-            + ("." if record.evidence else ", or calibrate with --model auto, which learns the last move."),
-            share,
+            f"Gears: joint{'s' if several else ''} {joints} stop{'' if several else 's'} elsewhere when reached from "
+            f"the other side or after a longer move (joint {terms[0].joint} alone: {terms[0].moves / MM:.3f} mm).",
+            "Reach targets that matter from one side always, or calibrate with --model auto: it learns the last move.",
+            min(sum((term.moves / MM / rms) ** 2 for term in terms), 1.0),
         )
     ]
 

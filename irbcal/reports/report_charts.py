@@ -15,7 +15,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
 from irbcal.io.schema import EvidenceSection, ExplainedStage, GearSection, GearSpectrum, Observability, Record
-from irbcal.joint_analysis.residuals import Approach
+from irbcal.joint_analysis.residuals import ResidualAnalysis
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
 from irbcal.plotting import pose_errors
@@ -286,7 +286,7 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
         out["poses"] += [draw(poses) for poses in sets]
     if first.place is not None:
         out["space"] = [workspace(first), vectors(first)]
-    if evidence.approach is not None:
+    if evidence.joints is not None:
         out["joints"] = [residuals_by_joint(evidence)]
     evidence_of = calibration.evidence
     if evidence_of is not None and evidence_of.explained:
@@ -308,9 +308,9 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
 
 def residuals_by_joint(evidence: Evidence) -> Chart:
     """A panel for each joint: single poses faint, means of bins with 95 % intervals strong."""
-    approach = evidence.approach
-    assert approach is not None
-    slides = approach.robot.arm.table.prismatic
+    found = evidence.joints
+    assert found is not None
+    slides = found.robot.arm.table.prismatic
     drawings, bare = [], []
     for j in range(approach.angle.shape[1]):
         if not np.isfinite(approach.angle[:, j]).any():
@@ -320,8 +320,8 @@ def residuals_by_joint(evidence: Evidence) -> Chart:
         if not all(len(approach.by_angle(j, sign)) for sign, *_ in SIDES):
             bare.append(str(j + 1))
     caption = (
-        f"Angular residual of each joint against its angle, by the direction it came from ({evidence.approach_name} "
-        "poses): faint dots are poses (those beyond the frame at its edge), marks the means of ranges of the angle "
+        "Angular residual of each joint against its angle, by the direction it came from: "
+        "faint dots are poses (those beyond the frame at its edge), marks the means of ranges of the angle "
         "with 95 % intervals; backlash keeps the two apart by the same distance everywhere"
     )
     if bare:
@@ -330,8 +330,8 @@ def residuals_by_joint(evidence: Evidence) -> Chart:
     return Chart("residuals_by_joint", caption, drawings, [(c, m, label) for _, c, m, label in SIDES], 3)
 
 
-def _one_joint(approach: Approach, j: int, unit: str, size: float) -> Drawing:
-    q, angle = approach.points.q[:, j] / size, approach.angle[:, j] / size
+def _one_joint(found: ResidualAnalysis, j: int, unit: str, size: float) -> Drawing:
+    q, angle = found.points.q[:, j] / size, found.angle[:, j] / size
     have = np.isfinite(angle)
     means = {sign: approach.by_angle(j, sign) / size for sign, *_ in SIDES}
     tall = [np.abs(rows[:, 1]) + rows[:, 2] for rows in means.values()]
@@ -492,8 +492,8 @@ class Plots:
 
     def residuals_by_joint(self) -> Chart:
         """Residual of each joint against its angle, by the direction from which it came."""
-        if self._evidence.approach is None:
-            raise OptionError(self._evidence.approach_note)
+        if self._evidence.joints is None:
+            raise OptionError(self._evidence.joints_note)
         return residuals_by_joint(self._evidence).marked(self._record.simulated)
 
     def singular_values(self) -> Chart:

@@ -8,12 +8,12 @@ from io import StringIO
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from irbcal.io.schema import Record
+from irbcal.joint_analysis.terms import term_rows
 from irbcal.names import cell
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     from irbcal.io.schema import EvidenceSection
-    from irbcal.joint_analysis.residuals import Approach
     from irbcal.reports.evidence import Evidence
 
 T = TypeVar("T")
@@ -78,19 +78,6 @@ def families(section: EvidenceSection) -> list[dict[str, Any]]:
     return out
 
 
-def backlash(approach: Approach | None) -> list[dict[str, Any]]:
-    """Joint, value and interval in its unit, p and what to think of it, for each joint."""
-    if approach is None:
-        return []
-    slides = approach.robot.arm.table.prismatic
-    rows: list[dict[str, Any]] = []
-    for term in approach.terms:
-        unit, size = ("mm", MM) if slides[(term.joint or 1) - 1] else ("deg", DEG)
-        amount = [value[0] / size for value in (term.values, term.low, term.high)] if term.tested else None
-        rows.append({"joint": term.joint, "unit": unit, "amount": amount, "term": term})
-    return rows
-
-
 def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
     """The data behind the figures and tables of the page as CSV files.
 
@@ -116,17 +103,7 @@ def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
         **_model_rows(calibration, evidence),
         "left_out.csv": [vars(point) for point in calibration.excluded],
         "joints.csv": _joints_rows(evidence),
-        "backlash.csv": [
-            {
-                "joint": row["joint"],
-                "unit": row["unit"],
-                **dict(zip(("backlash", "low", "high"), row["amount"] or (None,) * 3, strict=True)),
-                "p": row["term"].p if row["amount"] else None,
-                "verdict": row["term"].verdict,
-                "note": row["term"].note,
-            }
-            for row in backlash(evidence.approach)
-        ],
+        "joint_terms.csv": _joint_terms_rows(evidence),
     }
     return {name: as_csv(rows, calibration.simulated) for name, rows in tables.items() if rows}
 
@@ -219,9 +196,14 @@ def _errors_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
     return rows
 
 
+def _joint_terms_rows(evidence: Evidence) -> list[dict[str, Any]]:
+    found = evidence.joints
+    return [] if found is None else term_rows(found.terms, found.robot.arm.table.prismatic)
+
+
 def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
-    approach = evidence.approach
-    if approach is None:
+    found = evidence.joints
+    if found is None:
         return []
     slides = approach.robot.arm.table.prismatic
     rows = []
@@ -231,7 +213,6 @@ def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
                 unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
                 rows.append(
                     {
-                        "set": evidence.approach_name,
                         "pose": pose,
                         "joint": j + 1,
                         "unit": unit,

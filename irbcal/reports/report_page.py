@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from irbcal.io.schema import ExclusionSection, ParameterSection, Record, RobotSection
+from irbcal.joint_analysis.residuals import needed_by_residuals, residual_terms_table
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
 from irbcal.modeling.terms.gear import in_words
@@ -26,8 +27,6 @@ from irbcal.validation.verdict import verdict_of
 from irbcal.validation.worst import WorstPose, worst_poses
 
 if TYPE_CHECKING:
-    from irbcal.joint_analysis.residuals import Approach
-    from irbcal.joint_analysis.terms import JointTerm
     from irbcal.reports.evidence import Evidence
 
 STATISTICS = (
@@ -82,11 +81,10 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         view_name=VIEW_NAME,
         sets={poses.name: poses for poses in evidence.sets},
         figures=draw(calibration, evidence),
-        approach=evidence.approach,
-        approach_name=evidence.approach_name,
-        approach_note=evidence.approach_note,
-        backlash=report_data.backlash(evidence.approach),
-        seen=_seen(evidence.approach),
+        joints=evidence.joints,
+        joints_note=evidence.joints_note,
+        joint_terms=[] if evidence.joints is None else residual_terms_table(evidence.joints),
+        needed="" if evidence.joints is None else needed_by_residuals(evidence.joints),
         states=_states(calibration.parameters),
         dhm_columns=_dhm_columns(robot),
         dhm_rows=list(zip(robot.joint_names, robot.dhm_nominal, robot.dhm_calibrated, strict=True)),
@@ -208,17 +206,3 @@ def _left_out(excluded: Sequence[ExclusionSection]) -> dict[str, Any]:
         "lines": listed[:MOST_LISTED],
         "more": max(0, len(listed) - MOST_LISTED),
     }
-
-
-def _seen(approach: Approach | None) -> dict[str, str]:
-    """Joints with an effect of the direction, in words, and those of them where it is negative."""
-    terms = () if approach is None else approach.terms
-    tested_terms = [term for term in terms if term.tested and term.verdict != "not seen"]
-    return {"all": _joints(tested_terms), "beyond": _joints([term for term in tested_terms if term.values[0] < 0])}
-
-
-def _joints(terms: Sequence[JointTerm]) -> str:
-    numbers = [str(term.joint) for term in terms]
-    if len(numbers) < 2:
-        return "".join(f"joint {number}" for number in numbers)
-    return f"joints {', '.join(numbers[:-1])} and {numbers[-1]}"

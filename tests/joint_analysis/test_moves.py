@@ -28,8 +28,9 @@ def test_joint_6_of_the_thesis_is_found_within_its_intervals():
             for n, low, high in zip(joint.fourier.names, joint.fourier.low, joint.fourier.high, strict=True)
         ]
         widths.append(joint.fourier.high[0] - joint.fourier.low[0])
-        assert joint.backlash.verdict == joint.fourier.verdict == "worth it"
-        assert joint.gain.verdict == "not seen"
+        assert joint.backlash.needed
+        assert joint.fourier.needed
+        assert joint.fourier.evidence > joint.gain.evidence + 20
     # 200 intervals at 95 %: fewer than 180 inside would be a chance of 1 in 500 if they were independent
     assert 180 <= np.sum(inside) <= 199
     assert np.mean(inside, axis=0).min() > 0.8
@@ -79,9 +80,7 @@ def test_no_false_alarm_from_joints_that_only_turn():
         points, step, _ = simulated(q, groups, noise=2e-5, rng=np.random.default_rng(seed))
         found = analyse_moves(points, step)
         for kind in alarms:
-            alarms[kind] += any(
-                term.verdict != "not seen" for joint in found for term in joint.terms if term.kind == kind
-            )
+            alarms[kind] += any(term.needed for joint in found for term in joint.terms if term.kind == kind)
     # each kind is wrong once in twenty files at most, whatever the number of joints
     assert max(alarms.values()) <= 2
     assert sum(alarms.values()) <= 5
@@ -99,10 +98,9 @@ def test_bending_has_one_period_a_turn_and_depends_on_the_elbow():
     )
     (joint,) = analyse_moves(points, step)
     assert [round(np.degrees(s.q[0, 2])) for s in joint.series] == list(elbows)
-    assert joint.gravity.verdict == "worth it"
-    assert joint.gravity.rms_with < 1.5e-5
+    assert joint.gravity.needed
     # one series for all elbows cannot explain what depends on the elbow
-    assert joint.fourier.rms_with > 3 * joint.gravity.rms_with
+    assert joint.gravity.evidence > joint.fourier.evidence + 20
     # the model's curves, evaluated like measured points, are what was measured
     for series in joint.series:
         curve = predicted_series(series, robot, stiffness)
@@ -140,4 +138,4 @@ def test_one_joint_moves_of_a_real_arm(shared_data):
         if t in radius and radius[t] > 0.1:
             apart = np.linalg.norm(ends[0] - ends[1]) * 1e-3
             assert apart == pytest.approx(radius[t] * abs(series.angle[0] - series.angle[-1]), abs=6e-5)
-    assert report.moves[3].fourier.verdict == "worth it"
+    assert report.moves[3].fourier.needed

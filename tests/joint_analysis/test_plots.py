@@ -54,7 +54,7 @@ def few():
     q = random_commands(24, 1)
     q[:, 0] = 0.3
     points, step, robot = simulated(q, noise=1e-5, rng=np.random.default_rng(0))
-    seen = analyse_residuals(robot, points, step)
+    seen = analyse_residuals(robot.arm, points, step)
     return JointBehaviour("points.csv", True, (), seen)
 
 

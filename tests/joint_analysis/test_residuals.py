@@ -1,85 +1,77 @@
-"""Effects of joints in residuals: linearised, placed, tested, chosen together, by approach."""
+"""Which terms joints need, from any poses: simulated truth many times over, and a real arm."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from moving import SERIES, TARGETS, random_commands, refusal, simulated
-from support import TARGETS as TOOL
-from support import arm, measured
+from moving import SERIES, random_commands, refusal, simulated
+from support import TARGETS, arm, measured
 
-from irbcal.joint_analysis import behaviour, linearised, residuals
-from irbcal.joint_analysis.linearised import Linearised
+from irbcal.identification import linear_model
+from irbcal.identification.evidence_maximisation import (
+    GEOMETRY_CAP,
+    VARIANCE_CAP,
+    evidence_temper,
+    maximise_evidence,
+    worth_of_each,
+)
+from irbcal.identification.linear_model import Linearisation
+from irbcal.joint_analysis import behaviour
 from irbcal.joint_analysis.residuals import analyse_residuals, needed_by_residuals, of_residuals
-from irbcal.joint_analysis.terms import JointTerm
 from irbcal.measurement import table
 from irbcal.measurement.last_moves import last_moves
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling.terms.direction import FAMILY as DIRECTION
+from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+from irbcal.modeling.terms.situation import Motion
 
 
-def test_what_left_out_poses_say_agrees_with_leaving_them_out():
-    # 30 poses: the errors of poses left out, by the hat matrix, against as many fits by brute force
-    points, step, robot = simulated(
-        random_commands(30, 4), None, np.radians([0.05, 0, 0, 0, 0, 0]), noise=1e-4, rng=np.random.default_rng(4)
-    )
-    model = Linearised(robot, points, step)
-    X = -0.5 * model.per_joint(np.sign(step))[:, :1]
-    found = model.test(X)
-    design = np.hstack([model.basis(), X])
-    errors, estimates = np.empty_like(model.r), []
-    for pose in range(30):
-        out = model.flat_pose == pose
-        solution = np.linalg.lstsq(design[~out], model.r[~out], rcond=None)[0]
-        errors[out] = model.r[out] - design[out] @ solution
-        estimates.append(solution[-1])
-    assert found.after == pytest.approx(model.size(errors), rel=1e-9)
-    jackknife = 29 / 30 * np.sum((np.array(estimates) - found.beta[0]) ** 2)
-    assert found.C[0, 0] == pytest.approx(jackknife, rel=1e-9)
+def analysed(case, *arguments, **options):
+    """The analysis of simulated points from the nominal arm."""
+    points, step, robot = case
+    return analyse_residuals(robot.joint_map.terms.arm, points, step, *arguments, **options)
 
 
-def test_columns_are_derivatives_of_the_points():
-    """Against differences of a robot whose joints are turned by each term."""
-    points, step, robot = simulated(random_commands(20, 5))
-    robot = robot.replace(T_world_base=np.eye(4))
-    points = replace(measured(robot, points.q), q=points.q)
-    model = Linearised(robot, points, step)
-    size = 1e-6
+def keys(found):
+    return [(term.kind, term.joint) for term in found.needed]
 
-    def moved(effective):
-        return (measured(robot, effective).xyz - measured(robot, points.q).xyz).reshape(-1) / size
 
-    def shift(j, by):
-        out = points.q.copy()
-        out[:, j] += size * by
-        return out
+def test_worth_is_the_difference_of_two_fits():
+    """Against a linear model that never had the term, and against the points that it moves."""
+    play = np.radians([0.03, 0, 0, 0, 0, 0])
+    points, step, robot = simulated(random_commands(30, 4), None, play, noise=1e-4, rng=np.random.default_rng(4))
+    nominal, motion = robot.joint_map.terms.arm, Motion(points.q, np.nan_to_num(step))
+    geometry, sides = GEOMETRY.terms(nominal), DIRECTION.terms(nominal)
+    problem = linear_model.geometry_problem(nominal, points, geometry, None)
+    state = linear_model.geometry_solution(problem, motion, geometry)
 
-    known = np.nan_to_num(step)
-    q6 = points.q[:, 5]
-    cases = [
-        (JointTerm("backlash", 2, ("backlash",)), [shift(1, -0.5 * np.sign(known[:, 1]))]),
-        (JointTerm("move", 3, ("per_move",)), [shift(2, known[:, 2])]),
-        (JointTerm("gain", 5, ("gain",)), [shift(4, points.q[:, 4])]),
-        (
-            JointTerm("fourier", 6, ("a1", "b1"), frequency=(3.0,)),
-            [shift(5, np.cos(3 * q6)), shift(5, np.sin(3 * q6))],
-        ),
-    ]
-    for term, effectives in cases:
-        X = linearised.of_term(model, term) / model.weight[:, None]
-        for k, effective in enumerate(effectives):
-            assert np.abs(X[:, k] - moved(effective)).max() < 1e-5
-        assert linearised.names_of(term) == term.names
-    assert linearised.names_of(JointTerm("stiffness", None, ("A",))) == ("A", "B")
-    assert linearised.of_term(model, JointTerm("stiffness", None)).shape[1] == 2
+    def fitted(some):
+        linear = Linearisation(problem, state, motion, [*geometry, *some])
+        group = np.concatenate([np.zeros(len(geometry), dtype=int), 1 + np.arange(len(some))])
+        caps = np.array([GEOMETRY_CAP, *[VARIANCE_CAP] * len(some)])
+        sums = linear.sums()
+        return linear, sums, group, caps, maximise_evidence(sums, linear.flat, group, caps, evidence_temper(3.0))
+
+    linear, sums, group, caps, found = fitted(sides)
+    labels = [None] * len(geometry) + [term.joint for term in sides]
+    worth = worth_of_each(sums, found, linear.flat, labels, group, caps)
+    assert list(worth) == list(range(6))
+    shorter, *_, without = fitted(sides[1:])
+    assert worth[0].evidence == pytest.approx(found.log_evidence - without.log_evidence, abs=0.05)
+    J = np.concatenate([block.J for block in linear.blocks()], axis=1)
+    K = np.concatenate([block.J for block in shorter.blocks()], axis=1)
+    moved = np.sqrt(np.mean(np.sum((found.c @ J - without.c @ K).reshape(-1, 3) ** 2, axis=1)))
+    assert 1e3 * worth[0].moves == pytest.approx(moved, rel=0.01)
+    assert worth[0].evidence > 20 > 1 > worth[1].evidence
 
 
 def test_refusals_are_one_sentence():
     points, step, robot = simulated(random_commands(20, 0))
-    other = robot.replace(targets={name: 3 * np.array(place) for name, place in TARGETS.items()})
-    assert "not measured on this robot with this tool" in refusal(analyse_residuals, other, points, step)
+    elsewhere = replace(points, xyz=np.random.default_rng(0).permutation(points.xyz))
+    assert "irb1600_6_145" in refusal(analyse_residuals, robot.arm, elsewhere, step)
     few = points.select(np.arange(20) < 5)
-    assert "5 poses are too few" in refusal(analyse_residuals, robot, few, step[:5])
+    assert "5 poses are too few" in refusal(analyse_residuals, robot.arm, few, step[:5])
+    assert refusal(analyse_residuals, robot.arm, points, step, 7) == "there is no joint 7: irb1600_6_145 has 6"
 
 
 def test_backlash_and_stiffness_are_found_within_their_intervals():
@@ -87,61 +79,48 @@ def test_backlash_and_stiffness_are_found_within_their_intervals():
     A, B = np.radians([0.043, 0.019])
     inside, stiff = [], []
     for seed in range(6):
-        points, step, robot = simulated(
-            random_commands(70, seed),
-            None,
-            backlash,
-            noise=5e-5,
-            rng=np.random.default_rng(seed),
-            stiffness=(A, B),
-            fourier=SERIES,
+        rng = np.random.default_rng(seed)
+        case = simulated(
+            random_commands(70, seed), None, backlash, noise=5e-5, rng=rng, stiffness=(A, B), fourier=SERIES
         )
-        found = analyse_residuals(
-            robot.replace(joint_map=ThesisMap(stiffness=(A, B), fourier=SERIES).joint_map(robot.arm)), points, step
-        )
-        for j, term in found.of("backlash").items():
-            inside.append(term.low[0] < backlash[j - 1] < term.high[0])
+        found = analysed(case)
+        inside += [term.low[0] < backlash[j - 1] < term.high[0] for j, term in found.of("backlash").items()]
         term = found.of("stiffness")[None]
         stiff += [low < value < high for value, low, high in zip((A, B), term.low, term.high, strict=True)]
-        assert found.of("backlash")[6].verdict == term.verdict == found.of("fourier")[6].verdict == "worth it"
-        assert ("stiffness", None) in [(s.kind, s.joint) for s in found.needed]
+        assert {("backlash", 1), ("backlash", 3), ("stiffness", None), ("fourier", 6)} <= set(keys(found))
         # an effect of the direction is not taken for one of the size of the moves
-        assert not {s.kind for s in found.needed} & {"move", "gain"}
+        assert not {kind for kind, _ in keys(found)} & {"move", "gain"}
     # 36 and 12 intervals of 95 %
     assert sum(inside) >= 31
     assert sum(stiff) >= 10
 
 
 def test_clean_residuals_raise_no_alarm():
-    alarms = 0
     for seed in range(4):
-        points, step, robot = simulated(random_commands(60, seed), noise=5e-5, rng=np.random.default_rng(seed))
-        found = analyse_residuals(robot, points, step)
-        alarms += sum(term.verdict == "worth it" for term in found.terms)
+        found = analysed(simulated(random_commands(60, seed), noise=5e-5, rng=np.random.default_rng(seed)))
         assert found.needed == ()
         assert len(found.terms) == 6 + 6 + 6 + 6 + 1
+        assert max(term.probability for term in found.terms) < 0.9
         assert "needs no term beyond geometry" in of_residuals(found, None)[-1]
-    assert alarms <= 1
 
 
 def test_a_lag_is_told_from_play():
     lag = np.array([5e-4, 0, 0, 0, 0, 0])
-    points, step, robot = simulated(random_commands(90, 2), per_move=lag, noise=5e-5, rng=np.random.default_rng(2))
-    found = analyse_residuals(robot, points, step)
-    # the direction alone seems to matter, and in the sense that play does not have
-    assert found.of("backlash")[1].high[0] < 0
-    assert found.approach["size"] < 0.5 * found.approach["direction"]
+    found = analysed(simulated(random_commands(90, 2), per_move=lag, noise=5e-5, rng=np.random.default_rng(2)))
     term = found.of("move")[1]
     assert term.low[0] < lag[0] < term.high[0]
-    assert [(s.kind, s.joint) for s in found.needed] == [("move", 1)]
-    words = " ".join(of_residuals(found, None))
-    assert "a lag does" in words
-    assert "BEYOND" in words
+    assert keys(found) == [("move", 1)]
+    assert "a lag does" in " ".join(of_residuals(found, None))
 
 
-def test_a_joint_that_the_robot_has_not_is_refused():
-    points, step, robot = simulated(random_commands(20, 0))
-    assert refusal(analyse_residuals, robot, points, step, 7) == "there is no joint 7: irb1600_6_145 has 6"
+def test_a_free_frequency_is_found_and_costs_its_search():
+    case = simulated(random_commands(90, 2), noise=3e-5, rng=np.random.default_rng(2), fourier=SERIES)
+    found = analysed(case, frequency=None)
+    (frequency,) = found.of("fourier")[6].frequency
+    assert frequency == pytest.approx(1.0, abs=0.02)
+    assert keys(found) == [("fourier", 6)]
+    # what is not there costs the logarithm of the number of frequencies
+    assert max(term.evidence for joint, term in found.of("fourier").items() if joint != 6) < 0
 
 
 @pytest.fixture(scope="module")
@@ -153,117 +132,43 @@ def irb120(shared_data):
 
 def test_the_direction_of_approach_shows_on_a_real_arm(irb120):
     found = irb120[1].residuals
-    plays = found.of("backlash")
-    low, high = np.degrees(plays[1].low[0]), np.degrees(plays[1].high[0])
-    assert -0.08 < low < high < -0.05
-    assert plays[1].verdict == "worth it"
-    assert sum(term.high[0] < 0 for term in plays.values()) >= 3
-    # each half of the poses says so by itself
-    assert (np.degrees(found.halves[:3]) < -0.015).all()
-    assert (found.halves_p > 0.005).all()
-    # it grows with the moves of joints 1 to 3, about alike, and explains a quarter of what is left
+    # moves of joints 1 to 3 count, about alike, beside their directions
     lag = [found.of("move")[j] for j in (1, 2, 3)]
-    assert all(3e-4 < term.values[0] < 6e-4 and term.low[0] > 2e-4 for term in lag)
-    assert found.approach["size"] < 0.75 * found.approach["neither"]
-    assert [(s.kind, s.joint) for s in found.needed][:2] == [("stiffness", None), ("move", 1)]
+    assert all(2e-4 < term.values[0] < 7e-4 and term.low[0] > 1e-4 and term.needed for term in lag)
+    assert {("stiffness", None), ("move", 1)} <= set(keys(found))
 
 
 def test_directions_of_other_poses_show_nothing_on_a_real_arm(irb120):
     found = irb120[1].residuals
     # the move that follows a pose cannot act on it
     step = np.r_[found.step[1:], found.step[:1]]
-    wrong = analyse_residuals(found.robot, found.points, step, joint=1)
-    assert wrong.of("backlash")[1].verdict == "not seen"
-    assert wrong.of("move")[1].verdict == "not seen"
-    assert wrong.approach["direction"] > 0.99 * wrong.approach["neither"]
-    assert {s.kind for s in wrong.needed} <= {"stiffness", "gain"}
+    wrong = analyse_residuals(arm("irb120"), found.points, step)
+    assert not wrong.of("backlash")[1].needed
+    assert not wrong.of("move")[1].needed
 
 
 BACKLASH_4 = np.radians(0.03)
 
 
 def hidden_backlash(seed=0):
-    """A joint 4 with play and an uneven gear that is larger; returns the points, their last moves and the robot."""
+    """A joint 4 with play and an uneven gear that is larger; returns the points and their last moves."""
     q = random_commands(70, seed)
     step = np.nan_to_num(last_moves(q))
     effective = q.copy()
     series = np.radians([0.03, 0.06, 0.05, -0.05])
     effective[:, 3] += np.column_stack([f(k * q[:, 3]) for k in (1, 2) for f in (np.cos, np.sin)]) @ series
     effective[:, 3] -= 0.5 * np.sign(step[:, 3]) * BACKLASH_4
-    robot = Robot(arm("irb1600"), T_world_base=np.eye(4), targets=TOOL)
+    robot = Robot(arm("irb1600"), T_world_base=np.eye(4), targets=TARGETS)
     points = measured(robot, effective, 3e-5, np.random.default_rng(seed))
-    return replace(points, q=q), last_moves(q), robot
+    return replace(points, q=q), last_moves(q)
 
 
-@pytest.fixture(scope="module")
-def hidden():
-    points, step, robot = hidden_backlash()
-    return analyse_residuals(robot, points, step)
-
-
-def test_what_other_terms_hide_is_told_as_it_is_beside_them(hidden):
-    assert {("backlash", 4), ("fourier", 4)} <= {(s.kind, s.joint) for s in hidden.needed}
-    term = hidden.of("backlash")[4]
-    # alone: the uneven gear is scatter to it
-    assert term.verdict == "not seen"
-    beside = term.beside_needed
-    assert beside is term.shown
-    assert beside.low[0] < BACKLASH_4 < beside.high[0]
-    assert beside.high[0] - beside.low[0] < 0.3 * (term.high[0] - term.low[0])
-    assert beside.verdict == "worth it"
-    assert beside.rms_with < 0.98 * beside.rms_without
-
-
-def test_no_term_is_both_needed_and_not_seen(hidden):
-    for step in hidden.needed:
-        assert hidden.of(step.kind)[step.joint].shown.verdict == "worth it"
-    words = " ".join(of_residuals(hidden, None))
-    assert "backlash of joint 4" in needed_by_residuals(hidden)
-    assert "joint 4: no backlash" not in words
-    assert "backlash joint 4: 0.0" in words
-    assert "beside the other terms that this robot needs: worth it" in words
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_many_robots_are_told_nothing_that_contradicts_itself(seed):
-    rng = np.random.default_rng(seed)
-    points, step, robot = simulated(
-        random_commands(60, seed),
-        None,
-        np.radians(0.05) * rng.uniform(0, 1, 6),
-        np.r_[4e-4 * rng.uniform(0, 1, 3), 0, 0, 0],
-        noise=1e-4,
-        rng=rng,
-        fourier=SERIES * rng.uniform(0, 1, 4),
-        stiffness=np.radians([0.04, 0.02]) * rng.uniform(0, 1),
-    )
-    found = analyse_residuals(robot, points, step)
-    assert found.needed
-    for chosen in found.needed:
-        assert found.of(chosen.kind)[chosen.joint].shown.verdict == "worth it"
-    # what was worth it by itself has no second version
-    assert all(t.beside_needed is None for t in found.terms if t.verdict == "worth it")
-
-
-def test_a_term_that_others_make_idle_is_dropped():
-    """Of an effect that is the sum of two, the sum's own stand-in is taken first and idle once both are there."""
-    rng = np.random.default_rng(0)
-    points, step, robot = simulated(random_commands(60, 1), noise=1e-5, rng=rng)
-    model = Linearised(robot, points, step)
-    own = rng.standard_normal((len(model.r), 2))
-    model.r = model.r + 1e-4 * own @ [1.0, 1.0]
-    both = own.sum(axis=1, keepdims=True) + 0.6 * rng.standard_normal((len(model.r), 1))
-    keys = [("gain", 1), ("gain", 2), ("gain", 3)]
-    selection = residuals._Selection(model, dict(zip(keys, (both, own[:, :1], own[:, 1:]), strict=True)))
-    selection.take()
-    assert selection.chosen[0] == ("gain", 1)
-    assert len(selection.chosen) == 3
-    assert selection.drop_idle()
-    assert selection.chosen == [("gain", 3), ("gain", 2)] or selection.chosen == [("gain", 2), ("gain", 3)]
-    assert not selection.drop_idle()
-    selection.take()  # what was dropped does not come back
-    assert len(selection.steps()) == 2
-    assert selection.steps()[1].rms < 0.5 * selection.steps()[0].rms
+def test_a_larger_term_hides_no_other():
+    found = analyse_residuals(arm("irb1600"), *hidden_backlash())
+    assert keys(found) == [("fourier", 4), ("backlash", 4)]
+    term = found.of("backlash")[4]
+    assert term.low[0] < BACKLASH_4 < term.high[0]
+    assert "backlash of joint 4" in needed_by_residuals(found)
 
 
 PLAY = np.radians([0.04, 0, 0, 0, 0, 0])
@@ -271,8 +176,7 @@ PLAY = np.radians([0.04, 0, 0, 0, 0, 0])
 
 @pytest.fixture(scope="module")
 def found():
-    points, step, robot = simulated(random_commands(120, 0), None, PLAY, noise=3e-5, rng=np.random.default_rng(0))
-    return residuals.analyse(robot, points, np.sign(np.nan_to_num(step)))
+    return analysed(simulated(random_commands(120, 0), None, PLAY, noise=3e-5, rng=np.random.default_rng(0)))
 
 
 def test_the_step_between_directions_is_the_backlash(found):
@@ -282,15 +186,19 @@ def test_the_step_between_directions_is_the_backlash(found):
     assert np.average(above[:, 1]) - np.average(below[:, 1]) == pytest.approx(PLAY[0], rel=0.2)
     assert (below[:, 2] < 0.2 * PLAY[0]).all()
     assert (np.diff(below[:, 0]) > 0).all()
-    assert "joints: 1" in repr(found)
+    assert "backlash of joint 1" in repr(found)
 
 
 def test_small_bins_are_left_out(found):
-    few = residuals.Approach(
-        found.robot,
-        found.points,
-        np.where(np.arange(120)[:, None] < 4, 1.0, 0.0) * np.ones(6),
-        found.terms,
-        found.angle,
-    )
+    few = replace(found, step=np.where(np.arange(120)[:, None] < 4, found.step, 0.0))
     assert few.by_angle(0, 1.0).shape == (0, 3)
+
+
+def test_an_arm_that_bends_otherwise_has_gravity_at_each_joint():
+    panda = arm("panda")
+    q = panda.random_joints(60, 0)
+    robot = Robot(panda, T_world_base=np.eye(4), targets=TARGETS)
+    found = analyse_residuals(panda, measured(robot, q, 3e-5, np.random.default_rng(0)), last_moves(q))
+    assert found.of("stiffness") == {}
+    assert {2, 4} <= set(found.of("gravity"))
+    assert found.needed == ()

@@ -12,39 +12,30 @@ from irbcal.joint_analysis.terms import (
     fourier_order,
     frequencies,
     interval,
-    judged,
     quantile,
     unit_of,
 )
 
 
-def term(joint, p, without=1e-3, with_it=0.5e-3, **more):
-    return JointTerm("backlash", joint, ("backlash",), (1e-3,), (0.5e-3,), (1.5e-3,), p, without, with_it, **more)
-
-
-def test_holm_by_hand():
-    # smallest first: 3 x 0.010, 2 x 0.020, 1 x 0.022, the last not below the one before; not tested: does not count
-    found = judged([term(1, 0.022), term(2, 0.010), term(3, 0.020), JointTerm("backlash", 4, note="one side only")])
-    assert [t.p for t in found] == pytest.approx([0.040, 0.030, 0.040, 1.0], abs=1e-12)
-    assert [t.verdict for t in found] == ["worth it", "worth it", "worth it", "not tested"]
-    # 3 x 0.020 is too much: nothing after it is seen either, whatever its own p
-    found = judged([term(1, 0.021), term(2, 0.020), term(3, 0.9)])
-    assert [t.p for t in found] == pytest.approx([0.060, 0.060, 0.9], abs=1e-12)
-    assert [t.verdict for t in found] == ["not seen"] * 3
-    assert judged([term(1, 0.6), term(2, 0.7)])[0].p == 1.0
+def term(joint, evidence=10.0, moves=1e-4, **more):
+    return JointTerm("backlash", joint, ("backlash",), (1e-3,), (0.5e-3,), (1.5e-3,), evidence, moves, **more)
 
 
 @pytest.mark.parametrize(
-    ("p", "with_it", "verdict"),
-    [
-        (0.049, 0.9799e-3, "worth it"),
-        (0.049, 0.9801e-3, "small"),
-        (0.049, 1.0e-3, "not seen"),
-        (0.05, 0.5e-3, "not seen"),
-    ],
+    ("evidence", "moves", "needed"),
+    [(5.0, 3e-6, True), (4.99, 1e-3, False), (100.0, 2.9e-6, False), (-3.0, 1e-3, False)],
 )
-def test_verdicts_at_their_limits(p, with_it, verdict):
-    assert judged([term(1, p, 1e-3, with_it)])[0].verdict == verdict
+def test_a_term_is_needed_where_evidence_and_points_say_so(evidence, moves, needed):
+    found = term(1, evidence, moves)
+    assert found.needed is needed
+    assert found.verdict == ("needed" if needed else "not needed")
+    assert not term(1, 100.0, note="one side only").needed
+
+
+def test_probability_by_hand():
+    assert term(1, 0.0).probability == 0.5
+    assert term(1, np.log(19.0)).probability == pytest.approx(0.95, abs=1e-12)
+    assert term(1, -1e9).probability == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_series_is_that_of_the_thesis():
@@ -69,20 +60,17 @@ def test_student_s_quantile():
 
 
 def test_units_outside():
-    assert unit_of(term(2, 0.1)) == ("deg", np.pi / 180)
-    assert unit_of(term(2, 0.1), [False, True]) == ("mm", 1e-3)
+    assert unit_of(term(2)) == ("deg", np.pi / 180)
+    assert unit_of(term(2), [False, True]) == ("mm", 1e-3)
     assert unit_of(JointTerm("gain", 1)) == ("1", 1.0)
     assert unit_of(JointTerm("move", 1)) == ("deg/100 deg", 0.01)
 
 
 def test_a_term_speaks_shortly():
-    many = JointTerm("fourier", 6, fourier_names(12), (0.1,) * 24, (0.0,) * 24, (0.2,) * 24, 0.01)
+    many = JointTerm("fourier", 6, fourier_names(12), (0.1,) * 24, (0.0,) * 24, (0.2,) * 24, 10.0, 1e-3)
     assert len(repr(many)) < 2000
-    assert repr(term(4, 0.02)).startswith("<JointTerm: backlash of joint 4: backlash 0.0573 ± 0.0286 deg, p = 0.02")
-    assert term(4, 0.02).coefficients() == {"backlash": 1e-3}
-    hidden = JointTerm("gain", 1, beside_needed=many)
-    assert hidden.shown is many
-    assert many.shown is many
+    assert repr(term(4)).startswith("<JointTerm: backlash of joint 4: backlash 0.0573 ± 0.0286 deg: log evidence +10.0")
+    assert term(4).coefficients() == {"backlash": 1e-3}
 
 
 X = np.radians(np.arange(-360, 361, 15.0))
@@ -98,7 +86,7 @@ def found_in(y, noise, freedom=40):
     return interval(X, y, noise**2 * np.eye(len(X)), np.ones((len(X), 1)), 1, tried, 1.3, freedom)
 
 
-def test_its_ends_are_those_that_the_f_test_just_refuses():
+def test_its_ends_are_those_that_the_likelihood_ratio_just_refuses():
     noise = 2e-4
     y = made(noise)
     found, low, high = found_in(y, noise)

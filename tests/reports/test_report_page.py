@@ -228,10 +228,9 @@ def test_backlash_of_a_real_robot(shared_data, tmp_path):
     assert_harmless(page)
     assert len(page.encode()) < 1_000_000
     (section,) = html.document_fromstring(page).xpath("//section[@id='joints']")
-    low, high = map(float, section.xpath(".//tbody/tr[1]/td[2]/text()")[0].split(" to "))
-    assert low < high < -0.04
-    # by hand: the turn about the base's z axis that each pose asks for, averaged by direction; as nothing is refitted,
-    # what the geometry took of it is missing
+    assert "arm stiffness" in section.xpath("./p/strong/text()")[0]
+    assert "last move of joint 1" in section.xpath("./p/strong/text()")[0]
+    # by hand: the turn about the base's z axis that each pose asks for, averaged by direction
     points, came_from = calibration.used_points(True)
     robot = calibration.robot_calibrated()
     to_base = robot.T_world_base[:3, :3].T
@@ -242,7 +241,6 @@ def test_backlash_of_a_real_robot(shared_data, tmp_path):
     turn = np.degrees([(a @ e) / (a @ a) for a, e in zip(across, off[:, :2], strict=True)])
     side = came_from[points.pose, 0]
     far = np.hypot(*across.T) > 0.2
-    assert high + 0.03 > turn[far & (side < 0)].mean() - turn[far & (side > 0)].mean() > low
     assert turn[far & (side < 0)].mean() < -0.015 < 0.015 < turn[far & (side > 0)].mean()
 
 
