@@ -68,7 +68,7 @@ class Spectrum:
         lock(self)
 
 
-class PoseSums:
+class WaveSums:
     """What a search for frequencies needs, summed over the rows of each pose once: axis columns against everything.
 
     With ``k_jn`` the derivative of pose n's rows by joint j: ``KJ[j, n] = k_jn' J_n``, ``Ky[j, n] = k_jn' y_n`` and
@@ -163,7 +163,7 @@ def scan(
     """
     joints = revolute(linear.problem.arm)
     cycles = np.arange(LOWEST, HIGHEST + 1)
-    reduced = PoseSums(linear, term_set.columns(linear.flat), joints)
+    reduced = WaveSums(linear, term_set.columns(linear.flat), joints)
     limit = 2.0 * np.log(len(joints) * len(cycles)) + 4.0
     by_evidence, by_fit = start
     pairs: list[tuple[int, int]] = []

@@ -25,7 +25,7 @@ from irbcal.identification.evidence_maximisation import (
     maximise_evidence,
     worth_of_each,
 )
-from irbcal.identification.gear_scan import PoseSums
+from irbcal.identification.gear_scan import WaveSums
 from irbcal.identification.linear_model import Linearisation
 from irbcal.joint_analysis.moves import beyond_reading
 from irbcal.joint_analysis.terms import (
@@ -359,7 +359,7 @@ class _Fitted:
         extent, highest = float(np.ptp(angles)), min(HIGHEST_FREQUENCY, len(axes.distinct_angles(angles)) / 2 / order)
         if extent < 10 * DEG:
             return series._replace(note="the joint hardly moves")
-        sums = PoseSums(self.linear, np.arange(len(self.found.c)), [series.joint])
+        sums = WaveSums(self.linear, np.arange(len(self.found.c)), [series.joint])
         each = np.arange(1.0, order + 1.0)
         tried = frequencies(extent, highest)
         k, a, c = len(self.found.c), self.found.temper / self.found.s2, self.found.c

@@ -38,7 +38,7 @@ def dense(linear, columns, waves):
 
 def test_sums_with_frequencies_are_those_of_their_columns(fitted):
     linear, _, columns, sums, _ = fitted
-    reduced = gear_scan.PoseSums(linear, columns, list(range(6)))
+    reduced = gear_scan.WaveSums(linear, columns, list(range(6)))
     J, y = dense(linear, columns, PAIRS)
     wide = reduced.extended(sums, PAIRS)
     scale = np.sqrt(np.diag(J @ J.T))
@@ -51,7 +51,7 @@ def test_sums_with_frequencies_are_those_of_their_columns(fitted):
 def test_chi2_is_what_a_fit_with_the_frequency_gains(fitted, taken):
     linear, chosen, columns, sums, _ = fitted
     pairs = PAIRS[:taken]
-    reduced = gear_scan.PoseSums(linear, columns, list(range(6)))
+    reduced = gear_scan.WaveSums(linear, columns, list(range(6)))
     group = np.concatenate([chosen.group, np.repeat(len(chosen.caps) + np.arange(taken), 2)]).astype(int)
     caps = np.append(chosen.caps, np.full(taken, VARIANCE_CAP))
     found = maximise_evidence(reduced.extended(sums, pairs), linear.flat, group, caps, 2 / 3)

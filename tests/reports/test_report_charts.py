@@ -84,7 +84,7 @@ def test_too_few_poses_for_means_are_told_of(tmp_path):
         file = write_measurements(tmp_path / "m.csv", points)
         return irbcal.calibrate(file, "irb1600", "nominal", holdout=0.5).plot
 
-    few = caption(18).residuals_by_joint().caption
+    few = caption(14).residuals_by_joint().caption
     assert re.search(r"\. At joints? [1-6, ]+, 1\d poses are too few for means of both directions$", few)
     assert "too few" not in caption(400).residuals_by_joint().caption
 
