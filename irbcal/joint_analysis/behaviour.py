@@ -164,9 +164,9 @@ def frame(result: JointBehaviour) -> pd.DataFrame:
     """
     import pandas as pd
 
-    sources = {"moves": term_rows([term for joint in found.moves for term in joint.terms])}
-    if found.residuals is not None:
-        sources["residuals"] = term_rows(found.residuals.terms, found.residuals.robot.arm.table.prismatic)
+    sources = {"moves": term_rows([term for joint in result.moves for term in joint.terms])}
+    if result.residuals is not None:
+        sources["residuals"] = term_rows(result.residuals.terms, result.residuals.robot.arm.table.prismatic)
     rows = [{"source": source, **row} for source, those in sources.items() for row in those]
     columns = ["source", "kind", "joint", "name", "value", "low", "high", "unit", "log_evidence", "probability"]
     columns += ["moves_mm", "verdict", "note"]
@@ -487,7 +487,7 @@ def analyse(
     nominal = robot.joint_map.terms.arm if nominal is None and isinstance(robot, Robot) else nominal
     nominal = robot if isinstance(robot, Arm) else nominal
     if nominal is not None:
-        residuals = _named(source, analyse_residuals, nominal, points, step, *asked)
+        residuals = _named(source, analyse_residuals, nominal, points, step, *options)
         excluded += [_far(item, "the robot") for item in residuals.excluded]
     geometry = None
     if nominal is not None:

@@ -198,16 +198,16 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
 
     From angles that were reached from both sides: their differences do not depend on how the error runs.
     """
-    found, angles, sides = list[float](), list[float](), list[float]()
+    differences, angles, sides = list[float](), list[float](), list[float]()
     for s, number in zip(series, levels, strict=True):
         above, below = s.direction < 0, s.direction > 0
         for level in np.intersect1d(number[above], number[below]):
             here = number == level
             both = [float(s.angle[here & side].mean()) for side in (above, below)]
-            found.append(both[0] - both[1])
+            differences.append(both[0] - both[1])
             angles += both
             sides += [0.5, -0.5]
-    n, name = len(found), ("backlash",)
+    n, name = len(differences), ("backlash",)
     if n < SPARE:
         note = f"{n or 'no'} joint angle{'s were' if n > 1 else ' was'} reached from both sides, {SPARE} are needed"
         return JointTerm("backlash", joint, name, note=note)
@@ -418,9 +418,9 @@ MOSTLY = 0.8
 """Share of the squares of a Fourier series from which on gravity, which explains so much, takes its place."""
 
 
-def of_moves(moves: Sequence[JointMoves], alone: bool = True) -> list[str]:
-    """What one-joint moves say; ``alone``: nothing else is said, so the last sentence is what the robot needs."""
-    source = "" if alone else "by one-joint moves, "
+def of_moves(moves: Sequence[JointMoves], only_moves: bool = True) -> list[str]:
+    """What one-joint moves say; ``only_moves``: nothing else is said, so the last sentence is what the robot needs."""
+    source = "" if only_moves else "by one-joint moves, "
     out = [f"{source}{_of_moves(joint, term)}" for joint in moves for term in joint.terms if _worth_saying(term)]
     out += beyond_reading([joint.backlash for joint in moves])
     out += not_tested([term for joint in moves for term in joint.terms], "one-joint moves")

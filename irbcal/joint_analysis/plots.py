@@ -195,7 +195,7 @@ def _stiffness(result: JointBehaviour) -> FloatArray | None:
     """A and B as estimated from the residuals, radians; None where they were not."""
     if result.residuals is None:
         return None
-    term = found.residuals.of("stiffness").get(None)
+    term = result.residuals.of("stiffness").get(None)
     return np.array(term.values) if term is not None and len(term.values) == 2 else None
 
 
@@ -257,7 +257,7 @@ def _binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> FloatArray:
     return np.array(out).reshape(-1, 3).T
 
 
-def _shown_joints(found: ResidualAnalysis) -> list[int]:
+def _shown_joints(analysis: ResidualAnalysis) -> list[int]:
     """Joints with a residual at a pose that they came to from a known side, counted from 0."""
     return [
         j
@@ -298,7 +298,7 @@ def _residual_panel(
 
 def _by_direction(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against joint angle: dots are poses, bars the means of bins with 95 % intervals."""
-    slides, plays = found.robot.arm.table.prismatic, found.of("backlash")
+    slides, plays = analysis.robot.arm.table.prismatic, analysis.of("backlash")
     bare: list[int] = []
     sheets: list[Drawing] = []
     for j in _shown_joints(analysis):
@@ -319,8 +319,8 @@ def _by_direction(analysis: ResidualAnalysis) -> Chart:
 
 def _by_move(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against the last move: play makes a step at zero, a lag a slope."""
-    tested = [joint for joint, term in found.of("move").items() if term.tested]
-    slides, plays = found.robot.arm.table.prismatic, found.of("backlash")
+    tested = [joint for joint, term in analysis.of("move").items() if term.tested]
+    slides, plays = analysis.robot.arm.table.prismatic, analysis.of("backlash")
     bare: list[int] = []
     sheets: list[Drawing] = []
     for j in (j for j in _shown_joints(analysis) if j + 1 in tested):
@@ -341,10 +341,10 @@ def _by_move(analysis: ResidualAnalysis) -> Chart:
     return Chart("residuals_by_move", caption, sheets, legend, 3)
 
 
-def _backlash(found: ResidualAnalysis) -> Chart:
+def _backlash(analysis: ResidualAnalysis) -> Chart:
     """Backlash of each joint with its interval."""
-    slides = found.robot.arm.table.prismatic
-    terms = [term for term in found.of("backlash").values() if term.tested]
+    slides = analysis.robot.arm.table.prismatic
+    terms = [term for term in analysis.of("backlash").values() if term.tested]
     numbers = [term.joint or 0 for term in terms]
     sizes = np.array([MM if slides[number - 1] else DEG for number in numbers])
     value, low, high = (
@@ -354,7 +354,7 @@ def _backlash(found: ResidualAnalysis) -> Chart:
     drawing = Drawing("Backlash of each joint", 260.0, WIDE)
     x_ticks = [float(number) for number in numbers], [str(number) for number in numbers]
     x = (min(numbers, default=1) - 0.6, max(numbers, default=1) + 0.6)
-    panel = Panel(drawing, x, span(low, high, [0.0]), "joint", label, x_ticks=words)
+    panel = Panel(drawing, x, span(low, high, [0.0]), "joint", label, x_ticks=x_ticks)
     panel.level(0.0)
     place = np.array(numbers, dtype=float)
     panel.bars(place, (low + high) / 2, (high - low) / 2, "calibrated")

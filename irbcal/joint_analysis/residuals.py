@@ -136,14 +136,14 @@ class ResidualAnalysis(Speaks):
         have = np.isfinite(angle)
         bins = int(np.clip(have.sum() / (3 * FEWEST_IN_BIN), FEWEST_BINS, MOST_BINS))
         edges = np.unique(np.quantile(q[have], np.linspace(0, 1, bins + 1)))
-        mask = have & (self.direction[:, joint] == sign)
-        which = np.digitize(q[mask], edges[1:-1])
+        here = have & (self.direction[:, joint] == sign)
+        which = np.digitize(q[here], edges[1:-1])
         rows = []
         for k in range(len(edges) - 1):
-            inside = angle[mask][which == k]
+            inside = angle[here][which == k]
             if len(inside) >= FEWEST_IN_BIN:
                 half = 1.96 * inside.std(ddof=1) / np.sqrt(len(inside))
-                rows.append((q[mask][which == k].mean(), inside.mean(), half))
+                rows.append((q[here][which == k].mean(), inside.mean(), half))
         return np.array(rows).reshape(-1, 3)
 
     def told(self) -> Sequence[Told]:
@@ -461,7 +461,7 @@ def residual_terms_table(found: ResidualAnalysis, mark: str = "") -> Table:
         f"{mark}Terms of each joint beside geometry and all others, {found.robot.arm.name} on {found.points.poses} "
         f"poses ({found.rms / MM:.3f} mm rms)"
     )
-    return terms_table(analysis.terms, title, analysis.robot.arm.table.prismatic)
+    return terms_table(found.terms, title, found.robot.arm.table.prismatic)
 
 
 def residuals_dict(found: ResidualAnalysis) -> dict[str, Any]:

@@ -218,14 +218,14 @@ def interval(
 
     accepted = [float(f) for f in tried if over(f) <= 0.0]
     for ratio in sorted({k / m for k in range(1, order + 1) for m in range(1, order + 1)} - {1.0}):
-        near = ratio * found  # harmonics of the one may be those of the other
+        near = ratio * best_f  # harmonics of the one may be those of the other
         ends = (max(SLOWEST, near - 0.5 * step), min(highest, near + 0.5 * step))
         if ends[0] < ends[1]:
             other = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-7})
             accepted += [float(other.x)] if other.fun <= limit else []
-    low, high = min([found, *accepted]), max([found, *accepted])
-    first = _scale(misfit, found, limit, step)
-    return found, _end(over, low, -first, SLOWEST, brentq), _end(over, high, first, highest, brentq)
+    low, high = min([best_f, *accepted]), max([best_f, *accepted])
+    first = _scale(misfit, best_f, limit, step)
+    return best_f, _end(over, low, -first, SLOWEST, brentq), _end(over, high, first, highest, brentq)
 
 
 def _scale(misfit: Callable[[float], float], best_f: float, limit: float, step: float) -> float:

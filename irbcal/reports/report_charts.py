@@ -308,16 +308,16 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
 
 def residuals_by_joint(evidence: Evidence) -> Chart:
     """A panel for each joint: single poses faint, means of bins with 95 % intervals strong."""
-    found = evidence.joints
-    assert found is not None
-    slides = found.robot.arm.table.prismatic
+    analysis = evidence.joints
+    assert analysis is not None
+    slides = analysis.robot.arm.table.prismatic
     drawings, bare = [], []
-    for j in range(approach.angle.shape[1]):
-        if not np.isfinite(approach.angle[:, j]).any():
+    for j in range(analysis.angle.shape[1]):
+        if not np.isfinite(analysis.angle[:, j]).any():
             continue
         unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
-        drawings.append(_one_joint(approach, j, unit, size))
-        if not all(len(approach.by_angle(j, sign)) for sign, *_ in SIDES):
+        drawings.append(_one_joint(analysis, j, unit, size))
+        if not all(len(analysis.by_angle(j, sign)) for sign, *_ in SIDES):
             bare.append(str(j + 1))
     caption = (
         "Angular residual of each joint against its angle, by the direction it came from: "
@@ -326,14 +326,14 @@ def residuals_by_joint(evidence: Evidence) -> Chart:
     )
     if bare:
         joints = f"joint{'s' if len(bare) > 1 else ''} {', '.join(bare)}"
-        caption += f". At {joints}, {approach.points.poses} poses are too few for means of both directions"
+        caption += f". At {joints}, {analysis.points.poses} poses are too few for means of both directions"
     return Chart("residuals_by_joint", caption, drawings, [(c, m, label) for _, c, m, label in SIDES], 3)
 
 
-def _one_joint(found: ResidualAnalysis, j: int, unit: str, size: float) -> Drawing:
-    q, angle = found.points.q[:, j] / size, found.angle[:, j] / size
+def _one_joint(analysis: ResidualAnalysis, j: int, unit: str, size: float) -> Drawing:
+    q, angle = analysis.points.q[:, j] / size, analysis.angle[:, j] / size
     have = np.isfinite(angle)
-    means = {sign: approach.by_angle(j, sign) / size for sign, *_ in SIDES}
+    means = {sign: analysis.by_angle(j, sign) / size for sign, *_ in SIDES}
     tall = [np.abs(rows[:, 1]) + rows[:, 2] for rows in means.values()]
     top = 1.15 * max(np.concatenate([*tall, [np.quantile(np.abs(angle[have]), 0.8)]]).max(), 1e-9)
     margin = 0.04 * max(np.ptp(q[have]), 1e-6)
@@ -348,7 +348,7 @@ def _one_joint(found: ResidualAnalysis, j: int, unit: str, size: float) -> Drawi
     panel.level(0.0)
     sparse = have.sum() < 100
     for sign, colour, *_ in SIDES:
-        of_side = have & (approach.direction[:, j] == sign)
+        of_side = have & (analysis.direction[:, j] == sign)
         panel.dots(
             q[of_side],
             np.clip(angle[of_side], -top, top),

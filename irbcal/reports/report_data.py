@@ -197,28 +197,28 @@ def _errors_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
 
 
 def _joint_terms_rows(evidence: Evidence) -> list[dict[str, Any]]:
-    found = evidence.joints
-    return [] if found is None else term_rows(found.terms, found.robot.arm.table.prismatic)
+    analysis = evidence.joints
+    return [] if analysis is None else term_rows(analysis.terms, analysis.robot.arm.table.prismatic)
 
 
 def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
-    found = evidence.joints
-    if found is None:
+    analysis = evidence.joints
+    if analysis is None:
         return []
-    slides = approach.robot.arm.table.prismatic
+    slides = analysis.robot.arm.table.prismatic
     rows = []
-    for n, pose in enumerate(approach.points.pose_ids):
-        for j in range(approach.angle.shape[1]):
-            if approach.angle[n, j] == approach.angle[n, j]:
+    for n, pose in enumerate(analysis.points.pose_ids):
+        for j in range(analysis.angle.shape[1]):
+            if analysis.angle[n, j] == analysis.angle[n, j]:
                 unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
                 rows.append(
                     {
                         "pose": pose,
                         "joint": j + 1,
                         "unit": unit,
-                        "q": round(approach.points.q[n, j] / size, 9),
-                        "came_from": "below" if approach.direction[n, j] > 0 else "above",
-                        "residual": round(approach.angle[n, j] / size, 9),
+                        "q": round(analysis.points.q[n, j] / size, 9),
+                        "came_from": "below" if analysis.direction[n, j] > 0 else "above",
+                        "residual": round(analysis.angle[n, j] / size, 9),
                     }
                 )
     return rows
