@@ -113,13 +113,11 @@ def clean_sessions(
     sessions, notes = _divided(measurements, arm, session_by)
     if earlier:
         names_used = {name for name, _, _ in earlier}
-        sessions = [
-            (_free_name(name or measurements.stem, names_used), session_data) for name, session_data in sessions
-        ]
+        sessions = [(_free_name(name or measurements.stem, names_used), data) for name, data in sessions]
     several = len(sessions) + len(earlier) > 1
     if several and not several_allowed:
         raise OptionError("method: circles takes one session at a time", parameter="method")
-    sets = [(name, _clean_session(session_data, arm, frame, poses)) for name, session_data in sessions]
+    sets = [(name, _clean_session(data, arm, frame, poses)) for name, data in sessions]
     for name, session in sets:
         notes += [f"Session {name}: {note}" for note in session.notes] if several else session.notes
     last = sets[-1][1]
@@ -231,12 +229,7 @@ def without_gross_errors(
     wrong = np.zeros(points.poses, dtype=bool)
     wrong[points.pose[~gross.keep]] = True
     swaps = [(p, order) for p, order in swapped.by_robot(gross.robot, points) if wrong[p]]
-    truth = {
-        (p, k): points.target_names[name_index]
-        for p, order in swaps
-        for k, name_index in enumerate(order)
-        if name_index != k
-    }
+    truth = {(p, k): points.target_names[slot] for p, order in swaps for k, slot in enumerate(order) if slot != k}
     excluded = []
     for k in np.flatnonzero(~gross.keep):
         other = truth.get((int(points.pose[k]), int(points.target[k])))

@@ -191,11 +191,7 @@ def _annotation(module: str, node: ast.expr | None) -> str:
 def _value(module: str, node: ast.expr) -> Any:
     """Value of a default: literals, and constants of this and of other modules."""
     try:
-        names = {
-            name_node.id: _constant(module, name_node.id)
-            for name_node in ast.walk(node)
-            if isinstance(name_node, ast.Name)
-        }
+        names = {leaf.id: _constant(module, leaf.id) for leaf in ast.walk(node) if isinstance(leaf, ast.Name)}
     except LookupError:
         return None
     return eval(compile(ast.Expression(node), module, "eval"), {"__builtins__": {}}, names)

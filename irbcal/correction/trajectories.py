@@ -88,29 +88,27 @@ def follow(
         Limits that the commands pass, at the points or between them.
     """
     ((batch, fake),) = corrections
-    wanted_motion = program.trajectory
+    motion = program.trajectory
     if not fake.ok.all():
         reasons = np.where(fake.ok, OTHERS, fake.reason).astype(object)
         none = replace(fake, q=np.full(fake.q.shape, np.nan), ok=np.zeros(len(fake.ok), dtype=bool), reason=reasons)
         return [(batch, none)], None, []
     computing = controller or nominal
-    q, lean = fake.q, lean_along(robot.joint_map, wanted_motion)
+    q, lean = fake.q, lean_along(robot.joint_map, motion)
     if lean is not None:
         q = robot.joint_map.commanded(robot.joint_map.effective(q) - lean.lean)
-    commands = _moving(robot, computing, wanted_motion, q, lean)
+    commands = _moving(robot, computing, motion, q, lean)
     limits = Limits(nominal.lower, nominal.upper, speeds)
-    already = {excess[:2]: excess for excess in check(wanted_motion, limits).exceeded}
+    already = {excess[:2]: excess for excess in check(motion, limits).exceeded}
     checked = check(commands, limits)
-    unchanged = [
-        _left(excess, already.get(excess[:2]), batch, wanted_motion, checked.slower) for excess in checked.exceeded
-    ]
+    unchanged = [_left(excess, already.get(excess[:2]), batch, motion, checked.slower) for excess in checked.exceeded]
     return [(batch, replace(fake, q=q, T_fake=computing.forward(q)))], commands, unchanged
 
 
 def _left(
-    excess: Exceeded, excess_before: Exceeded | None, batch: WantedTargets, wanted_motion: Trajectory, slower: float
+    excess: Exceeded, excess_before: Exceeded | None, batch: WantedTargets, motion: Trajectory, slower: float
 ) -> Left:
-    row = min(int(np.searchsorted(wanted_motion.times, excess.time, side="right")) - 1, len(batch.lines) - 1)
+    row = min(int(np.searchsorted(motion.times, excess.time, side="right")) - 1, len(batch.lines) - 1)
     sentence = excess.in_words
     if excess_before is not None:
         sentence += f", and so does the file at {excess_before.time:.4g} s"
@@ -119,23 +117,21 @@ def _left(
     return Left(f"{batch.names[row]} and what follows", int(batch.lines[row]), sentence)
 
 
-def _moving(robot: Robot, computing: Arm, wanted_motion: Trajectory, q: FloatArray, lean: Lean | None) -> Trajectory:
+def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lean: Lean | None) -> Trajectory:
     """Commands ``q`` with the speeds and accelerations with which the tip follows; those that the file has."""
-    commands = replace(wanted_motion, q=q, dq=None, ddq=None, lean=lean)
-    if wanted_motion.dq is None:
+    commands = replace(motion, q=q, dq=None, ddq=None, lean=lean)
+    if motion.dq is None:
         return commands
-    bend = np.zeros(q.shape) if wanted_motion.ddq is None else wanted_motion.ddq
+    bend = np.zeros(q.shape) if motion.ddq is None else motion.ddq
     lean = lean or Lean(*np.zeros((3, *q.shape)))
-    rate = lean.second if wanted_motion.ddq is not None else np.zeros(q.shape)
-    fastest = np.maximum(np.abs(wanted_motion.dq), np.sqrt(STRIDE * np.abs(bend))).max(axis=1)
+    rate = lean.second if motion.ddq is not None else np.zeros(q.shape)
+    fastest = np.maximum(np.abs(motion.dq), np.sqrt(STRIDE * np.abs(bend))).max(axis=1)
     step = (STRIDE / np.maximum(fastest, STRIDE))[:, None]
 
     def along(p: FloatArray, v: FloatArray, a: FloatArray, k: int) -> FloatArray:
         return p + k * step * v + 0.5 * (k * step) ** 2 * a
 
-    T_columns = {
-        k: pose_columns(computing.forward(along(wanted_motion.q, wanted_motion.dq, bend, k))) for k in range(-2, 3)
-    }
+    T_columns = {k: pose_columns(computing.forward(along(motion.q, motion.dq, bend, k))) for k in range(-2, 3)}
     calibrated = newton.CalibratedChain(robot, 1.0)
     inverse = np.linalg.pinv(calibrated.linearised(T_columns[0], q.T)[0])
 
@@ -151,12 +147,12 @@ def _moving(robot: Robot, computing: Arm, wanted_motion: Trajectory, q: FloatArr
 
         return lack
 
-    dq, ddq = np.array(wanted_motion.dq), np.array(bend)
+    dq, ddq = np.array(motion.dq), np.array(bend)
     for _ in range(STEPS):
         lack = lacks(dq, ddq)
         speed = (8.0 * (lack(1) - lack(-1)) - (lack(2) - lack(-2))) / (12.0 * step)
         dq = dq + np.einsum("nij,nj->ni", inverse, speed)
-    if wanted_motion.ddq is None:
+    if motion.ddq is None:
         return replace(commands, dq=dq)
     for _ in range(STEPS):
         lack = lacks(dq, ddq)

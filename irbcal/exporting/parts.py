@@ -273,7 +273,7 @@ def _of_terms(joint_map: JointMap, n: int) -> dict[str, Any]:
     simple = {"q": "gain", "constant": "offset", "payload": "compliance", "torque": "torque"}
     simple |= {"move": "move", "share_of_move": "share", "direction": "direction"}
     widths: dict[int, float] = {}
-    payload_points = set()
+    centres = set()
     waves: dict[tuple[int, float], list[float]] = {}
     levers: dict[tuple[int, tuple[int, ...]], dict[int, FloatArray]] = {}
     bends: list[Bend] = []
@@ -301,13 +301,11 @@ def _of_terms(joint_map: JointMap, n: int) -> dict[str, Any]:
                 if widths.setdefault(term.joint, width) != width:
                     raise _unknown(term)
             if term.basis == "payload":
-                payload_points.add(
-                    tuple(np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float).tolist())
-                )
+                centres.add(tuple(np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float).tolist()))
             values[simple[term.basis]][term.joint] += coefficient
         else:
             raise _unknown(term)
-    if len(payload_points) > 1:
+    if len(centres) > 1:
         raise CalibrationError("payload terms with several places cannot be exported")
     cosine, sine, single = _series(waves, n)
     return values | {
@@ -323,7 +321,7 @@ def _of_terms(joint_map: JointMap, n: int) -> dict[str, Any]:
         "gravity": np.array(terms.gravity, dtype=float),
         "compliance": STANDARD_GRAVITY * values["compliance"],
         "payload_kg": joint_map.payload_kg or 0.0,
-        "payload_place": np.array(next(iter(payload_points), (0.0, 0.0, 0.0))),
+        "payload_place": np.array(next(iter(centres), (0.0, 0.0, 0.0))),
         "width": np.array([widths.get(j, 1.0) for j in range(n)]),
     }
 

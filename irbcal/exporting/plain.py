@@ -91,7 +91,7 @@ class Plain(SimpleNamespace):
         q: Floats,
         moves: Floats | None,
         kg: Any,
-        payload_at: Floats,
+        centre: Floats,
         torques: Floats | None,
         size: Any | None = None,
     ) -> list[Any]:
@@ -126,7 +126,7 @@ class Plain(SimpleNamespace):
                     f[t] += value
             if any(self.COMPLIANCE):
                 R, p = self._tip(self.NOMINAL, attitudes, origins)
-                p = _step(R, p, R, payload_at)[1]
+                p = _step(R, p, R, centre)[1]
                 for j, compliance in enumerate(self.COMPLIANCE):
                     if compliance:
                         gz = _cross(self.GRAVITY, attitudes[j][2])
@@ -184,7 +184,7 @@ class Plain(SimpleNamespace):
         torques: Floats | None = None,
     ) -> list[list[float]]:
         """Derivative of the effective by the commanded joints, row by row."""
-        moves, kg, payload_at, _ = self._situation(q, previous, payload_kg, payload_place, torques)
+        moves, kg, centre, _ = self._situation(q, previous, payload_kg, payload_place, torques)
         J = [[(1.0 + self.GAIN[i]) * (i == j) for j in range(self.JOINTS)] for i in range(self.JOINTS)]
         trigonometry = self._trigonometry(q)
         for i, series in enumerate(self.SERIES):
@@ -203,7 +203,7 @@ class Plain(SimpleNamespace):
                 for i in joints:
                     J[t][i] += rate
         if self.LEVERS or any(self.COMPLIANCE):
-            self._weight_slopes(J, *self._walk(self.NOMINAL, q, trigonometry), kg, payload_at)
+            self._weight_slopes(J, *self._walk(self.NOMINAL, q, trigonometry), kg, centre)
         if moves is not None:
             top = max(range(self.JOINTS), key=lambda i: abs(moves[i]))
             size, sign = abs(moves[top]), 1.0 if moves[top] > 0.0 else -1.0
@@ -215,9 +215,7 @@ class Plain(SimpleNamespace):
                     J[j][top] -= self.SHARE[j] * moves[j] * sign / (size * size)
         return J
 
-    def _weight_slopes(
-        self, J: list[list[float]], attitudes: Floats, origins: Floats, kg: Any, payload_at: Floats
-    ) -> None:
+    def _weight_slopes(self, J: list[list[float]], attitudes: Floats, origins: Floats, kg: Any, centre: Floats) -> None:
         """Derivatives of gravity's levers and of the payload."""
         turning = [(0.0, 0.0, 0.0) if slides else R[2] for slides, R in zip(self.SLIDES, attitudes, strict=True)]
         for joint, to, vectors in self.LEVERS:
@@ -236,7 +234,7 @@ class Plain(SimpleNamespace):
                     J[t][i] += by
         if any(self.COMPLIANCE):
             R, p = self._tip(self.NOMINAL, attitudes, origins)
-            p = _step(R, p, R, payload_at)[1]
+            p = _step(R, p, R, centre)[1]
             for j, compliance in enumerate(self.COMPLIANCE):
                 z, arm = attitudes[j][2], _minus(p, origins[j])
                 gz, torque = _cross(self.GRAVITY, z), _cross(arm, self.GRAVITY)
@@ -447,8 +445,8 @@ class Plain(SimpleNamespace):
     def check(self) -> float:
         """The largest difference from the test vectors, radians or metres; infinite where the way back is not found."""
         worst = 0.0
-        for q, previous, kg, payload_at, torques, theta, tip in zip(*self.TESTS.values(), strict=True):
-            situation = (previous, kg, payload_at, torques)
+        for q, previous, kg, centre, torques, theta, tip in zip(*self.TESTS.values(), strict=True):
+            situation = (previous, kg, centre, torques)
             effective, T = self.effective(q, *situation), self.forward(q, *situation)
             commanded = self.commanded(effective, *situation)
             if commanded is None:

@@ -408,20 +408,18 @@ def fleet_calibrate(
     started = time.perf_counter()
     entries, folder = read_manifest(manifest), Path(out)
     _open(folder)
-    outcomes: dict[str, RobotOutcome | None] = {entry.id: finished(entry, folder / entry.id) for entry in entries}
-    pending = [entry for entry in entries if outcomes[entry.id] is None]
+    done: dict[str, RobotOutcome | None] = {entry.id: finished(entry, folder / entry.id) for entry in entries}
+    pending = [entry for entry in entries if done[entry.id] is None]
     finished_before, say = len(entries) - len(pending), progress or (lambda text: None)
     shared = str(folder.absolute())
     try:
         tasks = parallel.each(_calibrate, shared, pending, seconds=CALIBRATION_S, lost=_lost)
         for count, (index, outcome) in enumerate(tasks, start=1):
-            outcomes[pending[index].id] = outcome
+            done[pending[index].id] = outcome
             say(f"{count} of {len(pending)} robots")
     except KeyboardInterrupt:
-        raise parallel.Interrupted(
-            sum(outcome is None for outcome in outcomes.values()), "robots to calibrate"
-        ) from None
-    robots = tuple(robot for entry in entries if (robot := outcomes[entry.id]) is not None)
+        raise parallel.Interrupted(sum(outcome is None for outcome in done.values()), "robots to calibrate") from None
+    robots = tuple(robot for entry in entries if (robot := done[entry.id]) is not None)
     seconds = time.perf_counter() - started
     new = sum(not robot.failed for robot in robots) - finished_before
     result = CalibratedFleet(folder, robots, new, finished_before, seconds)

@@ -216,9 +216,7 @@ class EntryError(Speaks):
         return [text[0].upper() + text[1:]]
 
 
-def find_entry_error(
-    arm: Arm, points: PointSet, error_before: float | None = None, pairs: bool = True
-) -> EntryError | None:
+def find_entry_error(arm: Arm, points: PointSet, misfit: float | None = None, pairs: bool = True) -> EntryError | None:
     """Look for a slip that explains why points do not fit a robot.
 
     Parameters
@@ -227,7 +225,7 @@ def find_entry_error(
         Nominal.
     points : PointSet
         All poses in the order of the file; of several sessions, those of the last one are used.
-    error_before : float, optional
+    misfit : float, optional
         Median distance from the nominal robot as the points are, metres, where it is known; infinite where it cannot
         be fitted at all.
     pairs : bool
@@ -244,13 +242,13 @@ def find_entry_error(
     if points.poses < FEWEST_POSES or 3 * len(points) < FEWEST_EQUATIONS * unknowns:
         return None
     error_as_read = _judged(arm, replace(points, rotation=None, previous=None, session=None))
-    error_before = error_as_read if error_before is None else min(error_as_read, error_before)
-    if error_before < SUSPECT:
+    misfit = error_as_read if misfit is None else min(error_as_read, misfit)
+    if misfit < SUSPECT:
         return None
     single = list(hypotheses(arm))
-    entry_error = _best(arm, points, single, error_before, FACTOR)
+    entry_error = _best(arm, points, single, misfit, FACTOR)
     if entry_error is None and pairs:
-        entry_error = _best(arm, points, list(_pairs(single)), error_before, FACTOR**1.5)
+        entry_error = _best(arm, points, list(_pairs(single)), misfit, FACTOR**1.5)
     return entry_error
 
 
@@ -310,9 +308,7 @@ def _pairs(single: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
             yield first.then(second)
 
 
-def _best(
-    arm: Arm, points: PointSet, tried: Sequence[Hypothesis], error_before: float, factor: float
-) -> EntryError | None:
+def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], misfit: float, factor: float) -> EntryError | None:
     """The simplest of the hypotheses that fit clearly better than the file as it is."""
     spread = float(np.sqrt(np.var(points.xyz, axis=0).sum()))
     fits: list[tuple[float, Hypothesis]] = []
@@ -321,7 +317,7 @@ def _best(
             error = _judged(arm, read := hypothesis.of(points))
             if error <= NEAR and not _determined(arm, read):
                 continue
-            if error <= min(hypothesis.scale * min(error_before / factor, NEAR_SHARE * spread), NEAR):
+            if error <= min(hypothesis.scale * min(misfit / factor, NEAR_SHARE * spread), NEAR):
                 fits.append((error, hypothesis))
     if not fits:
         return None
@@ -329,9 +325,7 @@ def _best(
     near = AS_GOOD * smallest + SAME
     good = sorted((fit for fit in fits if fit[0] <= near), key=lambda item: item[1].cost)
     also = tuple(hypothesis for _, hypothesis in good[1:] if hypothesis.cost < good[0][1].cost + 0.6)
-    return EntryError(
-        good[0][1], error_before, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any())
-    )
+    return EntryError(good[0][1], misfit, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
 
 
 def _subset(points: PointSet) -> tuple[PointSet, FloatArray]:
@@ -644,11 +638,9 @@ def _read(points: PointSet, late: int | IntArray) -> PointSet:
 def _every_target(robot: Robot, points: PointSet) -> FloatArray:
     """Where a robot expects each target at each pose from unknown moves, shape (targets, n, 3), metres."""
     n = points.poses
-    every_pose = replace(
-        points, pose=np.arange(n), target=np.zeros(n, int), xyz=np.zeros((n, 3)), rotation=None, u95=None
-    )
-    every_pose = replace(every_pose, previous=None)
-    tip = robot.T_world_base @ every_pose.tips(robot)
+    probe = replace(points, pose=np.arange(n), target=np.zeros(n, int), xyz=np.zeros((n, 3)), rotation=None, u95=None)
+    probe = replace(probe, previous=None)
+    tip = robot.T_world_base @ probe.tips(robot)
     return np.stack([tip[:, :3, :3] @ robot.targets[name] + tip[:, :3, 3] for name in points.target_names])
 
 

@@ -191,11 +191,9 @@ def block_numbers(repeats: IntArray, session: NameArray | None, blocks: int = BL
     """
     _, first, rank = np.unique(repeats, return_index=True, return_inverse=True)
     number = np.zeros(len(first), dtype=int)
-    session_number = (
-        np.zeros(len(first), dtype=int) if session is None else np.unique(session[first], return_inverse=True)[1]
-    )
-    for k in range(int(session_number.max(initial=-1)) + 1):
-        of_session = np.flatnonzero(session_number == k)
+    block = np.zeros(len(first), dtype=int) if session is None else np.unique(session[first], return_inverse=True)[1]
+    for k in range(int(block.max(initial=-1)) + 1):
+        of_session = np.flatnonzero(block == k)
         number[of_session] = np.arange(len(of_session)) * blocks // len(of_session)
     return number[rank]
 

@@ -390,9 +390,7 @@ def _shortened(
         moved = problem.moved(state, share * step)
         return moved, problem.residuals(moved)
 
-    return line_search(
-        trial, lambda trial_state, s: largest_distance(trial_state[1]) <= value - 0.1 * s * (value - bound), 1e-6
-    )
+    return line_search(trial, lambda new, s: largest_distance(new[1]) <= value - 0.1 * s * (value - bound), 1e-6)
 
 
 ITERATIONS = 2000

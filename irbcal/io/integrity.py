@@ -229,22 +229,20 @@ def contradictions(record: Record, urdf_bytes: bytes | None = None, origins: byt
     list of str
         A part of a sentence each; empty where nothing does.
     """
-    problems = list(_wrong_lengths(record))
-    if problems:  # nothing can be computed with it
-        return problems
-    problems += _wrong_frames(record)
-    problems += _wrong_joint_map(record)
-    problems += _unusable_parts(record) if not problems else []
-    problems += _wrong_frame_terms(record) if not problems else []
-    if not problems and urdf_bytes is not None:
-        problems += _other_geometry(record, urdf_bytes)
-    if not problems and origins is not None:
-        problems += _other_origins(record, origins)
+    faults = list(_wrong_lengths(record))
+    if faults:  # nothing can be computed with it
+        return faults
+    faults += _wrong_frames(record)
+    faults += _wrong_joint_map(record)
+    faults += _unusable_parts(record) if not faults else []
+    faults += _wrong_frame_terms(record) if not faults else []
+    if not faults and urdf_bytes is not None:
+        faults += _other_geometry(record, urdf_bytes)
+    if not faults and origins is not None:
+        faults += _other_origins(record, origins)
     if fingerprint(dict(record)) != record.fingerprint:
-        problems.append(
-            "the fingerprint is not that of what it stands for: calibrate again, or write the file as it was"
-        )
-    return problems
+        faults.append("the fingerprint is not that of what it stands for: calibrate again, or write the file as it was")
+    return faults
 
 
 def _wrong_lengths(record: Record) -> Iterator[str]:
@@ -328,10 +326,8 @@ def _wrong_frame_terms(record: Record) -> Iterator[str]:
     robot = record.robot_calibrated()
     for vector in record.frame_terms.test_vectors:
         try:
-            q, q_before, T_listed = (
-                np.array(value, float) for value in (vector.q, vector.previous_q, vector.T_base_tip)
-            )
-            miss = float(np.abs(robot.forward(q[None], q_before[None])[0] - T_listed).max())
+            q, q_before, T = (np.array(value, float) for value in (vector.q, vector.previous_q, vector.T_base_tip))
+            miss = float(np.abs(robot.forward(q[None], q_before[None])[0] - T).max())
         except (IrbcalError, ValueError, IndexError) as error:
             yield f"frame_terms cannot be used: {error}"
             return
@@ -365,12 +361,10 @@ def _other_geometry(record: Record, data: bytes) -> Iterator[str]:
 def _other_origins(record: Record, data: bytes) -> Iterator[str]:
     links = {origin.link: origin.joint for origin in record.joint_origins}
     try:
-        origins_read = joint_origins.by_joint(
-            joint_origins.read(data, "joint_origins.yaml"), links, "joint_origins.yaml"
-        )
+        read = joint_origins.by_joint(joint_origins.read(data, "joint_origins.yaml"), links, "joint_origins.yaml")
     except IrbcalError as error:
         yield str(error)
         return
     for item in record.joint_origins:
-        if np.abs(origins_read[item.joint] - item.calibrated.transform()).max() > SAME_VECTORS:
+        if np.abs(read[item.joint] - item.calibrated.transform()).max() > SAME_VECTORS:
             yield f"joint_origins.yaml has another origin of {item.joint}"

@@ -636,7 +636,7 @@ class PointTable(Section):
             Whether the points' positions were measured.
         """
         sets = fitted, heldout
-        sets_with_points = [points for points in sets if len(points)]
+        filled = [points for points in sets if len(points)]
         columns: dict[str, Any] = {
             "pose": [name for points in sets for name in texts(points.pose_ids)[points.pose].tolist()],
             "group": [name for points in sets for name in texts(points.groups)[points.pose].tolist()],
@@ -646,12 +646,10 @@ class PointTable(Section):
             "calibrated_mm": (np.concatenate([errors[0], errors[2]]) / MM).tolist(),
             "nominal_mm": (np.concatenate([errors[1], errors[3]]) / MM).tolist(),
         }
-        if placed and sets_with_points:
-            xyz = np.concatenate([points.xyz for points in sets_with_points]) / MM
-            u95 = np.concatenate([np.full(len(p), np.nan) if p.u95 is None else p.u95 for p in sets_with_points]) / MM
-            R = np.concatenate(
-                [np.full((len(p), 3, 3), np.nan) if p.rotation is None else p.rotation for p in sets_with_points]
-            )
+        if placed and filled:
+            xyz = np.concatenate([points.xyz for points in filled]) / MM
+            u95 = np.concatenate([np.full(len(p), np.nan) if p.u95 is None else p.u95 for p in filled]) / MM
+            R = np.concatenate([np.full((len(p), 3, 3), np.nan) if p.rotation is None else p.rotation for p in filled])
             columns |= dict(zip(("x_mm", "y_mm", "z_mm"), np.round(xyz, PLACE_DIGITS).T.tolist(), strict=True))
             if np.isfinite(u95).any():
                 columns["u95_mm"] = _known(np.round(u95, PLACE_DIGITS))

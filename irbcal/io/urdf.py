@@ -459,12 +459,10 @@ def joint_origins(urdf: UrdfArm, arm: Arm) -> dict[str, FloatArray]:
     for i, position in enumerate(urdf.joint_elements):
         element = urdf.tree.getroot().findall("joint")[position]
         T_link_dhm = frames.inverse(urdf.T_link_parent[i]) @ frames.inverse(urdf.T_dhm_link[i])
-        T_before = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
-        T_after = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        old = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        new = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
         name = element.get("name")
-        origins[name] = (
-            urdf_xml.origin(element, f"joint {name!r}", "") if np.array_equal(T_before, T_after) else T_after
-        )
+        origins[name] = urdf_xml.origin(element, f"joint {name!r}", "") if np.array_equal(old, new) else new
     return origins
 
 
@@ -629,11 +627,11 @@ def largest_link_shift(urdf: UrdfArm, arm: Arm) -> float:
     -------
     float
     """
-    T_before = T_after = urdf.arm.T_base_0
+    old = new = urdf.arm.T_base_0
     largest = 0.0
     for i, T_dhm_link in enumerate(urdf.T_dhm_link[1:]):
-        T_before, T_after = T_before @ urdf.arm.table.step(i), T_after @ arm.table.step(i)
-        largest = max(largest, float(np.linalg.norm((T_before @ T_dhm_link)[:3, 3] - (T_after @ T_dhm_link)[:3, 3])))
+        old, new = old @ urdf.arm.table.step(i), new @ arm.table.step(i)
+        largest = max(largest, float(np.linalg.norm((old @ T_dhm_link)[:3, 3] - (new @ T_dhm_link)[:3, 3])))
     return float(largest)
 
 

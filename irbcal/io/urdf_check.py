@@ -69,11 +69,9 @@ def yourdfpy() -> ModuleType:
 def poses_by_yourdfpy(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     """As `poses_by_yourdfpy`, by yourdfpy: its reading of the file, and the product of its joints' transforms."""
     reader = yourdfpy().URDF
-    without_scene = hasattr(
-        reader, JOINT_TRANSFORM
-    )  # another version may have it under another name: then with its scene
+    direct = hasattr(reader, JOINT_TRANSFORM)  # another version may have it under another name: then with its scene
     robot = reader.load(
-        BytesIO(urdf_bytes), build_scene_graph=not without_scene, load_meshes=False, build_collision_scene_graph=False
+        BytesIO(urdf_bytes), build_scene_graph=not direct, load_meshes=False, build_collision_scene_graph=False
     )
     above = {joint.child: joint for joint in robot.robot.joints}
 
@@ -87,7 +85,7 @@ def poses_by_yourdfpy(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     out = np.empty((len(q), 4, 4))
     for k, row in enumerate(q.tolist()):
         robot.update_cfg(dict(zip(arm.joint_names, row, strict=True)))
-        if without_scene:
+        if direct:
             out[k] = np.linalg.solve(from_root(arm.base_link), from_root(arm.tip_link))
         else:
             out[k] = robot.get_transform(arm.tip_link, arm.base_link)

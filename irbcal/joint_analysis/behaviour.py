@@ -471,12 +471,7 @@ def analyse(
                     "(--robot or --calibration)"
                 ) from None
             notes.append(f"The one-joint moves are not analysed by themselves: {error}")
-        excluded += [
-            _far(exclusion, "its circle")
-            for joint_moves in moves
-            for s in joint_moves.series
-            for exclusion in s.excluded
-        ]
+        excluded += [_far(exclusion, "its circle") for moved in moves for s in moved.series for exclusion in s.excluded]
     elif robot is None:
         raise MeasurementError(
             "there are no one-joint moves (column group: axis1, axis2, …); for other poses a robot or a calibration is "

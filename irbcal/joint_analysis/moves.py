@@ -294,9 +294,7 @@ class _Levels:
         self.x, self.y, self.root = (np.concatenate(arrays) for arrays in (x, y, root))
         self.own = (np.concatenate(number_of)[:, None] == np.arange(len(series))).astype(float)
         directions = np.concatenate(side)
-        varies = (
-            any(side_of_series.min() < 0 < side_of_series.max() for side_of_series in side) and len(directions) >= MANY
-        )
+        varies = any(sides.min() < 0 < sides.max() for sides in side) and len(directions) >= MANY
         self.beside = np.column_stack([self.own, directions]) if unknown and varies else self.own
         self.covariance = np.zeros((len(self.x), len(self.x)))
         start = 0

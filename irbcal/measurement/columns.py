@@ -411,10 +411,7 @@ def check_sizes(table: pd.DataFrame, source: str) -> None:
 def check_joint_sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> None:
     """Refuse joints that no robot reaches; as `check_sizes`, for the joint columns ``names``."""
     largest = [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG for name in names]
-    bounds = [
-        (name, -largest_value, largest_value, expected_joint(name))
-        for name, largest_value in zip(names, largest, strict=True)
-    ]
+    bounds = [(name, -bound, bound, expected_joint(name)) for name, bound in zip(names, largest, strict=True)]
     refuse_outside(table, bounds, source)
 
 

@@ -29,7 +29,7 @@ def with_payload(
     arm_in_model: ArmInModel,
     q_rest: FloatArray,
     delta_kg: float,
-    payload_place: ArrayLike | None = None,
+    centre: ArrayLike | None = None,
     wrist: ArrayLike | None = None,
     masses: tuple[float, float] | None = None,
 ) -> JointMap:
@@ -63,9 +63,9 @@ def with_payload(
     """
     thesis = ThesisMap.of(joint_map)
     if thesis is None:
-        return _with_more(joint_map, delta_kg, payload_place)
+        return _with_more(joint_map, delta_kg, centre)
     state = model, arm_in_model, q_rest
-    return _of_the_thesis(thesis, arm, *state, delta_kg, payload_place, wrist, masses).joint_map(joint_map.terms.arm)
+    return _of_the_thesis(thesis, arm, *state, delta_kg, centre, wrist, masses).joint_map(joint_map.terms.arm)
 
 
 def _of_the_thesis(
@@ -75,7 +75,7 @@ def _of_the_thesis(
     arm_in_model: ArmInModel,
     q_rest: FloatArray,
     delta_kg: float,
-    payload_place: ArrayLike | None,
+    centre: ArrayLike | None,
     wrist: ArrayLike | None,
     masses: tuple[float, float] | None,
 ) -> ThesisMap:
@@ -116,15 +116,13 @@ def _of_the_thesis(
     else:
         (upper, fore), L_G1 = masses, L_1 / 2
     tip = data.oMf[arm_in_model.tip]
-    payload = from_joint(
-        third, tip * np.array([0.0, 0.0, 0.0] if payload_place is None else payload_place, dtype=float)
-    )
+    payload = from_joint(third, tip * np.array([0.0, 0.0, 0.0] if centre is None else centre, dtype=float))
     guess = replace(Stiffness.guess(L_1, L_2), L_G1=L_G1, m=fore / upper)
     lever = float(along_fore @ payload), float(across_fore @ payload)
     return joint_map.with_payload(guess, delta_kg, upper, *lever)
 
 
-def _with_more(joint_map: JointMap, delta_kg: float, payload_place: ArrayLike | None) -> JointMap:
+def _with_more(joint_map: JointMap, delta_kg: float, centre: ArrayLike | None) -> JointMap:
     """A sum of terms with some mass added to what it carries."""
     load_before, place_before = joint_map.payload_kg or 0.0, joint_map.payload_place
     load = load_before + float(delta_kg)
@@ -133,8 +131,6 @@ def _with_more(joint_map: JointMap, delta_kg: float, payload_place: ArrayLike | 
             f"a payload {-delta_kg:g} kg smaller is impossible: the robot was measured with {load_before:g} kg",
             parameter="delta_kg",
         )
-    if payload_place is None or load == 0.0 or place_before is None:
+    if centre is None or load == 0.0 or place_before is None:
         return joint_map.carrying(load)
-    return joint_map.carrying(
-        load, (load_before * place_before + delta_kg * np.asarray(payload_place, dtype=float)) / load
-    )
+    return joint_map.carrying(load, (load_before * place_before + delta_kg * np.asarray(centre, dtype=float)) / load)

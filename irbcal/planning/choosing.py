@@ -186,10 +186,8 @@ def in_order(
         notes += _axis_notes(setting, axis[0])
     over_home: BoolArray = np.zeros(sum(len(poses.q) for poses in axis), dtype=bool)
     if movable:
-        sorted_poses, over, blocked = ordered(
-            setting, joined(movable), axis[0].q[-1] if axis else start, scene.joint_speed
-        )
-        done.append(sorted_poses)
+        path, over, blocked = ordered(setting, joined(movable), axis[0].q[-1] if axis else start, scene.joint_speed)
+        done.append(path)
         if over.any():
             notes.append(f"to {int(over.sum())} poses the robot goes over its home joints: the direct way is not free")
         if blocked.any():

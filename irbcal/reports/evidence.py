@@ -121,17 +121,15 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         pose, pose_names, groups = points.pose, points.pose_ids.tolist(), points.groups.tolist()
     else:
         pose, pose_names, groups = _runs(column_of(table.pose), column_of(table.group))
-    place_index = np.arange(len(pose_names)) if points is None else places(points)
+    spot = np.arange(len(pose_names)) if points is None else places(points)
     errors = {model: np.array(getattr(table, f"{model}_mm"))[rows] * MM for model in statistics}
     compared: comparison.Comparison | None = comparison.compare(
-        errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object), place=place_index
+        errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object), place=spot
     )
     assert compared is not None
     per_pose = {"nominal": compared.first, "calibrated": compared.second}
-    intervals = {
-        model: bootstrap.intervals(errors[model], place_index[pose]) for model in statistics if name == "held-out"
-    }
-    covers, count = accuracy.largest_covers(len(np.unique(place_index))), len(pose_names)
+    intervals = {model: bootstrap.intervals(errors[model], spot[pose]) for model in statistics if name == "held-out"}
+    covers, count = accuracy.largest_covers(len(np.unique(spot))), len(pose_names)
     if points is not None and direction is not None and count > MOST_POSES:
         drawn = _drawn(errors["calibrated"], pose, count)
         shown, keep = drawn[pose], np.flatnonzero(drawn)

@@ -112,9 +112,7 @@ def _model_rows(c: Record, evidence: Evidence) -> dict[str, list[dict[str, Any]]
     """Families, gear scan and coverage of an average of error models."""
     out: dict[str, list[dict[str, Any]]] = {}
     if evidence.coverage is not None:
-        out["coverage.csv"] = [
-            {"part": name} | coverage_row for name, coverage_row in evidence.coverage["parts"].items()
-        ]
+        out["coverage.csv"] = [{"part": name} | row for name, row in evidence.coverage["parts"].items()]
     if c.evidence is None:
         return out
     out["explained.csv"] = [vars(stage) for stage in c.evidence.explained]

@@ -424,10 +424,8 @@ def misses(run: Run, commanded: FloatArray, calibration: Record) -> FloatArray:
     if registration:
         T = registration.T_frame_pose
         xyz = np.einsum("nij,nkj->nki", T[:, :3, :3], xyz) + T[:, None, :3, 3]
-    targets_known = [k for k, name in enumerate(run.names[: run.targets]) if name in robot.targets]
-    if not targets_known:
+    common = [k for k, name in enumerate(run.names[: run.targets]) if name in robot.targets]
+    if not common:
         raise MeasurementError(f"the calibration knows none of the targets {', '.join(run.names[: run.targets])}")
-    off = np.concatenate(
-        [np.linalg.norm(xyz[:, k] - robot.points(commanded, run.names[k]), axis=1) for k in targets_known]
-    )
+    off = np.concatenate([np.linalg.norm(xyz[:, k] - robot.points(commanded, run.names[k]), axis=1) for k in common])
     return off[np.isfinite(off)]

@@ -94,15 +94,13 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
 
 def coverage_in_words(coverage: Mapping[str, Any]) -> str:
     """One sentence on what `coverage` found."""
-    parts_of = coverage["parts"]
-    total = parts_of["all"]
+    ranges = coverage["parts"]
+    total = ranges["all"]
     text = (
         f"{total['inside']:.1%} of {total['n']} measured coordinates lie within their predicted 95 % intervals (median "
         f"half-width {total['u95_mm']:.3f} mm)"
     )
-    if "outside" in parts_of:
-        inner = (
-            f"{parts_of['within']['inside']:.1%} within the joint ranges of the fit, " if "within" in parts_of else ""
-        )
-        text += f": {inner}{parts_of['outside']['inside']:.1%} outside"
+    if "outside" in ranges:
+        inner = f"{ranges['within']['inside']:.1%} within the joint ranges of the fit, " if "within" in ranges else ""
+        text += f": {inner}{ranges['outside']['inside']:.1%} outside"
     return text + "."

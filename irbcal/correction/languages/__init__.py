@@ -161,14 +161,12 @@ def of(path: str | Path) -> Language:
     if len(looks) == 1:
         return looks[0]
     expected = ", ".join(f"{language.NAME} ({', '.join(language.ENDINGS)})" for language in known())
-    ending_or_kind = f"the ending {ending}" if ending else "a name without ending"
+    actual = f"the ending {ending}" if ending else "a name without ending"
     if ending == ".tp":
-        ending_or_kind = "a binary FANUC program: have the controller write it as .LS"
+        actual = "a binary FANUC program: have the controller write it as .LS"
     else:
-        ending_or_kind = next(
-            (description for begin, description in _ELSEWISE if data.startswith(begin)), ending_or_kind
-        )
-    raise ProgramError(f"expected a program in one of {expected}, found {ending_or_kind}", file=path)
+        actual = next((description for begin, description in _ELSEWISE if data.startswith(begin)), actual)
+    raise ProgramError(f"expected a program in one of {expected}, found {actual}", file=path)
 
 
 def files_of(programs: Sequence[str | Path]) -> tuple[Language, list[Path]]:

@@ -872,13 +872,13 @@ class OtherModules:
             return ""
         declared = [reader_of.reader.data[name] for reader_of in self.modules if name in reader_of.reader.data]
         definitions = [types[type_name][name] for types in self.frames.values() if name in types[type_name]]
-        type_words = "tool" if type_name == "tooldata" else "work object"
+        title = "tool" if type_name == "tooldata" else "work object"
         if not definitions or len(definitions) < len(declared):
-            return f"the {type_words} {name} is not defined in numbers in these modules"
+            return f"the {title} {name} is not defined in numbers in these modules"
         if any(not np.array_equal(T, definitions[0]) for T in definitions):
-            return f"the {type_words} {name} is another one in another module"
+            return f"the {title} {name} is another one in another module"
         if any(change.name == name for reader_of in self.modules for change in reader_of.reader.assignments):
-            return f"the {type_words} {name} is changed"
+            return f"the {title} {name} is changed"
         return ""
 
     def gather(self) -> None:
@@ -1006,9 +1006,7 @@ class Uses:
         literals = self.others.literals(arg.name, arg.indices)
         frames = (("tooldata", use.tool), ("wobjdata", use.work_object)) if kind == "pose" else ()
         against = [f"{unknown} of {file}"] if unknown else []
-        against += [
-            problem for frame_type, name in frames if name and (problem := self.others.frame_problem(frame_type, name))
-        ]
+        against += [problem for kind, name in frames if name and (problem := self.others.frame_problem(kind, name))]
         changes = [start for index, start in data.changes if may_be(index, arg.indices)]
         against += ["it is computed or changed in its own module"] if changes else []
         for literal in literals:
@@ -1049,25 +1047,23 @@ class Uses:
             return literals, f"{arg.text} is computed or changed in line {reader.line(changes[0])}"
         return literals, "" if literals else f"{arg.text} has no value in this module"
 
-    def _frame_name(
-        self, move: MoveInstruction, arg: Arg | None, type_name: str, type_words: str
-    ) -> tuple[str | None, str]:
+    def _frame_name(self, move: MoveInstruction, arg: Arg | None, type_name: str, title: str) -> tuple[str | None, str]:
         """Name of a tool or work object, or None and why there is no one name."""
         if arg is None:
             return "wobj0", ""
         if arg.name is None or arg.indices:
             return (
                 None,
-                f"the {type_words} of {move.name} in line {self.reader.line(move.start)} is computed: {arg.text}",
+                f"the {title} of {move.name} in line {self.reader.line(move.start)} is computed: {arg.text}",
             )
         data = self.reader.lookup(move.scope, arg.name)
         if data is None or (arg.name in self.given[type_name] and data.type != "parameter"):
             return arg.name, ""
         if data.type == "parameter" or self.reader.data.get(arg.name) is not data:
             kind = "a parameter of" if data.type == "parameter" else "declared in"
-            return None, f"the {type_words} {arg.text} is {kind} the routine"
+            return None, f"the {title} {arg.text} is {kind} the routine"
         if data.changes:
-            return None, f"the {type_words} {arg.text} is changed in line {self.reader.line(data.changes[0][1])}"
+            return None, f"the {title} {arg.text} is changed in line {self.reader.line(data.changes[0][1])}"
         if data.type != type_name:
             raise self.reader.error(arg.start, f"expected a {type_name}, but {arg.text} is declared as {data.type}")
         return arg.name, ""
@@ -1312,17 +1308,13 @@ def paths(
 ) -> tuple[tuple[PathMove, PathText], ...]:
     """The straight and circular moves of a module in the order of its text."""
     numbers = {id(target): k for k, target in enumerate(targets)}
-    return tuple(
-        _path(reader, ordered_move, numbers, tools)
-        for ordered_move in in_order
-        if _STRAIGHT.match(ordered_move.move.name)
-    )
+    return tuple(_path(reader, step, numbers, tools) for step in in_order if _STRAIGHT.match(step.move.name))
 
 
 def _path(
-    reader: Reader, ordered_move: InOrder, numbers: Mapping[int, int], tools: Mapping[str, FloatArray]
+    reader: Reader, step: InOrder, numbers: Mapping[int, int], tools: Mapping[str, FloatArray]
 ) -> tuple[PathMove, PathText]:
-    move, ends, previous_move = ordered_move
+    move, ends, previous_move = step
     circular = len(ends) > 1
     position = reader.line(move.start), reader.listing.column(move.start)
     uses = [use for end in ends if end is not None for use in end.uses if (use.line, use.column) == position]

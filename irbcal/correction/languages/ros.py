@@ -220,9 +220,7 @@ def decoded(data: bytes, source: str) -> str:
 
 def fingerprint(data: bytes, source: str) -> str | None:
     """Fingerprint in the mark of a trajectory; empty where it names none, None without mark."""
-    return mark_in(
-        [comment_line[1:] for comment_line in decoded(data, source).splitlines() if comment_line.startswith("#")]
-    )
+    return mark_in([row[1:] for row in decoded(data, source).splitlines() if row.startswith("#")])
 
 
 def parse(arm: Arm, data: bytes, source: str) -> RosProgram:

@@ -220,21 +220,19 @@ def import_features(
     if isinstance(as_, FeatureMap):
         if set_:
             raise OptionError("set_: expected no changes beside a FeatureMap: change the map itself", parameter="set_")
-        feature_map = as_
+        layout = as_
     else:
         source = f"preset {NAME}" if str(as_) == NAME else str(as_)
         values = map_file.changed(TEXT, source, set_) if str(as_) == NAME else map_file.values_of(as_, set_)[0]
-        feature_map = map_file.validated(FeatureMap, values, source)
+        layout = map_file.validated(FeatureMap, values, source)
     if out is not None:
         refuse_sources(Path(out), sources)
     frames, lost, poses = [], 0, 0
     for path in sources:
-        frame, gone, count = _understood(
-            dialect.read(path, feature_map.file, _markers(feature_map)), feature_map, poses
-        )
+        frame, gone, count = _understood(dialect.read(path, layout.file, _markers(layout)), layout, poses)
         frames.append(frame)
         lost, poses = lost + gone, poses + count
-    imported = ImportedRows(pd.concat(frames, ignore_index=True).drop(columns=[SOURCE, ROW]), lost, feature_map)
+    imported = ImportedRows(pd.concat(frames, ignore_index=True).drop(columns=[SOURCE, ROW]), lost, layout)
     if out is None or dry_run:
         return imported
     out = Path(out)
@@ -242,13 +240,13 @@ def import_features(
     return replace(imported, out=out)
 
 
-def _markers(feature_map: FeatureMap) -> list[str]:
-    return [str(marker).strip().lower() for marker in feature_map.lost.markers]
+def _markers(layout: FeatureMap) -> list[str]:
+    return [str(marker).strip().lower() for marker in layout.lost.markers]
 
 
-def _understood(text: TextTable, feature_map: FeatureMap, first_pose: int) -> tuple[pd.DataFrame, int, int]:
+def _understood(text: TextTable, layout: FeatureMap, first_pose: int) -> tuple[pd.DataFrame, int, int]:
     """Rows of one file, how many readings are lost, and its poses."""
-    columns, units = feature_map.columns, feature_map.units
+    columns, units = layout.columns, layout.units
     if units.joints is None:
         undeclared(
             text.source, "the unit of the joints", "units.joints=deg", "rad, or a list with a unit for each joint"
@@ -268,18 +266,18 @@ def _understood(text: TextTable, feature_map: FeatureMap, first_pose: int) -> tu
     }
     shared |= joint_values(text, joints, units.joints)
     shared |= joint_values(text, programmed, units.joints, "c") if programmed else {}
-    shared |= _beside(text, feature_map)
+    shared |= _beside(text, layout)
     if position:
         for axis, k in zip("xyz", position, strict=True):
-            shared[f"{axis}_mm"] = _measured(text, k, feature_map, "a position or nothing")[1]
-    frame = joint_rules_applied(pd.DataFrame(shared, index=range(count)), feature_map.joints)
+            shared[f"{axis}_mm"] = _measured(text, k, layout, "a position or nothing")[1]
+    frame = joint_rules_applied(pd.DataFrame(shared, index=range(count)), layout.joints)
     frames, lost = [], 0
     columns_of: dict[str, int | None] = {**(readings or single)} or {"": None}
     for name, index in columns_of.items():
         rows_of_feature = frame if not name else frame.assign(feature=name)
         if index is not None:
-            gone = _gone(text, index, feature_map)
-            unit, values = _measured(text, index, feature_map, "a value or nothing", feature_map.values)
+            gone = _gone(text, index, layout)
+            unit, values = _measured(text, index, layout, "a value or nothing", layout.values)
             rows_of_feature = rows_of_feature.assign(**{f"value_{unit}": values})[~gone]
             lost += int(gone.sum())
         frames.append(rows_of_feature)
@@ -289,9 +287,9 @@ def _understood(text: TextTable, feature_map: FeatureMap, first_pose: int) -> tu
     return rows[[*first, *(name for name in rows.columns if name not in first)]], lost, count
 
 
-def _beside(text: TextTable, feature_map: FeatureMap) -> dict[str, Any]:
+def _beside(text: TextTable, layout: FeatureMap) -> dict[str, Any]:
     """Columns beside joints and readings, and values that the file does not hold."""
-    columns, out = feature_map.columns, dict[str, Any]()
+    columns, out = layout.columns, dict[str, Any]()
     for name in ("pose", "target", "kind", "feature"):
         column = getattr(columns, name)
         if column is not None:
@@ -299,26 +297,24 @@ def _beside(text: TextTable, feature_map: FeatureMap) -> dict[str, Any]:
     for new, column in columns.keep.items():
         out[new] = text.text(text.find(column, new)).to_numpy()
     if columns.u95 is not None:
-        unit, values = _measured(
-            text, text.find(columns.u95, "the u95"), feature_map, "a number or nothing", feature_map.values
-        )
+        unit, values = _measured(text, text.find(columns.u95, "the u95"), layout, "a number or nothing", layout.values)
         out[f"u95_{unit}"] = values
     if columns.payload is not None:
         k = text.find(columns.payload, "the payload")
-        out["payload_kg"] = text.numbers(k, "a number or nothing", _gone(text, k, feature_map))
-    return out | {name: value for name, value in feature_map.fixed.model_dump().items() if value is not None}
+        out["payload_kg"] = text.numbers(k, "a number or nothing", _gone(text, k, layout))
+    return out | {name: value for name, value in layout.fixed.model_dump().items() if value is not None}
 
 
-def _gone(text: TextTable, k: int, feature_map: FeatureMap) -> BoolArray:
+def _gone(text: TextTable, k: int, layout: FeatureMap) -> BoolArray:
     """Cells of a column that hold no number."""
-    return text.is_one_of(k, [*ALWAYS_LOST, *_markers(feature_map)])
+    return text.is_one_of(k, [*ALWAYS_LOST, *_markers(layout)])
 
 
 def _measured(
-    text: TextTable, k: int, feature_map: FeatureMap, expected: str, quantity: Literal["length", "angle"] = "length"
+    text: TextTable, k: int, layout: FeatureMap, expected: str, quantity: Literal["length", "angle"] = "length"
 ) -> tuple[str, FloatArray]:
     """A column of lengths or angles: ``mm`` or ``deg``, and its numbers in that unit, NaN where lost."""
-    units = feature_map.units
+    units = layout.units
     if quantity == "length":
         if units.lengths is None:
             undeclared(text.source, "the unit of the lengths", "units.lengths=mm", "m or inch")
@@ -329,4 +325,4 @@ def _measured(
             undeclared(text.source, "the unit of the angles", "units.angles=deg", "rad")
         text.check_unit(k, units.angles, "angles in")
         unit, factor = "deg", ANGLE_DEG[units.angles]
-    return unit, text.numbers(k, expected, _gone(text, k, feature_map)) * factor
+    return unit, text.numbers(k, expected, _gone(text, k, layout)) * factor

@@ -102,8 +102,7 @@ def proposed(data: bytes, source: str, header: Sequence[str] | None = None) -> s
             options.append("fixed.target=smr1")
     for four in QUATERNIONS:
         quaternion = [
-            next((name for name in found if name.bare == name_part and name.text not in used), None)
-            for name_part in four
+            next((name for name in found if name.bare == piece and name.text not in used), None) for piece in four
         ]
         if None in position and all(quaternion):
             columns = ", ".join(_quoted(name.text) for name in quaternion if name is not None)

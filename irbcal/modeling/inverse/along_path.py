@@ -285,9 +285,7 @@ def _places(
     """Where the path comes near to singularities: the closest place of each passage."""
     rows = [(0, 0.0, q[0])]
     for k, leg in enumerate(legs):
-        rows += [
-            (k + (share == 1.0), share % 1.0, joints_at) for share, joints_at in leg if np.isfinite(joints_at).all()
-        ]
+        rows += [(k + (share == 1.0), share % 1.0, sample) for share, sample in leg if np.isfinite(sample).all()]
     rows = [row for row in rows if row[0] + row[1] <= end + 1e-12]
     candidates = []
     for row, share, joints in rows:

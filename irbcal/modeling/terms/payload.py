@@ -33,13 +33,11 @@ class PayloadTorque(Basis):
         """Axes z and levers p - o (terms, 3, n), and weights (n,) in newtons."""
         joints, tip = [t.joint for t in terms], situation.tip
         centres = np.array([np.asarray(t.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float) for t in terms])
-        places_of_stops = situation.motion.payload_place
+        stated = situation.motion.payload_place
         p = tip[3] + (
             np.einsum("ka,acn->kcn", centres, tip[:3])
-            if places_of_stops is None
-            else np.broadcast_to(
-                np.einsum("na,acn->cn", places_of_stops, tip[:3]), (len(terms), 3, len(places_of_stops))
-            )
+            if stated is None
+            else np.broadcast_to(np.einsum("na,acn->cn", stated, tip[:3]), (len(terms), 3, len(stated)))
         )
         mass = situation.motion.payload_kg
         weight = np.zeros(len(situation.motion)) if mass is None else STANDARD_GRAVITY * mass
