@@ -8,7 +8,7 @@ import pandas as pd
 from irbcal.identification.feature_fit import identify_features
 from irbcal.identification.feature_problem import FeatureProblem
 from irbcal.identification.observation_kind import LEVER, with_third
-from irbcal.identification.observations import KINDS, Seen
+from irbcal.identification.observations import KINDS, Observed
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
@@ -149,7 +149,7 @@ def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
     off = noise * rng.standard_normal((len(q), KINDS[kind].size))
     for _ in range(25):
         p, R = tip(one, q)
-        found = KINDS[kind].misses(Seen(Feature("", kind), p, R, v, places, EMPTY), own)
+        found = KINDS[kind].misses(Observed(Feature("", kind), p, R, v, places, EMPTY), own)
         path = chain.walk(nominal, q)
         moves = chain.point_columns(path, p.T, np.arange(len(q)))[:, 2].transpose(2, 1, 0)
         J = found.point @ moves
@@ -158,7 +158,7 @@ def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
         step = np.linalg.pinv(J, rcond=1e-3) @ (found.r - off)[..., None]
         q = q - np.clip(step[..., 0], -0.3, 0.3)
     p, R = tip(one, q)
-    r = KINDS[kind].misses(Seen(Feature("", kind), p, R, v, places, EMPTY), own).r
+    r = KINDS[kind].misses(Observed(Feature("", kind), p, R, v, places, EMPTY), own).r
     good = (np.abs(r - off).max(axis=1) < 1e-13) & (q > nominal.lower).all(axis=1) & (q < nominal.upper).all(axis=1)
     out = np.flatnonzero(good)[:n]
     assert len(out) == n, (kind, len(out))

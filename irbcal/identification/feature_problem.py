@@ -19,7 +19,7 @@ from irbcal.identification import observations
 from irbcal.identification.evidence_maximisation import NormalEquations
 from irbcal.identification.initial_guess import first_state
 from irbcal.identification.linear_model import Rows
-from irbcal.identification.observations import KINDS, Kind, Misses, Seen, Shape
+from irbcal.identification.observations import KINDS, Kind, Misses, Observed, Shape
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.points import PointSet
@@ -93,7 +93,7 @@ class Missed:
     """What a group misses at one state."""
 
     group: Group
-    seen: Seen
+    seen: Observed
     own: Mapping[str, FloatArray]
     path: chain.Walk
     found: Misses
@@ -241,13 +241,13 @@ class FeatureProblem:
             return chain.walk(arm, motion.q)
         return chain.walk(arm, *self.term_map(state).split(motion))
 
-    def seen_of(self, state: FeatureState, group: Group, tip: FloatArray) -> Seen:
+    def seen_of(self, state: FeatureState, group: Group, tip: FloatArray) -> Observed:
         """Where the tool is at a group's rows, ``tip`` (4, 3, m); at the tip where its place is not known yet."""
         tool = state.own.get((TOOL, group.target), np.zeros(3))
         R = tip[:3].transpose(2, 1, 0)
         rows, features = group.rows, self.seen
         p = tip[3].T + R @ tool
-        return Seen(
+        return Observed(
             group.feature,
             p,
             R,

@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.identification.observation_kind import Kind, Misses, Own, PriorValue, Seen, cross, eliminated, ones
+from irbcal.identification.observation_kind import Kind, Misses, Observed, PriorValue, Unknown, cross, eliminated, ones
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel
 from irbcal.modeling import frames
@@ -192,11 +192,11 @@ class Image(Kind):
 
     name, size, shown_as = "image", 6, "camera"
     needs, metric, spread = ("corners",), True, True
-    own: ClassVar[Mapping[str, Own]] = {
-        "centre": Own("place"),
-        "attitude": Own("turn", unit="rad"),
-        "axes": Own("turn", of="target", unit="rad"),
-        **{name: Own("number", unit="px" if name != "k1" else "") for name in FITTED},
+    own: ClassVar[Mapping[str, Unknown]] = {
+        "centre": Unknown("place"),
+        "attitude": Unknown("turn", unit="rad"),
+        "axes": Unknown("turn", of="target", unit="rad"),
+        **{name: Unknown("number", unit="px" if name != "k1" else "") for name in FITTED},
     }
 
     @property
@@ -225,7 +225,7 @@ class Image(Kind):
         square = _view(feature).square
         return f"squares of {square / MM:.6g} mm" if square else "places of the corners on the board"
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """What corners miss, image by image; see the module."""
         view, corners = _view(obs.feature), _corners(obs)
         lens = view.lens.copy()
@@ -262,7 +262,7 @@ class Image(Kind):
         size = pixel * np.sqrt((e**2).sum(axis=(1, 2)) / count)
         return Misses(r, point, by, turn, size)
 
-    def doubt(self, obs: Seen, misses: Misses) -> str:
+    def doubt(self, obs: Observed, misses: Misses) -> str:
         """Corners that no place of camera and board explains, or no robot: a lens or a board that is another."""
         assert misses.size is not None
         corners = _corners(obs)
@@ -284,7 +284,7 @@ class Image(Kind):
         )
 
     def _seen(
-        self, obs: Seen, values: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
+        self, obs: Observed, values: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Derivatives of corners (m, n, 2, 3) by the tool's point and its turn, where they are, and by the lens."""
         m, n = x.shape[:2]
@@ -295,7 +295,7 @@ class Image(Kind):
         by_turn = -by_p @ cross(on_tool.reshape(-1, 3)).reshape(m, n, 3, 3)
         return by_p, by_turn, uv, by_lens
 
-    def poses(self, obs: Seen) -> FloatArray:
+    def poses(self, obs: Observed) -> FloatArray:
         """The frame on the tool in that in the hall, image by image, (m, 4, 4); closed form."""
         T = boards(_view(obs.feature).lens, _corners(obs))
         if not self.on_tool:
@@ -305,7 +305,7 @@ class Image(Kind):
         out[:, :3, :3], out[:, :3, 3] = R, -np.einsum("mij,mj->mi", R, T[:, :3, 3])
         return out
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """From the board's pose in each image; the axes on the tool from ``R_i A = F D_i`` where they are not known."""
         D = self.poses(obs)
         A = obs.known.get("axes")
@@ -316,7 +316,7 @@ class Image(Kind):
         lens = {name: np.array([value]) for name, value in zip(FITTED, _view(obs.feature).lens, strict=False)}
         return {"axes": A, "attitude": F, "centre": (obs.p - D[:, :3, 3] @ F.T).mean(axis=0), **lens}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t - c = F d - p``, which is linear once the rotations are known."""
         D = self.poses(obs)
         rotations = hand_eye(obs.R, D[:, :3, :3])
@@ -329,12 +329,13 @@ class ImageOnTool(Image):
     """Corners of a board in the hall, seen by a camera on the tool; the tool's point is the camera's centre."""
 
     name, shown_as = "image-on-tool", "board"
-    own: ClassVar[Mapping[str, Own]] = {
-        name: Own(item.shape, "target" if name in FITTED else item.of, item.unit) for name, item in Image.own.items()
+    own: ClassVar[Mapping[str, Unknown]] = {
+        name: Unknown(item.shape, "target" if name in FITTED else item.of, item.unit)
+        for name, item in Image.own.items()
     }
 
     def _seen(
-        self, obs: Seen, values: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
+        self, obs: Observed, values: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         m, n = x.shape[:2]
         ray = x @ values["attitude"].T + values["centre"] - obs.p[:, None]
@@ -350,6 +351,6 @@ def _view(feature: Feature) -> Imaging:
     return feature.imaging
 
 
-def _corners(obs: Seen) -> FloatArray:
+def _corners(obs: Observed) -> FloatArray:
     assert obs.corners is not None
     return obs.corners

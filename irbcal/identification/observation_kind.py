@@ -31,7 +31,7 @@ SHOWN: Mapping[str, float] = {"m": MM, "rad": DEG, "px": 1.0, "": 1.0}
 
 
 @dataclass(frozen=True)
-class Own:
+class Unknown:
     """An unknown of a kind.
 
     Attributes
@@ -49,7 +49,7 @@ class Own:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Observed:
     """Rows at one feature with one target.
 
     Attributes
@@ -127,7 +127,7 @@ class Kind(ABC):
         What is drawn of its features, as a label says it; its name unless given.
     size : int
         Residuals of a row.
-    own : dict of str to Own
+    own : dict of str to Unknown
         Its unknowns; ``centre`` may be known instead, in the measuring frame.
     needs : tuple of str
         What each row must have: ``value``, ``xyz``, ``rotation``, ``corners``.
@@ -144,7 +144,7 @@ class Kind(ABC):
     name: ClassVar[str]
     shown_as: ClassVar[str] = ""
     size: ClassVar[int]
-    own: ClassVar[Mapping[str, Own]]
+    own: ClassVar[Mapping[str, Unknown]]
     needs: ClassVar[tuple[str, ...]] = ()
     metric: ClassVar[bool] = False
     shape_only: ClassVar[bool] = False
@@ -163,19 +163,19 @@ class Kind(ABC):
         """The known length that gives the robot its scale, where it is a part of the feature."""
         return ""
 
-    def doubt(self, obs: Seen, misses: Misses) -> str:
+    def doubt(self, obs: Observed, misses: Misses) -> str:
         """What speaks against what is known of the feature, in a sentence; nothing where nothing does."""
         return ""
 
     @abstractmethod
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """Residuals and derivatives at values of the kind's unknowns."""
 
     @abstractmethod
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Unknowns of the kind where the tool's point is known, in closed form."""
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """The tool's point in the tip link where ``seen.p`` is the tip itself, in closed form, and how firmly.
 
         Returns
@@ -250,7 +250,7 @@ def ball(p: FloatArray) -> tuple[FloatArray, float]:
 
 
 def ball_tool(
-    obs: Seen, more: tuple[FloatArray, ...], square: FloatArray | None = None
+    obs: Observed, more: tuple[FloatArray, ...], square: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray] | None:
     """The tool's point of rows on a sphere (or with ``square`` the squared radius of each row, and columns more)."""
     m = len(obs.p)

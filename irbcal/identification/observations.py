@@ -26,9 +26,9 @@ from irbcal.identification.observation_kind import (
     STEPS,
     Kind,
     Misses,
-    Own,
-    Seen,
+    Observed,
     Shape,
+    Unknown,
     ball,
     ball_tool,
     cross,
@@ -45,24 +45,24 @@ from irbcal.identification.observation_kind import (
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
 
-__all__ = ["DIMENSIONS", "KINDS", "STEPS", "Kind", "Misses", "Own", "Seen", "Shape", "cross", "length_misses", "moved"]
+__all__ = ["DIMENSIONS", "KINDS", "STEPS", "Kind", "Misses", "Observed", "Shape", "cross", "length_misses", "moved"]
 
 
 class Point(Kind):
     """The tool's point is at one place: a ball in a socket, a pointer at a tip; or where a tracker saw it."""
 
-    name, size, own, shown_as = "point", 3, {"centre": Own("place")}, "socket"
+    name, size, own, shown_as = "point", 3, {"centre": Unknown("place")}, "socket"
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``p - c``."""
         eye = ones(len(obs.p))
         return Misses(obs.p - values["centre"], eye, {"centre": -eye})
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The mean."""
         return {"centre": obs.p.mean(axis=0)}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t - c = -p``, which is linear."""
         return eliminated(obs.R, [-ones(len(obs.p))], -obs.p)
 
@@ -70,23 +70,23 @@ class Point(Kind):
 class Sphere(Kind):
     """The tool's point is on a sphere: a probe touches a ball; the radius is that of ball and probe together."""
 
-    name, size, own = "sphere", 1, {"centre": Own("place"), "radius": Own("number")}
+    name, size, own = "sphere", 1, {"centre": Unknown("place"), "radius": Unknown("number")}
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """The radius, where it is known."""
         return {} if feature.radius is None else {"radius": np.array([feature.radius])}
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``|p - c| - R``."""
         d, n = distance(obs.p, values["centre"])
         return Misses((d - values["radius"])[:, None], n, {"centre": -n, "radius": -np.ones((len(d), 1, 1))})
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """From ``|p|^2 - 2 p.c + |c|^2 - R^2 = 0``, which is linear in c and a constant."""
         c, constant = ball(obs.p)
         return {"centre": c, "radius": np.array([np.sqrt(max(float(c @ c) - constant, 1e-8))])}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From the same equation with ``p + R t`` in place of p, linear in t, c, their products and a constant."""
         return ball_tool(obs, ())
 
@@ -94,20 +94,20 @@ class Sphere(Kind):
 class Radius(Sphere):
     """The tool's point is ``value + offset`` from a place: string encoders, laser distances, ballbars."""
 
-    name, own, shown_as = "radius", {"centre": Own("place"), "offset": Own("number")}, "anchor"
+    name, own, shown_as = "radius", {"centre": Unknown("place"), "offset": Unknown("number")}, "anchor"
     needs, metric, spread = ("value",), True, True
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """The offset, where it is known."""
         return {} if feature.offset is None else {"offset": np.array([feature.offset])}
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``|p - c| - value - offset``."""
         d, n = distance(obs.p, values["centre"])
         r = (d - obs.value - values["offset"])[:, None]
         return Misses(r, n, {"centre": -n, "offset": -np.ones((len(d), 1, 1))})
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """As of a sphere, with ``(value + offset)^2`` in place of its radius; the offset as on the mean."""
         offset = obs.feature.offset or 0.0
         v = obs.value + offset
@@ -118,7 +118,7 @@ class Radius(Sphere):
         c = x[:3]
         return {"centre": c, "offset": np.array([float(np.mean(distance(obs.p, c)[0] - obs.value))])}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """As of a sphere."""
         v = obs.value + (obs.feature.offset or 0.0)
         return ball_tool(obs, (v[:, None],), v**2)
@@ -128,10 +128,10 @@ class Plane(Kind):
     """The tool's point is in a plane: a probe touches a table, the side of a cube."""
 
     name, size = "plane", 1
-    own: ClassVar[Mapping[str, Own]] = {"normal": Own("axis", unit="rad"), "height": Own("number")}
+    own: ClassVar[Mapping[str, Unknown]] = {"normal": Unknown("axis", unit="rad"), "height": Unknown("number")}
     shape_only, spread = True, True
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``n.p - d``."""
         Q = values["normal"]
         point = np.broadcast_to(Q[:, 2], (len(obs.p), 1, 3)).copy()
@@ -143,13 +143,13 @@ class Plane(Kind):
             {"normal": by_axis, "height": -np.ones((len(local), 1, 1))},
         )
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The direction in which the points scatter least."""
         middle = obs.p.mean(axis=0)
         n = np.linalg.svd(obs.p - middle)[2][2]
         return {"normal": with_third(n), "height": np.array([n @ middle])}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``n.p + (n t').R - d = 0``, whose unknowns are a null vector."""
         m = len(obs.p)
         A = np.hstack([obs.p, obs.R.reshape(m, 9), -np.ones((m, 1))])
@@ -163,10 +163,10 @@ class Plane(Kind):
 class Line(Kind):
     """The tool's point is on a straight line: a wire, an edge, the beam of a laser."""
 
-    name, size, own = "line", 2, {"line": Own("line")}
+    name, size, own = "line", 2, {"line": Unknown("line")}
     shape_only, spread = True, True
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """The two coordinates across the line."""
         Q, a = values["line"][:, :3], values["line"][:, 3]
         m = len(obs.p)
@@ -176,12 +176,12 @@ class Line(Kind):
         by_line[:, 0, 2] = by_line[:, 1, 3] = -1.0
         return Misses(local[:, :2], np.broadcast_to(Q[:, :2].T, (m, 2, 3)).copy(), {"line": by_line})
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Through the mean, along the direction in which the points scatter most."""
         middle = obs.p.mean(axis=0)
         return {"line": np.column_stack([with_third(np.linalg.svd(obs.p - middle)[2][0]), middle])}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``(p + R t) x u = m``, whose unknowns u, products of t and u, and m are a null vector."""
         m = len(obs.p)
         cross = np.array(
@@ -212,19 +212,19 @@ class Gauge(Plane):
 
     name, needs, shape_only = "gauge", ("value",), False
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``n.p - d - value``."""
         planar = super().misses(obs, values)
         return Misses(planar.r - obs.value[:, None], planar.point, planar.own)
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Linear in the direction and the zero."""
         middle = obs.p.mean(axis=0)
         x = np.linalg.lstsq(np.hstack([obs.p - middle, np.ones((len(obs.p), 1))]), obs.value, rcond=1e-9)[0]
         n = x[:3] / max(float(np.linalg.norm(x[:3])), 1e-12)
         return {"normal": with_third(n), "height": np.array([np.mean(obs.p @ n - obs.value)])}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``n.p + (n t').R - d = value``, which is linear."""
         m = len(obs.p)
         A = np.hstack([obs.p - obs.p.mean(axis=0), obs.R.reshape(m, 9), -np.ones((m, 1))])
@@ -239,22 +239,22 @@ class Offset(Kind):
     """A ball on the tool, seen in the axes of a sensor in the hall: laser fans, three dial gauges in a nest."""
 
     name, size, shown_as = "offset", 3, "sensor"
-    own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", unit="rad")}
+    own: ClassVar[Mapping[str, Unknown]] = {"centre": Unknown("place"), "axes": Unknown("turn", unit="rad")}
     needs = ("xyz",)
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``p - c - F v``."""
         turned = obs.xyz @ values["axes"].T
         eye = ones(len(turned))
         return Misses(obs.p - values["centre"] - turned, eye, {"centre": -eye, "axes": cross(turned)})
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Linear in c and F."""
         A = np.hstack([np.ones((len(obs.p), 1)), obs.xyz])
         x = np.asarray(np.linalg.lstsq(A, obs.p, rcond=1e-12)[0], dtype=float)
         return {"centre": x[0], "axes": rotation(x[1:].T)}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t - c - F v = -p``, which is linear."""
         all_of = np.einsum("ij,mk->mijk", np.eye(3), obs.xyz).reshape(len(obs.p), 3, 9)
         return eliminated(obs.R, [-ones(len(obs.p)), -all_of], -obs.p)
@@ -264,10 +264,13 @@ class OffsetOnTool(Kind):
     """A ball in the hall, seen in the axes of a sensor on the tool: cameras or laser fans that the arm carries."""
 
     name, size, shown_as = "offset-on-tool", 3, "ball"
-    own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", of="target", unit="rad")}
+    own: ClassVar[Mapping[str, Unknown]] = {
+        "centre": Unknown("place"),
+        "axes": Unknown("turn", of="target", unit="rad"),
+    }
     needs = ("xyz",)
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``p + R X v - c``."""
         local = obs.xyz @ values["axes"].T
         turned = np.einsum("mij,mj->mi", obs.R, local)
@@ -276,14 +279,14 @@ class OffsetOnTool(Kind):
             obs.p + turned - values["centre"], eye, {"centre": -eye, "axes": -obs.R @ cross(local)}, -cross(turned)
         )
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Linear in c and X."""
         m = len(obs.p)
         A = np.concatenate([np.einsum("mij,mk->mijk", obs.R, obs.xyz).reshape(m, 3, 9), -ones(m)], axis=2)
         x = np.linalg.lstsq(A.reshape(3 * m, 12), -obs.p.ravel(), rcond=1e-12)[0]
         return {"centre": x[9:], "axes": rotation(x[:9].reshape(3, 3))}
 
-    def tool(self, obs: Seen) -> tuple[FloatArray, FloatArray] | None:
+    def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t + R X v - c = -p``, which is linear."""
         m = len(obs.p)
         all_of = np.einsum("mij,mk->mijk", obs.R, obs.xyz).reshape(m, 3, 9)
@@ -294,10 +297,10 @@ class Pose(Kind):
     """The tool's place and attitude are measured: a tracker with a probe of six degrees of freedom, a camera."""
 
     name, size = "pose", 6
-    own: ClassVar[Mapping[str, Own]] = {"axes": Own("turn", of="target", unit="rad")}
+    own: ClassVar[Mapping[str, Unknown]] = {"axes": Unknown("turn", of="target", unit="rad")}
     needs, metric, spread = ("xyz", "rotation"), True, True
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``p - T^-1 x``, and the rotation vector from measured to predicted axes times `LEVER`."""
         T = frames.inverse(obs.T_world_base)
         m = len(obs.p)
@@ -313,7 +316,7 @@ class Pose(Kind):
         base[:, 3:, :3] = LEVER * right
         return Misses(np.hstack([obs.p - predicted, LEVER * e]), point, {"axes": axes, "base": base}, turn)
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The mean of what the axes on the tool must be."""
         turned = obs.T_world_base[:3, :3].T @ obs.rotation
         return {"axes": frames.nearest_rotation((obs.R.transpose(0, 2, 1) @ turned).mean(axis=0))}
@@ -323,10 +326,13 @@ class Angle(Kind):
     """An axis of the tool against the horizontal: an inclinometer; the feature is what is level."""
 
     name, size, shown_as = "angle", 1, "level"
-    own: ClassVar[Mapping[str, Own]] = {"axis": Own("axis", of="target", unit="rad"), "up": Own("axis", unit="rad")}
+    own: ClassVar[Mapping[str, Unknown]] = {
+        "axis": Unknown("axis", of="target", unit="rad"),
+        "up": Unknown("axis", unit="rad"),
+    }
     needs, spread, pointed = ("value",), True, False
 
-    def misses(self, obs: Seen, values: Mapping[str, FloatArray]) -> Misses:
+    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``asin(a.u) - value`` times `LEVER`, with a the axis of the tool and u upwards."""
         A, U = values["axis"], values["up"]
         axes = obs.R @ A  # columns: the axis and two across it
@@ -343,7 +349,7 @@ class Angle(Kind):
             slope * turn,
         )
 
-    def start(self, obs: Seen) -> dict[str, FloatArray]:
+    def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The base link taken as level: ``a.(R' z) = sin(value)`` is linear."""
         a = np.linalg.lstsq(obs.R[:, 2, :], np.sin(obs.value), rcond=1e-12)[0]
         return {"axis": with_third(a / np.linalg.norm(a)), "up": np.eye(3)}

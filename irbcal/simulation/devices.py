@@ -21,7 +21,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import images
-from irbcal.identification.observation_kind import Seen, with_third
+from irbcal.identification.observation_kind import Observed, with_third
 from irbcal.identification.observations import KINDS
 from irbcal.measurement import imaging
 from irbcal.measurement.features import TARGET, Feature
@@ -382,7 +382,7 @@ def _missed(
     p = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(BALL if tool is None else tool, (n, 3)))
     nothing = np.full((n, 3), np.nan)
     value = np.full(n, features.bar)
-    view = Seen(Feature(feature, features.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
+    view = Observed(Feature(feature, features.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
     miss = KINDS[features.device.kind].misses(view, features.own[feature])
     pose = np.arange(n)
     along = np.where(arm.table.prismatic, 5, 2)

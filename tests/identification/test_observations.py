@@ -9,7 +9,7 @@ import pytest
 from irbcal.identification import observation_kind as kind
 from irbcal.identification import observations
 from irbcal.identification.feature_problem import FeatureProblem, start
-from irbcal.identification.observations import DIMENSIONS, KINDS, Seen
+from irbcal.identification.observations import DIMENSIONS, KINDS, Observed
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging
 from irbcal.modeling import frames
@@ -22,7 +22,7 @@ def some(kind, seed=0):
     """Rows that miss their feature by centimetres, and its unknowns."""
     rng = np.random.default_rng(seed)
     turns = np.array([frames.rotation_from_vector(w) for w in rng.standard_normal((4, 3))])
-    seen = Seen(
+    seen = Observed(
         Feature("f", kind),
         rng.standard_normal((4, 3)),
         turns,
