@@ -35,18 +35,19 @@ gc.set_threshold(300000, 20, 100)
 
 LONG = (
     "test_pages.py",
-    "test_cli.py",
-    "test_frame_terms.py",
     "test_style.py",
     "test_fuzz.py",
+    "test_evidence.py",
+    "test_adversaries.py",
     "test_auto.py",
+    "test_data_entry_errors.py",
     "test_any_robot.py",
+    "test_cli.py",
+    "test_browser.py",
     "test_docs.py",
-    "test_tables.py",
-    "test_loads.py",
-    "test_doubts.py",
-    "test_examples.py",
+    "test_axis_calibration.py",
     "test_parallel.py",
+    "test_loads.py",
 )
 """Files that take longest."""
 
@@ -173,5 +174,5 @@ def folders(tmp_path_factory):
     for name, seed in (("first", 1), ("second", 2)):
         rng = np.random.default_rng(seed)
         data = write_measurements(root / f"{name}.csv", measured(truth, arm().random_joints(60, seed), 3e-5, rng))
-        irbcal.save(irbcal.calibrate(data, "irb1600"), root / name)
+        irbcal.save(irbcal.calibrate(data, "irb1600", "34"), root / name)
     return root / "first", root / "second"

@@ -247,13 +247,12 @@ def test_irb120_at_readings(shared_data, tmp_path):
     assert distances(made.proven.fit.robot, programmed.proven.heldout_points).mean() < 0.09e-3
 
 
-@pytest.mark.parametrize(("group", "mean"), [("random", 0.14), ("grid", 0.20)])
-def test_ur10(shared_data, tmp_path, group, mean):
+def test_ur10(shared_data, tmp_path):
     rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
-    rows = rows[rows["group"] == group].drop(columns=["qw", "qx", "qy", "qz"])
+    rows = rows[rows["group"] == "grid"].drop(columns=["qw", "qx", "qy", "qz"])
     rows.to_csv(tmp_path / "m.csv", index=False)
     made = irbcal.calibrate(tmp_path / "m.csv", "ur10", "auto", holdout=rows["pose"].nunique() - 300, split="last")
-    assert made.record.heldout.all.mean_mm <= mean
+    assert made.record.heldout.all.mean_mm <= 0.20
     parts = coverage(made.record.robot_calibrated(), made.proven.heldout_points)["parts"]
     assert 0.92 < parts["all"]["inside"] < 0.98
     assert parts["outside"]["n"] > 100

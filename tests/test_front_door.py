@@ -176,7 +176,7 @@ def results(tmp_path_factory):
     """One public result of each kind, from the simulated demonstration."""
     folder = tmp_path_factory.mktemp("front")
     fit, proof = (robots.demo_file(f"demo_{name}.csv") for name in ("identification", "verification"))
-    calibration = irbcal.calibrate(fit, "irb1600")
+    calibration = irbcal.calibrate(fit, "irb1600", "34")
     calibration.save(folder / "cal")
     loaded = irbcal.load(folder / "cal")
     measurements = irbcal.read_measurements(fit)

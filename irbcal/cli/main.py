@@ -98,9 +98,13 @@ def __getattr__(name: str) -> Any:
 
 
 def _called(arguments: list[str]) -> typer.Typer:
-    """As much of the command line as these words need."""
+    """As much of the command line as these words need, or those that a shell wants to complete."""
     if "app" in globals():
         return globals()["app"]
+    if f"_{NAME.upper()}_COMPLETE" in os.environ:
+        typed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+        command = typed.split()[1:2] if len(typed.split()) > 2 or typed[-1:].isspace() else []
+        return application(command) if set(command) & set(COMMANDS) else application(summary=True)
     if arguments == ["--version"]:
         return application(())
     if arguments[:1] and arguments[0] in COMMANDS:
