@@ -80,9 +80,9 @@ class Anderson:
         self._steps = [*self._steps, mapped - x][-self.memory - 1 :]
         if len(self._places) == 1:
             return mapped
-        steps, places = np.diff(self._steps, axis=0).T, np.diff(self._places, axis=0).T
+        steps, shifts = np.diff(self._steps, axis=0).T, np.diff(self._places, axis=0).T
         weights = np.linalg.lstsq(steps, mapped - x, rcond=1e-8)[0]
-        return x + np.clip(mapped - x - (places + steps) @ weights, -self.longest, self.longest)
+        return x + np.clip(mapped - x - (shifts + steps) @ weights, -self.longest, self.longest)
 
 
 VARIANCE_CAP, GEOMETRY_CAP = 4.0, 400.0
@@ -128,9 +128,9 @@ class CoefficientPrior:
     def __post_init__(self) -> None:
         lock(self)
 
-    def part(self, some: BoolArray | IntArray) -> CoefficientPrior:
+    def part(self, chosen: BoolArray | IntArray) -> CoefficientPrior:
         """Of some of the coefficients."""
-        return CoefficientPrior(self.mean[some], self.std[some], self.known[some])
+        return CoefficientPrior(self.mean[chosen], self.std[chosen], self.known[chosen])
 
     def extended(self, count: int) -> CoefficientPrior:
         """With so many more of which nothing is known."""
@@ -234,26 +234,26 @@ def maximise_evidence(
     problem = _Problem.of(sums, flat, group, len(caps), t, noise, expected)
     v = np.ones(len(caps)) if variances is None else variances
     s2 = _start_variance(problem) if s2 is None else s2
-    place, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
+    x, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
     ways, plain, last = Anderson(), None, -np.inf
     for iteration in range(1, iterations + 1):
-        v, s2 = np.exp(place[:-1]), float(np.exp(place[-1]))
-        here = problem.at(v, s2)
-        if plain is not None and here.goal < last - 1e-9 and iteration < iterations:
-            place, plain = plain, None
+        v, s2 = np.exp(x[:-1]), float(np.exp(x[-1]))
+        moment = problem.at(v, s2)
+        if plain is not None and moment.goal < last - 1e-9 and iteration < iterations:
+            x, plain = plain, None
             ways.forget()
             continue
-        step = np.minimum(np.log(here.up / here.down), highest) - place
-        gain = 0.5 * float((here.up * np.exp(-place) - here.down) @ step)
-        if (abs(here.goal - last) < tolerance and gain < tolerance / 2) or iteration == iterations:
+        step = np.minimum(np.log(moment.up / moment.down), highest) - x
+        gain = 0.5 * float((moment.up * np.exp(-x) - moment.down) @ step)
+        if (abs(moment.goal - last) < tolerance and gain < tolerance / 2) or iteration == iterations:
             break
-        if iteration == EARLY and here.evidence < give_up:
+        if iteration == EARLY and moment.evidence < give_up:
             break
-        last, plain = here.goal, place + step
-        place = np.minimum(ways.after(place, plain), highest)
-    covariance = (here.whitened.T @ here.whitened) * np.outer(here.scale, here.scale)
-    here.c[flat:] += 0.0 if expected is None else expected.mean
-    return Posterior(here.c, covariance, v, here.gammas, s2, here.evidence, iteration, t, float(here.down[-1]))
+        last, plain = moment.goal, x + step
+        x = np.minimum(ways.after(x, plain), highest)
+    covariance = (moment.whitened.T @ moment.whitened) * np.outer(moment.scale, moment.scale)
+    moment.c[flat:] += 0.0 if expected is None else expected.mean
+    return Posterior(moment.c, covariance, v, moment.gammas, s2, moment.evidence, iteration, t, float(moment.down[-1]))
 
 
 class Worth(NamedTuple):
@@ -276,7 +276,7 @@ class Worth(NamedTuple):
 
 def worth_of_each(
     sums: NormalEquations,
-    found: Posterior,
+    fit: Posterior,
     flat: int,
     labels: Sequence[Hashable],
     group: IntArray,
@@ -288,7 +288,7 @@ def worth_of_each(
     Parameters
     ----------
     sums : NormalEquations
-    found : Posterior
+    fit : Posterior
         The fit with all of them.
     flat : int
     labels : sequence of hashable, length k - flat
@@ -308,22 +308,22 @@ def worth_of_each(
         stays = np.array([other != label for other in labels], dtype=bool)
         groups = np.unique(group[stays])
         columns = np.concatenate([np.arange(flat), flat + np.flatnonzero(stays)])
-        rest = None if expected is None else expected.part(stays)
+        remaining = None if expected is None else expected.part(stays)
         without = maximise_evidence(
             sums.part(columns),
             flat,
             np.searchsorted(groups, group[stays]),
             caps[groups],
-            found.temper,
-            found.variances[groups],
-            found.s2,
-            expected=rest,
+            fit.temper,
+            fit.variances[groups],
+            fit.s2,
+            expected=remaining,
         )
-        change = found.c.copy()
+        change = fit.c.copy()
         change[columns] -= without.c
         moved = np.sqrt(max(3.0 * float(change @ sums.H @ change) / sums.equations, 0.0)) * MM
-        lost = float(found.log_evidence - without.log_evidence)
-        out[label] = Worth(lost, float(moved), float(found.gammas[np.unique(group[~stays])].sum()))
+        lost = float(fit.log_evidence - without.log_evidence)
+        out[label] = Worth(lost, float(moved), float(fit.gammas[np.unique(group[~stays])].sum()))
     return out
 
 
@@ -424,10 +424,10 @@ class _Problem:
 
 def _kept_from_zero(group: IntArray, groups: int, expected: CoefficientPrior | None) -> tuple[FloatArray, FloatArray]:
     """Squares and counts that are added to those of each group: towards the scatter of what is known, else zero."""
-    known = np.zeros(groups, dtype=bool)
+    has_prior = np.zeros(groups, dtype=bool)
     if expected is not None:
-        known[group[expected.known]] = True
-    return np.where(known, KNOWN_COUNT, PRIOR_C2), np.where(known, KNOWN_COUNT, PRIOR_GAMMA)
+        has_prior[group[expected.known]] = True
+    return np.where(has_prior, KNOWN_COUNT, PRIOR_C2), np.where(has_prior, KNOWN_COUNT, PRIOR_GAMMA)
 
 
 def _about(sums: NormalEquations, flat: int, expected: CoefficientPrior) -> NormalEquations:

@@ -136,11 +136,11 @@ class LinearModel(ABC):
         """Sums over all poses of some columns, all unless given."""
         k = self.flat + len(self.terms) if columns is None else len(columns)
         H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
-        for part in self._block_sums(columns):
-            H += part.H
-            g += part.g
-            yy += part.yy
-            equations += part.equations
+        for block in self._block_sums(columns):
+            H += block.H
+            g += block.g
+            yy += block.yy
+            equations += block.equations
         return NormalEquations(H, g, yy, equations)
 
     def _block_sums(self, columns: IntArray | None) -> Iterator[NormalEquations]:
@@ -203,12 +203,12 @@ class Linearisation(LinearModel):
     def _block_sums(self, columns: IntArray | None) -> Iterator[NormalEquations]:
         return self._of_blocks(self._sums, columns)
 
-    def _of_blocks(self, taken: Callable[[Rows], T], columns: IntArray | None) -> Iterator[T]:
+    def _of_blocks(self, take: Callable[[Rows], T], columns: IntArray | None) -> Iterator[T]:
         """What is taken from each block, in their order; large problems in threads."""
         columns = np.arange(self.flat + len(self.terms)) if columns is None else columns
         arm = self.problem.arm_at(self.state)
         cost = NUMBER_S * 3 * self.problem.rows * len(columns)
-        return parallel.threads(lambda k: taken(self._rows(k, arm, columns)), range(self.problem.block_count), cost)
+        return parallel.threads(lambda k: take(self._rows(k, arm, columns)), range(self.problem.block_count), cost)
 
     def _rows(self, k: int, arm: Arm, columns: IntArray) -> Rows:
         """Block number ``k`` in the units of the columns: weighted, ordered by pose, the last move projected out."""
@@ -222,8 +222,8 @@ class Linearisation(LinearModel):
             r = r + self.bend[rows].T
         order = np.argsort(pose, kind="stable")
         pose, rows = pose[order], rows[order]
-        taken = np.concatenate([flats, self.flat + np.arange(len(chosen))])
-        J, r = J[taken][..., order], r[:, order]
+        columns_taken = np.concatenate([flats, self.flat + np.arange(len(chosen))])
+        J, r = J[columns_taken][..., order], r[:, order]
         weights = self.problem.weights[rows] / MM
         J *= weights
         J[: len(columns)] *= self.sizes[columns][:, None, None]
@@ -294,7 +294,7 @@ def flat_units(problem: Problem) -> FloatArray:
 
 
 def geometry_problem(
-    arm: Arm, points: PointSet, geometry: Sequence[Term], known: Mapping[str, FloatArray] | None
+    arm: Arm, points: PointSet, geometry: Sequence[Term], targets: Mapping[str, FloatArray] | None
 ) -> Problem:
     """The problem whose error parameters are the geometry's terms.
 
@@ -306,7 +306,7 @@ def geometry_problem(
     if points.poses < MIN_POSES:
         raise IdentificationError(f"{points.poses} poses cannot determine a robot: at least {MIN_POSES} are needed")
     chosen = [parameter(f"delta_{DHM_COLUMNS[t.axis]}{t.joint + 1}") for t in geometry]
-    return Problem(arm, points, chosen, known_targets=known)
+    return Problem(arm, points, chosen, known_targets=targets)
 
 
 def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term], project: bool = False) -> State:
@@ -323,10 +323,10 @@ def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term]
     for _ in range(STEPS + 8):  # more only from a start far away
         linear = Linearisation(problem, state, motion, geometry, project)
         t = fit_temper(linear.per_pose)
-        found = maximise_evidence(linear.sums(), linear.flat, group, caps, t)
-        before, state = state, linear.moved(found.c)
+        fit = maximise_evidence(linear.sums(), linear.flat, group, caps, t)
+        previous, state = state, linear.moved(fit.c)
         state = replace(state, errors=state.errors[: len(geometry)])
-        size = float(max(np.abs(state.targets - before.targets).max(), np.abs(state.errors - before.errors).max()))
+        size = float(max(np.abs(state.targets - previous.targets).max(), np.abs(state.errors - previous.errors).max()))
         if size < 1e-7:
             break
     return state

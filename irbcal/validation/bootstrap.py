@@ -93,22 +93,22 @@ def intervals(
         return None
     d = np.asarray(distance, dtype=float) / MM
     if n > MOST_POSES:
-        mine = _some(n, seed)[row]
-        part = intervals(distance_of_part := d[mine] * MM, row[mine], resamples, seed, level)
-        assert part is not None
-        near, whole = _statistics(distance_of_part / MM, row[mine]), _statistics(d, row)
-        return {name: _narrowed(ends, near[name], whole[name], n) for name, ends in part.items()}
+        drawn = _some(n, seed)[row]
+        ends_of = intervals(distance_of_part := d[drawn] * MM, row[drawn], resamples, seed, level)
+        assert ends_of is not None
+        near, whole = _statistics(distance_of_part / MM, row[drawn]), _statistics(d, row)
+        return {name: _narrowed(ends, near[name], whole[name], n) for name, ends in ends_of.items()}
     sums = _Sums.of(d, row, n)
     order = np.argsort(d, kind="stable")
     step = max(1, BLOCK // len(d))
 
     def of_block(count: NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
-        parts = [_percentiles(d[order], count[k : k + step], row[order]) for k in range(0, len(count), step)]
-        return sums.moments(*(count @ s for s in sums.by_pose)), np.concatenate(parts, axis=1)
+        blocks = [_percentiles(d[order], count[k : k + step], row[order]) for k in range(0, len(count), step)]
+        return sums.moments(*(count @ s for s in sums.by_pose)), np.concatenate(blocks, axis=1)
 
     counts = _kept_draws(n, resamples, seed) if n * resamples <= BLOCK else draws(n, resamples, seed)
     blocks = list(parallel.threads(of_block, counts, NUMBER_S * resamples * len(d)))
-    moments, quantiles = (np.concatenate(parts, axis=1) for parts in zip(*blocks, strict=True))
+    moments, quantiles = (np.concatenate(arrays, axis=1) for arrays in zip(*blocks, strict=True))
     total = [s.sum() for s in sums.by_pose]
     estimate = sums.moments(*total)
     left_out = sums.moments(*(t - s for t, s in zip(total, sums.by_pose, strict=True)))
@@ -143,9 +143,9 @@ def difference(
     if n < FEWEST_POSES:
         return None
     if n > MOST_POSES:
-        part = v[_some(n, seed)]
-        ends = difference(part, resamples, seed, level)
-        return None if ends is None else _narrowed(ends, float(part.mean()), float(v.mean()), n)
+        drawn = v[_some(n, seed)]
+        ends = difference(drawn, resamples, seed, level)
+        return None if ends is None else _narrowed(ends, float(drawn.mean()), float(v.mean()), n)
     counts = _kept_draws(n, resamples, seed) if n * resamples <= BLOCK else draws(n, resamples, seed)
     replicates = np.concatenate([count @ v / n for count in counts])
     return bca(replicates, v.mean(), (v.sum() - v) / (n - 1), level)
@@ -184,9 +184,9 @@ def _some(n: int, seed: int) -> BoolArray:
     return np.isin(np.arange(n), np.random.default_rng(seed).permutation(n)[:MOST_POSES])
 
 
-def _narrowed(ends: list[float], near: float, whole: float, n: int) -> list[float]:
+def _narrowed(ends: list[float], near: float, total: float, n: int) -> list[float]:
     """The interval of n poses from that of `MOST_POSES` of them, with the statistic of the part and of all."""
-    return [whole + (end - near) * float(np.sqrt(MOST_POSES / n)) for end in ends]
+    return [total + (end - near) * float(np.sqrt(MOST_POSES / n)) for end in ends]
 
 
 def _statistics(d: FloatArray, row: IntArray) -> dict[str, float]:
@@ -209,8 +209,8 @@ class _Sums:
     @classmethod
     def of(cls, d: FloatArray, pose: IntArray, n: int) -> _Sums:
         shift = float(d.mean())  # keeps the digits of sigma
-        rest = d - shift
-        return cls(shift, [np.bincount(pose, w, n).astype(float) for w in (np.ones_like(d), rest, rest**2)])
+        offset = d - shift
+        return cls(shift, [np.bincount(pose, w, n).astype(float) for w in (np.ones_like(d), offset, offset**2)])
 
     def moments(self, s0: FloatArray, s1: FloatArray, s2: FloatArray) -> FloatArray:
         """`MOMENTS` from count, sum and sum of squares of the shifted distances, shape (4, ...)."""
@@ -234,20 +234,20 @@ def _percentiles(d: FloatArray, count: NDArray[np.int32], pose: IntArray) -> Flo
         Pose of each value.
     """
     m, width = len(d), max(1, int(np.sqrt(len(d))))
-    parts = -(-m // width)
-    in_part = np.zeros((count.shape[1], parts), dtype=np.float32)  # values of each pose in stretches of sorted ones
+    chunks = -(-m // width)
+    in_part = np.zeros((count.shape[1], chunks), dtype=np.float32)  # values of each pose in stretches of sorted ones
     np.add.at(in_part, (pose, np.arange(m) // width), 1.0)
     until = np.cumsum(np.rint(count.astype(np.float32) @ in_part).astype(np.int32), axis=1)
     last = until[:, -1:] - 1
-    place = last * (np.array(PERCENTILES) / 100)
-    low = np.floor(place)
-    wanted = np.hstack([low, np.minimum(low + 1, last)]).astype(np.int32)
+    rank = last * (np.array(PERCENTILES) / 100)
+    low = np.floor(rank)
+    ranks = np.hstack([low, np.minimum(low + 1, last)]).astype(np.int32)
     row = np.arange(len(count))[:, None]
-    part = (until[:, None, :] <= wanted[:, :, None]).sum(axis=2)
-    before = np.where(part > 0, until[row, part - 1], 0)
-    within = part[:, :, None] * width + np.arange(width)
-    there = within < m
-    seen = count[row[:, :, None], pose[np.minimum(within, m - 1)]] * there
-    ends = d[part * width + (before[:, :, None] + np.cumsum(seen, axis=2) <= wanted[:, :, None]).sum(axis=2)]
+    chunk = (until[:, None, :] <= ranks[:, :, None]).sum(axis=2)
+    count_below = np.where(chunk > 0, until[row, chunk - 1], 0)
+    within = chunk[:, :, None] * width + np.arange(width)
+    inside = within < m
+    counts = count[row[:, :, None], pose[np.minimum(within, m - 1)]] * inside
+    ends = d[chunk * width + (count_below[:, :, None] + np.cumsum(counts, axis=2) <= ranks[:, :, None]).sum(axis=2)]
     first, second = np.hsplit(ends, 2)
-    return (first + (place - low) * (second - first)).T
+    return (first + (rank - low) * (second - first)).T

@@ -78,22 +78,22 @@ class FeatureProof:
     def of_rows(self, rows: int, calibrated: bool = True) -> FloatArray:
         """What each row missed while its place was left out, metres; NaN where it never was."""
         out = np.full(rows, np.nan)
-        for one in self.places:
-            out[one.rows] = one.calibrated if calibrated else one.nominal
+        for place in self.places:
+            out[place.rows] = place.calibrated if calibrated else place.nominal
         return out
 
     @property
     def lengths(self) -> dict[str, tuple[float, float]]:
         """Found minus known lengths, nominal and calibrated, metres."""
-        found: dict[str, list[tuple[float, float]]] = {}
-        for one in self.places:
-            for name, errors in one.lengths.items():
-                found.setdefault(name, []).append(errors)
+        errors_of: dict[str, list[tuple[float, float]]] = {}
+        for place in self.places:
+            for name, errors in place.lengths.items():
+                errors_of.setdefault(name, []).append(errors)
         # of a length between two places each was left out once: the larger error counts
-        return {name: max(pairs, key=lambda pair: abs(pair[1])) for name, pairs in found.items()}
+        return {name: max(pairs, key=lambda pair: abs(pair[1])) for name, pairs in errors_of.items()}
 
 
-def labels(seen: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str, NameArray]:
+def labels(rows: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str, NameArray]:
     """What is left out together, for each row, and what it is called.
 
     Raises
@@ -103,48 +103,48 @@ def labels(seen: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str,
     OptionError
         If it is the pose, which is no place.
     """
-    spread = all(KINDS[kind].spread for kind in set(seen.kind) if kind in KINDS)
+    spread = all(KINDS[kind].spread for kind in set(rows.kind) if kind in KINDS)
     if leave_out == "row" or (leave_out == "pose" and not spread):
         raise OptionError(
             "leave_out: rows at one feature prove nothing about each other: name a column of whole places",
             parameter="leave_out",
         )
-    column = leave_out or (PLACE if PLACE in seen.cells.columns else None)
-    out = seen.places(column).astype(object)
+    column = leave_out or (PLACE if PLACE in rows.cells.columns else None)
+    out = rows.places(column).astype(object)
     if column is None:
-        alone = np.flatnonzero(out == TRACKER)
-        poses = np.unique(seen.pose_index[alone])
-        part = np.random.default_rng(seed).permutation(len(poses)) * PARTS // max(len(poses), 1)
-        number = dict(zip(poses.tolist(), part.tolist(), strict=True))
-        for k in alone:
-            out[k] = f"{TRACKER} {number[int(seen.pose_index[k])] + 1}"
-        if spread and len(set(out)) == 1 and seen.corners is not None:
-            return POSES, _parts(seen)
+        tracked = np.flatnonzero(out == TRACKER)
+        poses = np.unique(rows.pose_index[tracked])
+        group = np.random.default_rng(seed).permutation(len(poses)) * PARTS // max(len(poses), 1)
+        number = dict(zip(poses.tolist(), group.tolist(), strict=True))
+        for k in tracked:
+            out[k] = f"{TRACKER} {number[int(rows.pose_index[k])] + 1}"
+        if spread and len(set(out)) == 1 and rows.corners is not None:
+            return POSES, _parts(rows)
         return "features", out
-    for name in seen.features:
-        mine = seen.feature == name
-        own = [kind for kind in set(seen.kind[mine]) if kind in KINDS and not KINDS[kind].spread]
-        if own and len(set(out[mine])) > 1:
-            other = int(np.flatnonzero(mine & (out != out[mine][0]))[0])
+    for name in rows.features:
+        mask = rows.feature == name
+        unsplit = [kind for kind in set(rows.kind[mask]) if kind in KINDS and not KINDS[kind].spread]
+        if unsplit and len(set(out[mask])) > 1:
+            at = int(np.flatnonzero(mask & (out != out[mask][0]))[0])
             raise MeasurementError(
-                f"feature {name} is at {out[mine][0]} and at {out[other]}: whole features are left out, never some of "
+                f"feature {name} is at {out[mask][0]} and at {out[at]}: whole features are left out, never some of "
                 "their rows",
-                file=seen.source,
-                row=int(seen.row[other]),
+                file=rows.source,
+                row=int(rows.row[at]),
                 column=column,
             )
     return column, out
 
 
-def _parts(seen: FeatureSet) -> NameArray:
+def _parts(rows: FeatureSet) -> NameArray:
     """Poses in `PARTS` parts, by turns: where all rows are at one feature, it stays where the others put it."""
-    number = np.unique(seen.pose_index, return_inverse=True)[1] % PARTS
+    number = np.unique(rows.pose_index, return_inverse=True)[1] % PARTS
     return np.array([f"part {k + 1} of {PARTS}" for k in number], dtype=object)
 
 
 def prove(
     arm: Arm,
-    seen: FeatureSet,
+    rows: FeatureSet,
     leave_out: str | None = None,
     terms: str = "joint-map",
     seed: int = 0,
@@ -156,7 +156,7 @@ def prove(
     ----------
     arm : Arm
         Nominal.
-    seen : FeatureSet
+    rows : FeatureSet
     leave_out : str, optional
         Column that names places; ``place`` where there is one, else features that lengths or poses tie together.
         ``none`` for no proof.
@@ -178,20 +178,20 @@ def prove(
     """
     if leave_out == NONE:
         return None
-    by, label = labels(seen, leave_out, seed)
+    by, label = labels(rows, leave_out, seed)
     names = list(dict.fromkeys(label))
     if len(names) < 2:
         return None
-    parts = [names[k::MOST] for k in range(min(MOST, len(names)))]
+    groups = [names[k::MOST] for k in range(min(MOST, len(names)))]
     out = []
-    for part in parts:
-        mine = np.isin(label.astype(str), part)
-        title = ", ".join(str(name) for name in part)
+    for group in groups:
+        mine = np.isin(label.astype(str), group)
+        title = ", ".join(str(name) for name in group)
         if progress:
             progress(f"leaving out {title}")
         try:
-            fit = identify_features(arm, seen.select(~mine), terms, bare=True)
-            pairs = [held_out(fit, seen.select(mine), which, seen.lengths) for which in (False, True)]
+            fit = identify_features(arm, rows.select(~mine), terms, bare=True)
+            pairs = [held_out(fit, rows.select(mine), which, rows.lengths) for which in (False, True)]
         except IdentificationError as error:
             raise IdentificationError(
                 f"without {by} {title} the rest does not do ({error}): measure at more places, or --leave-out none for "
@@ -203,7 +203,7 @@ def prove(
                 np.flatnonzero(mine),
                 pairs[0][0],
                 pairs[1][0],
-                {name: (before, pairs[1][1][name]) for name, before in pairs[0][1].items()},
+                {name: (nominal, pairs[1][1][name]) for name, nominal in pairs[0][1].items()},
             )
         )
     return FeatureProof(by, tuple(out))

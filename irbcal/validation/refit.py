@@ -60,7 +60,7 @@ class Refit:
     @property
     def what(self) -> str:
         """In words."""
-        return " and ".join(word for word, asked in (("base", self.base), ("tool", self.tool)) if asked)
+        return " and ".join(word for word, refitted in (("base", self.base), ("tool", self.tool)) if refitted)
 
     def chosen(self, points: PointSet, source: str) -> tuple[BoolArray, BoolArray]:
         """Which poses place base and tool, and which are judged, (n,) each.
@@ -70,8 +70,8 @@ class Refit:
         MeasurementError
             If none are left to judge.
         """
-        place = places(points)
-        count = int(place.max(initial=-1)) + 1
+        index = places(points)
+        count = int(index.max(initial=-1)) + 1
         if self.poses is None and not self.tool:
             every = np.ones(points.poses, dtype=bool)
             return every, every
@@ -80,9 +80,9 @@ class Refit:
             raise MeasurementError(
                 f"{take} of {count} poses are to place the {self.what} anew: none are left to judge", file=source
             )
-        mine = np.zeros(count, dtype=bool)
-        mine[np.random.default_rng(self.seed).permutation(count)[:take]] = True
-        return mine[place], ~mine[place]
+        drawn = np.zeros(count, dtype=bool)
+        drawn[np.random.default_rng(self.seed).permutation(count)[:take]] = True
+        return drawn[index], ~drawn[index]
 
     def placed(self, robot: Robot, points: PointSet, source: str) -> Robot:
         """The robot with base and tool where points say; the robot itself is not touched.
@@ -122,10 +122,10 @@ class Refit:
         rotations = {}
         if points.rotation is not None:
             for k, name in enumerate(names):
-                mine = points.oriented() & (points.target == k)
-                if mine.any():
-                    seen = base[:3, :3].T @ points.rotation[mine]
-                    rotations[name] = frames.nearest_rotation((R[mine].transpose(0, 2, 1) @ seen).mean(axis=0))
+                mask = points.oriented() & (points.target == k)
+                if mask.any():
+                    R_base = base[:3, :3].T @ points.rotation[mask]
+                    rotations[name] = frames.nearest_rotation((R[mask].transpose(0, 2, 1) @ R_base).mean(axis=0))
         targets = dict(zip(names, local, strict=True))
         return robot.replace(T_world_base=base, targets=targets, target_rotations=rotations)
 
@@ -133,16 +133,16 @@ class Refit:
         self, base: FloatArray, local: FloatArray, R: FloatArray, p: FloatArray, points: PointSet, source: str
     ) -> FloatArray:
         """Gauss-Newton step: turn and shift of the base in the base link, then of each target in the tip link."""
-        here = p + np.einsum("mij,mj->mi", R, local[points.target])
+        at = p + np.einsum("mij,mj->mi", R, local[points.target])
         T = frames.inverse(base)
-        left = points.xyz @ T[:3, :3].T + T[:3, 3] - here
+        miss = points.xyz @ T[:3, :3].T + T[:3, 3] - at
         m, count = len(points), 6 + 3 * len(local)
         J = np.zeros((m, 3, count))
-        J[:, :, :3] = -_cross(here)
+        J[:, :, :3] = -_cross(at)
         J[:, :, 3:6] = np.eye(3)
         for k in range(len(local)):
-            mine = points.target == k
-            J[mine, :, 6 + 3 * k : 9 + 3 * k] = R[mine]
+            mask = points.target == k
+            J[mask, :, 6 + 3 * k : 9 + 3 * k] = R[mask]
         free = np.r_[np.full(6, self.base), np.full(count - 6, self.tool)]
         A = J.reshape(-1, count)[:, free]
         values = np.linalg.eigvalsh(A.T @ A)
@@ -153,7 +153,7 @@ class Refit:
                 file=source,
             )
         step = np.zeros(count)
-        step[free] = np.linalg.solve(A.T @ A, A.T @ left.ravel())
+        step[free] = np.linalg.solve(A.T @ A, A.T @ miss.ravel())
         return step
 
 
@@ -169,8 +169,8 @@ def _cross(p: FloatArray) -> FloatArray:
 def _tips(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]:
     """Tip rotations (m, 3, 3) and origins (m, 3) at the points in the base link, whatever they depend on."""
 
-    def at(place: FloatArray) -> FloatArray:
-        targets = dict.fromkeys(points.target_names, place)
+    def at(xyz: FloatArray) -> FloatArray:
+        targets = dict.fromkeys(points.target_names, xyz)
         return points.predicted(robot.replace(T_world_base=np.eye(4), targets=targets))
 
     p = at(np.zeros(3))
@@ -187,13 +187,13 @@ def _start(R: FloatArray, p: FloatArray, points: PointSet, source: str) -> Float
         M[:, k, 3 * k : 3 * k + 3] = y
         M[:, k, 9 + k] = 1.0
     for k in range(len(names)):
-        mine = points.target == k
-        M[mine, :, 12 + 3 * k : 15 + 3 * k] = -R[mine]
+        mask = points.target == k
+        M[mask, :, 12 + 3 * k : 15 + 3 * k] = -R[mask]
     A = M.reshape(3 * m, -1)
     if len(A) < A.shape[1]:
         raise MeasurementError(f"{points.poses} poses are too few to place base and tool anew", file=source)
-    found = np.linalg.lstsq(A, p.ravel(), rcond=None)[0]
-    W = frames.nearest_rotation(found[:9].reshape(3, 3))
+    solution = np.linalg.lstsq(A, p.ravel(), rcond=None)[0]
+    W = frames.nearest_rotation(solution[:9].reshape(3, 3))
     # with the rotation fixed, the translation once more
     shift = np.linalg.lstsq(A[:, 9:], (p - y @ W.T).ravel(), rcond=None)[0][:3]
     return frames.inverse(frames.transform(W, shift - W @ centre))
