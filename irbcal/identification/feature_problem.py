@@ -344,33 +344,19 @@ class FeatureProblem:
     def _by_terms(self, missed: Missed, chosen: IntArray) -> FloatArray:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
         group, path, misses = missed.group, missed.path, missed.found
-        pose = np.arange(len(group.rows))
-        situation = Situation(self.arm, self.motion.select(group.rows))
+        terms = [self.terms[k] for k in chosen]
+        values = basis_values(terms, Situation(self.arm, self.motion.select(group.rows)))
         out = np.zeros((len(chosen), *misses.r.shape))
-        for constant in (True, False):
-            where = np.flatnonzero(self.geometry[chosen] == constant)
-            if not len(where):
-                continue
-            terms = [self.terms[k] for k in chosen[where]]
-            values = np.ones((len(terms), len(pose))) if constant else basis_values(terms, situation)
-            if group.kind.pointed:
-                moves = term_columns(terms, chain.point_columns(path, missed.seen.p.T, pose, constant), values, pose)
-                out[where] = np.einsum("mki,cim->cmk", misses.point, moves, optimize=True)
-            if misses.turn is not None:
-                turns = term_columns(terms, chain.turn_columns(path, pose, constant), values, pose)
-                out[where] += np.einsum("mki,cim->cmk", misses.turn, turns, optimize=True)
+        if group.kind.pointed:
+            moves = term_columns(terms, path, values, missed.seen.p.T)
+            out += np.einsum("mki,cim->cmk", misses.point, moves, optimize=True)
+        if misses.turn is not None:
+            out += np.einsum("mki,cim->cmk", misses.turn, term_columns(terms, path, values), optimize=True)
         return out
 
     def points_by_terms(self, path: chain.Walk, p: FloatArray, motion: Motion) -> FloatArray:
         """Derivative of points p (m, 3) at some joints by all terms, shape (terms, 3, m), SI units."""
-        pose, situation = np.arange(len(p)), Situation(self.arm, motion)
-        out = np.zeros((len(self.terms), 3, len(p)))
-        for constant in (True, False):
-            where = np.flatnonzero(self.geometry == constant)
-            terms = [self.terms[k] for k in where]
-            values = basis_values(terms, situation)
-            out[where] = term_columns(terms, chain.point_columns(path, p.T, pose, constant), values, pose)
-        return out
+        return term_columns(self.terms, path, basis_values(self.terms, Situation(self.arm, motion)), p.T)
 
     def _flat_columns(self, J: FloatArray, missed: Missed) -> None:
         """Derivatives by base, tool and features into (columns, m, k), SI units."""

@@ -236,11 +236,7 @@ class Certainty:
         values = basis_values(self.terms, Situation(self.nominal, motion, self.gravity))
         history = np.array([t.basis in HISTORY for t in self.terms], dtype=bool)
         values[np.ix_(history, ~has_move)] = 1.0
-        constant = np.array([t.basis == "constant" for t in self.terms], dtype=bool)
-        for is_constant in (True, False):
-            rows = np.flatnonzero(constant == is_constant)
-            columns = chain.point_columns(path, p, np.arange(n), is_constant)
-            J[flat + rows] = term_columns([self.terms[k] for k in rows], columns, values[rows], np.arange(n))
+        J[flat:] = term_columns(self.terms, path, values, p)
         return J
 
     def predict(

@@ -103,16 +103,10 @@ class DeviceModel:
         q = self.arm.random_joints(SAMPLES, self.seed + 7)
         path = chain.walk(self.arm, q)
         p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], np.array(BALL))
-        pose, situation = np.arange(SAMPLES), Situation(self.arm, Motion(q))
         J = np.zeros((3 + len(self.terms), 3, SAMPLES))
         J[:3] = path.tip[:3] * FREE * MM
-        for constant in (True, False):
-            rows = np.flatnonzero([(term.family == "geometry") == constant for term in self.terms])
-            terms = [self.terms[k] for k in rows]
-            if terms:
-                by = np.ones((len(terms), SAMPLES)) if constant else basis_values(terms, situation)
-                columns = chain.point_columns(path, p, pose, constant=constant)
-                J[3 + rows] = term_columns(terms, columns, by, pose) * self.sizes[rows][:, None, None]
+        values = basis_values(self.terms, Situation(self.arm, Motion(q)))
+        J[3:] = term_columns(self.terms, path, values, p) * self.sizes[:, None, None]
         B = np.concatenate([-cross(p.T), np.broadcast_to(np.eye(3), (SAMPLES, 3, 3))], axis=2).reshape(-1, 6)
         across = J.transpose(0, 2, 1).reshape(len(J), -1)
         across = across - (across @ B) @ np.linalg.pinv(B)

@@ -18,7 +18,6 @@ from irbcal.identification.fit import certainty_of, choose_level, identify, iden
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import (
-    GEOMETRIC,
     THESIS_LEVELS,
     all_names,
     apply,
@@ -455,8 +454,7 @@ def test_terms_move_points_as_their_parameters_do(name):
     path = chain.walk(nominal, q)
     p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], place)
     term = term_of(item, nominal)
-    columns = chain.point_columns(path, p, np.arange(6), item.kind in GEOMETRIC)
-    found = term_columns([term], columns, basis_values([term], Situation(nominal, Motion(q))), np.arange(6))
+    found = term_columns([term], path, basis_values([term], Situation(nominal, Motion(q))), p)
     np.testing.assert_allclose(found[0].T, (there[0] - there[1]) / 2e-5, rtol=0, atol=1e-8)
 
 

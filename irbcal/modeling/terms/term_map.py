@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import bases, chain
@@ -211,31 +211,6 @@ class TermMap:
             out[rows] = chain.poses(chain.walk(calibrated, *self.split(motion.select(rows))))
         return out
 
-    def point_jacobian(self, path: chain.Walk, p: FloatArray, pose: IntArray, motion: Motion) -> FloatArray:
-        """Derivative of points of the tool by every coefficient.
-
-        Parameters
-        ----------
-        path : Walk
-            The calibrated arm with this map at the motion, see `irbcal.modeling.terms.chain.walk`.
-        p : ndarray, shape (3, m)
-            Points in the base link, metres.
-        pose : ndarray of int, shape (m,)
-        motion : Motion
-
-        Returns
-        -------
-        ndarray, shape (terms, 3, m)
-            Metres per unit of the coefficient.
-        """
-        columns = chain.point_columns(path, p, pose)
-        for j, slides in enumerate(self.arm.table.prismatic):
-            row = 5 if slides else 2
-            axis = path.z[j][:, pose]
-            columns[j, row] = axis if slides else np.cross(axis, p - path.o[j][:, pose], axis=0)
-        values = basis_values(self.terms, Situation(self.arm, motion, self.gravity))
-        return term_columns(self.terms, columns, values, pose)
-
     def to_json(self, ranges: FloatArray | None = None, test_motion: Motion | None = None) -> dict[str, Any]:
         """The map as a JSON object.
 
@@ -284,24 +259,39 @@ class TermMap:
         return TermMap(arm, tuple(read[0] for read in entries), np.array([term[1] for term in entries]), std, gravity)
 
 
-def term_columns(terms: Sequence[Term], columns: FloatArray, values: FloatArray, pose: IntArray) -> FloatArray:
-    """Columns of the frames' motions times the terms' functions.
+def term_columns(
+    terms: Sequence[Term], path: chain.Walk, values: FloatArray, p: FloatArray | None = None
+) -> FloatArray:
+    """Derivative of points of the tool, one a pose, by terms: the motions of the joints' frames times the functions.
 
     Parameters
     ----------
     terms : sequence of Term
-    columns : ndarray, shape (joints, 6, 3, m)
+        Constants of the geometry are errors of the DHM table.
+    path : Walk
     values : ndarray, shape (terms, n)
-    pose : ndarray of int, shape (m,)
+        Of the terms' functions.
+    p : ndarray, shape (3, n), optional
+        Points in the base link, metres. Without: by the tip's rotation vector.
 
     Returns
     -------
-    ndarray, shape (terms, 3, m)
+    ndarray, shape (terms, 3, n)
+        Metres, or radians, per unit of the coefficient.
     """
-    axes = [AXES.index(t.axis) for t in terms]
-    out = columns[[t.joint for t in terms], axes]
-    for k, term in enumerate(terms):
-        for joint in term.also:
-            out[k] += columns[joint, axes[k]]
-    out *= values[:, None, pose]
+    pose = np.arange(values.shape[1])
+    out = np.empty((len(terms), 3, len(pose)))
+    for constant in (True, False):
+        rows = [k for k, term in enumerate(terms) if (term.family == "geometry") is constant]
+        if not rows:
+            continue
+        columns = (
+            chain.turn_columns(path, pose, constant) if p is None else chain.point_columns(path, p, pose, constant)
+        )
+        axes = [AXES.index(terms[k].axis) for k in rows]
+        out[rows] = columns[[terms[k].joint for k in rows], axes]
+        for k, axis in zip(rows, axes, strict=True):
+            for joint in terms[k].also:
+                out[k] += columns[joint, axis]
+    out *= values[:, None]
     return out

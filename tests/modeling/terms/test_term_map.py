@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling.terms import bases, chain, families, term_map
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import AXES, Term
-from irbcal.modeling.terms.term_map import TermMap, basis_slopes
+from irbcal.modeling.terms.term_map import TermMap, basis_slopes, basis_values, term_columns
 from irbcal.modeling.terms.wobble import FAMILY as WOBBLE
 
 
@@ -52,8 +53,11 @@ def test_jacobian_of_points_by_coefficients():
         T = TermMap(model, found.terms, c).forward(model, motion)[pose]
         return np.einsum("mij,mj->im", T[:, :3, :3], local) + T[:, :3, 3].T
 
-    path = chain.walk(model, *found.split(motion))
-    J = found.point_jacobian(path, points(found.coefficients), pose, motion)
+    motion_of_points = motion.select(pose)
+    path = chain.walk(model, motion_of_points.q)
+    found = replace(found, coefficients=np.zeros(len(found.terms)))
+    values = basis_values(found.terms, Situation(model, motion_of_points))
+    J = term_columns(found.terms, path, values, points(found.coefficients))
     rng = np.random.default_rng(2)
     for _ in range(6):  # in random directions of all coefficients together
         step = np.array([t.size for t in found.terms]) * rng.standard_normal(len(found.terms))
