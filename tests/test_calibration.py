@@ -121,3 +121,13 @@ def test_figures_show_themselves_only(made):
     assert "record" not in shown
     assert "errors_by_pose" in shown
     assert len(repr(made.plot)) < 300
+
+
+def test_a_changed_record_has_another_robot(calibration_34):
+    """What was computed from a record is not that of its copy with another placement."""
+    record = calibration_34.record
+    robot = record.robot_calibrated()
+    assert record.robot_calibrated() is robot
+    changed = record.model_copy(update={"placement": record.placement_nominal}).robot_calibrated()
+    assert np.abs(changed.T_world_base - robot.T_world_base).max() > 1e-6
+    np.testing.assert_allclose(changed.T_world_base, record.robot_nominal().T_world_base, rtol=0, atol=1e-12)
