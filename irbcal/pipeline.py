@@ -37,8 +37,7 @@ from irbcal.identification.feature_fit import (
     shape_only,
 )
 from irbcal.identification.feature_problem import FeatureProblem, Key
-from irbcal.identification.fit import Choice as LevelChoice
-from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
+from irbcal.identification.fit import Fit, LevelChoice, certainty_of, choose_level, identify, identify_by
 from irbcal.identification.observation_kind import SHOWN
 from irbcal.identification.problem import session_names
 from irbcal.identification.term_sets import TypePrior
@@ -47,7 +46,6 @@ from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
 from irbcal.io.opening import CalibrationLike, calibration_at, open_nominal
 from irbcal.io.schema import (
     CertaintySection,
-    ChoiceSection,
     CovarianceSection,
     DataFile,
     Errors,
@@ -62,7 +60,6 @@ from irbcal.io.schema import (
     Objective,
     Observability,
     OriginSection,
-    ParameterSection,
     Placement,
     PlaceRow,
     PointTable,
@@ -1117,11 +1114,11 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
             value_mm=(fit.rms if fit.value is None else fit.value) / MM,
             lower_bound_mm=None if fit.lower_bound is None else fit.lower_bound / MM,
         ),
-        choice=_choice(done),
+        choice=EvidenceChoice.of(fit) if isinstance(fit, EvidenceFit) else done.choice,
         evidence=_evidence(done),
         rank=fit.rank,
         parameter_count=fit.parameter_count,
-        parameters=[ParameterSection.of(row) for row in fit.parameters()],
+        parameters=fit.parameters(),
         covariance=CovarianceSection.of(certainty.covariance),
         certainty=CertaintySection.of(
             certainty,
@@ -1160,13 +1157,6 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         seconds=time.perf_counter() - started,
     )
     return content.model_copy(update={"doubts": list(verdict_of(content).doubts)}), urdf_bytes
-
-
-def _choice(done: Proven) -> ChoiceSection | EvidenceChoice | None:
-    """How the model was chosen."""
-    if isinstance(done.fit, EvidenceFit):
-        return EvidenceChoice.of(done.fit)
-    return None if done.choice is None else ChoiceSection.model_validate(done.choice)
 
 
 def _evidence(done: Proven) -> EvidenceSection | None:

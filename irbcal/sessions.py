@@ -239,7 +239,7 @@ def without_gross_errors(
         if other is not None:
             reason = f"swapped: this is {other}, from where the robot expects both"
         target = points.target_names[points.target[k]]
-        excluded.append(Exclusion(str(points.pose_ids[points.pose[k]]), target, reason))
+        excluded.append(Exclusion(pose=str(points.pose_ids[points.pose[k]]), target=target, reason=reason))
     sentences = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
     if np.count_nonzero(wrong) >= data_entry_errors.FEWEST_ROWS and not sentences:
         lost = data_entry_errors.find_lost_row(arm, points)

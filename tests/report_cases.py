@@ -6,18 +6,16 @@ from collections import Counter
 import numpy as np
 from lxml import html
 
+from irbcal.identification.fit import Candidate, LevelChoice, ParameterReport
 from irbcal.io.schema import (
-    CandidateSection,
-    ChoiceSection,
     CorrelationSection,
     CovarianceSection,
     Errors,
-    ExclusionSection,
-    ParameterSection,
     PointTable,
     RotationStatistics,
     Statistics,
 )
+from irbcal.measurement.cleaning import Exclusion
 
 NASTY = "</title><script>alert(1)</script>$\\frac$<img src=x onerror=alert(2)>\"'&amp;{{ 7*7 }}]]>漢字"
 
@@ -78,12 +76,10 @@ def everywhere(calibration, name):
     placed = calibration.placement.model_copy(
         update={"targets": {name: [1.0, 2.0, 3.0]}, "target_quaternions": {name: [1.0, 0.0, 0.0, 0.0]}}
     )
-    candidate = CandidateSection(level="34", mean_mm=0.3, gain_mm=None, gain_std_mm=None, chosen=True, refused=name)
+    candidate = Candidate(level="34", mean_mm=0.3, gain_mm=None, gain_std_mm=None, chosen=True, refused=name)
     pair = CorrelationSection(first=name, second=name, coefficient=0.99)
     turned = RotationStatistics(n=1, mean_deg=0.0123456, sigma_deg=0.0, max_deg=0.0123456)
-    parameter = ParameterSection(
-        name=name, value=1.0, unit="mm", std=1.0, low=-1.0, high=3.0, state="tied", reason=name
-    )
+    parameter = ParameterReport(name=name, value=1.0, unit="mm", std=1.0, low=-1.0, high=3.0, state="tied", reason=name)
     errors = some_errors(0.3, (name, "b"), (name,), turned)
     return calibration.model_copy(
         update={
@@ -98,10 +94,10 @@ def everywhere(calibration, name):
             "model": name,
             "held": [name],
             "notes": [name],
-            "excluded": [ExclusionSection(pose=name, target=name, reason=name)],
+            "excluded": [Exclusion(pose=name, target=name, reason=name)],
             "parameters": [parameter],
             "method": name,
-            "choice": ChoiceSection(level="34", table=[candidate], explanation=name),
+            "choice": LevelChoice(level="34", table=[candidate], explanation=name),
             "observability": calibration.observability.model_copy(
                 update={"correlations": [pair], "indices": {name: 1.0}}
             ),

@@ -60,7 +60,7 @@ def test_what_was_made_is_what_is_loaded(made, folder):
     assert loaded.record.model_dump(exclude={"seal"}) == made.record.model_dump(exclude={"seal"})
     assert loaded.record.heldout.all.mean_mm < 0.05 * loaded.record.heldout_nominal.all.mean_mm
     content = json.loads((folder / "calibration.json").read_text())
-    assert content["joint_map"]["schema"] == "irbcal-joint-map-2"
+    assert content["joint_map"]["schema"] == "irbcal-joint-map-1"
     assert content["model"] == content["choice"]["level"] == "auto"
     assert content["held"] == content["observability"]["singular_values_mm"] == []
     assert content["history"] == {}
@@ -146,7 +146,7 @@ def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):
     assert printed["choice"]["level"] == "auto"
     assert sum(row["weight"] for row in printed["choice"]["table"]) == pytest.approx(1.0, abs=1e-9)
     page = (folder / "report.html").read_text()
-    for words in ("Groups of terms", "log evidence", "Joint ranges", "irbcal-joint-map-2"):
+    for words in ("Groups of terms", "log evidence", "Joint ranges", "irbcal-joint-map-1"):
         assert words in page
     assert "Groups of terms" in out
     assert len(irbcal.load(folder).summary().splitlines()) <= 40

@@ -6,9 +6,9 @@ import pytest
 import irbcal
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io import robots
-from irbcal.io.schema import ExclusionSection
+from irbcal.measurement.cleaning import Exclusion
 
-EXCLUDED = ExclusionSection(pose="1", target="smr1", reason="lost")
+EXCLUDED = Exclusion(pose="1", target="smr1", reason="lost")
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,7 @@ FLOORS = (
         "overwriting",
         "parallel",
         "reading",
+        "section",
         "templates",
     ),
     ("plotting", "modeling"),

@@ -23,11 +23,11 @@ from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
 from irbcal.io.schema import PoseSection
-from irbcal.io.section import Date, Fingerprint, Name, Section, Sentence, Sha256
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.options import shown
 from irbcal.reading import read_bytes
+from irbcal.section import Date, Fingerprint, Name, Section, Sentence, Sha256
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 

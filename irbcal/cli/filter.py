@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from irbcal.cli import program_words, show
-from irbcal.cli.program_words import NAMED
+from irbcal.cli.program_words import PROGRAM_FLAGS, PROGRAM_TEXTS, PROGRAM_TYPED
 from irbcal.cli.shared_options import Json
-from irbcal.cli.signature import MM, PLACE, Typed, command, numbers, public
+from irbcal.cli.signature import MM, PLACE, Typed, command, public
 
 if TYPE_CHECKING:
     from irbcal.correction.filtered import Filtered
@@ -19,16 +19,13 @@ if TYPE_CHECKING:
 @command(
     "correct",
     arguments=("calibration", "program"),
-    typed={
+    typed=PROGRAM_TYPED
+    | {
         "program": Typed(list[Path], "PATH"),
         "payload_place": PLACE,
         "path_tolerance": MM,
-        "pulses": numbers("P1,…,P6", 6),
-        "where": Typed(str, "J1,…,J6=X,Y,Z,O,A,T"),
-        "tool": Typed(list[str], NAMED),
-        "wobj": Typed(list[str], NAMED),
     },
-    flags={"wobj": "--wobj --frame"},
+    flags=PROGRAM_FLAGS,
     without=("out",),
     panels={
         "Everyday": ("allow_partial", "changes", "path_tolerance", "payload", "payload_place", "json"),
@@ -36,13 +33,7 @@ if TYPE_CHECKING:
         "Points": ("points", "re_express"),
         "Controllers": ("controller_model", "pulses", "where"),
     },
-    texts={
-        "tool": "A tool the program does not define: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or six numbers as the "
-        "language writes them.",
-        "wobj": "Likewise a work object (base, user frame) in the base frame.",
-        "where": "For poses of Kawasaki programs, what the controller shows at one place with null tool and base: "
-        "J1,J2,J3,J4,J5,J6=X,Y,Z,O,A,T.",
-    },
+    texts=PROGRAM_TEXTS,
 )
 def filter_program(
     options: dict[str, Any],
@@ -51,13 +42,8 @@ def filter_program(
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
     from irbcal.correction.filter import NotWritten
-    from irbcal.correction.languages import files_of
 
-    maker = files_of(options["program"])[0].MAKER
-    for name in ("tool", "wobj"):
-        options[name] = program_words.frames(options.get(name), f"--{name}", maker)
-    if "where" in options:
-        options["where"] = program_words.where(options["where"], maker)
+    program_words.read_frames(options, options["program"])
     refused, strict = False, options.get("strict", False)
     try:
         result = public("correct")(**options, out=out)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from irbcal.cli import show
 from irbcal.cli.shared_options import Json
+from irbcal.cli.signature import Typed, command, public
 
 if TYPE_CHECKING:
     from irbcal.measurement.imports.imported import Imported
@@ -26,29 +25,13 @@ def _show_preset(name: str | None) -> None:
         raise typer.Exit
 
 
+@command(
+    "import_measurements",
+    arguments=("sources",),
+    typed={"as_": Typed(str, "PRESET|MAP.yaml"), "set_": Typed(list[str], "KEY=VALUE")},
+)
 def import_files(
-    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE", help="Files of one kind.", show_default=False)],
-    as_: Annotated[
-        str, typer.Option("--as", metavar="PRESET|MAP.yaml", help="Which columns mean what.", show_default=False)
-    ],
-    out: Annotated[
-        Path | None, typer.Option(help="Measurement file to write (CSV).", metavar="FILE", show_default=False)
-    ] = None,
-    joints: Annotated[
-        Path | None,
-        typer.Option(
-            help="Joints where the sources hold points only: a program, or q1_deg …, optional pose, group, target.",
-            metavar="FILE",
-            show_default=False,
-        ),
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change the map, such as units.lengths=mm; may be repeated."),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show the first rows as they would be understood; write nothing.")
-    ] = False,
+    options: dict[str, Any],
     show_preset: Annotated[
         str | None,
         typer.Option(
@@ -97,44 +80,22 @@ def import_files(
     """
     from irbcal.measurement.imports.feature_rows import is_of_features
 
-    if out is None and not dry_run:
+    dry_run = options.get("dry_run", False)
+    if "out" not in options and not dry_run:
         raise typer.BadParameter("expected a file to write to, or --dry-run", param_hint="--out")
-    understand = _features if is_of_features(as_) else _points
-    understand(sources, as_, out, joints, set_ or (), dry_run, json)
+    sources = options.pop("sources")
+    if is_of_features(options["as_"]):
+        if "joints" in options:
+            raise typer.BadParameter("rows at features have their joints beside them", param_hint="--joints")
+        show.result(public("import_features")(*sources, **options), json)
+    else:
+        imported = public("import_measurements")(*sources, **options)
+        if json:
+            show.print_json(_summary(imported, dry_run))
+        else:
+            show.tell(imported.told())
     if dry_run and not json:
         show.say("Nothing was written: this was a dry run")
-
-
-def _points(
-    sources: list[Path], as_: str, out: Path | None, joints: Path | None, set_: Sequence[str], dry_run: bool, json: bool
-) -> None:
-    """Understand points, write, tell."""
-    from irbcal.errors import OptionError
-    from irbcal.measurement.imports.reader import import_measurements
-
-    try:
-        imported = import_measurements(*sources, as_=as_, out=out, joints=joints, set_=set_, dry_run=dry_run)
-    except OptionError as error:
-        raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
-    if json:
-        show.print_json(_summary(imported, dry_run))
-    else:
-        show.tell(imported.told())
-
-
-def _features(
-    sources: list[Path], as_: str, out: Path | None, joints: Path | None, set_: Sequence[str], dry_run: bool, json: bool
-) -> None:
-    """Understand rows at features, write, tell."""
-    from irbcal.measurement.imports.feature_rows import import_features
-
-    if joints is not None:
-        raise typer.BadParameter("rows at features have their joints beside them", param_hint="--joints")
-    imported = import_features(*sources, as_=as_, out=out, set_=set_, dry_run=dry_run)
-    if json:
-        show.print_json(imported.to_dict())
-    else:
-        show.tell(imported.told())
 
 
 def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:

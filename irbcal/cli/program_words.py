@@ -2,27 +2,50 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+from irbcal.cli.signature import Typed, numbers
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
     from irbcal.correction.maker import Maker
 
 
-def pulses(text: str | None) -> list[float] | None:
-    """Pulses per degree: numbers with commas between them."""
-    try:
-        return None if text is None else [float(value) for value in text.split(",")]
-    except ValueError:
-        raise typer.BadParameter(f"expected six numbers with commas, found {text!r}", param_hint="--pulses") from None
-
-
 NAMED = "NAME=…"
 """How a named frame is typed."""
+PROGRAM_TYPED = {
+    "pulses": numbers("P1,…,P6", 6),
+    "where": Typed(str, "J1,…,J6=X,Y,Z,O,A,T"),
+    "tool": Typed(list[str], NAMED),
+    "wobj": Typed(list[str], NAMED),
+}
+PROGRAM_FLAGS = {"wobj": "--wobj --frame"}
+PROGRAM_TEXTS = {
+    "tool": "A tool the program does not define: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or six numbers as the "
+    "language writes them.",
+    "wobj": "Likewise a work object (base, user frame) in the base frame.",
+    "where": "For poses of Kawasaki programs, what the controller shows at one place with null tool and base: "
+    "J1,J2,J3,J4,J5,J6=X,Y,Z,O,A,T.",
+}
+"""How tools, work objects and pulses of programs are typed, and their explanations."""
 LARGEST_MM = 1e6
 """Of a tool or work object; a kilometre is none."""
+
+
+def read_frames(options: dict[str, Any], program: Any) -> None:
+    """Read the tools, work objects and the place that were typed as the program's language writes them, in place."""
+    from irbcal.correction.languages import files_of
+
+    given = options.keys() & {"tool", "wobj", "where"}
+    if not given:
+        return
+    files = program if isinstance(program, list) else [] if program is None else [program]
+    maker = files_of(files)[0].MAKER if files else None
+    for name in given:
+        read = where(options[name], maker) if name == "where" else frames(options[name], f"--{name}", maker)
+        options[name] = read
 
 
 def frames(texts: list[str] | None, option: str, maker: Maker | None) -> dict[str, FloatArray]:
@@ -52,12 +75,10 @@ def frames(texts: list[str] | None, option: str, maker: Maker | None) -> dict[st
     return out
 
 
-def where(text: str | None, maker: Maker | None) -> tuple[FloatArray, FloatArray] | None:
+def where(text: str, maker: Maker | None) -> tuple[FloatArray, FloatArray]:
     """Joints in radians and the pose that a controller shows there, ``J1,…,J6=X,Y,Z,O,A,T``."""
     import numpy as np
 
-    if text is None:
-        return None
     try:
         pieces = [[float(value) for value in piece.split(",")] for piece in text.split("=")]
     except ValueError:

@@ -1,27 +1,22 @@
 """``irbcal samples``: example files for every command."""
 
-import shlex
-from pathlib import Path
-from typing import Annotated
+from __future__ import annotations
 
-import typer
+import shlex
+from typing import Any
 
 from irbcal.cli import show
 from irbcal.cli.shared_options import Json
+from irbcal.cli.signature import command, public
 
 
-def samples(
-    out: Annotated[Path, typer.Argument(metavar="DIR", help="New or empty folder.")] = Path("irbcal-samples"),
-    json: Json = False,
-) -> None:
+@command("samples", arguments=("folder",))
+def samples(options: dict[str, Any], json: Json = False) -> None:
     """Write small example files for every command, all SIMULATED, with the lines that try them."""
-    from irbcal.examples.samples import samples as write
-
-    written = write(out)
-    if json:
-        show.print_json(written.to_dict())
-        return
-    show.tell(written.told())
-    show.say("Next:")
-    show.say(f"  cd {shlex.quote(str(out))}", whole=True)
-    show.say(f"  {show.this_command()} calibrate measured.csv --robot my_robot.urdf --out my-robot", whole=True)
+    written = public("samples")(**options)
+    folder = shlex.quote(str(written.folder))
+    show.result(written, json)
+    if not json:
+        show.say("Next:")
+        show.say(f"  cd {folder}", whole=True)
+        show.say(f"  {show.this_command()} calibrate measured.csv --robot my_robot.urdf --out my-robot", whole=True)

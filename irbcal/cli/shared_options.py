@@ -10,20 +10,6 @@ import typer
 from irbcal.cli import show
 from irbcal.cli.signature import path_to_write
 
-BaseLink = Annotated[str | None, typer.Option(help="Base link of the arm.", show_default="base_link or the root")]
-TipLink = Annotated[
-    str | None,
-    typer.Option(help="Tip link of the arm.", show_default="tool0, flange, ee_link, tcp or the last link"),
-]
-Coupling = Annotated[
-    str | None,
-    typer.Option(
-        help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
-        show_default="that of the file beside the URDF",
-    ),
-]
-
-
 OutFile = Annotated[Path, typer.Option(parser=path_to_write, metavar="PATH", help="File to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 JsonLines = Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")]

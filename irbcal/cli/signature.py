@@ -137,6 +137,9 @@ def parameters_of(name: str) -> tuple[str, tuple[ApiParameter, ...]]:
     defaults: list[ast.expr | None] = [None] * (len(every) - len(node.args.defaults))
     pairs = [*zip(every, [*defaults, *node.args.defaults], strict=True)]
     pairs += zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True)
+    if node.args.vararg is not None:
+        node.args.vararg.annotation = ast.Name("list[Path]")
+        pairs.insert(0, (node.args.vararg, None))
     names = [argument.arg for argument, _ in pairs]
     out = []
     for argument, default in pairs:
@@ -230,7 +233,7 @@ def _texts(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
         re.MULTILINE,
     ):
         for name in entry[1].split(","):
-            yield name.strip(), (entry[2] or "", " ".join(entry[3].split()))
+            yield name.strip(" *"), (entry[2] or "", " ".join(entry[3].split()))
 
 
 def for_shells(text: str, names: Sequence[str]) -> str:
@@ -250,6 +253,8 @@ def _typed(parameter: ApiParameter) -> Typed:
         return Typed(Literal[choices], f"<{' | '.join(choices)}>")
     if "Sequence[str]" in kind:
         return Typed(list[str], "NAME")
+    if kind == "list[Path]":
+        return Typed(list[Path], None)
     for plain in (bool, int, float):
         if re.match(rf"{plain.__name__}\b", kind):
             return Typed(plain, None if plain is not bool else "")
@@ -264,6 +269,7 @@ def command(
     flags: Mapping[str, str] | None = None,
     panels: Mapping[str, Sequence[str]] | None = None,
     without: Sequence[str] = (),
+    optional: Sequence[str] = (),
     texts: Mapping[str, str] | None = None,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a command of a public function.
@@ -283,6 +289,8 @@ def command(
         for experts: --help-all shows them.
     without : sequence of str
         Parameters that are no options.
+    optional : sequence of str
+        Parameters that a shell may leave out although a function needs them.
     texts : dict of str to str, optional
         Explanations of parameters that a shell understands otherwise.
 
@@ -307,11 +315,11 @@ def command(
         hints = inspect.signature(function, eval_str=True).parameters
         kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
         hinted = [item for item in hints.values() if item.name != "options"]
-        shown, defaults = [], {}
+        shown = []
         for name, item in parameters.items():
             kind = kinds[name]
-            optional = item.default is not REQUIRED
-            default = None if not optional or item.default in (None, (), False) else kind.shown(item.default)
+            needed = item.default is REQUIRED and name not in optional
+            default = None if item.default in (REQUIRED, None, (), False) else kind.shown(item.default)
             text = (texts or {}).get(name) or _in_units(item.text, kind)
             panel = panel_of.get(name, EXPERT if panels else None)
             if name in arguments:
@@ -322,19 +330,17 @@ def command(
                     help=text,
                     show_default=default is not None,
                     metavar=kind.metavar,
-                    rich_help_panel=panel if optional else None,
+                    rich_help_panel=None if needed else panel,
                 )
             if kind.kind is bool:
                 default = False
-            if optional:
-                defaults[name] = default
-            annotation: Any = kind.kind if not optional or kind.kind is bool else kind.kind | None
+            annotation: Any = kind.kind if needed or kind.kind is bool else kind.kind | None
             annotation = Annotated[annotation, info]
             shown.append(
                 inspect.Parameter(
                     name,
                     inspect.Parameter.KEYWORD_ONLY,
-                    default=default if optional else REQUIRED,
+                    default=REQUIRED if needed else default,
                     annotation=annotation,
                 )
             )
@@ -346,17 +352,18 @@ def command(
             more.append(
                 inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HELP_ALL)
             )
+        more.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
         order = {name: k for k, name in enumerate([*arguments, *panel_of])}
         every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
 
         @functools.wraps(function)
-        def call(**values: Any) -> None:
+        def call(context: typer.Context, **values: Any) -> None:
             options, _ = {}, values.pop("help_all", None)
             for name, item in parameters.items():
                 value = values.pop(name)
-                if value is None or value == [] or value == defaults.get(name):
-                    continue  # the function's default
-                options[name] = kinds[name].read(value, flags.get(name, item.option))
+                source = context.get_parameter_source(name)
+                if source is not None and source.name != "DEFAULT":  # else the function's own
+                    options[name] = kinds[name].read(value, flags.get(name, item.option))
             with refusals(arguments, flags):
                 function(options, **values)
 
@@ -396,6 +403,28 @@ def _in_units(text: str, kind: Typed) -> str:
     if kind.metavar is None or kind.kind not in (float, str):
         return text
     return re.sub(r"\bmetres\b", "mm", re.sub(r"\bradians\b", "degrees", text))
+
+
+def for_function(api: str, options: Mapping[str, Any], words: str) -> None:
+    """Refuse options that a public function does not have.
+
+    Parameters
+    ----------
+    api : str
+    options : dict
+        As they were typed.
+    words : str
+        What to say of one that it does not have.
+
+    Raises
+    ------
+    OptionError
+        If there is one.
+    """
+    known = {item.name for item in parameters_of(api)[1]}
+    for name in options:
+        if name not in known:
+            raise OptionError(words, parameter=name)
 
 
 def public(name: str) -> Any:

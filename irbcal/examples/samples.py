@@ -42,7 +42,7 @@ class Samples(Speaks):
         return {"folder": str(self.folder), "simulated": True, "files": files}
 
 
-def samples(folder: str | Path) -> Samples:
+def samples(folder: str | Path = "irbcal-samples") -> Samples:
     """Write a small example input for every command and every import preset, all SIMULATED.
 
     Parameters

@@ -190,7 +190,7 @@ def _expected(record: Record, certainty: Certainty) -> Mapping[str, float]:
     out = {}
     for group in record.evidence.groups:
         of_group = np.array([term.group == group.name and not high_wave(name_of(term)) for term in terms], dtype=bool)
-        second_moment = (group.found or 0.0) ** 2 + (group.std or 0.0) ** 2
+        second_moment = group.estimate**2 + group.std**2
         share = float(moments[of_group].mean()) / second_moment if of_group.any() and second_moment > 0.0 else 1.0
         out[group.name] = group.size * min(1.0, share) ** 0.5
     return out

@@ -47,7 +47,7 @@ from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
-from irbcal.units import MM
+from irbcal.units import MM, UNIT_OUTSIDE
 
 FEWEST = 10
 """Poses below which there is nothing to compare."""
@@ -278,13 +278,12 @@ class Averaging:
 
     def _row(self, item: ComparedTermSet) -> TermSetResult:
         return TermSetResult(
-            item.term_set.name,
-            self.linear.flat + len(item.term_set.terms),
-            item.by_evidence.log_evidence,
-            item.weight,
-            None if item.by_fit is None else float(np.sqrt(item.by_fit.s2)) * MM,
-            item.loo,
-            item.term_set.bands,
+            name=item.term_set.name,
+            terms=self.linear.flat + len(item.term_set.terms),
+            log_evidence=item.by_evidence.log_evidence,
+            weight=item.weight,
+            sigma_mm=None if item.by_fit is None else np.sqrt(item.by_fit.s2),
+            leave_one_out_mm=None if item.loo is None else item.loo / MM,
         )
 
 
@@ -309,10 +308,23 @@ def groups_of(kept: list[ComparedTermSet], superset: Sequence[Term]) -> list[Gro
     out = []
     for name, (seen, *squared, weight) in totals.items():
         terms = members[name]
-        prior, found, std = np.sqrt(np.array(squared) / weight)
-        natural = {term.unit: term.size for term in terms}
+        size, estimate, std = np.sqrt(np.array(squared) / weight)
+        natural = {}
+        for term in terms:
+            base, slash, per = term.unit.partition("/")
+            outside, factor = UNIT_OUTSIDE.get(base, (base, 1.0))
+            natural[outside + slash + per] = term.size / factor
         out.append(
-            GroupResult(name, len(terms), float(seen), float(prior), terms[0].family, natural, float(found), float(std))
+            GroupResult(
+                name=name,
+                terms=len(terms),
+                seen=seen,
+                size=size,
+                family=terms[0].family,
+                natural=natural,
+                estimate=estimate,
+                std=std,
+            )
         )
     return out
 
@@ -555,7 +567,7 @@ def _with_type(
 
 def _scan(
     averaging: Averaging, linear: Linearisation, say: Progress
-) -> tuple[list[gears.GearFound], gears.Spectrum | None]:
+) -> tuple[list[gears.GearFound], gears.GearSpectrum | None]:
     """Frequencies beyond the best term set; their terms join the superset and all term sets with weight."""
     best = max(averaging.compared, key=lambda item: item.weight)
     if best.by_fit is None or best.term_set.bands:

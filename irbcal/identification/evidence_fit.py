@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -20,7 +20,7 @@ from irbcal.identification.evidence_maximisation import (
     worth_of_each,
 )
 from irbcal.identification.fit import ParameterReport, outer_reports
-from irbcal.identification.gear_scan import GearFound, Spectrum
+from irbcal.identification.gear_scan import GearFound, GearSpectrum
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
@@ -33,6 +33,7 @@ from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.section import Name, Section, Word
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 
@@ -43,8 +44,7 @@ COMPARED = 3000
 """Poses on which term sets are compared at most; those with weight are fitted to all."""
 
 
-@dataclass(frozen=True)
-class FamilyShown:
+class FamilyShown(Section):
     """A family of terms in the best choice of terms.
 
     Attributes
@@ -54,23 +54,23 @@ class FamilyShown:
         Number of its coefficients that the data determine.
     evidence : float
         Log evidence that is lost without it, nats.
-    moves : float
-        Root mean square distance by which the fitted points move without it, metres.
+    moves_mm : float
+        Root mean square distance by which the fitted points move without it.
     """
 
-    family: str
+    family: Word
     seen: float
     evidence: float
-    moves: float
+    moves_mm: float
 
     @property
     def shown(self) -> bool:
         """Whether it counts as there."""
-        return self.evidence >= NATS and self.moves >= LEAST
+        return self.evidence >= NATS and self.moves_mm * MM >= LEAST
 
     def in_words(self) -> str:
         """Name and size: ``gravity (0.213 mm)``."""
-        return f"{_word(self.family)} ({self.moves / MM:.3f} mm)"
+        return f"{_word(self.family)} ({self.moves_mm:.3f} mm)"
 
 
 def families_shown(
@@ -101,12 +101,15 @@ def families_shown(
     found = maximise_evidence(sums, flat, term_set.group, term_set.caps, t, start.variances, start.s2, expected=known)
     labels = [None if family == "geometry" else family for family in families]
     worth = worth_of_each(sums, found, flat, labels, term_set.group, term_set.caps, known)
-    return tuple(FamilyShown(str(name), w.determined, w.evidence, w.moves) for name, w in worth.items())
+    return tuple(
+        FamilyShown(family=name, seen=w.determined, evidence=w.evidence, moves_mm=w.moves / MM)
+        for name, w in worth.items()
+    )
 
 
 def sentence(families: Sequence[FamilyShown]) -> str:
     """What the data show and what not, in words."""
-    there = sorted((row for row in families if row.shown), key=lambda row: -row.moves)
+    there = sorted((row for row in families if row.shown), key=lambda row: -row.moves_mm)
     rest = [_word(row.family) for row in families if not row.shown]
     said = "Beside errors of the geometry the data show nothing."
     if there:
@@ -121,8 +124,7 @@ def _word(family: str) -> str:
     return "the thesis's joint map" if family == "thesis" else family.replace("_", "-")
 
 
-@dataclass(frozen=True)
-class TermSetResult:
+class TermSetResult(Section):
     """A choice of terms in the comparison.
 
     Attributes
@@ -134,24 +136,20 @@ class TermSetResult:
         Nats, of residuals in millimetres; differences matter.
     weight : float
         In the average.
-    sigma, loo : float or None
-        Residual standard deviation of a coordinate and root mean square length of the leave-one-pose-out residuals,
-        metres; of term sets with weight only, as averaged.
-    bands : bool
-        Whether it has long series of harmonics.
+    sigma_mm, leave_one_out_mm : float or None
+        Residual standard deviation of a coordinate and root mean square length of the leave-one-pose-out residuals; of
+        term sets with weight only, as averaged.
     """
 
-    name: str
+    name: Name
     terms: int
     log_evidence: float
     weight: float
-    sigma: float | None
-    loo: float | None
-    bands: bool
+    sigma_mm: float | None
+    leave_one_out_mm: float | None
 
 
-@dataclass(frozen=True)
-class GroupResult:
+class GroupResult(Section):
     """How much the data show of a group of terms.
 
     Attributes
@@ -164,22 +162,19 @@ class GroupResult:
         Prior standard deviation of its coefficients, in natural sizes, over the term sets that have it.
     family : str
     natural : dict of str to float
-        Natural size of its coefficients by their unit.
-    found, std : float
+        Natural size of its coefficients by their unit (deg, mm, 1, …).
+    estimate, std : float
         Root mean squares of its coefficients and of their standard deviations, in natural sizes.
     """
 
-    name: str
+    name: Name
     terms: int
     seen: float
     size: float
-    family: str
-    natural: Mapping[str, float]
-    found: float
+    family: Word
+    natural: dict[Word, float]
+    estimate: float
     std: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 @dataclass(frozen=True)
@@ -279,7 +274,7 @@ class EvidenceFit(Speaks):
         Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
     readings_projected : bool
         Whether that was so much that readings were taken before the arm stood still.
-    spectrum : Spectrum or None
+    spectrum : GearSpectrum or None
         What the gear scan saw; None where there was none.
     other_bases : dict of str to ndarray, shape (4, 4)
         Base in the measuring frame of each session but the last one; behind the target frames in the covariance.
@@ -317,7 +312,7 @@ class EvidenceFit(Speaks):
     usual_kg: float | None = None
     readings_gain: float | None = None
     readings_projected: bool = False
-    spectrum: Spectrum | None = None
+    spectrum: GearSpectrum | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
     type_prior: TypePriorResult | None = None
     level: Literal["auto"] = "auto"
@@ -506,7 +501,7 @@ class EvidenceFit(Speaks):
             f"{self.nominal.name}, model auto of terms {self.kind}: {self.rank} of {self.parameter_count} parameters "
             f"determined by {self.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
         )
-        models = [(r.name, r.terms, r.log_evidence, r.weight, _mm(r.sigma), _mm(r.loo)) for r in self.term_sets]
+        models = [(r.name, r.terms, r.log_evidence, r.weight, r.sigma_mm, r.leave_one_out_mm) for r in self.term_sets]
         groups = [(g.name, g.terms, g.seen, g.size) for g in self.groups]
         return (
             headline,
@@ -518,10 +513,10 @@ class EvidenceFit(Speaks):
         )
 
     def to_frame(self) -> pd.DataFrame:
-        """The parameters, a row each: name, value, unit, std, state and reason."""
+        """The parameters, a row each: name, value, unit, std, interval, state and reason."""
         import pandas as pd
 
-        return pd.DataFrame([asdict(row) for row in self.parameters()])
+        return pd.DataFrame([vars(row) for row in self.parameters()])
 
     @property
     def std(self) -> FloatArray:

@@ -7,7 +7,7 @@ parts of one linearisation, so that they cost no more than the last.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.section import Name, Section
 from irbcal.units import MM
 
 LOADS = ("payload", "torque")
@@ -43,8 +44,7 @@ TOGETHER: tuple[tuple[str, ...], ...] = (
 """Families that are added together, in this order; long series of harmonics and gears follow."""
 
 
-@dataclass(frozen=True)
-class Stage:
+class Stage(Section):
     """A fit with all families so far.
 
     Attributes
@@ -58,23 +58,22 @@ class Stage:
     carried : bool
         Whether the calibration has terms of such families; others, such as frame terms beside a joint map, are only
         tried.
-    loo : float
-        Root mean square distance of poses left out of the fit one at a time, metres; of points that the others
-        determine.
-    mean, largest : float or None
-        Distance of held-out points from the robot at use, which is warm, metres; None where none are held out.
-    timed : float or None
-        Mean distance with the warmth that the arm had at each held-out pose, metres; None where nothing is known of it.
+    leave_one_out_mm : float
+        Root mean square distance of poses left out of the fit one at a time; of points that the others determine.
+    mean_mm, max_mm : float or None
+        Distance of held-out points from the robot at use, which is warm; None where none are held out.
+    timed_mean_mm : float or None
+        Mean distance with the warmth that the arm had at each held-out pose; None where nothing is known of it.
     """
 
-    added: str
+    added: Name
     terms: int
     seen: float
     carried: bool
-    loo: float
-    mean: float | None
-    largest: float | None
-    timed: float | None
+    leave_one_out_mm: float
+    mean_mm: float | None
+    max_mm: float | None
+    timed_mean_mm: float | None
 
 
 def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = None) -> tuple[Stage, ...]:
@@ -121,17 +120,17 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
                 terms=count,
                 seen=float(got.gammas.sum()),
                 carried=carried,
-                loo=leave_one_out.rms_length(u[np.isfinite(u).all(axis=1)]) * MM,
-                mean=_of(errors, np.mean),
-                largest=_of(errors, np.max),
-                timed=None if timed is None else _of(timed, np.mean),
+                leave_one_out_mm=leave_one_out.rms_length(u[np.isfinite(u).all(axis=1)]),
+                mean_mm=_of(errors, np.mean),
+                max_mm=_of(errors, np.max),
+                timed_mean_mm=None if timed is None else _of(timed, np.mean),
             )
         )
     return tuple(out)
 
 
 def _of(errors: FloatArray, statistic: object) -> float | None:
-    return float(statistic(errors)) if len(errors) else None  # type: ignore[operator]
+    return float(statistic(errors)) / MM if len(errors) else None  # type: ignore[operator]
 
 
 def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
@@ -165,7 +164,7 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
 
 def _series(fit: EvidenceFit) -> int:
     """Highest order of the harmonics of the best choice of terms, if long series have most of the weight."""
-    long = [row for row in fit.term_sets if row.bands and row.weight > 0.0]
+    long = [row for row in fit.term_sets if "harmonics to " in row.name and row.weight > 0.0]
     if sum(row.weight for row in long) <= 0.5:
         return LOW
     words = max(long, key=lambda row: row.weight).name.split("harmonics to ")

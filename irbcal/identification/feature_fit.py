@@ -180,7 +180,8 @@ class FeatureFit(EvidenceFit):
         rows = super().parameters()
         if BASE in self.problem.layout:
             return rows
-        base = [replace(row, std=None, state="held", reason=BASE_REASON) for row in rows[:6]]
+        held = {"std": None, "low": None, "high": None, "state": "held", "reason": BASE_REASON}
+        base = [row.model_copy(update=held) for row in rows[:6]]
         return [*base, *rows[6:]]
 
     @property

@@ -9,7 +9,7 @@ Choosing a level: which error model do the data support.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -48,12 +48,15 @@ from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, l
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.options import checked
+from irbcal.section import Name, Section, Sentence, Word
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM, UNIT_OUTSIDE
 
 if TYPE_CHECKING:
     import pandas as pd
 
+NORMAL_95 = 1.959964
+"""Standard deviations of an interval that holds 95 % of a Gaussian's values."""
 ParameterState: TypeAlias = Literal["identified", "tied", "held"]
 
 REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
@@ -67,8 +70,7 @@ THROUGH = "acts only through stiffness_A and stiffness_B: held at the physical g
 """Why two of the four physical parameters of the stiffness are held (Nubiola 2011, section 5.4)."""
 
 
-@dataclass(frozen=True)
-class ParameterReport:
+class ParameterReport(Section):
     """One parameter as it is reported.
 
     Attributes
@@ -77,18 +79,22 @@ class ParameterReport:
     value, std : float
         At the surface's unit; ``std`` is None where the parameter was not identified by itself.
     unit : str
+    low, high : float or None
+        95 % interval.
     state : str
         ``identified``, ``tied`` (only a combination with others was seen) or ``held``.
     reason : str
         Why it is not simply identified, in words; empty otherwise.
     """
 
-    name: str
+    name: Name
     value: float
-    unit: str
+    unit: Word
     std: float | None
+    low: float | None
+    high: float | None
     state: ParameterState
-    reason: str
+    reason: Sentence
 
     @staticmethod
     def of(
@@ -96,8 +102,11 @@ class ParameterReport:
     ) -> ParameterReport:
         """A report from value and standard deviation in SI units."""
         outside, factor = UNIT_OUTSIDE.get(unit, (unit, 1.0))
-        std = None if std is None else float(std) / factor
-        return ParameterReport(name, float(value) / factor, outside, std, state, reason)
+        value, std = float(value) / factor, None if std is None else float(std) / factor
+        low, high = (None, None) if std is None else (value - NORMAL_95 * std, value + NORMAL_95 * std)
+        return ParameterReport(
+            name=name, value=value, unit=outside, std=std, low=low, high=high, state=state, reason=reason
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -212,7 +221,7 @@ class Fit(Speaks):
         import pandas as pd
 
         columns = ["name", "value", "unit", "std", "state", "reason"]
-        frame = pd.DataFrame([asdict(row) for row in self.parameters()], columns=columns)
+        frame = pd.DataFrame([vars(row) for row in self.parameters()], columns=columns)
         return frame.astype({"value": float, "std": float})
 
 
@@ -712,8 +721,7 @@ FIT_S = 1e-5
 """Seconds that a point takes in a fit."""
 
 
-@dataclass(frozen=True)
-class Candidate:
+class Candidate(Section):
     """Cross-validated error of one level.
 
     Attributes
@@ -735,11 +743,10 @@ class Candidate:
     gain_mm: float | None
     gain_std_mm: float | None
     chosen: bool
-    refused: str = ""
+    refused: Sentence = ""
 
 
-@dataclass(frozen=True, repr=False)
-class Choice(Speaks):
+class LevelChoice(Speaks, Section):
     """A chosen level with the comparison that led to it.
 
     Attributes
@@ -753,10 +760,7 @@ class Choice(Speaks):
 
     level: Level
     table: tuple[Candidate, ...]
-    explanation: str
-
-    def __post_init__(self) -> None:
-        lock(self)
+    explanation: Sentence
 
     def told(self) -> Sequence[Told]:
         """Which level and why; the levels compared; why some could not be."""
@@ -804,7 +808,7 @@ def choose_level(
     levels: Sequence[Level] | None = None,
     progress: Callable[[str], object] | None = None,
     known_targets: Mapping[str, ArrayLike] | None = None,
-) -> Choice:
+) -> LevelChoice:
     """Compare levels by cross-validation over poses and choose one.
 
     Going from small to large, a level replaces the one chosen so far only if it is better, pose by pose, by more
@@ -826,7 +830,7 @@ def choose_level(
 
     Returns
     -------
-    Choice
+    LevelChoice
 
     Raises
     ------
@@ -849,7 +853,10 @@ def choose_level(
         except (IdentificationError, RobotError) as error:
             if not table:
                 raise
-            table.append(Candidate(level, None, None, None, False, str(error)))
+            refusal = Candidate(
+                level=level, mean_mm=None, gain_mm=None, gain_std_mm=None, chosen=False, refused=str(error)
+            )
+            table.append(refusal)
             continue
         mean = float(errors.mean() / MM)
         better, gain, deviation = True, None, None
@@ -860,8 +867,8 @@ def choose_level(
             better = gain > deviation
         if better:
             chosen, best = level, errors
-        table.append(Candidate(level, mean, gain, deviation, better))
-    return Choice(chosen, tuple(table), _explain(chosen, table, len(count)))
+        table.append(Candidate(level=level, mean_mm=mean, gain_mm=gain, gain_std_mm=deviation, chosen=better))
+    return LevelChoice(level=chosen, table=tuple(table), explanation=_explain(chosen, table, len(count)))
 
 
 def _explain(chosen: Level, table: Sequence[Candidate], poses: int) -> str:

@@ -6,18 +6,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from irbcal import parallel
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification.evidence_maximisation import VARIANCE_CAP, NormalEquations, Posterior, maximise_evidence
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import TermSet
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.gear import HIGHEST, LOWEST, gear_terms
 from irbcal.modeling.terms.term import revolute
+from irbcal.section import Section
 
 MOST = 12
 """Largest number of frequencies that are taken."""
+THINNED = 3
+"""Cycles per turn of which the spectrum has the strongest one."""
 NUMBER_S = 1e-9
 """Seconds that one product of a wave and a column at a pose takes."""
 
@@ -43,29 +47,36 @@ class GearFound:
     evidence_gain: float
 
 
-@dataclass(frozen=True, eq=False)
-class Spectrum:
-    """What the scan saw before it took a frequency.
+class GearSpectrum(Section):
+    """What the gear scan saw before it took a wave, thinned: the strongest of every ``step`` cycles per turn.
 
-    Attributes
-    ----------
-    joints : tuple of int
-        From 0.
-    cycles : ndarray of int, shape (frequencies,)
-        Cycles per turn.
-    chi2 : ndarray, shape (joints, frequencies)
-        By how much each would explain the residuals, a pose counted as one vector, two degrees of freedom.
-    limit : float
-        Beyond it a frequency is not chance.
+    ``chi2`` has a row for each of ``joints`` (from 1): by how much a wave would explain the residuals, a pose counted
+    as one vector, two degrees of freedom; beyond ``limit`` it is not chance.
     """
 
-    joints: tuple[int, ...]
-    cycles: IntArray
-    chi2: FloatArray
+    joints: list[int]
+    first: int
+    step: int = Field(ge=1)
     limit: float
+    chi2: list[list[float]]
 
-    def __post_init__(self) -> None:
-        lock(self)
+    @model_validator(mode="after")
+    def _of_one_shape(self) -> GearSpectrum:
+        if len(self.chi2) != len(self.joints) or len({len(row) for row in self.chi2}) > 1:
+            raise ValueError("the gear spectrum needs a row of one length for each joint")
+        return self
+
+    @staticmethod
+    def of(joints: Sequence[int], first: int, chi2: FloatArray, limit: float) -> GearSpectrum:
+        """Of joints from 0: ``chi2``, shape (joints, frequencies), is that of each number of cycles from the first."""
+        strongest = np.maximum.reduceat(chi2, np.arange(0, chi2.shape[1], THINNED), axis=1)
+        return GearSpectrum(
+            joints=[joint + 1 for joint in joints],
+            first=first,
+            step=THINNED,
+            limit=round(limit, 3),
+            chi2=np.round(strongest, 1).tolist(),
+        )
 
 
 class WaveSums:
@@ -138,7 +149,7 @@ def scan(
     sums: NormalEquations,
     start: tuple[Posterior, Posterior],
     progress: Callable[[str], object] | None = None,
-) -> tuple[list[GearFound], Spectrum]:
+) -> tuple[list[GearFound], GearSpectrum]:
     """Take the strongest frequency while it is beyond chance and the log evidence grows.
 
     Beyond chance: ``chi2 > 2 ln(frequencies x joints) + 4``, of the residuals of the fit, a pose counted as one vector
@@ -159,7 +170,7 @@ def scan(
     -------
     found : list of GearFound
         In the order in which they were found.
-    spectrum : Spectrum
+    spectrum : GearSpectrum
     """
     joints = revolute(linear.problem.arm)
     cycles = np.arange(LOWEST, HIGHEST + 1)
@@ -197,4 +208,4 @@ def scan(
         if progress is not None:
             progress(f"joint {found.joint + 1}: {found.cycles_per_turn} per turn (log evidence +{gain:.1f})")
     assert first is not None
-    return out, Spectrum(tuple(joints), cycles, first, float(limit))
+    return out, GearSpectrum.of(joints, LOWEST, first, float(limit))

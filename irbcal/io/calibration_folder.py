@@ -24,14 +24,13 @@ from irbcal.errors import CalibrationError
 from irbcal.io import integrity, joint_origins
 from irbcal.io.integrity import contradictions, refuse_absurd
 from irbcal.io.schema import Record
-from irbcal.io.section import Section
 from irbcal.names import comment
 from irbcal.reading import read_bytes
+from irbcal.section import Section
 
 MOST_POINTS = 30_000
 """Points that stand in ``calibration.json`` at most."""
-SCHEMA, WITH_TABLES = "irbcal-calibration-1", "irbcal-calibration-2"
-"""What a file is called that holds all of it, and one with tables beside it: earlier versions refuse that name."""
+SCHEMA = "irbcal-calibration-1"
 TABLE_FILES = {"points": "calibration.points.parquet", "poses": "calibration.poses.parquet"}
 SIGN_COLUMN = "came_from"
 """A column of characters."""
@@ -55,7 +54,7 @@ def without_tables(record: Record) -> tuple[dict[str, Any], dict[str, bytes]]:
         return record.model_dump(mode="json"), {}
     files = {file: _parquet(getattr(record, name)) for name, file in TABLE_FILES.items()}
     references = {name: _reference(file, files[file]) for name, file in TABLE_FILES.items()}
-    document = record.model_dump(mode="json", exclude=set(TABLE_FILES)) | {"schema_name": WITH_TABLES} | references
+    document = record.model_dump(mode="json", exclude=set(TABLE_FILES)) | references
     return document, files
 
 
@@ -77,10 +76,15 @@ def with_tables(document: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
     CalibrationError
         If a table is missing, is not the one that the file names, or cannot be read.
     """
-    if document.get("schema_name") != WITH_TABLES:
+    if not _beside(document):
         return document
-    tables = {name: _read_table(document.get(name), folder, file) for name, file in TABLE_FILES.items()}
-    return {**document, **tables, "schema_name": SCHEMA}
+    return dict(document) | {name: _read_table(document.get(name), folder, file) for name, file in TABLE_FILES.items()}
+
+
+def _beside(document: Any) -> bool:
+    """Whether tables stand in files of their own."""
+    points = document.get("points") if isinstance(document, dict) else None
+    return isinstance(points, dict) and "file" in points
 
 
 def _reference(name: str, content: bytes) -> dict[str, str]:
@@ -432,4 +436,4 @@ def _content(data: bytes) -> tuple[dict[str, Any], bool]:
         content = json.loads(data)
     except (ValueError, RecursionError):
         return {}, False
-    return content, isinstance(content, dict) and content.get("schema_name") == WITH_TABLES
+    return content, _beside(content)

@@ -14,12 +14,12 @@ from pydantic import Field, PrivateAttr, StringConstraints, field_validator, mod
 
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.identification.evidence_fit import EvidenceFit, GroupResult
+from irbcal.identification.evidence_fit import EvidenceFit, FamilyShown, GroupResult, TermSetResult
 from irbcal.identification.explanation import Stage
-from irbcal.identification.fit import Fit, ParameterReport
-from irbcal.identification.gear_scan import Spectrum
+from irbcal.identification.fit import Fit, LevelChoice, ParameterReport
+from irbcal.identification.gear_scan import GearSpectrum
 from irbcal.io import urdf_check
-from irbcal.io.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
+from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.points import PointSet, rotation_distances
 from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.modeling import coupling, frames
@@ -34,6 +34,7 @@ from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import SCHEMA, TermMap
+from irbcal.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 
@@ -88,23 +89,6 @@ def _unpacked(factor: str, size: int) -> FloatArray:
     return C
 
 
-class ElsewhereSection(Section):
-    """Expected errors (rms, mm) at the poses of the fit and anywhere within the joint limits.
-
-    ``shares`` of its limits that each joint went through; ``difference_mm`` between the predictions of the calibrated
-    and the nominal robot anywhere; see `irbcal.modeling.elsewhere`.
-    """
-
-    shares: list[float]
-    here_mm: float
-    there_mm: float
-    difference_mm: float
-
-    def found(self) -> Elsewhere:
-        """What the section tells."""
-        return Elsewhere(np.array(self.shares), self.here_mm * MM, self.there_mm * MM, self.difference_mm * MM)
-
-
 class CertaintySection(Section):
     """What intervals of predictions need beside the covariance, and where they are valid.
 
@@ -116,18 +100,17 @@ class CertaintySection(Section):
     leave_one_out_mm: dict[Name, float | None]
     leave_fifths_out_mm: dict[Name, float | None]
     ranges: list[list[float]] = Field(min_length=2, max_length=2)
-    elsewhere: ElsewhereSection | None = None
+    elsewhere: Elsewhere | None = None
 
     @staticmethod
     def of(certainty: Certainty, coverage: Elsewhere | None) -> CertaintySection:
         """The section of what an identification knows."""
-        section = None if coverage is None else ElsewhereSection.from_result(coverage, shares=coverage.shares.tolist())
         assert certainty.ranges is not None
-        return CertaintySection.from_result(certainty, ranges=certainty.ranges.tolist(), elsewhere=section)
+        return CertaintySection.from_result(certainty, ranges=certainty.ranges.tolist(), elsewhere=coverage)
 
     def warning(self) -> str:
         """The warning of a calibration that is that of a corner of the workspace; else an empty text."""
-        return "" if self.elsewhere is None else self.elsewhere.found().in_words()
+        return "" if self.elsewhere is None else self.elsewhere.in_words()
 
 
 def in_mm(lengths: Mapping[str, Any]) -> dict[str, Any]:
@@ -140,156 +123,21 @@ def in_metres(lengths: Mapping[str, float | None]) -> dict[str, float | None]:
     return {name: None if value is None else value * MM for name, value in lengths.items()}
 
 
-NORMAL_95 = 1.959964
 PLACE_DIGITS, JOINT_DIGITS, QUATERNION_DIGITS = 6, 9, 12
 """Decimals of measured places (mm), joints (degrees, mm) and quaternions: far below what is measured."""
-THINNED = 3
-"""Cycles per turn of which the file has the strongest one."""
-
-
-class ExplainedStage(Section):
-    """A fit with all families so far, which the calibration has or (``carried`` false) which were only tried.
-
-    Of ``terms`` coefficients ``seen`` are determined by the data. Errors of poses that are left out of the fit one at a
-    time (rms) and of held-out poses, mm: of the warm robot as it is used, and with the warmth of each pose (``timed``).
-    """
-
-    added: Name
-    terms: int
-    seen: float
-    carried: bool
-    leave_one_out_mm: float
-    mean_mm: float | None
-    max_mm: float | None
-    timed_mean_mm: float | None
-
-    @staticmethod
-    def of(stage: Stage) -> ExplainedStage:
-        """The section of a stage."""
-        largest, timed = (None if value is None else value / MM for value in (stage.largest, stage.timed))
-        return ExplainedStage.from_result(stage, max_mm=largest, timed_mean_mm=timed)
-
-
-class GearSpectrum(Section):
-    """What the gear scan saw before it took a wave, thinned: the strongest of every ``step`` cycles per turn.
-
-    ``chi2`` has a row for each of ``joints`` (from 1); beyond ``limit`` a wave is not chance.
-    """
-
-    joints: list[int]
-    first: int
-    step: int = Field(ge=1)
-    limit: float
-    chi2: list[list[float]]
-
-    @model_validator(mode="after")
-    def _of_one_shape(self) -> GearSpectrum:
-        if len(self.chi2) != len(self.joints) or len({len(row) for row in self.chi2}) > 1:
-            raise ValueError("the gear spectrum needs a row of one length for each joint")
-        return self
-
-    @staticmethod
-    def of(spectrum: Spectrum | None) -> GearSpectrum | None:
-        """The section of a spectrum."""
-        if spectrum is None:
-            return None
-        starts = np.arange(0, len(spectrum.cycles), THINNED)
-        strongest = np.maximum.reduceat(spectrum.chi2, starts, axis=1)
-        return GearSpectrum(
-            joints=[joint + 1 for joint in spectrum.joints],
-            first=int(spectrum.cycles[0]),
-            step=THINNED,
-            limit=round(spectrum.limit, 3),
-            chi2=np.round(strongest, 1).tolist(),
-        )
-
-
-class FamilyRow(Section):
-    """A family in the best choice of terms: what is lost without it.
-
-    ``evidence`` in nats; ``moves_mm``: how far the fitted points move (rms); ``shown``: beyond doubt and not small.
-    """
-
-    family: Word
-    seen: float
-    evidence: float
-    moves_mm: float
-    shown: bool
-
-
-class CandidateSection(Section):
-    """A level in the comparison by cross-validation."""
-
-    level: Word
-    mean_mm: float | None
-    gain_mm: float | None
-    gain_std_mm: float | None
-    chosen: bool
-    refused: Sentence
-
-
-class ChoiceSection(Section):
-    """How the level was chosen."""
-
-    level: Word
-    table: list[CandidateSection]
-    explanation: Sentence
-
-
-class Dictionary(Section):
-    """An error model in the comparison by evidence: ``terms`` counts base and targets, too.
-
-    ``log_evidence`` is in nats; residual and leave-one-pose-out error (mm) are null for models without weight.
-    """
-
-    name: Name
-    terms: int
-    log_evidence: float
-    weight: float
-    sigma_mm: float | None
-    leave_one_out_mm: float | None
 
 
 class EvidenceChoice(Section):
     """Which error models were averaged."""
 
     level: Literal["auto"]
-    table: list[Dictionary]
+    table: list[TermSetResult]
     explanation: Sentence
 
     @staticmethod
     def of(fit: EvidenceFit) -> EvidenceChoice:
         """The comparison of a fit."""
-        rows = [Dictionary.from_result(row) for row in fit.term_sets]
-        return EvidenceChoice(level="auto", table=rows, explanation=fit.explanation())
-
-
-class GroupSection(Section):
-    """A group of terms with one variance: ``seen`` of its coefficients are determined by the data.
-
-    ``size`` is the standard deviation that its coefficients have before the data, in natural sizes; ``found`` and
-    ``std`` are the root mean squares of what was found and of its standard deviations, likewise. ``natural`` has the
-    natural sizes by unit (deg, mm, 1, …).
-    """
-
-    name: Name
-    terms: int
-    seen: float
-    size: float
-    family: Word
-    natural: dict[Word, float]
-    found: float
-    std: float
-
-    @staticmethod
-    def of(group: GroupResult) -> GroupSection:
-        """The section of a group."""
-        natural = {}
-        for unit, size in group.natural.items():
-            base, _, per = unit.partition("/")
-            outside, factor = UNIT_OUTSIDE.get(base, (base, 1.0))
-            natural[f"{outside}/{per}" if per else outside] = size / factor
-        return GroupSection.from_result(group, natural=natural)
+        return EvidenceChoice(level="auto", table=fit.term_sets, explanation=fit.explanation())
 
 
 class GearSection(Section):
@@ -316,11 +164,11 @@ class EvidenceSection(Section):
     sigma_mm: float
     leave_one_out_mm: dict[Name, float | None]
     leave_fifths_out_mm: dict[Name, float | None]
-    groups: list[GroupSection]
-    families: list[FamilyRow]
+    groups: list[GroupResult]
+    families: list[FamilyShown]
     gears: list[GearSection]
     spectrum: GearSpectrum | None
-    explained: list[ExplainedStage]
+    explained: list[Stage]
     warm_up_tau: float | None
     readings_gain: float | None
     readings_lag: bool
@@ -335,11 +183,8 @@ class EvidenceSection(Section):
         return EvidenceSection.from_result(
             fit,
             terms=fit.kind,
-            groups=[GroupSection.of(group) for group in fit.groups],
             gears=gears,
-            families=[FamilyRow.from_result(family) for family in fit.families],
-            spectrum=GearSpectrum.of(fit.spectrum),
-            explained=[ExplainedStage.of(stage) for stage in stages],
+            explained=stages,
             warm_up_tau=fit.tau,
             readings_lag=fit.readings_projected,
         )
@@ -469,7 +314,7 @@ class JointMapSection(Section):
     attitudes are those of the nominal robot (``robot.dhm_nominal``) at commanded joints.
     """
 
-    schema_name: Literal["irbcal-joint-map-2"] = Field(alias="schema")
+    schema_name: Literal["irbcal-joint-map-1"] = Field(alias="schema")
     inputs: list[Word]
     gravity: list[float] = Field(min_length=3, max_length=3)
     terms: list[TermEntry]
@@ -921,25 +766,6 @@ class JointOrigin(Section):
     calibrated: OriginSection
 
 
-class ParameterSection(Section):
-    """One identified, tied or held parameter; ``low`` to ``high`` is its 95 % interval."""
-
-    name: Name
-    value: float
-    unit: Word
-    std: float | None
-    low: float | None
-    high: float | None
-    state: Literal["identified", "tied", "held"]
-    reason: Sentence
-
-    @staticmethod
-    def of(row: ParameterReport) -> ParameterSection:
-        """A parameter of a fit, with its interval."""
-        ends = (None, None) if row.std is None else (row.value - NORMAL_95 * row.std, row.value + NORMAL_95 * row.std)
-        return ParameterSection(**vars(row), low=ends[0], high=ends[1])
-
-
 class Placement(Section):
     """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
 
@@ -1006,14 +832,6 @@ class SessionSection(Section):
 
     name: Name
     base: PoseSection
-
-
-class ExclusionSection(Section):
-    """A point that was left out, with the reason."""
-
-    pose: Name
-    target: Name
-    reason: Sentence
 
 
 class Objective(Section):
@@ -1119,11 +937,11 @@ class Record(Section):
     model: Word
     method: Word
     objective: Objective
-    choice: ChoiceSection | EvidenceChoice | None
+    choice: LevelChoice | EvidenceChoice | None
     evidence: EvidenceSection | None
     rank: int
     parameter_count: int
-    parameters: list[ParameterSection]
+    parameters: list[ParameterReport]
     covariance: CovarianceSection
     certainty: CertaintySection
     held: list[Sentence]
@@ -1148,7 +966,7 @@ class Record(Section):
     features: FeaturesSection | None
     points: PointTable
     poses: PoseTable
-    excluded: list[ExclusionSection]
+    excluded: list[Exclusion]
     notes: list[Sentence]
     doubts: list[Sentence]
     data: list[DataFile]

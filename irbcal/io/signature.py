@@ -20,8 +20,8 @@ from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io import calibration_folder, integrity
 from irbcal.io.calibration_folder import JSON_NAME, SIGNATURE_NAME, folder_of
-from irbcal.io.section import Base64, Section, Sha256
 from irbcal.reading import read_bytes
+from irbcal.section import Base64, Section, Sha256
 
 SCHEMA = "irbcal-signature-1"
 LARGEST = 10_000

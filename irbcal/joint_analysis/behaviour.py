@@ -510,7 +510,7 @@ def _cleaned(
     step = last_moves(measurements.joints(), _groups(rows))[numbers]
     # the moves are what is analysed: no model may take them off beforehand
     points = replace(cleaned.points, pose_ids=pose_names[numbers], previous=None)
-    excluded = [Exclusion(str(pose_names[int(x.pose)]), x.target, x.reason) for x in cleaned.excluded]
+    excluded = [x.model_copy(update={"pose": str(pose_names[int(x.pose)])}) for x in cleaned.excluded]
     return points, step, excluded, list(cleaned.notes)
 
 
@@ -522,7 +522,7 @@ def _groups(rows: pd.DataFrame) -> NameArray | None:
 
 def _far(exclusion: tuple[str, str, float], where: str) -> Exclusion:
     pose, target, off = exclusion
-    return Exclusion(pose, target, f"gross error: {off / MM:.3g} mm from {where}")
+    return Exclusion(pose=pose, target=target, reason=f"gross error: {off / MM:.3g} mm from {where}")
 
 
 def _named(source: str, function: Callable[..., T], *arguments: Any) -> T:

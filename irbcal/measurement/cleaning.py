@@ -16,6 +16,7 @@ from irbcal.measurement.own_tables import shared
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.registration import Registration, register
 from irbcal.measurement.table import MeasurementSet
+from irbcal.section import Name, Section, Sentence
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
@@ -35,8 +36,7 @@ MOVED = 0.05
 """Share of the poses with a wrong reference above which the user is told that it seems to have moved."""
 
 
-@dataclass(frozen=True)
-class Exclusion:
+class Exclusion(Section):
     """A point that was left out.
 
     Attributes
@@ -46,9 +46,9 @@ class Exclusion:
     reason : str
     """
 
-    pose: str
-    target: str
-    reason: str
+    pose: Name
+    target: Name
+    reason: Sentence
 
 
 class LeftOut(Protocol):
@@ -207,7 +207,7 @@ def clean(
     _mark_wrong_distances(rows, names)
     pose = shared(measurements)["pose"]
     excluded = tuple(
-        Exclusion(p, t, r)
+        Exclusion(pose=p, target=t, reason=r)
         for p, t, r in zip(pose[~rows.good], rows.target[~rows.good], rows.reason[~rows.good], strict=True)
     )
     keep = rows.tool & rows.good

@@ -7,13 +7,12 @@ through, and how the expected error grows at poses anywhere within the limits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
+from irbcal.section import Section
 from irbcal.units import MM
 
 POSES, SEED = 300, 0
@@ -36,27 +35,23 @@ show is far larger, but estimates that far off would lie as far from the nominal
 SIMULATED robots erred by at most 1.1 differences."""
 
 
-@dataclass(frozen=True, eq=False)
-class Elsewhere:
+class Elsewhere(Section):
     """Expected errors where a robot was measured and anywhere within its joint limits.
 
     Attributes
     ----------
-    shares : ndarray, shape (joints,)
+    shares : list of float
         Of its limits that each joint went through; of one turn where limits are wider or none.
-    here, there : float
-        Expected root mean square error of the first target at the poses of the fit and at random poses, metres.
-    difference : float
-        Between the predictions of the calibrated and the nominal robot at random poses, root mean square, metres.
+    here_mm, there_mm : float
+        Expected root mean square error of the first target at the poses of the fit and at random poses.
+    difference_mm : float
+        Between the predictions of the calibrated and the nominal robot at random poses, root mean square.
     """
 
-    shares: FloatArray
-    here: float
-    there: float
-    difference: float
-
-    def __post_init__(self) -> None:
-        lock(self)
+    shares: list[float]
+    here_mm: float
+    there_mm: float
+    difference_mm: float
 
     @property
     def share(self) -> float:
@@ -66,7 +61,7 @@ class Elsewhere:
     @property
     def narrow(self) -> bool:
         """Whether the calibration must not be trusted everywhere."""
-        return self.share < NARROW or self.there > GROWTH * self.here
+        return self.share < NARROW or self.there_mm > GROWTH * self.here_mm
 
     def in_words(self) -> str:
         """The warning, with numbers; an empty text where there is nothing to warn of."""
@@ -75,14 +70,14 @@ class Elsewhere:
         shares = ", ".join(f"{share:.0%}" for share in self.shares)
         text = (
             f"Calibrated only where measured: the joints of the fitted poses went through {shares} of their limits "
-            f"(joints 1 to {len(self.shares)}). Anywhere within the limits errors of {self.there / MM:.3f} mm (rms) or "
-            f"more must be expected, {self.there / self.here:.1f} times those at poses like the fitted ones "
-            f"({self.here / MM:.3f} mm)"
+            f"(joints 1 to {len(self.shares)}). Anywhere within the limits errors of {self.there_mm:.3f} mm (rms) or "
+            f"more must be expected, {self.there_mm / self.here_mm:.1f} times those at poses like the fitted ones "
+            f"({self.here_mm:.3f} mm)"
         )
-        if self.there > DOUBT * self.difference:
+        if self.there_mm > DOUBT * self.difference_mm:
             text += (
                 ". There it may be worse than the nominal robot, from whose predictions it differs by "
-                f"{self.difference / MM:.3f} mm (rms)"
+                f"{self.difference_mm:.3f} mm (rms)"
             )
         return f"{text}. Measure poses all over the workspace, or use it within these joint ranges only."
 
@@ -143,10 +138,10 @@ def elsewhere(robot: Robot, nominal: Robot, q: FloatArray, proof: FloatArray | N
     expected_here = _expected(robot, q[:: max(1, len(q) // POSES)], target)
     difference = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
     return Elsewhere(
-        shares=np.clip(went / (upper - lower), 0.0, 1.0),
-        here=expected_here,
-        there=min(_expected(robot, anywhere, target), expected_here + MOST * difference),
-        difference=difference,
+        shares=np.clip(went / (upper - lower), 0.0, 1.0).tolist(),
+        here_mm=expected_here / MM,
+        there_mm=min(_expected(robot, anywhere, target), expected_here + MOST * difference) / MM,
+        difference_mm=difference / MM,
     )
 
 

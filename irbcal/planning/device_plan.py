@@ -361,10 +361,10 @@ def device_plan(
     Parameters
     ----------
     robot : str, Path or calibration
-    device : str
-        See `irbcal.simulation.devices.DEVICES`.
+    device : {"balls", "string", "ballbar", "two-balls", "sockets", "ball", "camera", "plane"}
+        What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`.
     poses : int
-        In all.
+        In all, of a device.
     candidates : int
         Poses that they are chosen from, in all.
     acceptance : float, optional
@@ -374,7 +374,7 @@ def device_plan(
     approach : float
         Last part of the way to a feature, along the tool's axis, that must be free, metres.
     prior : float, optional
-        As for `irbcal.compare_devices`.
+        See `irbcal.compare_devices`.
     seed : int
     margin : float
         From the joint limits, radians.

@@ -384,35 +384,62 @@ def plan(
     Parameters
     ----------
     robot : str, Path or calibration
-        URDF, shipped robot, or calibration folder.
-    axis, cube, all_range : int, optional
-        Moves of one joint (18, 158 or 0), random poses in the ISO cube and in the whole range; 18, 52 and 50 unless
-        given, with ``optimal`` none.
-    optimal, candidates : int
-        Poses chosen out of so many candidates.
-    criterion, volume : str
-        What is best, ``position`` or ``D``; where predicted positions count, ``both``, ``cube`` or ``range``.
+        URDF, a robot's name (irbcal robots) or calibration folder.
+    axis : int, optional
+        Moves of one joint: three poses a joint (18), many (158) or none (0); 18 unless given, with ``optimal`` none.
+    cube : int, optional
+        Random poses in the ISO cube; 52 unless given, with ``optimal`` none.
+    all_range : int, optional
+        Random poses in the whole range; 50 unless given, with ``optimal`` none.
+    optimal : int
+        Poses chosen out of many candidates; other kinds then only where asked for.
+    candidates : int
+        Poses that ``optimal`` chooses from.
+    criterion : {"position", "D"}
+        What is best: predicted positions, or all parameters together (D).
+    volume : {"both", "cube", "range"}
+        Where predicted positions count.
     level : str, optional
-        Error model to plan for; that of a calibration without a wish unless given.
-    targets, tracker, margin, acceptance, min_height, without, package_dirs, base_link, tip_link, coupling
-        See `irbcal.planning.scene.open_scene`.
+        Error model to plan for: ``34`` unless given, ``placement`` for arms that it does not fit.
+    targets : str, Path, int, sequence of str or Targets, optional
+        Reflectors: a CSV (target, x_mm, y_mm, z_mm in the tip link and, at will, nx, ny, nz: where they look); how many
+        of the thesis tool's nine, or their names with commas. 3 unless given, or the calibration's.
+    tracker : array_like, shape (3,) or (4,), optional
+        Place in the base link, metres, and, at will, the turn of its axes about z, radians; as in the thesis's cell, or
+        as for the calibration, unless given.
     cube_centre, cube_edge : array_like of shape (3,) and float, optional
-        ISO cube in the base link; both or none.
+        ISO cube in the base link, metres, both or none: the largest cube in front unless given.
+    margin : float
+        From the joint limits, radians; on rails 10 mm a degree.
+    acceptance : float
+        Largest angle between reflector and beam, radians.
+    min_height : tuple of float, optional
+        Lowest z of tool and reflectors, in front (x from 150 mm) and at the back, metres: those of Nubiola 2011,
+        section 7.2, for the IRB 1600 unless given, none for others.
+    without : sequence of str
+        Conditions to switch off, of limits, height, acceptance, collision, sight and way.
     payload : float, optional
         Kilograms; goes into the plan's table.
     wait_s : float
         Rest before a measurement, seconds.
     references : int
-        References on the floor that are measured in each pose, too: they take time.
+        References on the floor to measure in each pose, too: they take time.
     speed : float
-        Of the tool, m/s.
-    noise, imagined, seed
-        See `irbcal.planning.wish.Wish`.
-    language : str, optional
-        Of the robot program: ``rapid``, ``krl``, ``fanuc``, ``urscript``, ``val3``, ``inform``, ``kawasaki``, or
-        ``csv`` for none; that of the robot's maker unless given, as far as the robot's name tells it.
+        Of the tool, metres a second.
+    noise : float
+        Standard deviation of a measured coordinate, metres.
+    imagined : float
+        Size of joint errors that no model describes, against which the criterion ``position`` guards, radians.
+    seed : int
+        Of the random poses.
+    language : {"rapid", "krl", "fanuc", "urscript", "val3", "inform", "kawasaki", "csv"}, optional
+        Of the robot program, ``csv`` for none: that of the robot's maker unless given, as far as its name tells it.
     pulses : sequence of float, optional
         Pulses per degree of the six joints, for Yaskawa jobs.
+    package_dirs : sequence of str or Path
+        Folders in which package:// names of meshes are looked up.
+    base_link, tip_link, coupling : str, optional
+        See `irbcal.planning.scene.open_scene`.
     progress : callable, optional
         Called with a text at the beginning of each step.
 
@@ -433,6 +460,11 @@ def plan(
     """
     if (cube_centre is None) != (cube_edge is None):
         raise OptionError("cube_centre and cube_edge go together", parameter="cube_centre")
+    if acceptance > 90 * DEG:
+        raise OptionError(
+            f"a reflector cannot be seen from behind: expected 90 degrees or less, found {acceptance / DEG:g}",
+            parameter="acceptance",
+        )
     number("optimal", optimal, 0, whole=True)
     usual = {"axis": FEW, "cube": 52, "all_range": 50} if not optimal else {}
     counts_given = {"axis": axis, "cube": cube, "all_range": all_range}

@@ -44,9 +44,17 @@ POSITION, FROM_FEATURE = "position error", "distance from feature"
 class DistanceStatistics(Protocol):
     """What figures say of distances, mm."""
 
-    mean_mm: float
-    sigma_mm: float
-    max_mm: float
+    @property
+    def mean_mm(self) -> float:
+        """Mean."""
+
+    @property
+    def sigma_mm(self) -> float:
+        """Standard deviation."""
+
+    @property
+    def max_mm(self) -> float:
+        """Largest."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

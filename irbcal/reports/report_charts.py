@@ -14,7 +14,9 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
-from irbcal.io.schema import EvidenceSection, ExplainedStage, GearSection, GearSpectrum, Observability, Record
+from irbcal.identification.explanation import Stage
+from irbcal.identification.gear_scan import GearSpectrum
+from irbcal.io.schema import EvidenceSection, GearSection, Observability, Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
@@ -97,7 +99,7 @@ def explained(record: Record) -> Chart:
     return Chart("explained", caption, [drawing], legend, columns=1)
 
 
-def _stage_words(stage: ExplainedStage, value: float, gain: float, k: int) -> str:
+def _stage_words(stage: Stage, value: float, gain: float, k: int) -> str:
     more = "" if k == 0 else "+ "
     return f"{more}{stage.added}: {fixed(value, 3)} mm ({max(gain, 0.0):.0f} seen)"
 

@@ -60,8 +60,8 @@ def families(section: EvidenceSection) -> list[dict[str, Any]]:
         terms = sum(group.terms for group in groups)
         natural = {unit: size for group in groups for unit, size in group.natural.items()}
         squares = {
-            name: sum(group.terms * (getattr(group, field) or 0.0) ** 2 for group in groups)
-            for name, field in (("expected", "size"), ("found", "found"), ("std", "std"))
+            name: sum(group.terms * getattr(group, field) ** 2 for group in groups)
+            for name, field in (("expected", "size"), ("found", "estimate"), ("std", "std"))
         }
         out.append(
             {

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from irbcal.io.schema import ExclusionSection, ParameterSection, Record, RobotSection
+from irbcal.identification.fit import ParameterReport
+from irbcal.io.schema import Record, RobotSection
 from irbcal.joint_analysis.residuals import needed_by_residuals, residual_terms_table
+from irbcal.measurement.cleaning import Exclusion
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
 from irbcal.modeling.terms.gear import in_words
@@ -149,7 +151,7 @@ def verdict(calibration: Record) -> list[str]:
 # --- tables ----------------------------------------------------------------------------------------------
 
 
-def _states(parameters: Sequence[ParameterSection]) -> dict[str, int]:
+def _states(parameters: Sequence[ParameterReport]) -> dict[str, int]:
     return {s: sum(p.state == s for p in parameters) for s in ("identified", "tied", "held")}
 
 
@@ -192,7 +194,7 @@ def _coefficients(joint_map: JointMap) -> list[tuple[str, float, str, float | No
     return rows + [(name, float(value), "rad", float(value) / DEG) for name, value in zip(symbols, angles, strict=True)]
 
 
-def _left_out(excluded: Sequence[ExclusionSection]) -> dict[str, Any]:
+def _left_out(excluded: Sequence[Exclusion]) -> dict[str, Any]:
     """Counts by kind of reason, and one line for each pose and reason in the order of the file."""
     counts: dict[str, int] = {}
     lines: dict[tuple[str, str], list[str]] = {}

@@ -179,9 +179,8 @@ def simulate_device(
     ----------
     robot : str or Path
         As for `irbcal.simulate`.
-    device : str
-        ``balls``, ``sockets``, ``ballbar``, ``string``, ``ball``, ``two-balls``, ``camera`` or ``plane``; see
-        `irbcal.simulation.devices.DEVICES`.
+    device : {"balls", "string", "ballbar", "two-balls", "sockets", "ball", "camera", "plane"}
+        What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`.
     random : int
         Number of poses, shared out among the device's features.
     seed, robot_seed : int

@@ -273,33 +273,41 @@ def simulate(
     Parameters
     ----------
     robot : str or Path
-        URDF of the nominal robot, a name, such as ``irb1600`` (tuned on the thesis), or a calibration folder.
+        URDF of the nominal robot, a name, such as irb1600 (tuned on the thesis) or irb120, or a calibration folder.
     plan : str, Path, DataFrame, Plan or array_like of shape (n, joints), optional
-        Joints or poses to command, or a robot program (docs/programs.md) of which the stops are measured; see
-        `irbcal.simulation.pose_list.taken`.
+        Robot program (docs/programs.md) of which the stops are measured, or a table of joints (q1_deg …) or poses
+        (x_mm … qz), such as a plan; optional columns pose, group, cycle, targets (names with spaces between them),
+        wait_s; see `irbcal.simulation.pose_list.taken`.
     random : int, optional
         In place of a plan, that many random poses in the tracker's sight.
-    seed, robot_seed : int
-        Of the run: noise, repeatability, lost points, random poses; and of the robot's own errors.
+    seed : int
+        Of the run: noise, repeatability, lost points, random poses.
+    robot_seed : int
+        Of the robot's own errors: another number is another robot.
     payload : float, optional
         Mass on the flange, kg; 3 unless given, less for smaller arms. Where it is given, its centre is told, too.
-    only, without : sequence of str, optional
-        Only these effects (none at all if empty), or all but these; names as in `irbcal.simulation.effects.NAMES`.
+    only : sequence of str, optional
+        Only these effects, none at all if empty; names as in `irbcal.simulation.effects.NAMES`.
+    without : sequence of str, optional
+        All effects but these.
     also : sequence of str, optional
-        Effects to switch on that the cell of the thesis leaves off, such as ``reading_lag``.
+        Effects to switch on that the cell of the thesis leaves off: reading_lag, bending, gear, wobble, direction,
+        move, thaw.
     cell : {"thesis", "realistic"}
-        A robot with the thesis's errors, or with those that measured robots show.
+        A robot with the thesis's errors, or with those that measured robots show: weight at all joints, harmonic
+        drives, wobbling bearings, warm-up, direction of approach, early readings.
     targets : int or sequence of str
         How many of the tool's nine reflectors, or their names.
     tracker : array_like, shape (3,), optional
         Place of the tracker in the base link, metres.
     wait : float
         Seconds between stop and measurement, where the plan does not say.
-    wanted, calibration : optional
-        The program before it was filtered (file or DataFrame), and the calibration it was filtered with (folder or
-        loaded): tells how far the robot ends from where the program wanted it.
+    wanted : str, Path or DataFrame, optional
+        The program before it was filtered: tells how far the robot ends from it.
+    calibration : str, Path or Calibration, optional
+        With ``wanted``: the calibration it was filtered with.
     tool, wobj, pulses, where : optional
-        What robot programs need and do not say, as for `irbcal.correct`.
+        See `irbcal.correct`.
     base_link, tip_link : str, optional
         Links of the URDF; by default as `irbcal.read_urdf` chooses them.
     coupling : str, optional

@@ -9,7 +9,7 @@ column ``group``, rows of ``iso9283`` are the cycles of pose accuracy and repeat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -329,7 +329,7 @@ class PoseCheck(Speaks):
         return {
             "subject": self.subject,
             "models": models,
-            "excluded": [asdict(point) for point in self.excluded],
+            "excluded": [vars(point) for point in self.excluded],
             "notes": list(self.notes),
             "simulated": self.simulated,
         }

@@ -160,7 +160,7 @@ def prepare(
         cleaned = cleaning.clean(numbered, calibration.reference_places() or None, known_targets)
     points = as_poses(cleaned.points, measurements.source, shape)[0] if shape else cleaned.points
     number = points.pose_ids.astype(int)
-    excluded = tuple(replace(point, pose=str(names[int(point.pose)])) for point in cleaned.excluded)
+    excluded = tuple(point.model_copy(update={"pose": str(names[int(point.pose)])}) for point in cleaned.excluded)
     return CleanedPoints(
         replace(points, pose_ids=names[number]), number, measurements, excluded, (*notes, *cleaned.notes)
     )

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from irbcal.identification.evidence_fit import models_table
-from irbcal.io.schema import Errors, EvidenceChoice, ParameterSection, Record
+from irbcal.identification.fit import ParameterReport
+from irbcal.io.schema import Errors, EvidenceChoice, Record
 from irbcal.measurement.cleaning import left_out
 from irbcal.summary import Cell, Table, Told
 from irbcal.validation.evaluation import statistics_table
@@ -14,7 +15,7 @@ from irbcal.validation.evaluation import statistics_table
 DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 
 
-def parameter_row(row: ParameterSection) -> tuple[Cell, ...]:
+def parameter_row(row: ParameterReport) -> tuple[Cell, ...]:
     """A parameter for a table: name, value, standard deviation, unit, state."""
     digits = DIGITS.get(row.unit, 6)
     std = "–" if row.std is None else f"{row.std:.{digits}f}"

@@ -5,6 +5,8 @@ from typer.testing import CliRunner
 
 from irbcal.cli import signature
 from irbcal.cli.main import app
+from irbcal.errors import OptionError
+from irbcal.planning import device_plan, measuring_plan
 from irbcal.units import DEG, MM
 
 
@@ -38,3 +40,23 @@ def test_options_for_experts_are_shown_on_request():
     assert "│ --power " in whole
     assert "bool" not in whole
     assert "nelder-mead" in whole, "choices come from the docstring"
+
+
+def test_what_is_typed_is_passed_on_even_where_it_is_the_default(monkeypatch):
+    """30 degrees are the default for reflectors, not for strings."""
+    given = {}
+
+    def stop(name):
+        def call(*_, **options):
+            given[name] = options
+            raise OptionError("enough", parameter="seed")
+
+        return call
+
+    monkeypatch.setattr(device_plan, "device_plan", stop("device"))
+    monkeypatch.setattr(measuring_plan, "plan", stop("plan"))
+    words = ["plan", "--robot", "irb120", "--out", "unused"]
+    for more in (["--device", "string", "--acceptance", "30"], []):
+        assert CliRunner().invoke(app, [*words, *more]).exit_code == 2
+    assert given["device"]["acceptance"] == pytest.approx(30 * DEG, abs=1e-15)
+    assert set(given["plan"]) == {"robot", "progress"}

@@ -180,10 +180,10 @@ def test_refusals_and_wrong_calls(tmp_path, plan):
     assert "unknown target 'nose': targets are smr1" in refused(plan, *common, "--targets", "nose")
     assert "robot file 'kuka' does not exist" in refused(plan, "--robot", "kuka", "--out", tmp_path / "m.csv")
     assert "missing" in wrong_call(plan, "--robot", "irb1600")
-    assert "either a program or plan, or --random" in wrong_call(*common)
+    assert "either a plan or a number of random poses" in wrong_call(*common)
     assert "exclude each other" in wrong_call(plan, *common, "--only", "noise", "--without", "lost")
     assert "go together" in wrong_call(plan, *common, "--wanted", plan)
-    assert "expected x,y,z in mm" in wrong_call(plan, *common, "--tracker", "1,2")
+    assert "expected 3 numbers" in wrong_call(plan, *common, "--tracker", "1,2")
     assert "expected 1 to 9 targets" in wrong_call(plan, *common, "--targets", "12")
     assert not (tmp_path / "m.csv").exists()
 

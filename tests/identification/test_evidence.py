@@ -115,11 +115,11 @@ def test_the_average_is_the_weighted_sum_of_its_dictionaries():
     assert sum(weights) == pytest.approx(1.0)
     assert sum(w > 0.0 for w in weights) > 1
     for row in found.term_sets:
-        assert (row.sigma is None) == (row.loo is None) == (row.weight == 0.0)
+        assert (row.sigma_mm is None) == (row.leave_one_out_mm is None) == (row.weight == 0.0)
     # the average of residual variances, and left-out residuals that no dictionary alone need have
     kept = [row for row in found.term_sets if row.weight]
     assert found.sigma**2 == pytest.approx(sum(row.weight * row.sigma**2 for row in kept), rel=1e-9)
-    assert found.loo[""] <= max(row.loo for row in kept)
+    assert found.loo[""] <= max(row.leave_one_out_mm for row in kept) * MM
 
 
 def test_left_out_residuals_grow_by_the_coordinate_that_was_projected_out():
@@ -175,14 +175,14 @@ def test_log_evidences_of_an_irb120(irb120_commands):
         assert rows[columns].log_evidence == pytest.approx(value, abs=6.0)
         if rows[columns].weight:
             assert rows[columns].sigma / MM == pytest.approx(sigma, rel=0.03)
-            assert rows[columns].loo / MM == pytest.approx(loo, rel=0.03)
+            assert rows[columns].leave_one_out_mm == pytest.approx(loo, rel=0.03)
     assert rows[352].weight == pytest.approx(0.92, abs=0.05)
     assert rows[232].weight == pytest.approx(0.07, abs=0.05)
     found = irb120_commands.first(200, terms="joint-map", gear_scan=False)
     rows = {row.terms: row for row in found.term_sets}
     assert rows[159].log_evidence == pytest.approx(855.9, abs=4.0)
     assert rows[159].sigma / MM == pytest.approx(0.0356, rel=0.02)
-    assert rows[159].loo / MM == pytest.approx(0.0700, rel=0.02)
+    assert rows[159].leave_one_out_mm == pytest.approx(0.0700, rel=0.02)
     assert rows[159].weight == pytest.approx(0.98, abs=0.02)
 
 

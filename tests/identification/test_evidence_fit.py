@@ -303,12 +303,16 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
             for name in points.target_names
         ]
     )
-    assert rows["direction"].moves == pytest.approx(np.sqrt(np.mean(np.sum(change**2, axis=1))), rel=0.2)
+    assert rows["direction"].moves_mm == pytest.approx(np.sqrt(np.mean(np.sum(change**2, axis=1))) / MM, rel=0.2)
+
+
+def shown(family, evidence, moves_mm):
+    return FamilyShown(family=family, seen=3.0, evidence=evidence, moves_mm=moves_mm)
 
 
 def test_sentences():
-    there = FamilyShown("gravity", 12.3, 500.0, 0.2134 * MM), FamilyShown("warm_up", 3.0, 9.0, 0.0051 * MM)
-    small, doubtful = FamilyShown("move", 3.0, 90.0, 0.001 * MM), FamilyShown("thesis", 3.0, 4.0, 1.0 * MM)
+    there = shown("gravity", 500.0, 0.2134), shown("warm_up", 9.0, 0.0051)
+    small, doubtful = shown("move", 90.0, 0.001), shown("thesis", 4.0, 1.0)
     assert sentence([*reversed(there), small, doubtful]) == (
         "What the data show beside errors of the geometry (in brackets, how far points move if a model does without): "
         "gravity (0.213 mm), warm-up (0.005 mm). Not shown: move, the thesis's joint map."

@@ -51,27 +51,27 @@ def test_the_families_that_are_there_explain_and_others_do_not(weighed):
         "gears (1)",
         "bending, wobble: terms all",
     ]
-    assert found["geometry"].mean > 3 * found["gravity, gain"].mean
-    assert found["harmonics to 2"].mean == pytest.approx(found["gravity, gain"].mean, rel=0.1)
-    assert found["direction, move"].mean == pytest.approx(found["gravity, gain"].mean, rel=0.1)
-    assert found["gears"].mean < 0.6 * found["direction, move"].mean
-    assert found["bending, wobble: terms all"].mean == pytest.approx(found["gears"].mean, rel=0.2)
-    assert found["gears"].mean < 2.0 * NOISE
+    assert found["geometry"].mean_mm > 3 * found["gravity, gain"].mean_mm
+    assert found["harmonics to 2"].mean_mm == pytest.approx(found["gravity, gain"].mean_mm, rel=0.1)
+    assert found["direction, move"].mean_mm == pytest.approx(found["gravity, gain"].mean_mm, rel=0.1)
+    assert found["gears"].mean_mm < 0.6 * found["direction, move"].mean_mm
+    assert found["bending, wobble: terms all"].mean_mm == pytest.approx(found["gears"].mean_mm, rel=0.2)
+    assert found["gears"].mean_mm < 2.0 * NOISE / MM
     assert [stage.carried for stage in stages] == [True] * 5 + [False]
-    assert all(stage.largest > stage.mean for stage in stages)
+    assert all(stage.max_mm > stage.mean_mm for stage in stages)
     assert [stage.terms for stage in stages] == sorted(stage.terms for stage in stages)
     # poses of another run: nothing is known of how warm the arm was
-    assert all(stage.timed is None for stage in stages)
+    assert all(stage.timed_mean_mm is None for stage in stages)
     # leave-one-out and held-out errors tell the same; that is a root mean square
     for stage in stages[:2]:
-        assert stage.loo == pytest.approx(stage.mean, rel=0.5)
+        assert stage.leave_one_out_mm == pytest.approx(stage.mean_mm, rel=0.5)
 
 
 def test_the_last_stage_is_about_what_the_calibration_is(weighed):
     _, fit, heldout = weighed
     found = by_words(explain(fit, heldout))
-    own = float(distances(fit.robot, heldout).mean())
-    assert found["gears"].mean == pytest.approx(own, abs=0.003 * MM)
+    own = float(distances(fit.robot, heldout).mean()) / MM
+    assert found["gears"].mean_mm == pytest.approx(own, abs=0.003)
 
 
 def test_warmth_is_told_apart_from_use():
@@ -83,9 +83,9 @@ def test_warmth_is_told_apart_from_use():
     fit = identify_evidence(truth.nominal, points.select(~aside), motion.select(~aside))
     stages = explain(fit, points.select(aside), motion.elapsed[aside])
     last = by_words(stages)["warm-up"]
-    assert last.timed < 3 * NOISE
-    assert last.mean > 2 * last.timed
-    assert all(stage.timed is None for stage in stages[: stages.index(last)])
+    assert last.timed_mean_mm < 3 * NOISE / MM
+    assert last.mean_mm > 2 * last.timed_mean_mm
+    assert all(stage.timed_mean_mm is None for stage in stages[: stages.index(last)])
 
 
 def test_the_time_constant_of_the_warm_up_is_found():
@@ -104,9 +104,9 @@ def test_nothing_held_out_leaves_the_poses_that_are_left_out_one_at_a_time(weigh
     _, fit, heldout = weighed
     none = heldout.select(np.zeros(heldout.poses, dtype=bool))
     for stage, other in zip(explain(fit, none), explain(fit, heldout), strict=True):
-        assert stage.mean is None
-        assert stage.largest is None
-        assert stage.loo == other.loo
+        assert stage.mean_mm is None
+        assert stage.max_mm is None
+        assert stage.leave_one_out_mm == other.leave_one_out_mm
 
 
 def test_targets_that_the_fit_never_saw_do_not_count(weighed):
@@ -114,7 +114,7 @@ def test_targets_that_the_fit_never_saw_do_not_count(weighed):
     names = (*heldout.target_names[:-1], "another")
     fewer = explain(fit, replace(heldout, target_names=names))
     known = heldout.take(heldout.target != len(names) - 1)
-    assert [stage.mean for stage in fewer] == [stage.mean for stage in explain(fit, known)]
+    assert [stage.mean_mm for stage in fewer] == [stage.mean_mm for stage in explain(fit, known)]
 
 
 def test_what_was_expected_of_a_group_and_what_was_found(weighed):
@@ -123,26 +123,26 @@ def test_what_was_expected_of_a_group_and_what_was_found(weighed):
     groups = {group.name: group for group in fit.groups}
     gain = groups["gain"]
     true = [c for term, c in zip(truth.map.terms, truth.map.coefficients, strict=True) if term.family == "gain"]
-    assert gain.found == pytest.approx(float(np.sqrt(np.mean(np.square(true)))) / 5e-4, rel=0.15)
+    assert gain.estimate == pytest.approx(float(np.sqrt(np.mean(np.square(true)))) / 5e-4, rel=0.15)
     assert gain.natural == {"1": 5e-4}
     assert gain.std < 0.3 * gain.size
-    assert groups["geometry"].natural == {"rad": 1e-3, "m": 5e-4}
+    assert groups["geometry"].natural == {"deg": pytest.approx(np.degrees(1e-3)), "mm": 0.5}
     gear = groups["gear_4_202"]
     assert gear.family == "gear"
-    assert gear.found * 5e-5 == pytest.approx(1.5e-4, rel=0.1)
+    assert gear.estimate * 5e-5 == pytest.approx(1.5e-4, rel=0.1)
     for name, group in groups.items():
         if group.family == "harmonics":
-            assert group.found < 0.3, name
+            assert group.estimate < 0.3, name
 
 
 def test_the_scan_keeps_what_it_saw(weighed):
     _, fit, *_ = weighed
     seen = fit.spectrum
-    assert seen.chi2.shape == (6, len(seen.cycles))
-    joint, place = divmod(int(seen.chi2.argmax()), len(seen.cycles))
-    assert (seen.joints[joint], seen.cycles[place]) == (3, 202)
+    chi2 = np.array(seen.chi2)
+    joint, column = divmod(int(chi2.argmax()), chi2.shape[1])
+    assert (seen.joints[joint], (202 - seen.first) // seen.step) == (4, column)
     (gear,) = fit.gears
-    assert seen.chi2.max() == gear.chi2
+    assert chi2.max() == round(gear.chi2, 1)
     assert gear.chi2 > seen.limit
 
 

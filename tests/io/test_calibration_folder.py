@@ -22,7 +22,7 @@ def large(folder, tmp_path, monkeypatch):
 def test_what_is_read_is_what_was_written(large):
     saved, folder = large
     document = json.loads((folder / "calibration.json").read_text())
-    assert document["schema_name"] == "irbcal-calibration-2"
+    assert document["schema_name"] == "irbcal-calibration-1"
     assert set(document["points"]) == {"file", "sha256"}
     again = calibration_folder.read(folder)
     assert again.record.model_copy(update={"seal": None}) == saved.record.model_copy(update={"seal": None})

@@ -13,6 +13,7 @@ from irbcal.identification.fit import certainty_of, identify
 from irbcal.measurement.points import distances
 from irbcal.modeling.elsewhere import Elsewhere, _limits, elsewhere
 from irbcal.modeling.terms.situation import Motion
+from irbcal.units import MM
 
 MIDDLE = np.radians([20.0, 20, 0, 30, 40, 10])
 
@@ -49,16 +50,16 @@ def test_a_corner_is_told_with_its_danger(width, level):
     found, (true, _) = case(width, 1, level)
     assert found.narrow
     np.testing.assert_allclose(found.shares[:5], width, rtol=0.2)
-    assert true > 3.0 * found.here  # the danger is real
+    assert true > 3.0 * found.here_mm * MM  # the danger is real
     words = found.in_words()
     assert words.startswith("Calibrated only where measured: ")
-    assert f"{found.there / found.here:.1f} times those at poses like the fitted ones" in words
+    assert f"{found.there_mm / found.here_mm:.1f} times those at poses like the fitted ones" in words
 
 
 @pytest.mark.parametrize(("width", "seed"), [(0.1, 1), (0.2, 2), (0.4, 3)])
 def test_the_expected_error_of_an_average_is_that_of_the_truth(width, seed):
     found, (true, _) = case(width, seed, "auto")
-    assert 0.5 < found.there / true < 2.0
+    assert 0.5 < found.there_mm * MM / true < 2.0
 
 
 def test_worse_than_nominal_is_never_silent():
@@ -109,13 +110,13 @@ def test_without_certainty_nothing_is_said():
 
 
 def test_words():
-    wide = Elsewhere(np.full(6, 0.9), 1e-4, 2e-4, 1e-3)
+    wide = Elsewhere(shares=[0.9] * 6, here_mm=0.1, there_mm=0.2, difference_mm=1.0)
     assert wide.in_words() == ""
-    grown = replace(wide, there=4e-4)
+    grown = wide.model_copy(update={"there_mm": 0.4})
     assert "errors of 0.400 mm (rms) or more must be expected, 4.0 times" in grown.in_words()
     assert "nominal" in grown.in_words()
-    assert "nominal" not in replace(grown, difference=2e-3).in_words()
-    assert replace(wide, shares=np.full(6, 0.4)).narrow
+    assert "nominal" not in grown.model_copy(update={"difference_mm": 2.0}).in_words()
+    assert wide.model_copy(update={"shares": [0.4] * 6}).narrow
 
 
 def test_proof_poses_all_over_the_limits_leave_nothing_to_expect():
@@ -141,4 +142,4 @@ def test_what_is_expected_is_bounded_by_the_difference_from_the_nominal_robot():
     robot, nominal = fitted(truth.measured(motion, 3e-5), motion, "34")
     vague = replace(robot.certainty, covariance=1e8 * robot.certainty.covariance)
     found = elsewhere(robot.replace(certainty=vague), nominal, motion.q)
-    assert found.there <= found.here + 2.0 * found.difference
+    assert found.there_mm <= found.here_mm + 2.0 * found.difference_mm + 1e-9

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from report_cases import without_heldout
 
-from irbcal.io.schema import CertaintySection, ElsewhereSection
+from irbcal.io.schema import CertaintySection
+from irbcal.modeling.elsewhere import Elsewhere
 from irbcal.reports import report_page
 from irbcal.reports.limits import limits
 
@@ -26,7 +27,7 @@ def test_nothing_held_out(calibration):
 
 
 def test_a_corner(calibration):
-    corner = ElsewhereSection(shares=[0.9, 0.2, 0.9, 0.3, 0.3, 0.9], here_mm=0.1, there_mm=0.6, difference_mm=1.0)
+    corner = Elsewhere(shares=[0.9, 0.2, 0.9, 0.3, 0.3, 0.9], here_mm=0.1, there_mm=0.6, difference_mm=1.0)
     known = CertaintySection(
         leave_one_out_mm={}, leave_fifths_out_mm={}, ranges=[[0.0] * 6, [1.0] * 6], elsewhere=corner
     )

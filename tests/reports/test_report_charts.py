@@ -187,7 +187,7 @@ def test_families_expected_and_found(averaged, averaged_page):
     section = averaged.evidence
     for row in report_data.families(section):
         mine = [group for group in section.groups if group.family == row["family"]]
-        every = np.repeat([group.found for group in mine], [group.terms for group in mine])
+        every = np.repeat([group.estimate for group in mine], [group.terms for group in mine])
         assert row["found"] == pytest.approx(float(np.sqrt(np.mean(every**2))), rel=1e-12)
         assert row["terms"] == len(every)
     assert "Effective number of parameters: these poses determine" in text_of(averaged_page)

@@ -23,7 +23,9 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
-from irbcal.io.schema import CandidateSection, ChoiceSection, ExclusionSection, RotationStatistics
+from irbcal.identification.fit import Candidate, LevelChoice
+from irbcal.io.schema import RotationStatistics
+from irbcal.measurement.cleaning import Exclusion
 from irbcal.plotting import charts
 from irbcal.reports import report_page
 
@@ -103,11 +105,9 @@ def test_what_other_methods_add(calibration):
         "heldout_least_squares": some_errors(0.4),
         "poses_heldout": 3,
         "objective": calibration.objective.model_copy(update={"name": "max", "lower_bound_mm": 1.23456}),
-        "choice": ChoiceSection(
+        "choice": LevelChoice(
             level="34",
-            table=[
-                CandidateSection(level="34", mean_mm=0.35, gain_mm=0.05, gain_std_mm=0.0104, chosen=True, refused="")
-            ],
+            table=[Candidate(level="34", mean_mm=0.35, gain_mm=0.05, gain_std_mm=0.0104, chosen=True, refused="")],
             explanation="Chosen by cross-validation.",
         ),
     }
@@ -149,10 +149,8 @@ def test_any_number_of_points(calibration, poses, targets, groups):
 
 
 def test_left_out_points_are_counted_by_reason_and_listed(calibration):
-    excluded = [
-        ExclusionSection(pose=str(k), target=t, reason="lost: no position") for k in range(3000) for t in TARGETS
-    ]
-    excluded += [ExclusionSection(pose="9", target="smr1", reason=f"gross error: {k} mm") for k in range(2)]
+    excluded = [Exclusion(pose=str(k), target=t, reason="lost: no position") for k in range(3000) for t in TARGETS]
+    excluded += [Exclusion(pose="9", target="smr1", reason=f"gross error: {k} mm") for k in range(2)]
     page = report_page.render(calibration.model_copy(update={"excluded": excluded, "poses_excluded": 3000}))
     (counts, listed) = html.document_fromstring(page).xpath("//section[@id='left-out']//table")
     assert [[cell.text_content() for cell in row] for row in counts.xpath("tbody/tr")] == [

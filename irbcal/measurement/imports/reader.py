@@ -316,16 +316,16 @@ def import_measurements(
     *sources : str or Path
         Files of one kind.
     as_ : str, Path or ImportMap
-        Which columns mean what: name of a preset (`map_file.presets`), a map file (YAML), or a map.
+        Which columns mean what: a preset's name, a map file (YAML), or a map.
     out : str or Path, optional
         Measurement file to write (CSV), whole or not at all. Without it, nothing is written.
     joints : str or Path, optional
-        Joints file for sources that hold points only: ``q1_deg`` … and, optional, ``c1_deg`` …, ``pose``,
-        ``group`` and ``target`` (a row for each point then), or a program whose targets are joints.
+        Joints where the sources hold points only: a program whose targets are joints, or a file with q1_deg … and, at
+        will, c1_deg …, pose, group and target (a row for each point then).
     set_ : dict, or sequence of str
-        Changes of the map, such as ``{"units.lengths": "mm"}`` or ``["units.lengths=mm"]``.
+        Changes of the map, such as units.lengths=mm.
     dry_run : bool
-        Write nothing, even with ``out``.
+        Show the first rows as they would be understood; write nothing.
 
     Returns
     -------

@@ -17,7 +17,7 @@ from irbcal.modeling.terms.term import AXES, Term, own_axis
 
 BLOCK = 1024
 """Poses whose terms are in memory at a time."""
-SCHEMA = "irbcal-joint-map-2"
+SCHEMA = "irbcal-joint-map-1"
 
 
 def basis_values(terms: Sequence[Term], situation: Situation) -> FloatArray:

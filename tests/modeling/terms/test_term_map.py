@@ -141,7 +141,7 @@ def test_maps_are_written_and_read():
     found = random_map(model)
     motion = motion_at(some_joints(3))
     entry = json.loads(json.dumps(found.to_json(np.array([[-1.0] * 6, [1.0] * 6]), motion)))
-    assert entry["schema"] == "irbcal-joint-map-2"
+    assert entry["schema"] == "irbcal-joint-map-1"
     assert entry["inputs"] == ["q", "previous_q", "payload_kg", "torques_nm"]
     again = TermMap.from_json(model, entry)
     assert again.terms == found.terms

@@ -1,7 +1,7 @@
-"""What every part of ``calibration.json`` is: a checked model that takes nothing unknown, and no text that could act.
+"""What every part of ``calibration.json`` is, and every result that stands in it: a frozen, checked model.
 
-Each text of it has one of the types here. They are printed, and written into pages, programs and generated code: none
-can hold a line end or a character that a terminal obeys.
+It takes nothing unknown, and no text that could act. Each text of it has one of the types here. They are printed, and
+written into pages, programs and generated code: none can hold a line end or a character that a terminal obeys.
 """
 
 from __future__ import annotations
@@ -63,7 +63,9 @@ Version: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z.+!_-
 class Section(BaseModel):
     """A part of ``calibration.json``; unknown keys, NaN and infinities are refused."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, serialize_by_alias=True, from_attributes=True)
+    model_config = ConfigDict(
+        extra="forbid", allow_inf_nan=False, serialize_by_alias=True, from_attributes=True, frozen=True
+    )
 
     def __repr__(self) -> str:
         fields_text = (f"{name}={_short(getattr(self, name))}" for name in type(self).model_fields)
