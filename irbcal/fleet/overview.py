@@ -551,6 +551,7 @@ def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "par
 
 def render_store(overview: Overview) -> str:
     """The page of a store's robots."""
+    from irbcal.plotting.charts import page_style
     from irbcal.templates import environment
 
     return (
@@ -558,6 +559,7 @@ def render_store(overview: Overview) -> str:
         .get_template("store.html.j2")
         .render(
             title="Fleet",
+            style=page_style(),
             simulated=overview.simulated,
             headline=overview.headline(),
             told=overview.told()[1:],

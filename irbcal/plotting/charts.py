@@ -376,6 +376,16 @@ def inline(drawing: Drawing) -> Markup:
     return Markup(_svg(drawing, _variable, f'role="img" aria-label="{as_text(drawing.label)}"'))
 
 
+def page_style() -> Markup:
+    """The style sheet of all pages, with the colours of `PAINT` as its variables."""
+    from pathlib import Path
+
+    from markupsafe import Markup
+
+    paint = " ".join(f"--{role}: {colour};" for role, colour in PAINT.items())
+    return Markup(f":root {{ {paint} }}\n{Path(__file__).with_name('page.css').read_text(encoding='utf-8')}")
+
+
 def key(mark: Sign, colour: str) -> Markup:
     """The mark of a legend as part of a page."""
     from markupsafe import Markup

@@ -70,7 +70,7 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
     evidence = gather(calibration) if evidence is None else evidence
     return paper.template("report.html.j2").render(
         c=calibration,
-        paint=charts.PAINT,
+        style=charts.page_style(),
         key_mark=charts.key,
         verdict=verdict(calibration),
         trusted=verdict_of(calibration).trusted,
