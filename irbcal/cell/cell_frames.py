@@ -36,7 +36,7 @@ from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, FrameInCell, Touc
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import columns
-from irbcal.measurement.columns import POSITION, POSITION_BOUNDS, TableLike
+from irbcal.measurement.columns import POSITION, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import COVERAGE, HISTORY, Certainty
@@ -332,19 +332,12 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
             file=source,
             row=columns.header_row(source),
         )
-    values = pd.DataFrame({"row": cells.index})
-    for name in joints:
-        values[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
-    for name in (*POSITION, "u95_mm"):
-        there = name in cells.columns
-        values[name] = (
-            columns.numbers(cells, name, source, "a length in mm or nothing", True) if there else float("nan")
-        )
-    columns.check_joint_sizes(values, joints, source)
-    columns.refuse_outside(
-        values, [*POSITION_BOUNDS, ("u95_mm", 1e-6, 100.0, "an uncertainty above zero in mm")], source
+    lengths = (*POSITION, "u95_mm")
+    values = pd.DataFrame(
+        {name: columns.numbers(cells, name, source, lost=True) if name in cells else np.nan for name in lengths},
+        index=range(len(cells)),
     )
-    q = arm.from_controller(values[joints].to_numpy() * columns.joint_units(joints))
+    q = arm.from_controller(columns.in_si(cells, joints, source))
     texts = [columns.names(cells, name, source) for name in TEXT[:3]]
     tools = cells["tool"].astype(str).str.strip() if "tool" in cells.columns else pd.Series("", index=cells.index)
     if tools.ne("").any():

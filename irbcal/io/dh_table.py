@@ -155,7 +155,7 @@ def _values(cells: pd.DataFrame, kind: str, endings: tuple[str, ...], source: st
         has = f"both {' and '.join(present)}" if present else columns.listed(list(cells.columns))
         raise MeasurementError(f"expected a column {expected}, found {has}", file=source, row=1)
     unit = UNITS[present[0].removeprefix(kind)]
-    return columns.numbers(cells, present[0], source, "a number") * unit
+    return columns.numbers(cells, present[0], source) * unit
 
 
 def _choice(cells: pd.DataFrame, column: str, choices: tuple[str, ...], usual: str, source: str) -> list[str]:
@@ -178,7 +178,7 @@ def _limits(cells: pd.DataFrame, kinds: list[str], source: str) -> FloatArray:
         for ending, unit in UNITS.items():
             if name + ending not in cells.columns:
                 continue
-            values = columns.numbers(cells, name + ending, source, "a number or nothing", lost=True)
+            values = columns.numbers(cells, name + ending, source, lost=True)
             fits = np.array([(kind == "prismatic") == (ending in LENGTH) for kind in kinds]) & np.isfinite(values)
             out[fits, side] = values[fits] * unit
     for row, kind, (low, high) in zip(cells.index, kinds, out, strict=True):

@@ -123,7 +123,7 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
     cv2 = _opencv()
     cells, source, _ = columns.read(joints, [IMAGE])
     for name in columns.joint_columns(cells.columns):
-        columns.numbers(cells, name, source, "a joint")
+        columns.numbers(cells, name, source)
     name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
     boards = _boards(cv2, features, name_of, legacy, cells, source)
     folder = Path(images)

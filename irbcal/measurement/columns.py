@@ -3,7 +3,7 @@
 All tables that irbcal reads go through here, so that a refusal always names file, row and column::
 
     cells, source, _ = columns.read("joints.csv", ["q1_deg", "q2_deg"])
-    q_1 = columns.numbers(cells, "q1_deg", source, columns.expected_joint("q1_deg"))
+    q = columns.in_si(cells, ["q1_deg", "q2_deg"], source)
 
 ``cells`` is a DataFrame of text. Its index holds the rows for messages: the line of a CSV file, the header being
 line 1; the position plus one in a Parquet file or a DataFrame, whose first row is row 1.
@@ -14,7 +14,8 @@ import hashlib
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from io import BytesIO, StringIO
 from os import PathLike
 from pathlib import Path
@@ -37,12 +38,57 @@ ALL_JOINTS = "q1 …"
 """Stands for the joint columns of any arm among required columns: from joint 1 to the last one in the header."""
 POSITION = ["x_mm", "y_mm", "z_mm"]
 QUATERNION = ["qw", "qx", "qy", "qz"]
-LARGEST_ANGLE_DEG, LARGEST_POSITION_MM = 1e4, 1e6
-"""Numbers beyond are no joints, positions or uncertainties of a robot cell."""
-POSITION_BOUNDS = [
-    (name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION
-]
-"""For `refuse_outside`."""
+LARGEST_ANGLE_DEG, LARGEST_POSITION_MM, LARGEST_PAYLOAD_KG, LARGEST_NUMBER = 1e4, 1e6, 5e3, 1e12
+"""Numbers beyond are no joints, lengths and payloads of a robot cell; squares of the last can be computed with."""
+
+
+class ColumnKind(NamedTuple):
+    """What a column of numbers holds.
+
+    Attributes
+    ----------
+    expected : str
+        For messages.
+    low, high : float
+        The smallest and the largest number that make sense.
+    unit : float
+        What one is in SI units.
+    """
+
+    expected: str
+    low: float
+    high: float
+    unit: float = 1.0
+
+
+def _within(expected: str, most: float, unit: float = 1.0) -> ColumnKind:
+    return ColumnKind(expected, -most, most, unit)
+
+
+DECLARED: Mapping[str, ColumnKind] = {
+    r"q[1-9]\d?_deg": _within("a joint angle in degrees", LARGEST_ANGLE_DEG, DEG),
+    r"c[1-9]\d?_deg": _within("a programmed joint angle in degrees", LARGEST_ANGLE_DEG, DEG),
+    r"q[1-9]\d?_mm": _within("a joint's travel in mm", LARGEST_POSITION_MM, MM),
+    r"c[1-9]\d?_mm": _within("a joint's programmed travel in mm", LARGEST_POSITION_MM, MM),
+    r"[xyz]_mm": _within("a position within 1 km in mm", LARGEST_POSITION_MM, MM),
+    "u95_mm": ColumnKind("an uncertainty above zero in mm", 1e-6, LARGEST_POSITION_MM, MM),
+    "payload_kg": ColumnKind(f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg", 0.0, LARGEST_PAYLOAD_KG),
+    r"payload_[xyz]_mm": _within("a place in the tip link in mm", 1e4, MM),
+    r"tau[1-9]\d?_nm": _within("a torque in N m", 1e6),
+    ".*_mm": _within(f"a number within ±{LARGEST_POSITION_MM:g}", LARGEST_POSITION_MM, MM),
+    ".*_m": _within(f"a number within ±{LARGEST_POSITION_MM:g}", LARGEST_POSITION_MM),
+    ".*_deg": _within(f"a number within ±{LARGEST_ANGLE_DEG:g}", LARGEST_ANGLE_DEG, DEG),
+    ".*": _within(f"a number within ±{LARGEST_NUMBER:g}", LARGEST_NUMBER),
+}
+"""Names of columns, as patterns, and what they hold; the first that fits counts."""
+
+
+@cache
+def declared(name: str) -> ColumnKind:
+    """What a column holds, by its name."""
+    return next(kind for pattern, kind in DECLARED.items() if re.fullmatch(pattern, name))
+
+
 FRAME = "<DataFrame>"
 """What messages call a table that is no file."""
 
@@ -284,17 +330,11 @@ def programmed_columns(names: Iterable[str], source: str) -> list[str]:
 
 def joint_units(columns: Iterable[str]) -> FloatArray:
     """What one unit of each joint column is in radians or metres, shape (columns,)."""
-    return np.array([MM if name.endswith("_mm") else DEG for name in columns])
+    return np.array([declared(name).unit for name in columns])
 
 
-def expected_joint(name: str) -> str:
-    """What a joint column should hold, for messages."""
-    programmed = "programmed " if name.startswith("c") else ""
-    return f"a joint's {programmed}travel in mm" if name.endswith("_mm") else f"a {programmed}joint angle in degrees"
-
-
-def numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
-    """A column as finite numbers.
+def numbers(cells: pd.DataFrame, name: str, source: str, expected: str | None = None, lost: bool = False) -> FloatArray:
+    """A column as finite numbers within what `declared` says of it.
 
     Parameters
     ----------
@@ -303,8 +343,8 @@ def numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bo
     name : str
     source : str
         File name for messages.
-    expected : str
-        What should stand there, for messages.
+    expected : str, optional
+        What should stand there, for messages, where the column's name does not tell.
     lost : bool
         Take empty cells as NaN.
 
@@ -315,25 +355,38 @@ def numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bo
     Raises
     ------
     MeasurementError
-        For the first cell that is no number.
+        For the first cell that is no such number.
     """
-    if cells[name].dtype == np.float64:  # read as numbers already, see `irbcal.measurement.plain_csv`
-        given = cells[name]
-        if lost or not given.isna().any():
-            return given.to_numpy()
-        row = given.index[given.isna()][0]
-        raise MeasurementError(f"expected {expected}, found nothing", file=source, row=int(row), column=name)
-    text = cells[name].str.strip()
-    values = pd.to_numeric(text, errors="coerce")
-    absent = text.str.lower().isin(_ABSENT)
-    bad = ~absent & values.isna() | np.isinf(values)
-    if not lost:
-        bad |= absent
+    kind = declared(name)
+    words = expected or kind.expected.partition(" within ±")[0]
+    column = cells[name]
+    if column.dtype == np.float64:  # read as numbers already, see `irbcal.measurement.plain_csv`
+        values, bad = column.to_numpy(), np.zeros(len(column), dtype=bool) if lost else column.isna().to_numpy()
+        text = column.astype(str).where(column.notna(), "") if bad.any() else column
+    else:
+        text = column.str.strip()
+        values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)
+        absent = text.str.lower().isin(_ABSENT).to_numpy()
+        bad = np.isinf(values) | np.where(absent, not lost, np.isnan(values))
+    if not bad.any():
+        bad = (values < kind.low) | (values > kind.high)
+        words, text = kind.expected, pd.Series(values)
     if bad.any():
-        row = bad.index[bad][0]
-        cell = repr(text[row]) if text[row] else "nothing"
-        raise MeasurementError(f"expected {expected}, found {cell}", file=source, row=int(row), column=name)
-    return values.to_numpy(dtype=float)
+        k = int(np.flatnonzero(bad)[0])
+        cell = text.iloc[k]
+        content = f"{cell:g}" if not isinstance(cell, str) else repr(cell) if cell else "nothing"
+        raise MeasurementError(
+            f"expected {words}{' or nothing' if lost else ''}, found {content}",
+            file=source,
+            row=int(cells.index[k]),
+            column=name,
+        )
+    return values
+
+
+def in_si(cells: pd.DataFrame, names: Sequence[str], source: str, lost: bool = False) -> FloatArray:
+    """Columns as `numbers`, side by side in SI units, shape (rows, columns)."""
+    return np.column_stack([numbers(cells, name, source, lost=lost) * declared(name).unit for name in names])
 
 
 def names(cells: pd.DataFrame, name: str, source: str) -> Any:
@@ -384,46 +437,6 @@ def refuse_control_characters(values: pd.Series, name: str, source: str) -> None
 def lost_points(xyz: FloatArray) -> BoolArray:
     """Which positions, shape (rows, 3), stand for a lost point: those with a gap, and exactly 0,0,0."""
     return np.isnan(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)
-
-
-def check_sizes(table: pd.DataFrame, source: str) -> None:
-    """Refuse numbers that no robot cell holds and uncertainties that are none.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Numbers, with the rows for messages in a column ``row``.
-    source : str
-        File name for messages.
-
-    Raises
-    ------
-    MeasurementError
-        For the first such number.
-    """
-    check_joint_sizes(table, [*joint_columns(table.columns), *programmed_columns(table.columns, source)], source)
-    bounds = list(POSITION_BOUNDS)
-    if "u95_mm" in table.columns:
-        bounds.append(("u95_mm", 1e-6, LARGEST_POSITION_MM, "an uncertainty above zero in mm or nothing"))
-    refuse_outside(table, bounds, source)
-
-
-def check_joint_sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> None:
-    """Refuse joints that no robot reaches; as `check_sizes`, for the joint columns ``names``."""
-    largest = [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG for name in names]
-    bounds = [(name, -bound, bound, expected_joint(name)) for name, bound in zip(names, largest, strict=True)]
-    refuse_outside(table, bounds, source)
-
-
-def refuse_outside(table: pd.DataFrame, bounds: Sequence[tuple[str, float, float, str]], source: str) -> None:
-    """Refuse the first number of some columns that is not between two others: (column, low, high, expected)."""
-    for name, low, high, expected in bounds:
-        values = table[name].to_numpy()
-        bad = (values < low) | (values > high)
-        if bad.any():
-            k = int(np.flatnonzero(bad)[0])
-            row = int(table["row"].iloc[k])
-            raise MeasurementError(f"expected {expected}, found {values[k]:g}", file=source, row=row, column=name)
 
 
 # --- where the cells come from ------------------------------------------------------------------------------

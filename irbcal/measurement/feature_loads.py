@@ -8,8 +8,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, load_columns
-from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, LARGEST_PLACE_MM, MASS, PLACE
-from irbcal.units import MM
+from irbcal.measurement.load_columns import MASS, PLACE
 
 
 def payloads(cells: pd.DataFrame, source: str) -> tuple[FloatArray | None, FloatArray | None]:
@@ -22,10 +21,10 @@ def payloads(cells: pd.DataFrame, source: str) -> tuple[FloatArray | None, Float
     MeasurementError
         If there is something that is no mass or place, or it is not told which of several masses a row has.
     """
-    columns = load_columns.place_columns(cells.columns, source)
+    centre_columns = load_columns.place_columns(cells.columns, source)
     if MASS not in cells.columns:
         return None, None
-    load = _column(cells, MASS, 0.0, LARGEST_PAYLOAD_KG, f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg", source)
+    load = np.array(columns.numbers(cells, MASS, source, lost=True))
     known = np.unique(load[np.isfinite(load)])
     gaps = np.flatnonzero(~np.isfinite(load))
     if not len(known):
@@ -38,11 +37,9 @@ def payloads(cells: pd.DataFrame, source: str) -> tuple[FloatArray | None, Float
             column=MASS,
         )
     load[gaps] = known[0]
-    if not columns:
+    if not centre_columns:
         return load, None
-    expected = "a place in the tip link in mm"
-    coordinates = [_column(cells, name, -LARGEST_PLACE_MM, LARGEST_PLACE_MM, expected, source) * MM for name in PLACE]
-    centres = np.column_stack(coordinates)
+    centres = columns.in_si(cells, PLACE, source, lost=True)
     lost: BoolArray = np.asarray(~np.isfinite(centres).all(axis=1))
     bad = np.flatnonzero(lost & (load > 0.0))
     if len(bad):
@@ -60,10 +57,3 @@ def usual_place(load: FloatArray, centre: FloatArray | None, usual_kg: float | N
     usual = np.flatnonzero((load == usual_kg) & (load > 0.0))
     x, y, z = centre[usual[-1] if len(usual) else int(np.argmax(load))].tolist()
     return x, y, z
-
-
-def _column(cells: pd.DataFrame, name: str, low: float, high: float, expected: str, source: str) -> FloatArray:
-    values = columns.numbers(cells, name, source, f"{expected} or nothing", True)
-    table = pd.DataFrame({"row": cells.index, name: values})
-    columns.refuse_outside(table, [(name, low, high, expected)], source)
-    return np.array(values, dtype=float)

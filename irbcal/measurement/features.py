@@ -42,7 +42,6 @@ from irbcal.measurement.known_features import (
     filled,
     given_rows,
     known_features,
-    numbers_of,
 )
 from irbcal.measurement.load_columns import PLACE
 from irbcal.measurement.table import MeasurementSet
@@ -358,7 +357,7 @@ def _number(cells: pd.DataFrame, units: Mapping[str, float], source: str) -> Flo
     out = np.full(len(cells), np.nan)
     for name, unit in units.items():
         if name in cells.columns:
-            values = numbers_of(cells, name, source, "a number or nothing", lost=True) * unit
+            values = columns.numbers(cells, name, source, lost=True) * unit
             out = np.where(np.isfinite(out), out, values)
     return out
 
@@ -382,7 +381,7 @@ def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, boo
             name = next((name for name in units if name in cells.columns), None)
             if name is None:
                 break
-            q.append(numbers_of(cells, name, source, f"joint {k}") * units[name])
+            q.append(columns.numbers(cells, name, source) * units[name])
         else:
             return arm.check_joints(arm.from_controller(np.column_stack(q))), letter == "c"
         if q:

@@ -104,10 +104,8 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
             file=source,
             row=columns.header_row(source),
         )
-    for name in [name for name in LENGTHS if name in cells.columns]:
-        numbers_of(cells, name, source, "a length in mm or nothing", lost=True)
-    for name in [name for name in imaging.NUMBERS if name in cells.columns]:
-        numbers_of(cells, name, source, "a number or nothing", lost=True)
+    for name in [name for name in (*LENGTHS, *imaging.NUMBERS) if name in cells.columns]:
+        columns.numbers(cells, name, source, lost=True)
     return [
         {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
         for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
@@ -179,12 +177,3 @@ def known_features(
                 imaging.imaging_of(row) if row["kind"] in imaging.TARGETS else None,
             )
     return by_name, tuple(lengths.values())
-
-
-def numbers_of(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
-    """A column as numbers that a robot cell can hold."""
-    values = columns.numbers(cells, name, source, expected, lost)
-    bound = columns.LARGEST_ANGLE_DEG if name.endswith("_deg") else columns.LARGEST_POSITION_MM
-    bounds = (name, -bound, bound, f"a number within ±{bound:g}")
-    columns.refuse_outside(pd.DataFrame({"row": cells.index, name: values}), [bounds], source)
-    return values

@@ -10,7 +10,6 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, quaternion_columns
 from irbcal.measurement.columns import JOINTS, POSITION, QUATERNION, TableLike
 from irbcal.names import from_cell
-from irbcal.units import MM
 
 
 def read_joints(table: TableLike, joints: Sequence[str] = JOINTS, *, once: bool = False) -> FloatArray:
@@ -47,11 +46,7 @@ def joints_with_cells(
     joints = columns.commanded(cells.columns, joints, source)
     if once and {"pose", "target"} <= set(cells.columns):
         cells = cells[first_rows(cells, joints, source)]
-    values = pd.DataFrame({"row": cells.index})
-    for name in joints:
-        values[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
-    columns.check_joint_sizes(values, joints, source)
-    return values[list(joints)].to_numpy() * columns.joint_units(joints), cells
+    return columns.in_si(cells, joints, source), cells
 
 
 def first_rows(cells: pd.DataFrame, joints: Sequence[str], source: str) -> BoolArray:
@@ -114,17 +109,12 @@ def read_poses(table: TableLike) -> FloatArray:
 def poses_with_cells(table: TableLike) -> tuple[FloatArray, pd.DataFrame]:
     """As `read_poses`, and the rows that they stand in: texts, with all columns of the table."""
     cells, source, _ = columns.read(table, [*POSITION, *QUATERNION], stdin=True)
-    values = pd.DataFrame({"row": cells.index})
-    for name in POSITION:
-        values[name] = columns.numbers(cells, name, source, "a position in mm")
-    for name in QUATERNION:
-        values[name] = columns.numbers(cells, name, source, "a quaternion's number")
-    columns.refuse_outside(values, columns.POSITION_BOUNDS, source)
-    quaternion_columns.check(values, source)
-    T = np.zeros((len(values), 4, 4))
+    T = np.zeros((len(cells), 4, 4))
     T[:, 3, 3] = 1.0
+    T[:, :3, 3] = columns.in_si(cells, POSITION, source)
+    values = pd.DataFrame({"row": cells.index} | {name: columns.numbers(cells, name, source) for name in QUATERNION})
+    quaternion_columns.check(values, source)
     T[:, :3, :3] = quaternion_columns.rotations(values)
-    T[:, :3, 3] = values[POSITION].to_numpy() * MM
     return T, cells
 
 
@@ -146,8 +136,7 @@ def read_targets(table: TableLike) -> dict[str, FloatArray]:
         If the table cannot be read or does not keep the format.
     """
     cells, source, _ = columns.read(table, ["target", *POSITION])
-    values = pd.DataFrame({name: columns.numbers(cells, name, source, "a position in mm") for name in POSITION})
-    columns.refuse_outside(values.assign(row=cells.index), columns.POSITION_BOUNDS, source)
+    places = columns.in_si(cells, POSITION, source)
     names = cells["target"].str.strip().map(from_cell)
     columns.refuse_control_characters(names, "target", source)
     if names.duplicated().any():
@@ -155,4 +144,4 @@ def read_targets(table: TableLike) -> dict[str, FloatArray]:
         raise MeasurementError(
             f"{names[row]!r} stands there more than once", file=source, row=int(row), column="target"
         )
-    return dict(zip(names, values.to_numpy() * MM, strict=True))
+    return dict(zip(names, places, strict=True))

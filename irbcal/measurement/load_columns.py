@@ -5,16 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-import pandas as pd
-
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import header_row, joint_columns, listed, refuse_outside
+from irbcal.measurement.columns import header_row, joint_columns, listed
 
 MASS = "payload_kg"
 PLACE = ["payload_x_mm", "payload_y_mm", "payload_z_mm"]
 """Centre of the payload in the tip link."""
-LARGEST_PAYLOAD_KG, LARGEST_PLACE_MM, LARGEST_TORQUE_NM = 5e3, 1e4, 1e6
-"""Numbers beyond are no payloads, places on a tool, and torques."""
 
 _TORQUE = re.compile(r"tau([1-9]\d?)_nm")
 
@@ -64,15 +60,3 @@ def place_columns(names: Iterable[str], source: str) -> list[str]:
             row=header_row(source),
         )
     return present
-
-
-def check(table: pd.DataFrame, source: str) -> None:
-    """Refuse masses, places and torques that are none; parameters and errors as `columns.check_sizes`."""
-    bounds = []
-    if MASS in table.columns:
-        bounds.append((MASS, 0.0, LARGEST_PAYLOAD_KG, f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg or nothing"))
-    for name in place_columns(table.columns, source):
-        bounds.append((name, -LARGEST_PLACE_MM, LARGEST_PLACE_MM, "a place in the tip link in mm or nothing"))
-    for name in torque_columns(table.columns, source):
-        bounds.append((name, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM, "a torque in N m"))
-    refuse_outside(table, bounds, source)

@@ -42,30 +42,17 @@ def read(
     cells, source, _ = columns.read(table, [*labels, *numbers])
     out = pd.DataFrame({"row": cells.index})
     for name in numbers:
-        out[name] = columns.numbers(cells, name, source, "a number")
+        out[name] = columns.numbers(cells, name, source)
     for name in labels:
         out[name] = columns.names(cells, name, source)
     for name in [name for name in cells.columns if name not in out.columns]:
         if name in (*optional, *QUATERNION):
-            out[name] = columns.numbers(cells, name, source, "a number or nothing", lost=True)
+            out[name] = columns.numbers(cells, name, source, lost=True)
         else:
             out[name] = cells[name].to_numpy()
     quaternion_columns.check(out, source)
-    _refuse_absurd(out, source)
     out.attrs["source"] = source
     return out
-
-
-def _refuse_absurd(table: pd.DataFrame, source: str) -> None:
-    """Refuse numbers whose squares cannot be computed with."""
-    for name in [name for name in table.columns if name != "row" and table[name].dtype.kind == "f"]:
-        bound = columns.LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_NUMBER
-        bad = (table[name].abs() > bound).to_numpy()
-        if bad.any():
-            row, value = int(table["row"][bad].iloc[0]), table[name][bad].iloc[0]
-            raise MeasurementError(
-                f"expected a number within ±{bound:g}, found {value:g}", file=source, row=row, column=name
-            )
 
 
 def read_points(

@@ -322,24 +322,23 @@ def _of_numbers(name: str) -> bool:
 def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
     table = pd.DataFrame({"row": cells.index})
     for name in [*columns.joint_columns(cells.columns), *columns.programmed_columns(cells.columns, source)]:
-        table[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
+        table[name] = columns.numbers(cells, name, source)
     for name in load_columns.torque_columns(cells.columns, source):
-        table[name] = columns.numbers(cells, name, source, "a torque in N m")
+        table[name] = columns.numbers(cells, name, source)
     for name in POSITION:
-        table[name] = columns.numbers(cells, name, source, "a position in mm or nothing", lost=True)
+        table[name] = columns.numbers(cells, name, source, lost=True)
     for name in ("pose", "target"):
         table[name] = columns.names(cells, name, source)
     for name in [name for name in cells.columns if name not in table.columns]:
         if name in NUMERIC_EXTRAS:
-            table[name] = columns.numbers(cells, name, source, "a number or nothing", lost=True)
+            table[name] = columns.numbers(cells, name, source, lost=True)
         else:
             if name in ("group", "cycle", "session"):
                 columns.refuse_control_characters(cells[name].astype(str), name, source)
             table[name] = cells[name].to_numpy()
     table.loc[columns.lost_points(table[POSITION].to_numpy()), POSITION] = np.nan
     table["pose_index"] = _pose_index(table, source)
-    columns.check_sizes(table, source)
-    load_columns.check(table, source)
+    load_columns.place_columns(cells.columns, source)
     quaternion_columns.check(table, source)
     return MeasurementSet(table, source, sha256)
 

@@ -15,9 +15,10 @@ from irbcal import atomic
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import OptionError
 from irbcal.identification.observations import KINDS
+from irbcal.measurement.columns import LARGEST_PAYLOAD_KG
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.features import read as read_features
-from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, PLACE
+from irbcal.measurement.load_columns import PLACE
 from irbcal.names import without_formulas
 from irbcal.options import MOST_POSES, checked, names, number
 from irbcal.options import seed as check_seed

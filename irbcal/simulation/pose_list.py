@@ -348,7 +348,7 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
     n = len(raw)
     waits = np.full(n, float(wait_s))
     if "wait_s" in raw.columns:
-        waits_given = columns.numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
+        waits_given = columns.numbers(raw, "wait_s", source, "seconds", lost=True)
         outside = (waits_given < 0) | (waits_given > LONGEST_WAIT)
         _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
         waits = np.where(np.isfinite(waits_given), waits_given, waits)
@@ -368,14 +368,7 @@ def _of_joints(raw: pd.DataFrame, arm: Arm, source: str) -> tuple[pd.DataFrame, 
     commanded = columns.commanded(raw.columns, arm.joint_columns, source)
     if {"pose", "target"} <= set(raw.columns) and "targets" not in raw.columns:
         raw = _one_row_a_pose(raw, commanded, source)
-    joints = []
-    for name in commanded:
-        expected = columns.expected_joint(name)
-        values = columns.numbers(raw, name, source, expected)
-        largest = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
-        _refuse_first(np.abs(values) > largest, raw, name, source, expected)
-        joints.append(values)
-    return raw, arm.from_controller(np.column_stack(joints) * arm.joint_units)
+    return raw, arm.from_controller(columns.in_si(raw, commanded, source))
 
 
 def _of_poses(table: columns.TableLike, raw: pd.DataFrame, arm: Arm, source: str) -> FloatArray:

@@ -34,7 +34,9 @@ def test_columns_by_what_they_hold(tmp_path):
         assert found["note"].tolist() == ["x", "", "y"]
         assert found["row"].tolist() == [row, row + 1, row + 2]
     assert found.attrs["source"] == "<DataFrame>"
-    with pytest.raises(MeasurementError, match="row 3, column x_mm: expected a number, found nothing"):
+    with pytest.raises(
+        MeasurementError, match="row 3, column x_mm: expected a position within 1 km in mm, found nothing"
+    ):
         readings.read(FRAME, ["x_mm"])
     with pytest.raises(MeasurementError, match="missing column who"):
         readings.read(FRAME, ["time_s"], ["who"])
@@ -60,10 +62,13 @@ def test_orientations():
     assert readings.rotations(readings.read(FRAME.drop(columns=["qw", "qx", "qy", "qz"]), [])) is None
 
 
-@pytest.mark.parametrize(("column", "value"), [("x_mm", "1e308"), ("time_s", "1e300")])
-def test_numbers_that_no_instrument_writes_are_refused(tmp_path, column, value):
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [("x_mm", "1e308", "a position within 1 km"), ("time_s", "1e300", "a number within ±")],
+)
+def test_numbers_that_no_instrument_writes_are_refused(tmp_path, column, value, words):
     header = ["time_s", "x_mm", "y_mm", "z_mm"]
     row = [value if name == column else "1" for name in header]
     (tmp_path / "r.csv").write_text(f"{','.join(header)}\n1,1,1,1\n{','.join(row)}\n")
-    with pytest.raises(MeasurementError, match=rf"row 3, column {column}: expected a number within"):
+    with pytest.raises(MeasurementError, match=rf"row 3, column {column}: expected {words}"):
         readings.read_points(tmp_path / "r.csv", numbers=["time_s"])

@@ -89,7 +89,7 @@ def test_cycles_are_poses_of_their_own(tmp_path):
         ([HEADER, ROW, "2,,0,0,0,0,0,smr1,1,2,3"], "row 3, column q1_deg: expected a joint angle in degrees, found nothing"),
         ([HEADER, "2,0,0,0,0,0,nan,smr1,1,2,3"], "row 2, column q6_deg: expected a joint angle in degrees, found 'nan'"),
         ([HEADER, "2,0,0,0,0,0,inf,smr1,1,2,3"], "row 2, column q6_deg: expected a joint angle in degrees, found 'inf'"),
-        ([HEADER, ROW, "", "2,0,0,0,0,0,0,smr1,1,2,3.4.5"], "row 4, column z_mm: expected a position in mm or nothing, found '3.4.5'"),
+        ([HEADER, ROW, "", "2,0,0,0,0,0,0,smr1,1,2,3.4.5"], "row 4, column z_mm: expected a position within 1 km in mm or nothing, found '3.4.5'"),
         ([HEADER, "2,0,0,0,0,0,0,,1,2,3"], "row 2, column target: expected a name, found nothing"),
         ([HEADER, ROW, ROW.replace("20", "21", 1)], "row 3, column q2_deg: expected the joints of pose 1 as in row 2, found 21"),
         ([HEADER], "the file has a header but no rows"),

@@ -42,7 +42,7 @@ from irbcal.measurement.columns import (
     POSITION,
     QUATERNION,
     check_header,
-    expected_joint,
+    declared,
     joint_units,
     listed,
     numbers,
@@ -429,7 +429,7 @@ def _expected(name: str) -> str:
         return "a position in mm"
     if name in QUATERNION:
         return "a component of a quaternion"
-    return expected_joint(name)
+    return declared(name).expected
 
 
 def _check_size(written: FloatArray, names: Sequence[str], table: pd.DataFrame, source: str) -> None:
