@@ -81,7 +81,7 @@ class ForwardResult(Speaks):
         """
         import pandas as pd
 
-        from irbcal.measurement.beside import beside
+        from irbcal.measurement.columns import with_input_columns
 
         if self.points is None:
             table = poses_to_frame(self.T_base_tip)
@@ -94,7 +94,7 @@ class ForwardResult(Speaks):
             for name, values in zip("xyz", self.interval.T, strict=True):
                 table[f"{name}_u95_mm"] = values / MM
             table["outside"] = np.array(self.outside)
-        return beside(self.given, table, as_written)
+        return with_input_columns(self.given, table, as_written)
 
     def to_dict(self) -> dict[str, Any]:
         """Names of the links and of the target, and the rows as the command fk prints them, ready for JSON."""
@@ -180,7 +180,7 @@ class InverseJoints(Speaks):
         """
         import pandas as pd
 
-        from irbcal.measurement.beside import beside
+        from irbcal.measurement.columns import with_input_columns
 
         q = self.joints if self.coupling is None else self.joints @ np.linalg.inv(self.coupling).T
         table = pd.DataFrame(q / self.units, columns=list(self.columns))
@@ -188,7 +188,7 @@ class InverseJoints(Speaks):
             table.insert(0, "branch", self.branch)
             table.insert(0, "row", self.row + 1)
         table["note"] = self.note
-        return beside(self.given, table, as_written, self.row)
+        return with_input_columns(self.given, table, as_written, self.row)
 
     def to_dict(self) -> dict[str, Any]:
         """The rows as the command ik prints them, ready for JSON: None where there is no solution."""

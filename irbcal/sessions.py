@@ -24,12 +24,11 @@ from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import cleaning, swapped
-from irbcal.measurement.blocks import MARK, block_of
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of, payload_of
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.poses import as_poses, in_frame_of
-from irbcal.measurement.sessions import COLUMN, OF_POSES, joined, sessions_of
+from irbcal.measurement.sessions import COLUMN, MARK, OF_POSES, block_of, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import LOAD, Motion

@@ -37,8 +37,8 @@ from irbcal.identification.fit import ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows
 from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_misses
 from irbcal.identification.term_sets import TermSet
-from irbcal.measurement.feature_loads import usual_place
 from irbcal.measurement.features import FeatureSet, Length
+from irbcal.measurement.load_columns import usual_place
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames

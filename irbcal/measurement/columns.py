@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import BoolArray, FloatArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import plain_csv
 from irbcal.names import LONGEST_NAME, fault_of, from_cell
@@ -89,6 +89,10 @@ def declared(name: str) -> ColumnKind:
     return next(kind for pattern, kind in DECLARED.items() if re.fullmatch(pattern, name))
 
 
+GIVEN = "given_"
+"""Put before the name of a column of the input that was computed, too."""
+NAMES = ("pose", "target", "group", "session", "cycle")
+"""Columns that are names even where they look like numbers."""
 FRAME = "<DataFrame>"
 """What messages call a table that is no file."""
 
@@ -437,6 +441,55 @@ def refuse_control_characters(values: pd.Series, name: str, source: str) -> None
 def lost_points(xyz: FloatArray) -> BoolArray:
     """Which positions, shape (rows, 3), stand for a lost point: those with a gap, and exactly 0,0,0."""
     return np.isnan(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)
+
+
+def with_input_columns(
+    inputs: pd.DataFrame | None, computed: pd.DataFrame, as_written: bool = False, row: IntArray | None = None
+) -> pd.DataFrame:
+    """Columns of an input, then those computed for its rows.
+
+    Parameters
+    ----------
+    inputs : DataFrame or None
+        The input's cells, texts as they stand in a file; None: there are none.
+    computed : DataFrame
+        What was computed.
+    as_written : bool
+        Leave the texts as they are; else columns in which nothing but numbers stands are numbers.
+    row : ndarray of int, shape (rows of found,), optional
+        The input's row, from 0, of each computed row; the same number unless given.
+
+    Returns
+    -------
+    DataFrame
+        Columns of the input whose names are taken are called ``given_NAME``.
+    """
+    if inputs is None:
+        return computed
+    columns_in = (inputs if as_written else _numbers_where_possible(inputs)).reset_index(drop=True)
+    if row is not None:
+        columns_in = columns_in.iloc[row].reset_index(drop=True)
+    names_used = {*map(str, inputs.columns), *map(str, computed.columns)}
+    names: dict[str, str] = {}
+    for name in map(str, columns_in.columns):
+        new = name
+        while (new != name and new in names_used) or new in computed.columns:
+            new = GIVEN + new
+        names_used.add(new)
+        names[name] = new
+    return pd.concat([columns_in.rename(columns=names), computed.reset_index(drop=True)], axis=1)
+
+
+def _numbers_where_possible(cells: pd.DataFrame) -> pd.DataFrame:
+    """Texts of a file with the columns as numbers in which finite numbers (or nothing) stand alone; not names."""
+    out = {}
+    for name in cells.columns:
+        text = cells[name].str.strip()
+        values = pd.to_numeric(text.where(text != ""), errors="coerce")
+        finite = values.notna() & ~np.isinf(values)
+        number = name not in NAMES and finite.any() and (finite | (text == "")).all()
+        out[name] = values.astype(float) if number else cells[name]
+    return pd.DataFrame(out, index=cells.index)
 
 
 # --- where the cells come from ------------------------------------------------------------------------------

@@ -31,7 +31,6 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, imaging, quaternion_columns
 from irbcal.measurement.columns import TableLike
-from irbcal.measurement.feature_loads import payloads
 from irbcal.measurement.known_features import (
     BRACES,
     DISTANCE,
@@ -43,7 +42,7 @@ from irbcal.measurement.known_features import (
     given_rows,
     known_features,
 )
-from irbcal.measurement.load_columns import PLACE
+from irbcal.measurement.load_columns import PLACE, payloads
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion

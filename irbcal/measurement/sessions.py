@@ -2,8 +2,9 @@
 
 Each session has its own base in its measuring frame and its own places of the targets; the robot is shared. While an
 identification looks for them, points keep the frame in which they were measured, and `PointSet.session` says which; the
-targets of all sessions but the last are named ``target@session`` (`irbcal.measurement.blocks`). Afterwards
-`into_one_frame` moves all points into the frame of the last session, so that a robot has one base.
+targets of all sessions but the last are named ``target@session`` (`own_targets`): an identification takes them for
+other targets, so that each session has its own places of the tool. Afterwards `into_one_frame` moves all points into
+the frame of the last session, so that a robot has one base.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ import pandas as pd
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import columns
-from irbcal.measurement.blocks import MARK, own_targets
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
@@ -31,6 +31,8 @@ OF_POSES = tuple(
 )
 """Optional fields of a point set with a row for each pose."""
 
+MARK = "@"
+"""Between a target and the session in which it was mounted so."""
 COLUMN = "session"
 """The column of a measurement file that tells sessions apart, unless another is named."""
 
@@ -164,3 +166,51 @@ def into_one_frame(points: PointSet, T_world_base: FloatArray, bases: Mapping[st
     xyz = np.einsum("mij,mj->mi", T[:, :3, :3], points.xyz) + T[:, :3, 3]
     rotation = None if points.rotation is None else T[:, :3, :3] @ points.rotation
     return replace(points, xyz=xyz, rotation=rotation, session=None)
+
+
+def own_targets(points: PointSet, blocks: NameArray, plain: str) -> PointSet:
+    """The same points, the targets of each block by names of their own.
+
+    Parameters
+    ----------
+    points : PointSet
+        With the targets' plain names.
+    blocks : ndarray of str, shape (n,)
+        Block of each pose.
+    plain : str
+        The block whose targets keep their names.
+
+    Returns
+    -------
+    PointSet
+        Targets are sorted by name, those with plain names first.
+    """
+    of_point = np.asarray(blocks, dtype=object)[points.pose]
+    name_and_block = zip(points.names(), of_point, strict=True)
+    called = [name if block == plain else f"{name}{MARK}{block}" for name, block in name_and_block]
+    names = sorted(set(called), key=lambda name: (MARK in name, name))
+    number = {name: k for k, name in enumerate(names)}
+    target = np.array([number[name] for name in called], dtype=int)
+    return replace(points, target=target, target_names=tuple(names))
+
+
+def block_of(target: str, blocks: tuple[str, ...], plain: str) -> tuple[str, str]:
+    """The plain name of a target and its block.
+
+    Parameters
+    ----------
+    target : str
+        As `own_targets` calls it.
+    blocks : tuple of str
+        Their names.
+    plain : str
+        The block of targets with plain names.
+
+    Returns
+    -------
+    name, block : str
+    """
+    for block in sorted(blocks, key=len, reverse=True):
+        if target.endswith(f"{MARK}{block}"):
+            return target.removesuffix(f"{MARK}{block}"), block
+    return target, plain

@@ -153,7 +153,7 @@ def test_effects_are_listed_without_a_robot():
     [
         ("q1_deg,q2_deg\n0,0\n", "row 1: missing column q3_deg, q4_deg, q5_deg, q6_deg"),
         ("{joints}\n0,0,0,0,0,0\n0,x,0,0,0,0\n", "row 3, column q2_deg: expected a joint angle in degrees, found 'x'"),
-        ("{joints}\n0,0,0,0,99999,0\n", "row 2, column q5_deg: expected a joint angle in degrees, found '99999'"),
+        ("{joints}\n0,0,0,0,99999,0\n", "row 2, column q5_deg: expected a joint angle in degrees, found 99999"),
         (
             "{joints},targets\n0,0,0,0,0,0,smr1 smr9\n",
             "row 2, column targets: expected targets of the tool (smr1, smr2",

@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.feature_loads import payloads, usual_place
+from irbcal.measurement.load_columns import payloads, usual_place
 
 CELLS = pd.DataFrame({"payload_kg": ["0", "5.5", ""]}, index=[2, 3, 4])
 PLACED = pd.DataFrame(
