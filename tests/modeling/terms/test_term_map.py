@@ -165,7 +165,7 @@ def test_maps_are_locked_and_pickled():
 def test_what_is_not_a_term_is_refused():
     model = arm("irb120")
     with pytest.raises(RobotError, match="schema"):
-        TermMap.from_json(model, {"schema": "irbcal-joint-map-1", "terms": []})
+        TermMap.from_json(model, {"schema": "irbcal-joint-map-9", "terms": []})
     with pytest.raises(RobotError, match="not a term"):
         Term.from_json({"joint": 1, "axis": "rz", "basis": "cos"})
     with pytest.raises(RobotError, match="axis"):
