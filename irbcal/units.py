@@ -12,5 +12,8 @@ DEG: float = pi / 180.0
 HOUR: float = 3600.0
 """One hour in seconds."""
 
+LARGEST_PAYLOAD_KG: float = 5e3
+"""A larger mass is no payload of a robot: the largest arms carry 2,300 kg."""
+
 UNIT_OUTSIDE: Mapping[str, tuple[str, float]] = {"m": ("mm", MM), "rad": ("deg", DEG), "1": ("1", 1.0)}
 """SI unit -> (unit at the surface, factor: value in SI = factor * value at the surface)."""

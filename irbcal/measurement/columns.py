@@ -30,7 +30,7 @@ from irbcal.measurement import plain_csv
 from irbcal.names import LONGEST_NAME, fault_of, from_cell
 from irbcal.options import shown
 from irbcal.reading import STDIN, read_bytes, stdin_bytes
-from irbcal.units import DEG, MM
+from irbcal.units import DEG, LARGEST_PAYLOAD_KG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
 """Joint columns of arms with six revolute joints."""
@@ -38,8 +38,8 @@ ALL_JOINTS = "q1 …"
 """Stands for the joint columns of any arm among required columns: from joint 1 to the last one in the header."""
 POSITION = ["x_mm", "y_mm", "z_mm"]
 QUATERNION = ["qw", "qx", "qy", "qz"]
-LARGEST_ANGLE_DEG, LARGEST_POSITION_MM, LARGEST_PAYLOAD_KG, LARGEST_NUMBER = 1e4, 1e6, 5e3, 1e12
-"""Numbers beyond are no joints, lengths and payloads of a robot cell; squares of the last can be computed with."""
+LARGEST_ANGLE_DEG, LARGEST_POSITION_MM, LARGEST_NUMBER = 1e4, 1e6, 1e12
+"""Numbers beyond are no joints and lengths of a robot cell; squares of the last can be computed with."""
 
 
 class ColumnKind(NamedTuple):
@@ -414,7 +414,7 @@ def names(cells: pd.DataFrame, name: str, source: str) -> Any:
     return values
 
 
-def refuse_control_characters(values: pd.Series, name: str, source: str) -> None:
+def refuse_unfit_names(values: pd.Series, name: str, source: str) -> None:
     """Names go to terminals, tables and pages: what would act there instead of being shown is refused.
 
     Parameters

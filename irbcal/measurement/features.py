@@ -256,7 +256,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     name_of = "<features>" if not isinstance(features, (str, PathLike)) else str(features)
     names, name_pattern = _names(cells, feature_rows, source)
     by_name, lengths = known_features(feature_rows, cells, names, source, name_of)
-    kind, target = (_text(cells, column, len(cells)) for column in ("kind", "target"))
+    kind, target = (_text(cells, column, source) for column in ("kind", "target"))
     for k, name in enumerate(names):
         feature = by_name.get(name)
         if name and feature is None and not kind[k]:
@@ -329,15 +329,19 @@ def _some(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
     return None if values is None else values[rows]
 
 
-def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
-    texts = cells[name].astype(str).str.strip() if name in cells.columns else [""] * rows
+def _text(cells: pd.DataFrame, name: str, source: str) -> NameArray:
+    """A column of names or nothing; all nothing where there is no such column."""
+    if name not in cells.columns:
+        return np.full(len(cells), "", dtype=object)
+    texts = cells[name].astype(str).str.strip()
+    columns.refuse_unfit_names(texts, name, source)
     return np.array(texts, dtype=object)  # a copy: a column of pandas cannot be written to
 
 
 def _names(cells: pd.DataFrame, feature_rows: list[dict[str, str]], source: str) -> tuple[NameArray, str]:
     """Feature of each row, and how columns name it."""
     if "feature" in cells.columns:
-        return _text(cells, "feature", len(cells)), ""
+        return _text(cells, "feature", source), ""
     patterns = [row for row in feature_rows if BRACES.search(row["feature"]) and row["kind"] != DISTANCE]
     if len(patterns) == 1:
         return filled(patterns[0]["feature"], cells, patterns[0], source), patterns[0]["feature"]

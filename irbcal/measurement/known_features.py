@@ -106,6 +106,8 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
         )
     for name in [name for name in (*LENGTHS, *imaging.NUMBERS) if name in cells.columns]:
         columns.numbers(cells, name, source, lost=True)
+    for name in [name for name in TEXT if name in cells.columns]:
+        columns.refuse_unfit_names(cells[name].astype(str).str.strip(), name, source)
     return [
         {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
         for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
@@ -126,6 +128,7 @@ def filled(pattern: str, cells: pd.DataFrame, row: Mapping[str, str], source: st
             )
         values = columns.names(cells, column, source)
         out = np.array([a.replace(f"{{{column}}}", str(b)) for a, b in zip(out, values, strict=True)], dtype=object)
+    columns.refuse_unfit_names(pd.Series(out, index=cells.index), "feature", source)
     return out
 
 

@@ -138,7 +138,7 @@ def read_targets(table: TableLike) -> dict[str, FloatArray]:
     cells, source, _ = columns.read(table, ["target", *POSITION])
     places = columns.in_si(cells, POSITION, source)
     names = cells["target"].str.strip().map(from_cell)
-    columns.refuse_control_characters(names, "target", source)
+    columns.refuse_unfit_names(names, "target", source)
     if names.duplicated().any():
         row = names.index[names.duplicated()][0]
         raise MeasurementError(

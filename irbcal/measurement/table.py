@@ -334,7 +334,7 @@ def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
             table[name] = columns.numbers(cells, name, source, lost=True)
         else:
             if name in ("group", "cycle", "session"):
-                columns.refuse_control_characters(cells[name].astype(str), name, source)
+                columns.refuse_unfit_names(cells[name].astype(str), name, source)
             table[name] = cells[name].to_numpy()
     table.loc[columns.lost_points(table[POSITION].to_numpy()), POSITION] = np.nan
     table["pose_index"] = _pose_index(table, source)

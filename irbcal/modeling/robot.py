@@ -19,6 +19,7 @@ from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
 from irbcal.options import number, place
+from irbcal.units import LARGEST_PAYLOAD_KG
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -286,7 +287,7 @@ def loaded(robot: Robot, payload: float | None, payload_place: ArrayLike | None 
     Raises
     ------
     OptionError
-        If these are no mass and no place, or there is a place without a mass.
+        If these are no mass that an arm carries and no place, or there is a place without a mass.
     RobotError
         As `Robot.carrying`.
     """
@@ -296,4 +297,4 @@ def loaded(robot: Robot, payload: float | None, payload_place: ArrayLike | None 
         return robot
     if payload_place is not None:
         payload_place = place("payload_place", payload_place, "x, y, z of the payload's centre in metres")
-    return robot.carrying(number("payload", payload, 0.0), payload_place)
+    return robot.carrying(number("payload", payload, 0.0, LARGEST_PAYLOAD_KG), payload_place)

@@ -15,7 +15,6 @@ from irbcal import atomic
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import OptionError
 from irbcal.identification.observations import KINDS
-from irbcal.measurement.columns import LARGEST_PAYLOAD_KG
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.features import read as read_features
 from irbcal.measurement.load_columns import PLACE
@@ -39,7 +38,7 @@ from irbcal.simulation.devices import (
 from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.summary import Speaks, Told
-from irbcal.units import MM
+from irbcal.units import LARGEST_PAYLOAD_KG, MM
 
 if TYPE_CHECKING:
     import pandas as pd

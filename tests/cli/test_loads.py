@@ -62,6 +62,9 @@ def test_forward_and_inverse_for_a_load(calibration, folder, program, tmp_path):
     there = program("fk", calibration, "--joints", folder / "q.csv", "--payload", 12, "--payload-place", "0,0,500")
     (tmp_path / "far.csv").write_text(there)
     assert (pd.read_csv(tmp_path / "far.csv")["z_mm"] < places[2][:, 2] - 0.01).all()
+    for absurd in (-1.0, 5001.0, 1e308):
+        with pytest.raises(irbcal.OptionError, match="payload: expected a number from 0 to 5000"):
+            irbcal.fk(calibration, folder / "q.csv", payload=absurd)
 
 
 def test_a_program_is_corrected_for_a_load(calibration, folder, program, tmp_path):

@@ -137,6 +137,21 @@ def test_rows_of_a_tracker_have_places_and_no_feature():
         (turned("1", ["0", "0", "", "0"], "0"), POSED, "row 3.*unit quaternion or nothing, found 1, 0, nan, 0"),
         (turned("0", "0", "0"), POSED, "row 1.*unit quaternion or nothing, found 0, 0, 0, 0"),
         (turned("1", "0", "0").drop(columns="qz"), POSED, "missing column qz"),
+        (
+            table(feature=["A", "A" * 201, "A", "A"]),
+            known({"feature": "A", "kind": "point"}),
+            "row 2, column feature.*found 201",
+        ),
+        (
+            table(feature="A"),
+            known({"feature": "A", "kind": "point"}, {"feature": "d" * 201, "kind": "distance", "first": "A"}),
+            "row 2, column feature.*found 201",
+        ),
+        (
+            table(n=["1", "2" * 180, "1", "1"]),
+            known({"feature": "a" * 30 + "{n}", "kind": "point"}),
+            "row 2, column feature.*found 210",
+        ),
         (table(feature="A").drop(columns="q6_deg"), known({"feature": "A", "kind": "point"}), "missing column q6_deg"),
     ],
 )
