@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import irbcal
+from irbcal.errors import OptionError
 
 
 def measured(load, poses, seed):
@@ -63,8 +64,8 @@ def test_forward_and_inverse_for_a_load(calibration, folder, program, tmp_path):
     (tmp_path / "far.csv").write_text(there)
     assert (pd.read_csv(tmp_path / "far.csv")["z_mm"] < places[2][:, 2] - 0.01).all()
     for absurd in (-1.0, 5001.0, 1e308):
-        with pytest.raises(irbcal.OptionError, match="payload: expected a number from 0 to 5000"):
-            irbcal.fk(calibration, folder / "q.csv", payload=absurd)
+        with pytest.raises(OptionError, match="payload: expected a number from 0 to 5000"):
+            irbcal.forward_kinematics(calibration, folder / "q.csv", payload=absurd)
 
 
 def test_a_program_is_corrected_for_a_load(calibration, folder, program, tmp_path):
