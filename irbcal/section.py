@@ -83,7 +83,7 @@ class Section(BaseModel):
         Parameters
         ----------
         result
-        **known
+        **given_values
             Fields that are not the result's.
         """
         values = dict(given_values)

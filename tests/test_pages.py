@@ -190,3 +190,5 @@ def test_files_that_they_name_exist():
     for page in PAGES:
         for path in re.findall(r"`((?:scripts|irbcal|tests)/[\w/.]+)`", page.read_text(encoding="utf-8")):
             assert (ROOT / path).exists(), f"{page.name}: {path}"
+        for path in re.findall(r"`(\w+/[\w/]+\.py)`", page.read_text(encoding="utf-8")):
+            assert (ROOT / path).exists() or (ROOT / "irbcal" / path).exists(), f"{page.name}: {path}"
