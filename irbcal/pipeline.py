@@ -33,7 +33,7 @@ from irbcal.identification.feature_fit import (
     FeatureFit,
     as_points,
     frames_of,
-    identify_features,
+    identify_without_gross_errors,
     shape_only,
 )
 from irbcal.identification.feature_problem import FeatureProblem, Key
@@ -857,19 +857,32 @@ def _read_features(measurements: MeasurementsLike, robot: str | Path | None, opt
     )
 
 
-def fit_features(inputs: Inputs, say: Progress) -> Fitted:
-    """Identify from all rows at features; `prove_features` leaves places out."""
+def fit_features(inputs: Inputs, say: Progress) -> Doubted:
+    """Identify from all rows at features but for gross errors; `prove_features` leaves places out."""
     rows = inputs.feature_rows
     assert rows is not None
-    feature_fit = identify_features(inputs.urdf.arm, rows, inputs.options.terms, progress=say)
-    points = as_points(rows)
+    options = inputs.options
+    feature_fit, left_out, doubt = identify_without_gross_errors(inputs.urdf.arm, rows, options.terms, progress=say)
+    remaining = feature_fit.problem.seen
+    points = as_points(remaining)
     motion = Motion(points.q)
     nobody = np.zeros(points.poses, dtype=bool)
     return _next(
-        Fitted,
+        Doubted,
         inputs,
+        feature_rows=remaining,
         points=points,
         motion=motion,
+        excluded=tuple(
+            Exclusion(
+                pose=str(rows.pose[k]),
+                target=str(rows.target[k]),
+                reason=f"row {rows.row[k]} ({rows.feature[k] or rows.kind[k]}) is {left_out[rows.row[k]] / MM:.2f} mm "
+                "beside what all other rows say",
+            )
+            for k in np.flatnonzero(np.isin(rows.row, list(left_out)))
+        ),
+        doubts=(doubt,) if doubt else (),
         fit_points=points,
         fit_motion=motion,
         heldout_points=points.select(nobody),
@@ -880,14 +893,14 @@ def fit_features(inputs: Inputs, say: Progress) -> Fitted:
     )
 
 
-def prove_features(done: Fitted, say: Progress) -> Proven:
+def prove_features(done: Doubted, say: Progress) -> Proven:
     """Leave each place out in turn, and look for what speaks against the result."""
     options, rows, fit, points = done.options, done.feature_rows, done.fit, done.fit_points
     assert rows is not None
     assert isinstance(fit, FeatureFit)
     proof = prove_places(done.urdf.arm, rows, options.leave_out, options.terms, options.seed, say)
     section = _features_section(fit, proof)
-    against = (*_feature_doubts(section), *fit.doubts())
+    against = (*done.doubts, *_feature_doubts(section), *fit.doubts())
     order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")
     calibrated, nominal = (fit.problem.residuals(state)[order] for state in (fit.state, fit.nominal_state))
     heldout, left_out = done.heldout_points, (np.zeros(0), np.zeros(0))
@@ -1144,7 +1157,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         heldout_least_squares=_least_squares_errors(done),
         poses_fit=fitted_points.poses,
         poses_heldout=heldout.poses,
-        poses_excluded=0 if features else done.poses_measured - fitted_points.poses - heldout.poses,
+        poses_excluded=done.poses_measured - fitted_points.poses - heldout.poses,
         features=features,
         points=PointTable.of(fitted_points, heldout, errors, placed=features is None),
         poses=_pose_table(done),

@@ -63,6 +63,34 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     assert again.exit_code == 0, again.output
 
 
+def test_gross_errors_among_rows_at_features_are_named_and_left_out(contacts):
+    wrong = contacts.copy()
+    wrong.loc[7, "q1_deg"] += 0.5
+    wrong.loc[50, "feature"] = "point 2"
+    calibration = irbcal.calibrate(wrong, "irb1600", features=KNOWN, leave_out="none")
+    reasons = [exclusion.reason for exclusion in calibration.record.excluded]
+    assert [reason.split(" is ")[0] for reason in reasons] == ["row 8 (point 0)", "row 51 (point 2)"]
+    assert calibration.record.poses_excluded == 2
+    without = irbcal.calibrate(contacts.drop(index=[7, 50]), "irb1600", features=KNOWN, leave_out="none")
+    assert without.record.excluded == []
+    q = cases.arm().random_joints(20, 1)
+    moved = cases.apart(calibration.robot_calibrated().arm, without.robot_calibrated().arm, q)
+    assert moved.max() < 1e-9
+    truth = cases.true_arm(cases.arm(), 7)
+    bent = identify_features(cases.arm(), features.read(wrong, KNOWN, cases.arm()))
+    apart = [cases.apart(truth, fit.arm, q, fit.targets["ball"]).mean() for fit in (bent, without.robot_calibrated())]
+    assert apart[1] < 0.5 * apart[0]
+
+
+def test_many_rows_that_contradict_the_others_are_a_doubt(contacts):
+    wrong = contacts.copy()
+    wrong.loc[::8, "q1_deg"] += np.linspace(0.5, 2.0, 15)
+    record = irbcal.calibrate(wrong, "irb1600", features=KNOWN, leave_out="none").record
+    assert record.excluded == []
+    assert record.poses_fit == 120
+    assert any("more than 10% of all rows" in doubt for doubt in record.doubts)
+
+
 def test_planes_alone_are_refused_and_make_a_robot_worse():
     """SIMULATED: three plates that bend by 0.4 mm; a fit flattens them and bends the arm instead."""
     nominal, rng, parts = cases.arm(), np.random.default_rng(0), []

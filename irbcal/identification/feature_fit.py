@@ -36,6 +36,7 @@ from irbcal.identification.feature_problem import (
 from irbcal.identification.fit import ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows
 from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_misses
+from irbcal.identification.outliers import limit
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.features import FeatureSet, Length
 from irbcal.measurement.load_columns import usual_place
@@ -63,6 +64,9 @@ JOINTS = 200
 """Random joints between those of the rows, at which an unknown base follows the arm, and what rows leave open."""
 
 BASE_REASON = "nothing ties the features to a measuring frame: places are those of the base link"
+
+MOST_GROSS = 0.1
+"""Share of the rows that may be gross errors: of more, none is left out."""
 
 TOO_LARGE = 2e-3
 """Share by which a robot may come out larger than nominal before what gave the scale is doubted."""
@@ -363,6 +367,58 @@ def identify_features(
         step_covariance=covariance,
         **results,
     )
+
+
+def identify_without_gross_errors(
+    arm: Arm, rows: FeatureSet, terms: str = term_sets.JOINT_MAP, progress: Progress | None = None
+) -> tuple[FeatureFit, dict[int, float], str]:
+    """Identify from the rows that do not contradict all others by far: a wrong feature, a slip, a mistyped joint.
+
+    A row is a gross error by the rule for a tracker's points (`irbcal.identification.outliers.limit`), within its
+    kind. A gross error bends the fit, so that good rows beside it miss, too: only rows that miss at least half as much
+    as the worst are left out before the others are fitted again.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal.
+    rows : FeatureSet
+    terms : str
+        As of `identify_features`.
+    progress : callable, optional
+
+    Returns
+    -------
+    fit : FeatureFit
+        Of ``fit.problem.seen``: all rows where more than `MOST_GROSS` contradict the others, or the rest is too little.
+    left_out : dict of int to float
+        How far each row that was left out is from its feature, by its row in the file, metres.
+    doubt : str
+        Why gross errors were not left out; empty where they were, or where there are none.
+
+    Raises
+    ------
+    IdentificationError
+        As `identify_features`.
+    """
+    fit_of_all = fit = identify_features(arm, rows, terms, progress=progress)
+    left_out: dict[int, float] = {}
+    while True:
+        remaining, distance = fit.problem.seen, fit.problem.residuals(fit.state)
+        limits = {kind: limit(distance[remaining.kind == kind]) for kind in set(remaining.kind)}
+        gross = distance > np.array([limits[kind] for kind in remaining.kind])
+        if not gross.any():
+            return fit, left_out, ""
+        gross &= distance >= 0.5 * distance[gross].max()
+        left_out |= dict(zip(remaining.row[gross].tolist(), distance[gross].tolist(), strict=True))
+        listed = ", ".join(map(str, sorted(left_out)[:10])) + (", …" if len(left_out) > 10 else "")
+        doubt = f"Rows that contradict the others were not left out ({listed}): "
+        if len(left_out) > MOST_GROSS * len(rows):
+            return fit_of_all, {}, f"{doubt}they are more than {MOST_GROSS:.0%} of all rows. Look at these rows first."
+        try:
+            fit = identify_features(arm, remaining.select(~gross), terms, progress=progress)
+        except IdentificationError as error:
+            return fit_of_all, {}, f"{doubt}without them, {error}"
 
 
 def _choices(

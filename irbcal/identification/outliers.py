@@ -134,12 +134,12 @@ def find_gross_errors(
         nearer = None if closer_robot is None else distances(closer_robot, points)
         if closer_robot is not None and nearer is not None and np.median(nearer) < np.median(distance):
             robot, level, distance = closer_robot, closer, nearer
-    return GrossErrors(distance <= limit(distance, level), distance, robot, level)
+    return GrossErrors(distance <= limit(distance, FLOORS.get(level, FLOOR)), distance, robot, level)
 
 
-def limit(distance: FloatArray, level: Level) -> float:
-    """Distance from a robot of a level beyond which a point is a gross error, metres."""
-    return max(FLOORS.get(level, FLOOR), FACTOR * float(np.quantile(distance, QUANTILE)))
+def limit(distance: FloatArray, floor: float = FLOOR) -> float:
+    """Distance from where a robot puts it beyond which a point, or a row at a feature, is a gross error, metres."""
+    return max(floor, FACTOR * float(np.quantile(distance, QUANTILE)))
 
 
 def _closer(arm: Arm, points: PointSet, distance: FloatArray, level: Level) -> Robot | None:
@@ -151,7 +151,7 @@ def _closer(arm: Arm, points: PointSet, distance: FloatArray, level: Level) -> R
     try:
         robot = trimmed(arm, points, level, distance)
         # what is good by now is more than the core, and gives a better robot
-        good = points.take((d := distances(robot, points)) <= limit(d, level)).without_empty_poses()
+        good = points.take((d := distances(robot, points)) <= limit(d, FLOORS.get(level, FLOOR))).without_empty_poses()
         better = identify(arm, good.with_seen_targets(), level).robot
     except IdentificationError:
         return None
