@@ -78,7 +78,9 @@ def test_wrong_calls_and_refusals(program, tmp_path):
     assert CliRunner().invoke(app, ["tracker", str(file)]).exit_code == 2, "the length is missing"
     refused = CliRunner().invoke(app, ["tracker", str(file), "--length", "1000", "--plot", str(tmp_path / "d.docx")])
     assert (refused.exit_code, "a name that ends in" in refused.output) == (2, True)
-    with pytest.raises(IrbcalError, match=r"row 2, column x_mm: expected a number or nothing, found 'one'"):
+    with pytest.raises(
+        IrbcalError, match=r"row 2, column x_mm: expected a position within 1 km in mm or nothing, found 'one'"
+    ):
         program("tracker", table(tmp_path / "x.csv", "x_mm,y_mm,z_mm", ["one"], [1], [1]))
     with pytest.raises(IrbcalError, match="missing column z_mm"):
         program("tracker", table(tmp_path / "z.csv", "x_mm,y_mm", [1], [1]))

@@ -118,7 +118,7 @@ def test_the_average_is_the_weighted_sum_of_its_dictionaries():
         assert (row.sigma_mm is None) == (row.leave_one_out_mm is None) == (row.weight == 0.0)
     # the average of residual variances, and left-out residuals that no dictionary alone need have
     kept = [row for row in found.term_sets if row.weight]
-    assert found.sigma**2 == pytest.approx(sum(row.weight * row.sigma**2 for row in kept), rel=1e-9)
+    assert found.sigma**2 == pytest.approx(sum(row.weight * (row.sigma_mm * MM) ** 2 for row in kept), rel=1e-9)
     assert found.loo[""] <= max(row.leave_one_out_mm for row in kept) * MM
 
 
@@ -174,14 +174,14 @@ def test_log_evidences_of_an_irb120(irb120_commands):
     for columns, value, sigma, loo in CHECKED.values():
         assert rows[columns].log_evidence == pytest.approx(value, abs=6.0)
         if rows[columns].weight:
-            assert rows[columns].sigma / MM == pytest.approx(sigma, rel=0.03)
+            assert rows[columns].sigma_mm == pytest.approx(sigma, rel=0.03)
             assert rows[columns].leave_one_out_mm == pytest.approx(loo, rel=0.03)
     assert rows[352].weight == pytest.approx(0.92, abs=0.05)
     assert rows[232].weight == pytest.approx(0.07, abs=0.05)
     found = irb120_commands.first(200, terms="joint-map", gear_scan=False)
     rows = {row.terms: row for row in found.term_sets}
     assert rows[159].log_evidence == pytest.approx(855.9, abs=4.0)
-    assert rows[159].sigma / MM == pytest.approx(0.0356, rel=0.02)
+    assert rows[159].sigma_mm == pytest.approx(0.0356, rel=0.02)
     assert rows[159].leave_one_out_mm == pytest.approx(0.0700, rel=0.02)
     assert rows[159].weight == pytest.approx(0.98, abs=0.02)
 

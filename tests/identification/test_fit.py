@@ -384,7 +384,7 @@ def test_the_choice_speaks_and_can_be_pickled():
     points = measured(random_robot(nominal, "11", rng), nominal.random_joints(9, 1), 5e-5, rng)
     choice = choose_level(nominal, points, levels=("nominal", "11", "34"))
     assert choice.told()[0] == choice.explanation == choice.headline()
-    assert repr(choice) == f"<Choice: {choice.explanation}>"
+    assert repr(choice) == f"<LevelChoice: {choice.explanation}>"
     shown = [line.split() for line in choice.summary().splitlines()]
     for row in choice.table:
         assert [row.level, f"{row.mean_mm:.3f}"] in [words[:2] for words in shown]
