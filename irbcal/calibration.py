@@ -140,8 +140,8 @@ class Calibration(Speaks):
         lines += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.evidence)[:1]]
         notes = [note for note in r.notes if note not in r.doubts]
         more = [
-            f"{count} {label}"
-            for count, label in ((len(notes), "notes"), (len(r.excluded), "points left out"))
+            f"{count} {unit}{'s'[: count != 1]}{rest}"
+            for count, unit, rest in ((len(notes), "note", ""), (len(r.excluded), "point", " left out"))
             if count
         ]
         return lines + (

@@ -1157,7 +1157,9 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         heldout_least_squares=_least_squares_errors(done),
         poses_fit=fitted_points.poses,
         poses_heldout=heldout.poses,
-        poses_excluded=done.poses_measured - fitted_points.poses - heldout.poses,
+        poses_excluded=done.poses_measured
+        - fitted_points.poses
+        - (0 if features else heldout.poses),  # poses at features are fitted, and left out in turn,
         features=features,
         points=PointTable.of(fitted_points, heldout, errors, placed=features is None),
         poses=_pose_table(done),

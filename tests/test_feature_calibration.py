@@ -67,10 +67,15 @@ def test_gross_errors_among_rows_at_features_are_named_and_left_out(contacts):
     wrong = contacts.copy()
     wrong.loc[7, "q1_deg"] += 0.5
     wrong.loc[50, "feature"] = "point 2"
-    calibration = irbcal.calibrate(wrong, "irb1600", features=KNOWN, leave_out="none")
+    calibration = irbcal.calibrate(wrong, "irb1600", features=KNOWN)
     reasons = [exclusion.reason for exclusion in calibration.record.excluded]
     assert [reason.split(" is ")[0] for reason in reasons] == ["row 8 (point 0)", "row 51 (point 2)"]
     assert calibration.record.poses_excluded == 2
+    assert calibration.record.poses_fit == calibration.record.poses_heldout == 118
+    masked = contacts.copy()
+    masked.loc[[1, 2], "q1_deg"] += [30.0, 1.0]  # the second one shows when the first one is gone
+    record = irbcal.calibrate(masked, "irb1600", features=KNOWN, leave_out="none").record
+    assert [exclusion.pose for exclusion in record.excluded] == [str(contacts["pose"][k]) for k in (1, 2)]
     without = irbcal.calibrate(contacts.drop(index=[7, 50]), "irb1600", features=KNOWN, leave_out="none")
     assert without.record.excluded == []
     q = cases.arm().random_joints(20, 1)
