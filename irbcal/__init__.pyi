@@ -9,6 +9,7 @@ from .cell.cell_file import CellFile as CellFile
 from .cell.cell_file import read_cell as read_cell
 from .cell.cell_frames import cell_frames as cell_frames
 from .correction.filter import correct as correct
+from .correction.program_touches import program_touches as program_touches
 from .correction.trajectories import read_trajectory as read_trajectory
 from .correction.trajectories import write_trajectory as write_trajectory
 from .errors import CalibrationError as CalibrationError

@@ -1,12 +1,13 @@
 """Arms of other makers, and an independent way from the numbers of a program to where the robot ends."""
 
+import importlib.util
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support import random_robot
+from support import example_robot, random_robot
 
 from irbcal.correction.filter import filter_program
 from irbcal.correction.program import ControllerSetup
@@ -111,3 +112,29 @@ def damaged(data, n, seed=0):
                 to = int(rng.integers(0, max(len(new), 1)))
                 new[to:to] = piece
         yield bytes(new)
+
+
+def language_tests(language):
+    """The module that tests a language, with its programs."""
+    path = Path(__file__).parent / "correction" / "languages" / f"test_{language}.py"
+    spec = importlib.util.spec_from_file_location(f"programs_of_{language}", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def universal_robot():
+    path = example_robot("ur_description/urdf/ur10_robot.urdf")
+    nominal = urdf.read(path).arm
+    at = controller_model.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
+    return nominal, random_robot(nominal, "placement", np.random.default_rng(1), size=0.05), at
+
+
+LANGUAGES = {  # robot, size of its errors, and by how much the printed decimals move a target, mm and degrees
+    "krl": ("kr120r2500pro", 0.05, 1e-4),
+    "fanuc": ("m20ia", 0.05, 0.06),
+    "urscript": (None, 0.05, 1e-4),
+    "val3": ("rx160", 0.05, 1e-4),
+    "inform": ("gp8", 0.05, 0.06),
+    "kawasaki": ("rs007n", 0.05, 1e-4),
+}

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from irbcal.cli import program_words, show
-from irbcal.cli.program_words import NAMED
+from irbcal.cli.program_words import PROGRAM_FLAGS, PROGRAM_TEXTS, PROGRAM_TYPED
 from irbcal.cli.shared_options import Json
-from irbcal.cli.signature import PLACE, command, public
+from irbcal.cli.signature import PLACE, Typed, command, public
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
@@ -28,15 +28,30 @@ LANGUAGES = {
     "ur": "urscript",
 }
 """Of the makers, by the names that ``--as`` takes."""
+NAMES = "tool", "wobj"
+FOR_PROGRAMS = {"program", "pulses", "where", "controller_model"}
+"""Options that say how to read programs."""
+
+
+TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
+"""How touches are typed whose joints stand in a program."""
 
 
 @command(
-    "cell_frames",
+    "cell_frames program_touches",
     arguments=("calibration", "touches"),
-    typed={"payload_place": PLACE},
-    without=("out", "tool", "wobj"),
-    texts={
-        "touches": "Touches (CSV or Parquet): frame, name, point, tool, q1_deg …, at will x_mm, y_mm, z_mm and u95_mm."
+    typed=PROGRAM_TYPED | {"payload_place": PLACE, "program": Typed(list[Path], "PATH")},
+    flags=PROGRAM_FLAGS,
+    without=("out",),
+    optional=("touches", "program"),
+    texts=PROGRAM_TEXTS
+    | {
+        "touches": "Touches (CSV or Parquet): frame, name, point, tool, q1_deg … (with --program: target), at will "
+        "x_mm, y_mm, z_mm and u95_mm.",
+        "program": "Program or position list with points that were taught at touches (repeat for more files).",
+        "tool": "What the controller has for a tool: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or with --as or "
+        "--program six numbers as the maker writes them.",
+        "wobj": "Likewise for a work object (base, user frame).",
     },
 )
 def cell(
@@ -50,17 +65,13 @@ def cell(
             metavar="MAKER",
         ),
     ] = None,
-    tool: Annotated[
+    touch: Annotated[
         list[str] | None,
         typer.Option(
-            metavar=NAMED,
-            help="What the controller has for a tool: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or with --as six "
-            "numbers as the maker writes them.",
+            help="Points of --program that are touches, in place of a file: 'tool 1 socket=P1,P2,P3', "
+            "'work_object 1 origin 1=P4' (touched with tool 1; repeat for more).",
+            metavar=TOUCH,
         ),
-    ] = None,
-    wobj: Annotated[
-        list[str] | None,
-        typer.Option("--wobj", "--frame", metavar=NAMED, help="Likewise for a work object (base, user frame)."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -73,25 +84,61 @@ def cell(
     calibration = options.pop("calibration")
     if as_ is not None and as_ not in LANGUAGES:
         raise typer.BadParameter(f"expected {', '.join(LANGUAGES)}, found {as_!r}", param_hint="--as")
+    programs = options.get("program", [])
+    for name in () if programs else sorted(FOR_PROGRAMS & options.keys()):
+        raise typer.BadParameter("it goes with --program", param_hint=f"--{name.replace('_', '-')}")
+    touches = _touches(options.pop("touches", None), touch, bool(programs))
     maker = None if as_ is None else languages.by_name()[LANGUAGES[as_]].MAKER
+    program_maker = languages.files_of(programs)[0].MAKER if programs else maker
+    tools, work_objects = (program_words.frames(options.pop(name, None), f"--{name}", program_maker) for name in NAMES)
     saved = read(calibration)
     robot = saved.record.robot
     ends = controller_frames(saved.urdf, "calibrated.urdf", robot.base_link, robot.tip_link)
-    tools = program_words.frames(tool, "--tool", maker)
-    work_objects = program_words.frames(wobj, "--wobj", maker)
-    frames_found = public("cell_frames")(
-        calibration,
-        out=out,
-        tool={name: ends.T_tip_flange @ T for name, T in tools.items()},
-        wobj={name: ends.T_base_world @ T for name, T in work_objects.items()},
-        **options,
-    )
+    if programs:
+        program_words.read_frames(options, programs)
+        taken = {name: options.pop(name) for name in FOR_PROGRAMS & options.keys()}
+        touches, tools, work_objects = public("program_touches")(
+            calibration, touches, tool=tools, wobj=work_objects, **taken
+        )
+    else:
+        tools = {name: ends.T_tip_flange @ T for name, T in tools.items()}
+        work_objects = {name: ends.T_base_world @ T for name, T in work_objects.items()}
+    frames_found = public("cell_frames")(calibration, touches, out=out, tool=tools, wobj=work_objects, **options)
     if json:
         show.print_json(frames_found.to_dict())
         return
     to_controller = frames.inverse(ends.T_tip_flange), frames.inverse(ends.T_base_world)
     show.tell(frames_found.told() if as_ is None else frames_found.told(_notation(as_, maker, ends, to_controller)))
     show.say(f"Written to {out}: irbcal filter {calibration} PROGRAM --cell {out}")
+
+
+def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> Any:
+    """The touches of a file, or a table of those that were typed."""
+    import pandas as pd
+
+    from irbcal.correction import languages
+
+    if file is not None and typed:
+        raise typer.BadParameter("touches stand in a file or are typed, not both", param_hint="--touch")
+    if file is None and (not typed or not of_program):
+        message = (
+            "missing: give a file, or points of a --program with --touch" if not typed else "it goes with --program"
+        )
+        raise typer.BadParameter(message, param_hint="--touch" if typed else "TOUCHES")
+    if file is not None:
+        endings = {ending: one.NAME for one in languages.known() for ending in one.ENDINGS if one.NAME != "CSV"}
+        if (language := endings.get(file.suffix.lower())) is not None:
+            message = f"this is {language}: name it with --program, and its points that are touches with --touch"
+            raise typer.BadParameter(message, param_hint="TOUCHES")
+        return file
+    rows = []
+    for text in typed or ():
+        words, _, targets = text.partition("=")
+        names, points = words.split(), [target.strip() for target in targets.split(",")]
+        if len(names) not in (3, 4) or not all(points):
+            raise typer.BadParameter(f"expected {TOUCH}, found {text!r}", param_hint="--touch")
+        rows += [(*names[:3], names[3] if len(names) == 4 else "", point) for point in points]
+    return pd.DataFrame(rows, columns=["frame", "name", "point", "tool", "target"])
 
 
 def _notation(

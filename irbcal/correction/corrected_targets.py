@@ -43,7 +43,9 @@ def counted(corrections: Corrections, program: Program, nominal: Arm) -> Correct
     return [(batch, replace(fake, q=nominal.to_controller(fake.q))) for batch, fake in corrections]
 
 
-def meant_joints(program: Program, nominal: Arm) -> list[tuple[WantedTargets, FloatArray, Sequence[str]]]:
+def meant_joints(
+    program: Program, nominal: Arm, controller: Arm | None = None
+) -> list[tuple[WantedTargets, FloatArray, Sequence[str]]]:
     """Joints that a controller takes for the targets of a program.
 
     Parameters
@@ -51,7 +53,8 @@ def meant_joints(program: Program, nominal: Arm) -> list[tuple[WantedTargets, Fl
     program : Program
         See `irbcal.correction.languages`.
     nominal : Arm
-        What the controller computes with.
+    controller : Arm, optional
+        What the controller computes with where that is not the nominal arm.
 
     Returns
     -------
@@ -63,7 +66,7 @@ def meant_joints(program: Program, nominal: Arm) -> list[tuple[WantedTargets, Fl
         if batch.kind == "joint":
             out.append((batch, batch.values, [""] * len(batch.names)))
             continue
-        fake = fake_targets(Robot(nominal), nominal, batch, None)
+        fake = as_programmed(nominal, batch, controller)
         reachable = np.isfinite(fake.q_nominal).all(axis=1)
         out.append((batch, fake.q_nominal, [*np.where(reachable, "", fake.reason)]))
     return out

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +33,13 @@ from irbcal.correction.trajectories import Timed, follow
 from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, cell_of, point_origin
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.calibration_folder import read
-from irbcal.io.controller_model import ControllerFrames, controller_frames, controller_kinematics, unknown_frames
+from irbcal.io.controller_model import (
+    ControllerFrames,
+    ControllerModel,
+    controller_frames,
+    controller_kinematics,
+    unknown_frames,
+)
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
@@ -171,21 +178,14 @@ def correct(
     read_too = [path for path in (controller_model, cell) if isinstance(path, (str, os.PathLike))]
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
-    language, sources = languages.files_of(programs_given)
-    record = open_calibration(calibration)
-    nominal = record.arm(calibrated=False)
-    urdf = _urdf(calibration)
-    model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)
+    opened = read_programs(calibration, programs_given, tool, wobj, pulses, controller_model, where)
+    record, nominal, language, sources, programs, setup, model, urdf = opened
     tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
-    ends = _controller(urdf, record)
+    origin = point_origin(points, re_express)
     true_frames = TrueFrames(
-        cell_of(cell, record.fingerprint), frames_measured, controller_frames, point_origin(points, re_express), ends
+        cell_of(cell, record.fingerprint), frames_measured, controller_frames, origin, setup.controller
     )
     true_frames.check(path_tolerance is not None)
-    frames_given = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
-    counts, controller_arm = pulses_per_degree(pulses), None if model is None else model.arm
-    setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language))
-    programs = language.read_for(nominal, sources, setup)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
     if tolerance is not None and not all(isinstance(program_read, Cuttable) for program_read in programs):
@@ -212,6 +212,57 @@ def correct(
     if not len(filtered.targets) or (filtered.left and not allow_partial):
         raise _not_written(filtered)
     return _written(filtered, out, changes, folder=len(filtered.files) > 1 or len(sources) > 1)
+
+
+class OpenedPrograms(NamedTuple):
+    """Programs as read for the robot of a calibration.
+
+    Attributes
+    ----------
+    record : Record
+    nominal : Arm
+    language : Language
+    sources : list of Path
+    programs : sequence of Program
+    setup : ControllerSetup
+        What the controller computes with.
+    model : ControllerModel or None
+        Where that is not the nominal robot.
+    urdf : bytes or None
+        Of the calibration, where it is at hand.
+    """
+
+    record: Record
+    nominal: Arm
+    language: languages.Language
+    sources: list[Path]
+    programs: Sequence[Program]
+    setup: ControllerSetup
+    model: ControllerModel | None
+    urdf: bytes | None
+
+
+def read_programs(
+    calibration: CalibrationLike,
+    program: Sequence[str | Path],
+    tool: Mapping[str, ArrayLike] | None = None,
+    wobj: Mapping[str, ArrayLike] | None = None,
+    pulses: Sequence[float] | None = None,
+    controller_model: str | Path | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
+) -> OpenedPrograms:
+    """Read programs for the robot of a calibration; arguments and errors as of `correct`."""
+    language, sources = languages.files_of(program)
+    record = open_calibration(calibration)
+    nominal = record.arm(calibrated=False)
+    urdf = _urdf(calibration)
+    model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)
+    ends = _controller(urdf, record)
+    frames_given = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
+    counts, controller_arm = pulses_per_degree(pulses), None if model is None else model.arm
+    setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language))
+    programs = language.read_for(nominal, sources, setup)
+    return OpenedPrograms(record, nominal, language, sources, programs, setup, model, urdf)
 
 
 def _written(filtered: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool) -> Filtered:

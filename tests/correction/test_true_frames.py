@@ -1,14 +1,11 @@
 """Programs for the true tools and work objects: SIMULATED robots, whose controllers have taught ones, run them."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
-from maker_cases import robot_of, well_inside
+from maker_cases import LANGUAGES, language_tests, robot_of, universal_robot, well_inside
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from support import arm, example_robot, random_robot
+from support import arm, random_robot
 
 from irbcal.cell.cell_file import CellFile, FrameInCell
 from irbcal.correction.filter import filter_program
@@ -25,7 +22,6 @@ from irbcal.correction.true_frames import (
     point_origin,
 )
 from irbcal.errors import OptionError
-from irbcal.io import controller_model, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.inverse import closed_form
@@ -54,32 +50,6 @@ def off_and_turned(robot, q, T_wanted, tool, work_object):
 
 
 # ---------------------------------------------------------------- every language
-
-
-def language_tests(language):
-    """The module that tests a language, with its programs."""
-    path = Path(__file__).parent / "languages" / f"test_{language}.py"
-    spec = importlib.util.spec_from_file_location(f"programs_of_{language}", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def universal_robot():
-    path = example_robot("ur_description/urdf/ur10_robot.urdf")
-    nominal = urdf.read(path).arm
-    at = controller_model.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
-    return nominal, random_robot(nominal, "placement", np.random.default_rng(1), size=0.05), at
-
-
-LANGUAGES = {  # robot, size of its errors, and by how much the printed decimals move a target, mm and degrees
-    "krl": ("kr120r2500pro", 0.05, 1e-4),
-    "fanuc": ("m20ia", 0.05, 0.06),
-    "urscript": (None, 0.05, 1e-4),
-    "val3": ("rx160", 0.05, 1e-4),
-    "inform": ("gp8", 0.05, 0.06),
-    "kawasaki": ("rs007n", 0.05, 1e-4),
-}
 
 
 @pytest.mark.parametrize("numbers", ["same", "from-cell"])
