@@ -15,19 +15,9 @@ from irbcal.cli.signature import PLACE, Typed, command, public
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
     from irbcal.cell.cell_file import Notation
-    from irbcal.correction.maker import Maker
     from irbcal.io.controller_model import ControllerFrames
 
-LANGUAGES = {
-    "kuka": "krl",
-    "abb": "rapid",
-    "fanuc": "fanuc",
-    "yaskawa": "inform",
-    "kawasaki": "kawasaki",
-    "staubli": "val3",
-    "ur": "urscript",
-}
-"""Of the makers, by the names that ``--as`` takes."""
+MAKERS = "kuka, abb, fanuc, yaskawa, kawasaki, staubli or ur"
 NAMES = "tool", "wobj"
 FOR_PROGRAMS = {"program", "pulses", "where", "controller_model"}
 """Options that say how to read programs."""
@@ -61,8 +51,15 @@ def cell(
         str | None,
         typer.Option(
             "--as",
-            help="Write frames as this maker does: kuka, abb, fanuc, yaskawa, kawasaki, staubli or ur.",
+            help=f"Write frames as this maker does: {MAKERS}.",
             metavar="MAKER",
+        ),
+    ] = None,
+    declare: Annotated[
+        Path | None,
+        typer.Option(
+            help="File for the true tools and work objects as this maker declares them: TOOL_DATA, tooldata, .TRANS, "
+            "… to load, of fanuc and yaskawa a list to type in.",
         ),
     ] = None,
     touch: Annotated[
@@ -76,19 +73,25 @@ def cell(
     json: Json = False,
 ) -> None:
     """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
+    from irbcal.atomic import write_set
     from irbcal.correction import languages
+    from irbcal.correction.declarations import DECLARATIONS, declared
     from irbcal.io.calibration_folder import read
     from irbcal.io.controller_model import controller_frames
     from irbcal.modeling import frames
+    from irbcal.overwriting import refuse_overwriting
 
     calibration = options.pop("calibration")
-    if as_ is not None and as_ not in LANGUAGES:
-        raise typer.BadParameter(f"expected {', '.join(LANGUAGES)}, found {as_!r}", param_hint="--as")
+    if as_ is not None and as_ not in DECLARATIONS:
+        raise typer.BadParameter(f"expected {MAKERS}, found {as_!r}", param_hint="--as")
+    if declare is not None and as_ is None:
+        raise typer.BadParameter("for which maker? say it with --as", param_hint="--declare")
     programs = options.get("program", [])
     for name in () if programs else sorted(FOR_PROGRAMS & options.keys()):
         raise typer.BadParameter("it goes with --program", param_hint=f"--{name.replace('_', '-')}")
     touches = _touches(options.pop("touches", None), touch, bool(programs))
-    maker = None if as_ is None else languages.by_name()[LANGUAGES[as_]].MAKER
+    refuse_overwriting({"out": out, "declare": declare}, [touches], programs, calibration)
+    maker = None if as_ is None else languages.by_name()[DECLARATIONS[as_].language].MAKER
     program_maker = languages.files_of(programs)[0].MAKER if programs else maker
     tools, work_objects = (program_words.frames(options.pop(name, None), f"--{name}", program_maker) for name in NAMES)
     saved = read(calibration)
@@ -103,13 +106,23 @@ def cell(
     else:
         tools = {name: ends.T_tip_flange @ T for name, T in tools.items()}
         work_objects = {name: ends.T_base_world @ T for name, T in work_objects.items()}
-    frames_found = public("cell_frames")(calibration, touches, out=out, tool=tools, wobj=work_objects, **options)
-    if json:
-        show.print_json(frames_found.to_dict())
-        return
+    cell_file = public("cell_frames")(calibration, touches, tool=tools, wobj=work_objects, **options)
     to_controller = frames.inverse(ends.T_tip_flange), frames.inverse(ends.T_base_world)
-    show.tell(frames_found.told() if as_ is None else frames_found.told(_notation(as_, maker, ends, to_controller)))
+    if declare is not None and as_ is not None:
+        true = [
+            {name: T @ one.T_true for name, one in named.items()}
+            for T, named in zip(to_controller, (cell_file.tools, cell_file.work_objects), strict=True)
+        ]
+        content = declared(as_, *true).encode()
+        write_set({declare: content})
+    cell_file.save(out)
+    if json:
+        show.print_json(cell_file.to_dict())
+        return
+    show.tell(cell_file.told() if as_ is None else cell_file.told(_notation(as_, ends, to_controller)))
     show.say(f"Written to {out}: irbcal filter {calibration} PROGRAM --cell {out}")
+    if declare is not None:
+        show.say(f"Written to {declare}: frames of the controller, for irbcal filter --controller-frames from-cell")
 
 
 def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> Any:
@@ -141,24 +154,19 @@ def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> An
     return pd.DataFrame(rows, columns=["frame", "name", "point", "tool", "target"])
 
 
-def _notation(
-    name: str, maker: Maker | None, ends: ControllerFrames, to_controller: tuple[FloatArray, FloatArray]
-) -> Notation:
+def _notation(name: str, ends: ControllerFrames, to_controller: tuple[FloatArray, FloatArray]) -> Notation:
     """How a maker's controllers write frames, and what they count from."""
-    import numpy as np
-
     from irbcal.cell.cell_file import TOOL, Notation
-    from irbcal.correction.notation import numbers_from_poses
+    from irbcal.correction import declarations
     from irbcal.units import MM
 
+    maker = declarations.maker_of(name)
+
     def numbers(frame: str, T: FloatArray) -> list[float]:
-        T = to_controller[0 if frame == TOOL else 1] @ T
-        rows = numbers_from_poses(T) if maker is None else maker.numbers(T[None], np.zeros((1, 6)))
-        return [float(number) for number in rows[0]]
+        return declarations.numbers(maker, to_controller[0 if frame == TOOL else 1] @ T)
 
     flange = "the flange" if ends.flange_known else "the URDF's tip link"
     base = "the controller's base" if ends.base_known else "the URDF's base link"
-    names = ("q1", "q2", "q3", "q4") if maker is None else maker.orientation.names
-    lengths = "m" if maker is not None and maker.length == 1.0 else "mm"
-    description = f"as {name} writes them, {lengths}, in {flange} and {base}"
-    return Notation(("x", "y", "z", *names), numbers, description, 4 if maker is not None and maker.length == MM else 6)
+    unit, digits = ("mm", 6 if len(maker.orientation.names) == 4 else 4) if maker.length == MM else ("m", 6)
+    names = ("x", "y", "z", *maker.orientation.names)
+    return Notation(names, numbers, f"as {name} writes them, {unit}, in {flange} and {base}", digits)

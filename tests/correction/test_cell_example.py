@@ -96,6 +96,21 @@ def test_taught_frames_are_named_first_and_the_cell_makes_the_part_right(example
     assert max(part_errors(example, tmp_path / "new" / "part.dat", CALIBRATED)) < 6e-3
 
 
+def test_the_declared_frames_are_those_that_the_controller_then_has(example, tmp_path):
+    config = tmp_path / "$config.dat"
+    words = ["cell", example / "cal", FOLDER / "touches.csv", "--out", tmp_path / "cell.json", "--declare", config]
+    done = run(*words)
+    assert done.exit_code == 2
+    assert "for which maker? say it with --as" in done.output
+    done = run(*words, "--as", "abb")
+    assert (done.exit_code, [*tmp_path.iterdir()]) == (2, [])
+    assert "tool 3: names of abb begin with a letter" in done.output
+    assert run(*words, "--as", "kuka").exit_code == 0
+    program = ["filter", example / "cal", *PROGRAM[:2], config, "--cell", tmp_path / "cell.json"]
+    assert run(*program, "--out", tmp_path / "new").exit_code == 0
+    assert max(part_errors(example, tmp_path / "new" / "part.dat", CALIBRATED)) < 6e-3
+
+
 def test_strict_writes_nothing_and_ends_with_3(example, tmp_path):
     done = run("filter", example / "cal", *PROGRAM, "--out", tmp_path / "out", "--strict", "--json")
     assert done.exit_code == 3
