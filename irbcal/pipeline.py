@@ -1004,10 +1004,13 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
     residuals = [problem.residuals(state) for state in (feature_fit.nominal_state, feature_fit.state)]
     tool = np.zeros((len(rows), 3))
     stated: dict[str, dict[str, list[float]]] = {}
+    in_base: dict[Key, FloatArray] = {}
     for miss in problem.misses(feature_fit.state):
-        tool[miss.group.rows] = miss.seen.p
+        tool[miss.group.rows] = miss.p
         unknown, given = miss.group.keys(), stated.setdefault(miss.group.feature.name, {})
-        for name, value in miss.own.items():
+        for name, value in miss.in_base.items():
+            if name in unknown:
+                in_base[unknown[name]] = value
             if name not in unknown:
                 given[name] = (np.ravel(value) / SHOWN[miss.group.kind.own[name].unit]).tolist()
     out = []
@@ -1018,7 +1021,7 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
         std: dict[str, list[float]] = {}
         for key, unit in _unknowns(problem, name).items():
             shape = problem.layout[key][0]
-            value, deviation = feature_fit.state.own[key], feature_fit.std_of(key)
+            value, deviation = in_base[key], feature_fit.std_of(key)
             if shape in ("axis", "line"):
                 values[key[0]] = value[:, 2].tolist()
                 if shape == "line":

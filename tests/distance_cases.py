@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 
 from irbcal.identification.feature_fit import identify_features
-from irbcal.identification.feature_problem import rigid
 from irbcal.measurement import features
+from irbcal.modeling.frames import rigid_fit
 
 STANDS = np.array([[0.0, 0.0, 0.0], [2.2, -2.5, 0.5], [2.4, 0.3, 2.5]])
 """Where the tracker stood, and two more places, in its frame, metres."""
@@ -44,6 +44,6 @@ def heldout(measured, stands, fitted=200, choices=None):
     motion = measured.motion.select(mine)
     warmth = found.warmth(fit, motion.elapsed)
     away = 0.0 if warmth is None else warmth @ robot.T_world_base[:3, :3]
-    T = rigid(predicted(fit, motion) + away, fit.xyz)
+    T = rigid_fit(predicted(fit, motion) + away, fit.xyz)
     at = predicted(rest, measured.motion.select(~mine))
     return np.linalg.norm(at @ T[:3, :3].T + T[:3, 3] - rest.xyz, axis=1)

@@ -153,8 +153,8 @@ class FeatureFit(EvidenceFit):
     def std_of(self, key: Key) -> FloatArray:
         """Standard deviations of an unknown of tool or features, SI units."""
         shape, at = self.problem.layout[key]
-        size = 6 if shape is None else DIMENSIONS[shape]
-        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.step_covariance)[at : at + size], 0.0)))
+        variances = np.diagonal(self.step_covariance)[at : at + DIMENSIONS[shape]]
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
     @property
     def rms(self) -> float:
@@ -532,7 +532,7 @@ def held_out(
     strange = sorted(set(rows.target.astype(str)) - {key[1] for key in mine})
     if strange:
         raise IdentificationError(f"target {strange[0]} is measured in the left-out rows only: its place is not known")
-    problem = FeatureProblem(fit.problem.arm, rows, fit.problem.terms, mine, state.T_world_base)
+    problem = FeatureProblem(fit.problem.arm, rows, fit.problem.terms, {**mine, BASE: state.T_world_base})
     there = feature_problem.start_of_features(problem, state)
     centres = {key[1]: value for key, value in {**state.own, **there.own}.items() if key[0] == "centre"}
     mine_too = [one for one in lengths if {one.first, one.second} & set(rows.features)]

@@ -1,14 +1,16 @@
 """All rows at features against an arm: the linear model of base, tool, features and terms at one state.
 
-The kinds of `irbcal.identification.observations` say what a row misses and how that moves with the tool's point; here
-this is chained to the arm's kinematics with all terms of the error model, and to the unknowns of tool and features.
-Base, tool and features on the robot as it is come from closed forms, then a damped least squares.
+The kinds of `irbcal.identification.observations` say what a row misses and how that moves with the tool's point. Here
+both are chained along the cell's graph of frames (`irbcal.modeling.cell_graph`): a row looks at a point of one frame,
+its *carrier* (usually the flange), from another, in which the feature is known (the measuring frame, a work object) or
+else sought (the robot base). Unknown edges on that path, the arm's terms, the tool and the features get their
+derivatives there. Base, tool and features on the robot as it is come from closed forms, then a damped least squares.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -23,8 +25,10 @@ from irbcal.identification.observations import KINDS, Kind, Misses, Observed, Sh
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.points import PointSet
-from irbcal.modeling import frames
+from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.cell_graph import ARM, FLANGE, WORLD, Edge, View
+from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion, Situation
@@ -45,7 +49,13 @@ Key: TypeAlias = tuple[str, str]
 """Name of an unknown, and its feature or target: ``("centre", "A")``, ``("tool", "ball")``, ``("base", "")``."""
 
 BASE: Key = ("base", "")
-TOOL = "tool"
+"""The robot base in the measuring frame."""
+TOOL, FRAME = "tool", "frame"
+
+
+def edge_key(child: str) -> Key:
+    """Key of the unknown edge of a frame."""
+    return BASE if child == cell_graph.BASE else (FRAME, child)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +65,51 @@ class FeatureState:
     Attributes
     ----------
     own : dict
-        Unknowns of tool and features by their key.
+        Unknowns of frames, tool and features by their key.
     coefficients : ndarray, shape (terms,)
         SI units.
-    T_world_base : ndarray, shape (4, 4)
     """
 
     own: Mapping[Key, FloatArray]
     coefficients: FloatArray
-    T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def T_world_base(self) -> FloatArray:
+        """The robot base in the measuring frame, shape (4, 4); the identity where nothing ties them."""
+        return self.own.get(BASE, np.eye(4))
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Rows of one kind at one feature with one target."""
+    """Rows of one kind at one feature with one target.
+
+    Attributes
+    ----------
+    kind : Kind
+    feature : Feature
+    target : str
+        Whose point is looked at: a target of the tool, or the feature whose place is ``carrier``'s.
+    rows : ndarray of int
+    measured : bool
+        Whether the place is the row's own, in ``frame``.
+    frame : str
+        In which the feature is known, or sought.
+    carrier : str
+        Whose point is looked at: the flange, the frame of a tool, or the base, which carries places.
+    """
 
     kind: Kind
     feature: Feature
     target: str
     rows: IntArray
     measured: bool
-    """Whether the place is the row's own, in the measuring frame."""
+    frame: str
+    carrier: str = FLANGE
+
+    @property
+    def point(self) -> Key:
+        """Key of the point that is looked at."""
+        return ("centre" if self.carrier == cell_graph.BASE else TOOL, self.target)
 
     def keys(self) -> dict[str, Key]:
         """Its unknowns by their name in the kind."""
@@ -97,6 +131,22 @@ class Missed:
     own: Mapping[str, FloatArray]
     path: chain.Walk
     found: Misses
+    view: View
+    p: FloatArray
+    """The point in the base link, shape (m, 3)."""
+
+    @property
+    def in_base(self) -> dict[str, FloatArray]:
+        """Places and turns of the feature brought to the base link; all else as it is."""
+        T = frames.inverse(self.view.frames[cell_graph.BASE][0])
+        out = dict(self.own)
+        for name, value in self.own.items():
+            unknown = self.group.kind.own.get(name)
+            if name == "centre":
+                out[name] = frames.apply(T, np.atleast_2d(value)).reshape(value.shape)
+            elif unknown is not None and (unknown.shape, unknown.of) == ("turn", "feature"):
+                out[name] = T[:3, :3] @ value
+        return out
 
 
 class FeatureProblem:
@@ -110,9 +160,12 @@ class FeatureProblem:
     terms : sequence of Term
         All that may be fitted.
     fixed : dict, optional
-        Unknowns of tool and features that are known, by their key.
-    base : ndarray, shape (4, 4), optional
-        The base in the measuring frame, where it is known.
+        Unknowns of frames, tool and features that are known, by their key.
+    edges : sequence of Edge, optional
+        Of frames beside base, flange and measuring frame. A frame that rows name and no edge joins is a work object of
+        unknown place on the robot base.
+    robot : Robot, optional
+        Whose kinematics are taken, where no terms are fitted; the arm unless given.
 
     Attributes
     ----------
@@ -133,36 +186,42 @@ class FeatureProblem:
         rows: FeatureSet,
         terms: Sequence[Term],
         fixed: Mapping[Key, FloatArray] | None = None,
-        base: FloatArray | None = None,
+        edges: Sequence[Edge] = (),
+        robot: Robot | None = None,
     ) -> None:
-        self.arm, self.seen, self.terms = arm, rows, list(terms)
+        self.arm, self.seen, self.terms, self.robot = arm, rows, list(terms), robot
         self.held = dict(fixed or {})
-        self.known_base = base
         self.groups = _groups(rows)
-        self.layout: dict[Key, tuple[Shape | None, int]] = {}
-        self.framed = any(self._in_world(group) for group in self.groups)
-        units: list[FloatArray] = []
-        if self.framed and base is None:
-            self.layout[BASE] = None, 0
-            units.append(np.r_[np.full(3, RAD), np.full(3, MM)])
+        self.edges = [ARM, *edges]
+        named = dict.fromkeys(name for group in self.groups for name in (group.frame, group.carrier))
+        joined = {cell_graph.BASE, FLANGE, *(name for edge in edges for name in (edge.parent, edge.child))}
+        for name in [name for name in named if name not in joined]:
+            self.edges.append(Edge(WORLD, cell_graph.BASE) if name == WORLD else Edge(cell_graph.BASE, name))
+        self.framed = WORLD in named
         shapes: dict[Key, tuple[Shape, str]] = {}
+        for edge in self.edges:
+            if edge is not ARM and edge.T is None:
+                shapes[edge_key(edge.child)] = "frame", "m"
         for group in self.groups:
-            if group.kind.pointed:
-                shapes.setdefault((TOOL, group.target), ("place", "m"))
+            if group.kind.pointed and group.carrier in (FLANGE, cell_graph.BASE):
+                shapes.setdefault(group.point, ("place", "m"))
             for name, key in group.keys().items():
                 unknown = group.kind.own[name]
                 shapes.setdefault(key, (unknown.shape, unknown.unit))
-        for key in sorted(shapes, key=lambda key: (key[0] != TOOL, key[0] != "axes")):
+        order = {"base": 0, FRAME: 1, TOOL: 2, "axes": 3}
+        self.layout: dict[Key, tuple[Shape, int]] = {}
+        units: list[FloatArray] = []
+        for key in sorted(shapes, key=lambda key: order.get(key[0], 4)):
             if key in self.held:
                 continue
             shape, unit = shapes[key]
             self.layout[key] = shape, int(sum(map(len, units)))
             size = np.full(observations.DIMENSIONS[shape], observations.STEPS[unit])
-            if shape == "line":
-                size[:2] = RAD
+            size[: {"line": 2, "frame": 3}.get(shape, 0)] = RAD
             units.append(size)
         self.flat = int(sum(map(len, units)))
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
+        self._walks: dict[int, chain.Walk] = {}
         self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
         self.others = TermMap(
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
@@ -180,10 +239,6 @@ class FeatureProblem:
             for name, key in group.keys().items()
             if key in self.layout and name in group.kind.expected(group.feature)
         }
-
-    def _in_world(self, group: Group) -> bool:
-        """Whether rows of a group tie the base to the measuring frame."""
-        return group.measured or group.feature.centre is not None or "rotation" in group.kind.needs
 
     @property
     def noise(self) -> float:
@@ -221,61 +276,79 @@ class FeatureProblem:
     def moved(self, state: FeatureState, step: FloatArray) -> FeatureState:
         """A state after a step of the flat columns, in their units; coefficients stay unless the step has them, too."""
         si = step[: self.flat] * self.sizes[: self.flat]
-        values, T = dict(state.own), state.T_world_base
+        values = dict(state.own)
         for key, (shape, at) in self.layout.items():
-            if shape is None:
-                T = T @ frames.transform(frames.rotation_from_vector(si[:3]), si[3:6])
-            else:
-                values[key] = observations.moved(shape, values[key], si[at : at + observations.DIMENSIONS[shape]])
+            values[key] = observations.moved(shape, values[key], si[at : at + observations.DIMENSIONS[shape]])
         if len(step) == self.flat:
-            return replace(state, own=values, T_world_base=T)
-        return FeatureState(values, step[self.flat :] * self.sizes[self.flat :], T)
+            return replace(state, own=values)
+        return FeatureState(values, step[self.flat :] * self.sizes[self.flat :])
 
     # ---------------------------------------------------------------- predictions
 
-    def walk(self, state: FeatureState, rows: IntArray, arm: Arm | None = None) -> chain.Walk:
-        """The chain at some rows' joints."""
-        motion = self.motion.select(rows)
+    def walk(self, state: FeatureState, group: Group, arm: Arm | None = None) -> chain.Walk:
+        """The chain at a group's rows."""
+        motion = self.motion.select(group.rows)
+        if self.robot is not None:
+            if id(group) not in self._walks:
+                self._walks[id(group)] = self.robot.walk(motion)
+            return self._walks[id(group)]
         arm = self.arm_of(state) if arm is None else arm
         if not self.others.terms or not state.coefficients[~self.geometry].any():
             return chain.walk(arm, motion.q)
         return chain.walk(arm, *self.term_map(state).split(motion))
 
-    def seen_of(self, state: FeatureState, group: Group, tip: FloatArray) -> Observed:
-        """Where the tool is at a group's rows, ``tip`` (4, 3, m); at the tip where its place is not known yet."""
-        tool = state.own.get((TOOL, group.target), np.zeros(3))
-        R = tip[:3].transpose(2, 1, 0)
+    def view(self, state: FeatureState, group: Group, path: chain.Walk) -> View:
+        """A group's carrier in the axes of its frame, on a chain."""
+        transforms = {FLANGE: chain.poses(path)}
+        for edge in self.edges:
+            if edge is not ARM:
+                T = state.own.get(edge_key(edge.child), np.eye(4)) if edge.T is None else edge.T
+                transforms[edge.child] = T if T.ndim == 2 else T[group.rows]
+        return cell_graph.view(self.edges, transforms, group.frame, group.carrier, len(group.rows))
+
+    def seen_of(self, state: FeatureState, group: Group, view: View) -> Observed:
+        """Where the point is at a group's rows; at the carrier's origin where its place is not known yet."""
+        R = view.T[:, :3, :3]
         rows, features = group.rows, self.seen
-        p = tip[3].T + R @ tool
         return Observed(
             group.feature,
-            p,
+            view.T[:, :3, 3] + R @ self._point(state, group),
             R,
             features.value[rows],
             features.xyz[rows],
             features.rotation[rows],
-            state.T_world_base,
             None if features.corners is None else features.corners[rows],
             {name: state.own[key] for name, key in group.keys().items() if key in state.own},
         )
 
+    def _point(self, state: FeatureState, group: Group) -> FloatArray:
+        """The point in its carrier; the origin of a tool that is a frame."""
+        return state.own.get(group.point, np.zeros(3)) if group.carrier in (FLANGE, cell_graph.BASE) else np.zeros(3)
+
     def own_of(self, state: FeatureState, group: Group) -> dict[str, FloatArray]:
-        """The unknowns of a group's kind; a centre that is known in the measuring frame is brought to the base link."""
+        """The unknowns of a group's kind, in the axes of its frame."""
         values = dict(group.kind.fixed(group.feature))
         values |= {name: state.own[key] for name, key in group.keys().items()}
         if "centre" in group.kind.own and "centre" not in values:
-            world = self.seen.xyz[group.rows] if group.measured else group.feature.centre
-            assert world is not None
-            values["centre"] = frames.apply(frames.inverse(state.T_world_base), np.atleast_2d(world))
+            known = self.seen.xyz[group.rows] if group.measured else group.feature.centre
+            assert known is not None
+            values["centre"] = known
         return values
+
+    def missed(self, state: FeatureState, group: Group, path: chain.Walk) -> Missed:
+        """What a group misses on a chain."""
+        view = self.view(state, group, path)
+        obs, values = self.seen_of(state, group, view), self.own_of(state, group)
+        p, T = obs.p, view.frames.get(cell_graph.BASE)
+        if T is not None and group.frame != cell_graph.BASE:
+            p = np.einsum("nji,nj->ni", T[:, :3, :3], p - T[:, :3, 3])
+        return Missed(group, obs, values, path, group.kind.misses(obs, values), view, p)
 
     def misses(self, state: FeatureState) -> Iterator[Missed]:
         """What every group misses."""
         arm = self.arm_of(state)
         for group in self.groups:
-            path = self.walk(state, group.rows, arm)
-            obs, values = self.seen_of(state, group, path.tip), self.own_of(state, group)
-            yield Missed(group, obs, values, path, group.kind.misses(obs, values))
+            yield self.missed(state, group, self.walk(state, group, arm))
 
     def residuals(self, state: FeatureState) -> FloatArray:
         """Size of what each row misses, metres, shape (rows,): the distance of places; turns are left out."""
@@ -343,15 +416,35 @@ class FeatureProblem:
 
     def _by_terms(self, missed: Missed, chosen: IntArray) -> FloatArray:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
-        group, path, misses = missed.group, missed.path, missed.found
         terms = [self.terms[k] for k in chosen]
-        values = basis_values(terms, Situation(self.arm, self.motion.select(group.rows)))
-        out = np.zeros((len(chosen), *misses.r.shape))
+        values = basis_values(terms, Situation(self.arm, self.motion.select(missed.group.rows)))
+        return self.by_arm(missed, lambda p: term_columns(terms, missed.path, values, p), len(terms))
+
+    def by_arm(self, missed: Missed, columns: Callable[[FloatArray | None], FloatArray], count: int) -> FloatArray:
+        """Derivatives of a group's residuals by what changes the arm.
+
+        Parameters
+        ----------
+        missed : Missed
+        columns : callable
+            From points (3, m) of the flange, in the base link, to their derivatives (count, 3, m) in the base link;
+            from None to those of the flange's rotation vector.
+        count : int
+
+        Returns
+        -------
+        ndarray, shape (count, m, k)
+            SI units.
+        """
+        group, misses, view = missed.group, missed.found, missed.view
+        out = np.zeros((count, *misses.r.shape))
+        if FLANGE not in view.signs:
+            return out
+        R = view.signs[FLANGE] * view.frames[cell_graph.BASE][:, None, :3, :3]
         if group.kind.pointed:
-            moves = term_columns(terms, path, values, missed.seen.p.T)
-            out += np.einsum("mki,cim->cmk", misses.point, moves, optimize=True)
+            out += np.einsum("mki,cim->cmk", _turned(misses.point, R), columns(missed.p.T), optimize=True)
         if misses.turn is not None:
-            out += np.einsum("mki,cim->cmk", misses.turn, term_columns(terms, path, values), optimize=True)
+            out += np.einsum("mki,cim->cmk", _turned(misses.turn, R), columns(None), optimize=True)
         return out
 
     def points_by_terms(self, path: chain.Walk, p: FloatArray, motion: Motion) -> FloatArray:
@@ -359,25 +452,27 @@ class FeatureProblem:
         return term_columns(self.terms, path, basis_values(self.terms, Situation(self.arm, motion)), p.T)
 
     def _flat_columns(self, J: FloatArray, missed: Missed) -> None:
-        """Derivatives by base, tool and features into (columns, m, k), SI units."""
-        group, misses = missed.group, missed.found
-        key = (TOOL, group.target)
-        if group.kind.pointed and key in self.layout:
-            at = self.layout[key][1]
-            J[at : at + 3] += np.einsum("mki,aim->amk", misses.point, missed.path.tip[:3])
+        """Derivatives by frames, tool and features into (columns, m, k), SI units."""
+        group, misses, view = missed.group, missed.found, missed.view
+        if group.kind.pointed and group.point in self.layout:
+            at = self.layout[group.point][1]
+            J[at : at + 3] += np.einsum("mki,mia->amk", misses.point, view.T[:, :3, :3])
         for name, key in group.keys().items():
             if key in self.layout:
                 shape, at = self.layout[key]
-                assert shape is not None
                 J[at : at + observations.DIMENSIONS[shape]] += misses.own[name].transpose(2, 0, 1)
-        if BASE not in self.layout or not self._in_world(group):
-            return
-        if "base" in misses.own:
-            J[:6] += misses.own["base"].transpose(2, 0, 1)
-        else:  # as the base turns and shifts, a place c of the measuring frame moves by -w x c - t
-            by, c = misses.own["centre"], np.broadcast_to(missed.own["centre"], (len(group.rows), 3))
-            J[:3] += (by @ observations.cross(c)).transpose(2, 0, 1)
-            J[3:6] -= by.transpose(2, 0, 1)
+        for child in view.signs:
+            if child != FLANGE and edge_key(child) in self.layout:
+                at = self.layout[edge_key(child)][1]
+                J[at : at + 6] += self.by_edge(missed, child)
+
+    def by_edge(self, missed: Missed, child: str) -> FloatArray:
+        """Derivatives of a group's residuals by a small motion of an edge on its path, shape (6, m, k)."""
+        shift, turn = missed.view.moved_by(child, missed.seen.p)
+        by = missed.found.point @ shift
+        if missed.found.turn is not None:
+            by = by + missed.found.turn @ turn
+        return by.transpose(2, 0, 1)
 
     def _of_lengths(self, state: FeatureState, width: int) -> Rows:
         """Known lengths as rows; they belong to no row of the file."""
@@ -406,8 +501,15 @@ class FeatureProblem:
         return self._beside(J, y, len(self.lengths))
 
 
+def _turned(derivative: FloatArray, R: FloatArray) -> FloatArray:
+    """Derivatives (m, k, 3) by axes (m, 1, 3, 3) of theirs."""
+    return (derivative[:, :, None] @ R)[:, :, 0]
+
+
 def _groups(seen: FeatureSet) -> list[Group]:
-    """Rows by kind, feature and target, in parts of `BLOCK` rows; refused where something is missing."""
+    """Rows by kind, feature, target and frames, in parts of `BLOCK` rows; refused where something is missing."""
+    frame = np.full(len(seen), "") if seen.frame is None else seen.frame.astype(str)
+    carrier = np.full(len(seen), FLANGE) if seen.carrier is None else seen.carrier.astype(str)
     out = []
     for name in dict.fromkeys(seen.kind):
         kind = KINDS.get(str(name))
@@ -419,16 +521,28 @@ def _groups(seen: FeatureSet) -> list[Group]:
                 row=int(seen.row[of_kind][0]),
                 column="kind",
             )
-        for feature in dict.fromkeys(seen.feature[of_kind]):
-            for target in dict.fromkeys(seen.target[of_kind & (seen.feature == feature)]):
-                rows = np.flatnonzero(of_kind & (seen.feature == feature) & (seen.target == target))
-                _check(seen, kind, str(feature), rows)
-                feature_of_rows = seen.features.get(str(feature), Feature(str(feature), kind.name, str(target)))
-                measured = not feature and "centre" in kind.own
-                out += [
-                    Group(kind, feature_of_rows, str(target), rows[at : at + BLOCK], measured)
-                    for at in range(0, len(rows), BLOCK)
-                ]
+        texts = (column[of_kind].astype(str) for column in (seen.feature, seen.target, frame, carrier))
+        together: dict[tuple[str, ...], list[int]] = {}
+        for key, row in zip(zip(*texts, strict=True), np.flatnonzero(of_kind).tolist(), strict=True):
+            together.setdefault(key, []).append(row)
+        for (feature, target, frame_of_rows, carrier_of_rows), row_numbers in together.items():
+            rows = np.array(row_numbers)
+            _check(seen, kind, feature, rows)
+            known = seen.features.get(feature, Feature(feature, kind.name, target))
+            measured = not feature and "centre" in kind.own
+            in_world = measured or known.centre is not None or "rotation" in kind.needs
+            out += [
+                Group(
+                    kind,
+                    known,
+                    target,
+                    rows[at : at + BLOCK],
+                    measured,
+                    frame_of_rows or (WORLD if in_world else cell_graph.BASE),
+                    carrier_of_rows,
+                )
+                for at in range(0, len(rows), BLOCK)
+            ]
     return out
 
 
@@ -474,9 +588,11 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
     worst = int(np.argmax(np.abs(vector[:, 0] / scale)))
     starts = sorted((at, key) for key, (_, at) in problem.layout.items())
     name, name_of_unknown = [key for at, key in starts if at <= worst][-1]
-    subject = {"tool": f"the place of {name_of_unknown} on the tool", "base": "the base in the measuring frame"}.get(
-        name, f"{name} of {name_of_unknown}"
-    )
+    subject = {
+        "tool": f"the place of {name_of_unknown} on the tool",
+        "base": "the base in the measuring frame",
+        FRAME: f"where {name_of_unknown} is",
+    }.get(name, f"{name} of {name_of_unknown}")
     raise IdentificationError(
         f"these rows do not tell {subject}: turn the tool about more axes there, touch more of it, or say what is known"
     )
@@ -498,8 +614,6 @@ def start(problem: FeatureProblem) -> FeatureState:
         If the rows leave base, tool or features open.
     """
     zero = FeatureState(dict(problem.held), np.zeros(len(problem.terms)))
-    if problem.known_base is not None:
-        zero = replace(zero, T_world_base=problem.known_base)
     candidates = [_tools(problem, zero), {}]
     best, smallest = None, np.inf
     for tools in candidates:
@@ -531,7 +645,7 @@ def start_of_features(problem: FeatureProblem, state: FeatureState) -> FeatureSt
         if group.measured:
             continue
         current = replace(state, own=values)
-        obs = problem.seen_of(current, group, problem.walk(current, group.rows).tip)
+        obs = _observed(problem, current, group, group.frame)
         for name, key in group.keys().items():
             values.setdefault(key, group.kind.start(obs)[name])
     settled = settle(problem, replace(state, own=values))
@@ -565,15 +679,14 @@ def settle(problem: FeatureProblem, state: FeatureState, steps: int = STEPS) -> 
 def tracked(problem: FeatureProblem) -> PointSet | None:
     """The rows that a tracker measured, as points; None where there are none."""
     rows = [
-        (group, k)
+        group.rows
         for group in problem.groups
-        if group.measured or "rotation" in group.kind.needs
-        for k in group.rows.tolist()
+        if group.frame == WORLD and group.carrier == FLANGE and (group.measured or "rotation" in group.kind.needs)
     ]
-    return None if not rows else points_of(problem.seen, np.array([k for _, k in rows]))
+    return points_of(problem.seen, np.concatenate(rows)) if rows else None
 
 
-def points_of(measured: FeatureSet, rows: FloatArray) -> PointSet:
+def points_of(measured: FeatureSet, rows: IntArray) -> PointSet:
     """Rows with positions as points, sorted by pose."""
     rows = rows[np.argsort(measured.pose_index[rows], kind="stable")]
     _, first, pose = np.unique(measured.pose_index[rows], return_index=True, return_inverse=True)
@@ -592,14 +705,23 @@ def points_of(measured: FeatureSet, rows: FloatArray) -> PointSet:
     )
 
 
+def _observed(problem: FeatureProblem, state: FeatureState, group: Group, frame: str) -> Observed:
+    """A group's rows in the axes of another frame than its own."""
+    moved = replace(group, frame=frame)
+    return problem.seen_of(state, moved, problem.view(state, moved, problem.walk(state, group)))
+
+
 def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]:
     """Places of the targets in the tip link, each from the rows that tell it."""
     estimates: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     for group in problem.groups:
-        if not group.kind.pointed or (TOOL, group.target) in problem.held or group.measured:
+        tracked_rows = group.measured and group.frame == WORLD
+        if not group.kind.pointed or group.point in problem.held or group.carrier == cell_graph.BASE or tracked_rows:
             continue
-        obs = problem.seen_of(replace(zero, own={}), group, problem.walk(zero, group.rows, problem.arm).tip)
-        estimate = group.kind.tool(obs)
+        obs = _observed(problem, replace(zero, own={}), replace(group, carrier=FLANGE), cell_graph.BASE)
+        # places that are known in a frame whose place is not: as if each was measured in the axes of that frame
+        kind = KINDS["offset"] if group.measured else group.kind
+        estimate = kind.tool(obs)
         if estimate is not None and np.isfinite(estimate[0]).all():
             estimates.setdefault(group.target, []).append(estimate)
     return {
@@ -609,39 +731,82 @@ def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]
 
 
 def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, FloatArray]) -> FeatureState:
-    """All unknowns from the tool's places: first what a tracker saw, then features in closed form, then the base."""
-    values, T = dict(zero.own), zero.T_world_base
+    """All unknowns from the tool's places: first what a tracker saw, then features in closed form, then frames."""
+    values = dict(zero.own)
     points = tracked(problem)
-    if points is not None and problem.known_base is None:
+    if points is not None and BASE not in problem.held:
         solution = first_state(Problem(problem.arm, points, ()))
-        T = solution.T_world_base
+        values[BASE] = solution.T_world_base
         for k, name in enumerate(points.target_names):
             values.setdefault((TOOL, name), solution.targets[k])
             values.setdefault(("axes", name), solution.rotations[k])
     for key in problem.layout:
         if key[0] == TOOL:
             values.setdefault(key, tools.get(key[1], np.zeros(3)))
-    state = replace(zero, own=values, T_world_base=T)
-    centres = []
+    for edge in problem.edges:
+        if edge.parent == FLANGE and edge_key(edge.child) in problem.layout:
+            of = next(group.target for group in problem.groups if group.carrier == edge.child)
+            values.setdefault(edge_key(edge.child), frames.transform(np.eye(3), tools.get(of, np.zeros(3))))
+    state = replace(zero, own=values)
+
+    def start_features(in_frames: Callable[[str], bool]) -> None:
+        for group in problem.groups:
+            if not group.measured and in_frames(group.frame):
+                estimate = group.kind.start(_observed(problem, state, group, group.frame))
+                for name, key in group.keys().items():
+                    values.setdefault(key, estimate[name])
+
+    unknown = [edge for edge in problem.edges if edge_key(edge.child) in problem.layout]
+    turned = {edge.child for edge in unknown if edge.parent == FLANGE}
+    later = {edge.parent if edge.child == cell_graph.BASE else edge.child for edge in unknown} - turned
+    if BASE in values:
+        later.discard(WORLD)
+    start_features(lambda frame: frame not in later | turned)
+    for edge in unknown:
+        frame, parent = (edge.parent, edge.child) if edge.child == cell_graph.BASE else (edge.child, edge.parent)
+        if frame in later | turned:
+            T = _placed(problem, state, frame, parent, values.get(edge_key(frame)))
+            values[edge_key(edge.child)] = frames.inverse(T) if frame == WORLD else T
+    start_features(lambda frame: frame in later)
+    return state
+
+
+def _placed(
+    problem: FeatureProblem, state: FeatureState, frame: str, parent: str, T_known: FloatArray | None
+) -> FloatArray:
+    """A frame in its parent, from points that are known in it: three places, or one, a half-line and a half-plane.
+
+    Raises
+    ------
+    IdentificationError
+        If they are too few.
+    """
+    places: list[tuple[FloatArray, FloatArray]] = []
+    if T_known is not None:
+        places.append((T_known[:3, 3], np.zeros(3)))
+    sides: dict[str, tuple[FloatArray, FloatArray]] = {}
     for group in problem.groups:
-        if group.measured:
+        if group.frame != frame:
             continue
-        obs = problem.seen_of(state, group, problem.walk(state, group.rows, problem.arm).tip)
-        found_own = group.kind.start(obs)
-        if group.feature.centre is not None and "centre" in found_own:
-            centres.append((found_own["centre"], group.feature.centre))
-        for name, key in group.keys().items():
-            if name in found_own:
-                values.setdefault(key, found_own[name])
-    if points is None and problem.framed and problem.known_base is None:
-        centres_base, centres_world = (np.array(list(column)) for column in zip(*centres, strict=True))
-        T = rigid(centres_base, centres_world)
-    return FeatureState(values, zero.coefficients, T)
-
-
-def rigid(points: FloatArray, targets: FloatArray) -> FloatArray:
-    """The motion (4, 4) that brings places (n, 3) nearest to others."""
-    a, b = points.mean(axis=0), targets.mean(axis=0)
-    U, _, Vt = np.linalg.svd((targets - b).T @ (points - a))
-    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return frames.transform(R, b - R @ a)
+        obs = _observed(problem, state, group, parent)
+        if group.measured:
+            places += zip(obs.p, obs.xyz, strict=True)
+        elif group.feature.centre is not None and "centre" in group.kind.own:
+            places.append((group.kind.start(obs)["centre"], group.feature.centre))
+        elif group.feature.axes is not None:
+            sides.setdefault(group.kind.name, (obs.p[0], group.feature.axes[:, 2]))
+    if len(places) == 1 and set(sides) == {"line", "plane"}:
+        (origin, local), (along, u), (over, n) = places[0], sides["line"], sides["plane"]
+        length = np.linalg.norm(along - origin)
+        forward = float((over - origin) @ (along - origin)) / max(length, 1e-12)
+        beside = np.sqrt(max(float(np.sum((over - origin) ** 2)) - forward**2, 0.0))
+        places += [(along, local + u * length), (over, local + u * forward + np.cross(n, u) * beside)]
+    points, local_points = (
+        np.array(column, dtype=float).reshape(-1, 3) for column in (list(zip(*places, strict=True)) or [(), ()])
+    )
+    spans = len(points) >= 3 and np.linalg.svd(local_points - local_points.mean(axis=0), compute_uv=False)[1] > MM
+    if not spans:
+        raise IdentificationError(
+            f"these rows do not tell where {frame} is: three places that are known in it and not on a line are needed"
+        )
+    return frames.rigid_fit(local_points, points)

@@ -17,11 +17,11 @@ from irbcal.units import DEG, MM
 LEVER = 0.3
 """Metres per radian: a turn counts as the motion of a point this far away."""
 
-Shape: TypeAlias = Literal["place", "number", "turn", "axis", "line"]
-"""What an unknown is: a place (3,), a number (1,), a rotation (3, 3), an axis (its third column, (3, 3)), or a line
-through a place (3, 4)."""
+Shape: TypeAlias = Literal["place", "number", "turn", "axis", "line", "frame"]
+"""What an unknown is: a place (3,), a number (1,), a rotation (3, 3), an axis (its third column, (3, 3)), a line
+through a place (3, 4), or a frame (4, 4)."""
 
-DIMENSIONS: Mapping[Shape, int] = {"place": 3, "number": 1, "turn": 3, "axis": 2, "line": 4}
+DIMENSIONS: Mapping[Shape, int] = {"place": 3, "number": 1, "turn": 3, "axis": 2, "line": 4, "frame": 6}
 
 STEPS: Mapping[str, float] = {"m": MM, "rad": 1e-3, "px": 1.0, "": 1e-3}
 """Step of an unknown by its unit, that of one column of the linear model."""
@@ -57,16 +57,15 @@ class Observed:
     feature : Feature
         What is known of it.
     p : ndarray, shape (m, 3)
-        The tool's point in the base link, metres.
+        The tool's point, metres, in the frame in which the feature is known or sought: the base link if that is open.
     R : ndarray, shape (m, 3, 3)
-        Axes of the tip link in the base link.
+        Axes of the tip link in that frame.
     value : ndarray, shape (m,)
         Metres or radians; NaN where there is none.
     xyz : ndarray, shape (m, 3)
         As written in the file, metres; NaN likewise.
     rotation : ndarray, shape (m, 3, 3)
         Measured orientations, NaN likewise.
-    T_world_base : ndarray, shape (4, 4)
     corners : ndarray, shape (m, n, 5), or None
         Of images, see `irbcal.measurement.imaging.Images`.
     known : dict of str to ndarray
@@ -79,7 +78,6 @@ class Observed:
     value: FloatArray
     xyz: FloatArray
     rotation: FloatArray
-    T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
     corners: FloatArray | None = None
     known: Mapping[str, FloatArray] = field(default_factory=dict)
 
@@ -187,11 +185,13 @@ class Kind(ABC):
 
 
 def moved(shape: Shape, value: FloatArray, step: FloatArray) -> FloatArray:
-    """An unknown after a step; turns step on the left, axes about their own two other axes."""
+    """An unknown after a step; turns step on the left, axes and frames in their own axes."""
     if shape in ("place", "number"):
         return value + step
     if shape == "turn":
         return np.asarray(frames.rotation_from_vector(step) @ value)
+    if shape == "frame":
+        return np.asarray(value @ frames.transform(frames.rotation_from_vector(step[:3]), step[3:]))
     Q = value[:, :3] @ frames.rotation_from_vector(np.array([step[0], step[1], 0.0]))
     if shape == "axis":
         return np.asarray(Q)

@@ -131,6 +131,12 @@ class Plane(Kind):
     own: ClassVar[Mapping[str, Unknown]] = {"normal": Unknown("axis", unit="rad"), "height": Unknown("number")}
     shape_only, spread = True, True
 
+    def fixed(self, feature: Feature) -> dict[str, FloatArray]:
+        """Normal and height, where the plane is known."""
+        if feature.axes is None or feature.centre is None:
+            return {}
+        return {"normal": feature.axes, "height": np.array([feature.axes[:, 2] @ feature.centre])}
+
     def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """``n.p - d``."""
         Q = values["normal"]
@@ -165,6 +171,11 @@ class Line(Kind):
 
     name, size, own = "line", 2, {"line": Unknown("line")}
     shape_only, spread = True, True
+
+    def fixed(self, feature: Feature) -> dict[str, FloatArray]:
+        """The line, where it is known."""
+        known = feature.axes is not None and feature.centre is not None
+        return {"line": np.column_stack([feature.axes, feature.centre])} if known else {}
 
     def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """The two coordinates across the line."""
@@ -301,25 +312,17 @@ class Pose(Kind):
     needs, metric, spread = ("xyz", "rotation"), True, True
 
     def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
-        """``p - T^-1 x``, and the rotation vector from measured to predicted axes times `LEVER`."""
-        T = frames.inverse(obs.T_world_base)
+        """``p - x``, and the rotation vector from measured to predicted axes times `LEVER`."""
         m = len(obs.p)
-        predicted = obs.xyz @ T[:3, :3].T + T[:3, 3]
-        E = obs.R @ values["axes"] @ (T[:3, :3] @ obs.rotation).transpose(0, 2, 1)
-        e = vectors(E)
-        left, right = left_inverse(e), left_inverse(-e)
-        point, turn, axes, base = (np.zeros((m, 6, k)) for k in (3, 3, 3, 6))
-        point[:, :3] = np.eye(3)
-        turn[:, 3:] = LEVER * left
-        axes[:, 3:] = LEVER * left @ obs.R
-        base[:, :3, :3], base[:, :3, 3:] = -cross(predicted), np.eye(3)
-        base[:, 3:, :3] = LEVER * right
-        return Misses(np.hstack([obs.p - predicted, LEVER * e]), point, {"axes": axes, "base": base}, turn)
+        e = vectors(obs.R @ values["axes"] @ obs.rotation.transpose(0, 2, 1))
+        left = LEVER * left_inverse(e)
+        point, turn, axes = np.zeros((3, m, 6, 3))
+        point[:, :3], turn[:, 3:], axes[:, 3:] = np.eye(3), left, left @ obs.R
+        return Misses(np.hstack([obs.p - obs.xyz, LEVER * e]), point, {"axes": axes}, turn)
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The mean of what the axes on the tool must be."""
-        turned = obs.T_world_base[:3, :3].T @ obs.rotation
-        return {"axes": frames.nearest_rotation((obs.R.transpose(0, 2, 1) @ turned).mean(axis=0))}
+        return {"axes": frames.nearest_rotation((obs.R.transpose(0, 2, 1) @ obs.rotation).mean(axis=0))}
 
 
 class Angle(Kind):

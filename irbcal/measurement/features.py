@@ -90,6 +90,9 @@ class FeatureSet(Speaks):
         Mass carried, where it is told.
     payload_place : ndarray, shape (m, 3), or None
         Its centre in the tip link, metres, likewise.
+    frame, carrier : ndarray of str, shape (m,), or None
+        Frames of the cell (`irbcal.modeling.cell_graph`): in which the feature is known, and whose point is looked at.
+        Empty, and None: the measuring frame for what is known in it, else the robot base; the flange.
     """
 
     q: FloatArray
@@ -115,6 +118,8 @@ class FeatureSet(Speaks):
     corners: FloatArray | None = None
     payload_kg: FloatArray | None = None
     payload_place: FloatArray | None = None
+    frame: NameArray | None = None
+    carrier: NameArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -142,6 +147,8 @@ class FeatureSet(Speaks):
             corners=_some(self.corners, rows),
             payload_kg=_some(self.payload_kg, rows),
             payload_place=_some(self.payload_place, rows),
+            frame=None if self.frame is None else self.frame[rows],
+            carrier=None if self.carrier is None else self.carrier[rows],
             features={name: feature for name, feature in self.features.items() if name in names},
             lengths=tuple(length for length in self.lengths if length.first in names and length.second in names),
         )

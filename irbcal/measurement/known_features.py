@@ -47,6 +47,8 @@ class Feature:
         Metres.
     centre : ndarray, shape (3,), or None
         In the measuring frame, metres.
+    axes : ndarray, shape (3, 3), or None
+        Of a plane (the third is its normal) or a line through ``centre`` (along the third) that is known.
     u95 : float or None
         Of its rows, metres.
     imaging : Imaging or None
@@ -61,6 +63,7 @@ class Feature:
     centre: FloatArray | None = None
     u95: float | None = None
     imaging: Imaging | None = None
+    axes: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)

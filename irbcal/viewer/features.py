@@ -16,14 +16,14 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import feature_problem
-from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, Key
+from irbcal.identification.feature_problem import BASE, TOOL, FeatureProblem, FeatureState, Key
 from irbcal.identification.observation_kind import with_third
 from irbcal.identification.observations import KINDS
 from irbcal.io.schema import FeatureRow, FeaturesSection, Record
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.features import DISTANCE, FeatureSet, Length
 from irbcal.measurement.imaging import FITTED, TARGETS
-from irbcal.modeling import frames
+from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
 from irbcal.units import DEG, MM
@@ -254,13 +254,13 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
         of_target = {name for name, unknown in KINDS[row.kind].own.items() if unknown.of == "target"}
         for name, value in _unknowns(row).items():
             fitted[name, row.target if name in of_target else row.name] = value
-    state = FeatureState(_tools(calibrated) | fitted, np.zeros(0), calibrated.T_world_base)
-    misses, drawn = _missed(calibrated, _problem(calibrated, features), state)
+    state = FeatureState(_tools(calibrated) | fitted, np.zeros(0))
+    misses, drawn = _missed(_problem(calibrated, features), state)
     anew = _problem(nominal, features)
     try:
-        begin = FeatureState(_tools(nominal), np.zeros(0), nominal.T_world_base)
+        begin = FeatureState(_tools(nominal), np.zeros(0))
         placed = feature_problem.start_of_features(anew, begin)
-        misses_nominal = _missed(nominal, anew, placed)[0]
+        misses_nominal = _missed(anew, placed)[0]
     except IdentificationError as error:
         raise MeasurementError(
             f"these rows do not place the features about the nominal robot: {error}", file=features.source
@@ -325,27 +325,26 @@ def _refuse_strangers(features: FeatureSet, section: FeaturesSection, robot: Rob
 
 
 def _tools(robot: Robot) -> dict[Key, FloatArray]:
-    """What a robot knows of its targets."""
-    out: dict[Key, FloatArray] = {(TOOL, name): xyz for name, xyz in robot.targets.items()}
+    """What a robot knows of its base and targets."""
+    out: dict[Key, FloatArray] = {BASE: robot.T_world_base}
+    out |= {(TOOL, name): xyz for name, xyz in robot.targets.items()}
     return out | {("axes", name): turn for name, turn in robot.target_rotations.items()}
 
 
 def _problem(robot: Robot, features: FeatureSet) -> FeatureProblem:
-    return FeatureProblem(robot.arm, features, [], _tools(robot), robot.T_world_base)
+    return FeatureProblem(robot.arm, features, [], _tools(robot), robot=robot)
 
 
-def _missed(robot: Robot, problem: FeatureProblem, state: FeatureState) -> tuple[FloatArray, FloatArray]:
+def _missed(problem: FeatureProblem, state: FeatureState) -> tuple[FloatArray, FloatArray]:
     """Ways (m, 3) from the model's points to their features, and these points, in the base link; NaN for angles."""
     shift, origin = np.full((2, len(problem.seen), 3), np.nan)
-    for group in problem.groups:
+    for missed in problem.misses(state):
+        group, R = missed.group, missed.view.frames[cell_graph.BASE][:, :3, :3]
         if not group.kind.pointed:
             continue
-        tip = robot.walk(problem.motion.select(group.rows)).tip
-        views, values = problem.seen_of(state, group, tip), problem.own_of(state, group)
-        missed = group.kind.misses(views, values)
-        across = np.linalg.pinv(missed.point, rcond=0.3)  # along the view images tell little: that is left out
-        shift[group.rows] = -np.einsum("mik,mk->mi", across, missed.r)
-        origin[group.rows] = views.p
+        across = np.linalg.pinv(missed.found.point @ R, rcond=0.3)  # along the view images tell little: it is left out
+        shift[group.rows] = -np.einsum("mik,mk->mi", across, missed.found.r)
+        origin[group.rows] = missed.p
         if group.kind.name == "offset-on-tool":  # where the sensor says that the ball is
-            origin[group.rows] = values["centre"] - shift[group.rows]
+            origin[group.rows] = missed.own["centre"] - shift[group.rows]
     return shift, origin

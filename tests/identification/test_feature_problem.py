@@ -7,7 +7,7 @@ import pytest
 
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
-from irbcal.identification.feature_problem import BASE, FeatureProblem, FeatureState, rigid, start
+from irbcal.identification.feature_problem import BASE, FeatureProblem, FeatureState, start
 from irbcal.measurement import features
 from irbcal.modeling import frames
 
@@ -43,9 +43,7 @@ def test_the_linear_model_is_that_of_central_differences(mixed):
     flat, width = mixed.flat, mixed.flat + len(mixed.terms)
     assert BASE in mixed.layout
     assert len(mixed.lengths) == 1
-    state = FeatureState(
-        state.own, 0.3 * mixed.sizes[flat:] * rng.standard_normal(len(mixed.terms)), state.T_world_base
-    )
+    state = FeatureState(state.own, 0.3 * mixed.sizes[flat:] * rng.standard_normal(len(mixed.terms)))
 
     def model(one):
         blocks = list(mixed.dense(one))
@@ -115,8 +113,3 @@ def test_a_tracker_and_a_ball_share_the_tool():
     state = start(FeatureProblem(nominal, seen, []))
     np.testing.assert_allclose(state.T_world_base, T, atol=1e-8)
     np.testing.assert_allclose(state.own["tool", "ball"], cases.TOOL, atol=1e-8)
-
-
-def test_a_rigid_motion_is_found_again():
-    places = np.random.default_rng(0).standard_normal((4, 3))
-    np.testing.assert_allclose(rigid(places, frames.apply(cases.world(), places)), cases.world(), atol=1e-12)
