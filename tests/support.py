@@ -197,3 +197,18 @@ def proven_of(*arguments, **options):
     import irbcal
 
     return irbcal.calibrate(*arguments, **options).proven
+
+
+class Posed:
+    """A robot whose tip link is at given poses (n, 4, 4) where it has given joints (n, joints)."""
+
+    def __init__(self, robot, q, T):
+        self.robot, self.poses_of = robot, {np.asarray(row).tobytes(): pose for row, pose in zip(q, T, strict=True)}
+
+    def __getattr__(self, name):
+        return getattr(self.robot, name)
+
+    def walk(self, motion):
+        path = self.robot.walk(motion)
+        T = np.array([self.poses_of[row.tobytes()] for row in motion.q])
+        return replace(path, tip=T[:, :3].transpose(2, 1, 0))

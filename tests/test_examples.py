@@ -12,6 +12,7 @@ import pandas as pd
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
+from support import Posed
 from typer.testing import CliRunner
 
 import irbcal
@@ -31,6 +32,7 @@ from irbcal.examples.measurements import (
 )
 from irbcal.examples.samples import samples
 from irbcal.measurement.imports import map_file
+from irbcal.modeling.robot import Robot
 
 
 @pytest.fixture(scope="session")
@@ -239,12 +241,12 @@ def test_touches_are_those_of_the_true_robot():
     cell = example_cell()
     rows, source = read_touches(measurements.touches(cell), cell.arm)
     T = cell.measure(np.array([one.q for one in rows])).T_base_tip
-    found = adjust(rows, T, np.full(len(rows), measurements.BY_EYE), source)
-    np.testing.assert_allclose(found.tips["1"], measurements.TOUCHING_TIP, rtol=0, atol=6 * measurements.BY_EYE)
-    np.testing.assert_allclose(
-        found.work_objects["1"], measurements.T_BASE_FIXTURE, rtol=0, atol=12 * measurements.BY_EYE
-    )
-    spread = np.sqrt(np.sum(found.residual**2) / found.redundancy)
+    robot = Posed(Robot(cell.arm), [touch.q for touch in rows], T)
+    adjusted = adjust(rows, robot, np.full(len(rows), measurements.BY_EYE), source)
+    tip, fixture = adjusted.frame("tool", "1")[:3, 3], adjusted.frame("work_object", "1")
+    np.testing.assert_allclose(tip, measurements.TOUCHING_TIP, rtol=0, atol=6 * measurements.BY_EYE)
+    np.testing.assert_allclose(fixture, measurements.T_BASE_FIXTURE, rtol=0, atol=12 * measurements.BY_EYE)
+    spread = np.sqrt(np.sum(adjusted.residual**2) / adjusted.redundancy)
     assert 0.4 * measurements.BY_EYE < spread < 1.6 * measurements.BY_EYE
 
 

@@ -111,7 +111,13 @@ class Touch:
     u95 : float
         Of the touch, metres.
     xyz : ndarray, shape (3,), or None
-        The point in the work object, or for a tool the touched place in the base link, where it is known; metres.
+        The point in the work object, where it is known, metres.
+    kind : str
+        What the tip of a tool touched: a ``point``, ``sphere``, ``plane`` or ``line``.
+    radius : float or None
+        Of the sphere, to the tip, where it is known, metres.
+    tracker : ndarray, shape (3,), or None
+        The point as a tracker measured it, in the measuring frame of the calibration, metres.
     residual, residual_nominal : ndarray, shape (3,)
         In the base link, metres: the tip by the calibrated (nominal) robot less where it should be.
     """
@@ -124,6 +130,9 @@ class Touch:
     q: FloatArray
     u95: float
     xyz: FloatArray | None = None
+    kind: str = "point"
+    radius: float | None = None
+    tracker: FloatArray | None = None
     residual: FloatArray = field(default_factory=lambda: np.zeros(3))
     residual_nominal: FloatArray = field(default_factory=lambda: np.zeros(3))
 
@@ -294,6 +303,9 @@ class _TouchSection(Section):
     joints_rad: list[float]
     u95_mm: float
     xyz_mm: list[float] | None
+    kind: Literal["point", "sphere", "plane", "line"]
+    radius_mm: float | None
+    tracker_mm: list[float] | None
     residual_mm: list[float]
     residual_nominal_mm: list[float]
 
@@ -309,6 +321,9 @@ class _TouchSection(Section):
             joints_rad=one.q.tolist(),
             u95_mm=one.u95 / MM,
             xyz_mm=None if one.xyz is None else (one.xyz / MM).tolist(),
+            kind=one.kind,
+            radius_mm=None if one.radius is None else one.radius / MM,
+            tracker_mm=None if one.tracker is None else (one.tracker / MM).tolist(),
             residual_mm=(one.residual / MM).tolist(),
             residual_nominal_mm=(one.residual_nominal / MM).tolist(),
         )
@@ -324,6 +339,9 @@ class _TouchSection(Section):
             np.array(self.joints_rad),
             self.u95_mm * MM,
             None if self.xyz_mm is None else np.array(self.xyz_mm) * MM,
+            self.kind,
+            None if self.radius_mm is None else self.radius_mm * MM,
+            None if self.tracker_mm is None else np.array(self.tracker_mm) * MM,
             np.array(self.residual_mm) * MM,
             np.array(self.residual_nominal_mm) * MM,
         )

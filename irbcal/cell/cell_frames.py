@@ -2,28 +2,27 @@
 
 One row a touch: which joints bring the tip of a tool to which point of what::
 
-    frame,name,point,tool,q1_deg,...,q6_deg[,x_mm,y_mm,z_mm,u95_mm]
+    frame,name,point,tool,q1_deg,...,q6_deg[,x_mm,y_mm,z_mm,u95_mm,kind,radius_mm,tracker_x_mm,tracker_y_mm,tracker_z_mm]
 
-Rows of a ``tool`` bring its tip to places, one a ``point``, from several sides. Rows of a ``work_object`` bring the tip
+Rows of a ``tool`` bring its tip to places, one a ``point``, from several sides; with a ``kind`` to a ball
+(``sphere``), a ``plane`` or a ``line`` of unknown place. Rows ``x`` and ``xy`` bring a point of the tool's half-line +x
+and of its half-plane +y to the place that its tip touches: they show its axes. Rows of a ``work_object`` bring the tip
 of ``tool`` to its ``origin``, to a point ``x`` on its half-line +x, to a point ``xy`` in its half-plane +y, or to any
-point of which the coordinates in the work object are known (``x_mm``, ``y_mm``, ``z_mm``).
+point of which the coordinates in the work object are known (``x_mm`` …). A tracker that stands in the measuring frame
+of the calibration may measure the tip of a tool (``tracker_x_mm`` …), or a point of a work object of known
+coordinates: such rows have no joints.
 
-Unknown are the tip ``p`` of each tool (in the tip link), each place ``x`` that a tool touches (in the base link) and
-each work object ``T_b_o``. A touch at joints q, the tip link being at ``T_b_f(q)``, says one of::
-
-    T_b_f p - x = 0                     a place of a tool
-    T_b_o^-1 T_b_f p - c = 0            a point of a work object: c from CAD, or 0 for its origin
-    y, z of T_b_o^-1 T_b_f p are 0      x: a point on the half-line +x
-    z of it is 0                        xy: a point in the half-plane +y
-
-All touches are adjusted together by least squares, so that an error of a tool goes on into the work objects touched
-with it.
+Unknown are the tip of each tool in the tip link, or its frame ``T_f_t``, each place that a tool touches in the base
+link, and each work object ``T_b_o``. Each touch is an observation (`irbcal.identification.observations`) along the
+cell's graph of frames (`irbcal.modeling.cell_graph`), all are adjusted together by least squares, so that an error of a
+tool goes on into the work objects touched with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from typing import Any
 
@@ -31,30 +30,48 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch, frames_by_name
-from irbcal.errors import MeasurementError, OptionError, RobotError
+from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
+from irbcal.identification import feature_problem
+from irbcal.identification.feature_problem import BASE, FRAME, FeatureProblem, FeatureState, Missed
+from irbcal.identification.observation_kind import with_third
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import columns
 from irbcal.measurement.columns import POSITION, TableLike
-from irbcal.modeling import frames
+from irbcal.measurement.features import Feature, FeatureSet
+from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.cell_graph import FLANGE, WORLD, Edge
 from irbcal.modeling.certainty import COVERAGE, HISTORY, Certainty
 from irbcal.modeling.robot import Robot, loaded
+from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
-ITERATIONS = 50
-ENOUGH = 1e-12
-"""Radians and metres: a smaller step ends the iteration."""
 LEAST_SIDES = 3
 LEAST_TURN = 0.02
 """Root mean square of the tip link's turns about the axis it turns about least, radians: less shows no tip."""
 LEAST_LENGTH = 1.0 * MM
 """Between points of a work object, and of the third from the line through the others."""
-COMPONENTS: dict[str, tuple[int, ...]] = {"x": (1, 2), "xy": (2,)}
-"""Components of a point in the work object that are zero, where not all three are."""
+ALONE = 5
+"""Points with coordinates that show a tool without rows of its own along with their work object."""
+TEXT = ("frame", "name", "point", "tool")
+KINDS = ("point", "sphere", "plane", "line")
+"""What a tip may touch, or be on."""
+TRACKER = [f"tracker_{name}" for name in POSITION]
+U95_BY_EYE = 0.2 * MM
+"""How well a tip is brought to a point by eye, metres: for rows that do not say it."""
+U95_BY_TRACKER = 0.05 * MM
+"""The same of a point that a tracker measured."""
+TAUGHT = ("origin", "x", "xy")
+"""Points of a work object that need no coordinates, as pendants call them; the last two show a tool's axes, too."""
+SIDES: Mapping[str, tuple[str, FloatArray, int]] = {
+    "x": ("line", with_third(np.array([1.0, 0.0, 0.0])), 0),
+    "xy": ("plane", np.eye(3), 1),
+}
+"""Of points on a half-line or in a half-plane of a frame: kind, axes, and the coordinate that must be positive."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,58 +80,109 @@ class Adjusted:
 
     Attributes
     ----------
-    tips : dict of str to ndarray, shape (3,)
-        Of tools, in the tip link, metres.
-    work_objects : dict of str to ndarray, shape (4, 4)
-        In the base link.
-    residual : ndarray, shape (touches, 3)
-        In the base link, metres; zero in directions in which a touch says nothing.
-    jacobian : ndarray, shape (equations, unknowns)
-        Of residuals by the unknowns: tips, places, then small motions of the work objects (in their own axes).
-    touch, component : ndarray of int, shape (equations,)
-        Which touch, and which component of its residual.
-    axes : ndarray, shape (touches, 3, 3)
-        From the base link to the axes in which the components are: the base link's, or a work object's.
+    problem : FeatureProblem
+        A row of its rows for each touch.
+    state : FeatureState
     """
 
-    tips: Mapping[str, FloatArray]
-    work_objects: Mapping[str, FloatArray]
-    residual: FloatArray
-    jacobian: FloatArray
-    touch: IntArray
-    component: IntArray
-    axes: FloatArray
+    problem: FeatureProblem
+    state: FeatureState
 
-    def __post_init__(self) -> None:
-        lock(self)
+    @cached_property
+    def missed(self) -> list[Missed]:
+        """What touches miss, group by group."""
+        return list(self.problem.misses(self.state))
 
-    @property
-    def values(self) -> FloatArray:
-        """Residuals of the equations, shape (equations,), metres."""
-        return np.asarray(np.einsum("nij,nj->ni", self.axes, self.residual)[self.touch, self.component])
+    @cached_property
+    def rows(self) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Derivative of the residuals by the unknowns, the residuals, and their touches.
+
+        Returns
+        -------
+        A : ndarray, shape (equations, unknowns)
+            Standard deviations per unit of the unknowns (SI units).
+        r : ndarray, shape (equations,)
+            In standard deviations.
+        touch : ndarray of int, shape (equations,)
+        """
+        blocks = list(self.problem.dense(self.state, np.zeros(0, dtype=int)))
+        unit = COVERAGE * MM / self.problem.typical
+        A = np.concatenate([block.J for block in blocks], axis=1).T / self.problem.sizes * unit
+        return A, -unit * np.concatenate([block.y for block in blocks]), np.concatenate([block.row for block in blocks])
 
     @property
     def redundancy(self) -> int:
         """Equations less unknowns."""
-        return self.jacobian.shape[0] - self.jacobian.shape[1]
+        A = self.rows[0]
+        return A.shape[0] - A.shape[1]
 
-    def columns(self, frame: str, name: str) -> slice:
-        """Columns of a tip (three) or of a work object (six) in the Jacobian."""
-        if frame == TOOL:
-            start = 3 * list(self.tips).index(name)
-            return slice(start, start + 3)
-        start = self.jacobian.shape[1] - 6 * len(self.work_objects) + 6 * list(self.work_objects).index(name)
-        return slice(start, start + 6)
+    def frame(self, kind: str, name: str) -> FloatArray:
+        """A tool in the tip link or a work object in the base link, shape (4, 4); a tip alone with the link's axes."""
+        tip = self.state.own.get((feature_problem.TOOL, name))
+        alone = kind == TOOL and tip is not None
+        return frames.transform(np.eye(3), tip) if alone else self.state.own[FRAME, frame_name(kind, name)]
+
+    def motions(self, kind: str, name: str, R: FloatArray) -> FloatArray:
+        """Small motion of a frame in its own axes by the unknowns, shape (6, unknowns); R: axes of a tip alone."""
+        out = np.zeros((6, self.problem.flat))
+        key = feature_problem.TOOL, name
+        if kind == TOOL and key in self.problem.layout:
+            at = self.problem.layout[key][1]
+            out[3:, at : at + 3] = R.T
+        else:
+            at = self.problem.layout[FRAME, frame_name(kind, name)][1]
+            out[:, at : at + 6] = np.eye(6)
+        return out
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """In the base link, shape (touches, 3), metres; zero in directions in which a touch says nothing."""
+        out = np.zeros((len(self.problem.seen), 3))
+        for missed in self.missed:
+            along = np.einsum("nki,nk->ni", missed.found.point, missed.found.r)
+            R = missed.view.frames[cell_graph.BASE][:, :3, :3]
+            out[missed.group.rows] = np.einsum("nji,nj->ni", R, along)
+        return out
+
+    def by_robot(self, certainty: Certainty) -> tuple[FloatArray, FloatArray]:
+        """How residuals follow the robot's parameters, and what these leave open.
+
+        Returns
+        -------
+        derivative : ndarray, shape (equations, parameters)
+            Standard deviations per unit of the parameters; zero of terms of the last move, which is not known.
+        variance : ndarray, shape (touches,)
+            Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, and terms of the
+            last move, m^2.
+        """
+        parts, variance = [], np.zeros(len(self.problem.seen))
+        unit = COVERAGE / self.problem.typical
+        for missed in self.missed:
+            group = missed.group
+            motion = self.problem.motion.select(group.rows)
+            J: FloatArray = np.zeros((len(certainty.covariance), 3, len(motion)))
+            if FLANGE in missed.view.signs:
+                J, variance[group.rows] = robot_derivatives(certainty, missed.path, missed.p.T, motion)
+            out = self.problem.by_arm(missed, J, None)
+            if cell_graph.BASE in missed.view.signs and group.frame == WORLD:
+                out[:6] += self.problem.by_edge(missed, cell_graph.BASE)
+            parts.append((out * self.problem.weights[group.rows][:, None] * unit).reshape(len(out), -1).T)
+        return np.concatenate(parts), variance
 
 
-def adjust(touches: Sequence[Touch], T_base_tip: FloatArray, sigma: FloatArray, source: str) -> Adjusted:
+def frame_name(kind: str, name: str) -> str:
+    """Name of a tool or a work object in the cell's graph of frames."""
+    return f"{kind.replace('_', ' ')} {name}"
+
+
+def adjust(touches: Sequence[Touch], robot: Robot, sigma: FloatArray, source: str) -> Adjusted:
     """Adjust tools and work objects to touches.
 
     Parameters
     ----------
     touches : sequence of Touch, length n
-    T_base_tip : ndarray, shape (n, 4, 4)
-        By the robot that is asked, metres.
+    robot : Robot
+        Asked where its tip link is, and where its base is in the measuring frame.
     sigma : ndarray, shape (n,)
         Standard deviation of each touch in each direction, metres.
     source : str
@@ -129,174 +197,161 @@ def adjust(touches: Sequence[Touch], T_base_tip: FloatArray, sigma: FloatArray, 
     MeasurementError
         If the touches do not determine a tool or a work object: the sentence says what is missing.
     """
-    tools = list(dict.fromkeys(one.name for one in touches if one.frame == TOOL))
-    objects = list(dict.fromkeys(one.name for one in touches if one.frame == WORK_OBJECT))
-    places = list(dict.fromkeys((one.name, one.point) for one in touches if one.frame == TOOL))
-    tips: dict[str, FloatArray] = {}
-    x: dict[tuple[str, str], FloatArray] = {}
-    for name in tools:
-        tips[name], more = _first_tip(name, touches, T_base_tip, source)
-        x |= more
-    T: dict[str, FloatArray] = {}
-    for name in objects:
-        T[name] = _first_frame(name, touches, T_base_tip, tips, source)
-    for _ in range(ITERATIONS):
-        found = _linearised(touches, T_base_tip, tips, x, T)
-        weight = 1.0 / sigma[found.touch]
-        step = np.linalg.lstsq(found.jacobian * weight[:, None], -found.values * weight, rcond=None)[0]
-        for k, name in enumerate(tools):
-            tips[name] = tips[name] + step[3 * k : 3 * k + 3]
-        for k, place in enumerate(places, len(tools)):
-            x[place] = x[place] + step[3 * k : 3 * k + 3]
-        for name in objects:
-            motion = step[found.columns(WORK_OBJECT, name)]
-            T[name] = T[name] @ frames.transform(frames.rotation_from_vector(motion[:3]), motion[3:])
-        if np.abs(step).max(initial=0.0) < ENOUGH:
-            break
-    found = _linearised(touches, T_base_tip, tips, x, T)
-    _check_sides(touches, T_base_tip, found, source)
-    return found
+    framed = {t.name for t in touches if t.frame == TOOL and t.point in SIDES}
+    rows = _feature_rows(touches, framed, COVERAGE * sigma, robot.arm, source)
+    load = robot.joint_map.load(len(rows))
+    rows = replace(rows, payload_kg=load["payload_kg"], payload_place=load["payload_place"])
+    edges = [Edge(FLANGE, frame_name(TOOL, name)) for name in sorted(framed)]
+    problem = FeatureProblem(robot.arm, rows, [], {BASE: robot.T_world_base}, edges, robot)
+    _refuse_too_few(touches, problem, source)
+    try:
+        adjusted = Adjusted(problem, feature_problem.start(problem))
+    except IdentificationError as error:
+        raise MeasurementError(str(error), file=source) from None
+    for missed in adjusted.missed:
+        for row, p in zip(missed.group.rows, missed.seen.p, strict=True):
+            touch = touches[row]
+            if touch.point in SIDES and touch.xyz is None and p[SIDES[touch.point][2]] <= 0.0:
+                raise MeasurementError(
+                    f"{frame_name(touch.frame, touch.name)}: point {touch.point} lies on the negative side of the "
+                    "frame by the other points",
+                    file=source,
+                    row=touch.row,
+                    column="point",
+                )
+    return adjusted
 
 
-def _linearised(
-    touches: Sequence[Touch],
-    T_base_tip: FloatArray,
-    tips: Mapping[str, FloatArray],
-    x: Mapping[tuple[str, str], FloatArray],
-    T: Mapping[str, FloatArray],
-) -> Adjusted:
-    """Residuals and their derivatives."""
-    at_tool = {name: 3 * k for k, name in enumerate(tips)}
-    at_place = {place: 3 * k for k, place in enumerate(x, len(tips))}
-    at_object = {name: 3 * (len(tips) + len(x)) + 6 * k for k, name in enumerate(T)}
-    unknowns = 3 * (len(tips) + len(x)) + 6 * len(T)
-    residual, axes = np.zeros((len(touches), 3)), np.tile(np.eye(3), (len(touches), 1, 1))
-    rows: list[FloatArray] = []
-    touch: list[int] = []
-    component: list[int] = []
-    for k, one in enumerate(touches):
-        R, p = T_base_tip[k, :3, :3], tips[one.tool]
-        tip = R @ p + T_base_tip[k, :3, 3]
-        J = np.zeros((3, unknowns))
-        said = (0, 1, 2) if one.xyz is not None else COMPONENTS.get(one.point, (0, 1, 2))
-        if one.frame == TOOL:
-            place, said = (one.name, one.point), (0, 1, 2)
-            value, axis = tip - x[place], np.eye(3)
-            J[:, at_place[place] : at_place[place] + 3] = -np.eye(3)
+def _feature_rows(touches: Sequence[Touch], framed: set[str], u95: FloatArray, arm: Arm, source: str) -> FeatureSet:
+    """Touches as rows at features: frames in which these are known, and carriers whose points touch them."""
+    n = len(touches)
+    features: dict[str, Feature] = {}
+    text: dict[str, list[str]] = {name: [] for name in ("kind", "feature", "target", "frame", "carrier")}
+    xyz, point = np.full((n, 3), np.nan), np.zeros((n, 3))
+
+    def row(kind: str, feature: str, target: str, frame: str, carrier: str) -> None:
+        for column, value in zip(text.values(), (kind, feature, target, frame, carrier), strict=True):
+            column.append(value)
+
+    for k, touch in enumerate(touches):
+        tip = frame_name(TOOL, touch.tool) if touch.tool in framed else FLANGE
+        of = frame_name(touch.frame, touch.name)
+        if touch.tracker is not None:
+            xyz[k] = touch.tracker
+            if touch.frame == TOOL:
+                row("point", "", touch.tool, WORLD, tip)
+            else:
+                point[k] = touch.xyz
+                row("point", "", of, WORLD, of)
+        elif touch.point in SIDES and touch.xyz is None:
+            kind, axes, _ = SIDES[touch.point]
+            feature = Feature(f"{touch.point} of {of}", kind, touch.tool, centre=np.zeros(3), axes=axes)
+            features[feature.name] = feature
+            if touch.frame == WORK_OBJECT:
+                row(kind, feature.name, touch.tool, of, tip)
+            else:
+                places = {t.point for t in touches if _at_place(t, touch.name)}
+                if len(places) != 1:
+                    raise MeasurementError(
+                        f"{of}: its axes are shown at the place that its tip touches, of which there are {len(places)}",
+                        file=source,
+                        row=touch.row,
+                        column="point",
+                    )
+                row(kind, feature.name, f"{places.pop()} of {of}", of, cell_graph.BASE)
+        elif touch.frame == WORK_OBJECT:
+            xyz[k] = np.zeros(3) if touch.xyz is None else touch.xyz
+            row("point", "", touch.tool, of, tip)
         else:
-            axis = T[one.name][:3, :3].T
-            c = axis @ (tip - T[one.name][:3, 3])
-            value = c - (np.zeros(3) if one.xyz is None else one.xyz)
-            at = at_object[one.name]
-            J[:, at : at + 3] = [[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]]
-            J[:, at + 3 : at + 6] = -np.eye(3)
-        J[:, at_tool[one.tool] : at_tool[one.tool] + 3] = axis @ R
-        axes[k] = axis
-        residual[k] = axis[list(said)].T @ value[list(said)]
-        rows.append(J[list(said)])
-        touch += [k] * len(said)
-        component += said
-    return Adjusted(dict(tips), dict(T), residual, np.concatenate(rows), np.array(touch), np.array(component), axes)
+            name = f"{touch.point} of {of}"
+            features[name] = Feature(name, touch.kind, touch.tool, touch.radius)
+            row(touch.kind, name, touch.tool, "", tip)
+    columns_of = {name: np.array(values, dtype=object) for name, values in text.items()}
+    names = np.array([str(k) for k in range(n)], dtype=object)
+    return FeatureSet(
+        q=np.array([touch.q for touch in touches]),
+        pose=names,
+        pose_index=np.arange(n),
+        value=np.full(n, np.nan),
+        u95=u95,
+        xyz=xyz,
+        rotation=np.full((n, 3, 3), np.nan),
+        row=np.array([touch.row for touch in touches]),
+        cells=pd.DataFrame(index=range(n)),
+        features=features,
+        lengths=(),
+        joint_columns=tuple(arm.joint_columns),
+        source=source,
+        sha256="",
+        point=point,
+        kind=columns_of["kind"],
+        feature=columns_of["feature"],
+        target=columns_of["target"],
+        frame=columns_of["frame"],
+        carrier=columns_of["carrier"],
+    )
 
 
-def _first_tip(
-    name: str, touches: Sequence[Touch], T_base_tip: FloatArray, source: str
-) -> tuple[FloatArray, dict[tuple[str, str], FloatArray]]:
-    """The tip of a tool by its own rows, and the places that it touched: linear least squares."""
-    mine: dict[str, list[int]] = {
-        point: [] for point in dict.fromkeys(t.point for t in touches if (t.frame, t.name) == (TOOL, name))
-    }
-    for k, one in enumerate(touches):
-        if (one.frame, one.name) == (TOOL, name):
-            mine[one.point].append(k)
-    for point, rows in mine.items():
-        if len(rows) < 2 or sum(map(len, mine.values())) < LEAST_SIDES:
+def _at_place(touch: Touch, tool: str) -> bool:
+    """Whether the tip of a tool touches a place of its own."""
+    own_place = (touch.frame, touch.name, touch.kind) == (TOOL, tool, "point") and touch.tracker is None
+    return own_place and touch.point not in SIDES
+
+
+def _refuse_too_few(touches: Sequence[Touch], problem: FeatureProblem, source: str) -> None:
+    """Refuse tools and work objects that their rows cannot show, with what is missing."""
+    T = chain.poses(problem.robot.walk(problem.motion)) if problem.robot is not None else np.zeros((0, 4, 4))
+    for name in dict.fromkeys(t.tool for t in touches if t.tool):
+        sides = {t.point for t in touches if t.frame == TOOL and t.name == name} & set(SIDES)
+        if len(sides) == 1:
             raise MeasurementError(
-                f"tool {name}: its tip was brought to {point!r} from {len(rows)} side{'s'[: len(rows) != 1]}: it takes "
-                f"{LEAST_SIDES} or more, turned about different axes (of several places, two of each)",
-                file=source,
+                f"tool {name}: its axes take points x and xy, {(set(SIDES) - sides).pop()} is missing", file=source
             )
-    R = np.concatenate([T_base_tip[rows, :3, :3] - T_base_tip[rows, :3, :3].mean(axis=0) for rows in mine.values()])
-    t = np.concatenate([T_base_tip[rows, :3, 3] - T_base_tip[rows, :3, 3].mean(axis=0) for rows in mine.values()])
-    if np.linalg.svd(R.reshape(-1, 3), compute_uv=False)[-1] < LEAST_TURN * np.sqrt(len(R)):
-        raise MeasurementError(
-            f"tool {name}: all sides are turned about one axis, along which its tip stays unknown: touch the place "
-            "with the tool tilted another way, too",
-            file=source,
-        )
-    p: FloatArray = np.linalg.lstsq(R.reshape(-1, 3), -t.reshape(-1), rcond=None)[0]
-    places = {
-        (name, point): (T_base_tip[rows, :3, :3] @ p + T_base_tip[rows, :3, 3]).mean(axis=0)
-        for point, rows in mine.items()
-    }
-    return p, places
-
-
-def _first_frame(
-    name: str, touches: Sequence[Touch], T_base_tip: FloatArray, tips: Mapping[str, FloatArray], source: str
-) -> FloatArray:
-    """A work object by its points: those with coordinates, else origin, x and xy."""
-    known: list[tuple[FloatArray, FloatArray]] = []
-    taught: dict[str, FloatArray] = {}
-    for k, one in enumerate(touches):
-        if (one.frame, one.name) != (WORK_OBJECT, name):
-            continue
-        if one.tool not in tips:
+        of_tool = [t for t in touches if t.frame == TOOL and t.name == name and t.point not in SIDES]
+        by_points = sum(t.frame == WORK_OBJECT and t.tool == name and t.xyz is not None for t in touches)
+        if not of_tool and by_points < ALONE:
+            touch = next(t for t in touches if t.tool == name)
             raise MeasurementError(
-                f"work object {name} was touched with tool {one.tool}, of which there are no rows: bring the tip of "
+                f"work object {touch.name} was touched with tool {name}, of which there are no rows: bring the tip of "
                 f"that tool to one place from {LEAST_SIDES} or more sides, too",
                 file=source,
-                row=one.row,
+                row=touch.row,
                 column="tool",
             )
-        tip = T_base_tip[k, :3, :3] @ tips[one.tool] + T_base_tip[k, :3, 3]
-        if one.xyz is None:
-            taught.setdefault(one.point, tip)
-        else:
-            known.append((one.xyz, tip))
-    if len(known) >= 3:
-        c, tip = (np.array(part) for part in zip(*known, strict=True))
-        if np.linalg.svd(c - c.mean(axis=0), compute_uv=False)[1] < LEAST_LENGTH:
-            raise MeasurementError(f"work object {name}: its points with coordinates are on a line", file=source)
-        return frames.rigid_fit(c, tip)
-    missing = [point for point in TAUGHT if point not in taught]
-    if missing:
-        raise MeasurementError(
-            f"work object {name}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing, and of three or "
-            f"more points with x_mm, y_mm, z_mm there are {len(known)}: it takes one or the other",
-            file=source,
-        )
-    origin, along, over = (taught[point] for point in TAUGHT)
-    length = float(np.linalg.norm(along - origin))
-    x = (along - origin) / max(length, 1e-12)
-    normal = np.cross(x, over - origin)
-    if min(length, float(np.linalg.norm(normal))) < LEAST_LENGTH:
-        raise MeasurementError(f"work object {name}: origin, x and xy are on a line", file=source)
-    z = normal / np.linalg.norm(normal)
-    return frames.transform(np.column_stack([x, np.cross(z, x), z]), origin)
-
-
-def _check_sides(touches: Sequence[Touch], T_base_tip: FloatArray, found: Adjusted, source: str) -> None:
-    """Refuse points that the adjustment put on the wrong side of the origin."""
-    for k, one in enumerate(touches):
-        if one.frame == TOOL or one.xyz is not None or one.point not in COMPONENTS:
+        if by_points >= ALONE or not all(_at_place(t, name) for t in of_tool):
             continue
-        tip = T_base_tip[k, :3, :3] @ found.tips[one.tool] + T_base_tip[k, :3, 3]
-        c = frames.apply(frames.inverse(found.work_objects[one.name]), tip[None])[0]
-        if c[0 if one.point == "x" else 1] <= 0.0:
+        of_place = {
+            point: [k for k, t in enumerate(touches) if _at_place(t, name) and t.point == point]
+            for point in dict.fromkeys(t.point for t in of_tool)
+        }
+        for point, at in of_place.items():
+            if len(at) < 2 or len(of_tool) < LEAST_SIDES:
+                raise MeasurementError(
+                    f"tool {name}: its tip was brought to {point!r} from {len(at)} side{'s'[: len(at) != 1]}: it takes "
+                    f"{LEAST_SIDES} or more, turned about different axes (of several places, two of each)",
+                    file=source,
+                )
+        R = np.concatenate([T[at, :3, :3] - T[at, :3, :3].mean(axis=0) for at in of_place.values()])
+        if np.linalg.svd(R.reshape(-1, 3), compute_uv=False)[-1] < LEAST_TURN * np.sqrt(len(R)):
             raise MeasurementError(
-                f"work object {one.name}: point {one.point} lies on the negative side of the frame by the other points",
+                f"tool {name}: all sides are turned about one axis, along which its tip stays unknown: touch the place "
+                "with the tool tilted another way, too",
                 file=source,
-                row=one.row,
-                column="point",
             )
-
-
-TEXT = ("frame", "name", "point", "tool")
-U95_BY_EYE = 0.2 * MM
-"""How well a tip is brought to a point by eye, metres: for rows that do not say it."""
-TAUGHT = ("origin", "x", "xy")
-"""Points of a work object that need no coordinates, as pendants call them."""
+    for name in dict.fromkeys(t.name for t in touches if t.frame == WORK_OBJECT):
+        of_object = [t for t in touches if t.frame == WORK_OBJECT and t.name == name]
+        known = np.array([t.xyz for t in of_object if t.xyz is not None]).reshape(-1, 3)
+        if len(known) >= LEAST_SIDES:
+            if np.linalg.svd(known - known.mean(axis=0), compute_uv=False)[1] < LEAST_LENGTH:
+                raise MeasurementError(f"work object {name}: its points with coordinates are on a line", file=source)
+            continue
+        missing = [point for point in TAUGHT if point not in {t.point for t in of_object if t.xyz is None}]
+        if missing:
+            raise MeasurementError(
+                f"work object {name}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing, and of "
+                f"three or more points with x_mm, y_mm, z_mm there are {len(known)}: it takes one or the other",
+                file=source,
+            )
 
 
 def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
@@ -324,7 +379,7 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
         # pandas reads numbers beside empty cells as 3.0
         table = table.assign(tool=table["tool"].convert_dtypes())
     cells, source, _ = columns.read(table, ["frame", "name", "point", *joints])
-    known = (*TEXT, *joints, *POSITION, "u95_mm")
+    known = (*TEXT, *joints, *POSITION, "u95_mm", "kind", "radius_mm", *TRACKER)
     strange = [str(name) for name in cells.columns if name not in known]
     if strange:
         raise MeasurementError(
@@ -332,25 +387,31 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
             file=source,
             row=columns.header_row(source),
         )
-    lengths = (*POSITION, "u95_mm")
+    lengths = (*POSITION, "u95_mm", "radius_mm", *TRACKER)
     values = pd.DataFrame(
         {name: columns.numbers(cells, name, source, lost=True) if name in cells else np.nan for name in lengths},
         index=range(len(cells)),
     )
+    at_rest = values[TRACKER].notna().all(axis=1).to_numpy() & (cells["frame"] == WORK_OBJECT).to_numpy()
+    at_rest &= cells[joints].astype(str).apply(lambda column: column.str.strip() == "").all(axis=1).to_numpy()
+    cells.loc[at_rest, joints] = "0"
     q = arm.from_controller(columns.in_si(cells, joints, source))
     texts = [columns.names(cells, name, source) for name in TEXT[:3]]
-    tools = cells["tool"].astype(str).str.strip() if "tool" in cells.columns else pd.Series("", index=cells.index)
-    if tools.ne("").any():
-        columns.names(cells[tools.ne("")], "tool", source)
+    optional = {}
+    for name in ("tool", "kind"):
+        optional[name] = cells[name].astype(str).str.strip() if name in cells else pd.Series("", index=cells.index)
+        if optional[name].ne("").any():
+            columns.names(cells[optional[name].ne("")], name, source)
     touches = []
     for k, (frame, name, point) in enumerate(zip(*texts, strict=True)):
-        row, tool = int(cells.index[k]), tools.iloc[k]
-        xyz = values.loc[k, POSITION].to_numpy(dtype=float)
-        known_xyz = int(pd.notna(xyz).sum())
-        fault = _fault(frame, name, point, tool, known_xyz)
+        row, tool, kind = int(cells.index[k]), optional["tool"].iloc[k], optional["kind"].iloc[k] or "point"
+        xyz, tracker = (values.loc[k, list(names)].to_numpy(dtype=float) for names in (POSITION, TRACKER))
+        counts = int(pd.notna(xyz).sum()), int(pd.notna(tracker).sum())
+        radius, u95 = float(values.loc[k, "radius_mm"]), float(values.loc[k, "u95_mm"])
+        point = point[1:] if frame == TOOL and point == "+x" else point
+        fault = _fault(frame, name, point, tool, kind, counts, bool(at_rest[k]))
         if fault is not None:
             raise MeasurementError(fault[1], file=source, row=row, column=fault[0])
-        u95 = float(values.loc[k, "u95_mm"])
         touches.append(
             Touch(
                 row,
@@ -359,23 +420,41 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
                 point,
                 name if frame == TOOL else tool,
                 q[k],
-                U95_BY_EYE if u95 != u95 else u95 * MM,
-                xyz * MM if known_xyz else None,
+                (U95_BY_TRACKER if counts[1] else U95_BY_EYE) if np.isnan(u95) else u95 * MM,
+                xyz * MM if counts[0] else None,
+                kind=kind,
+                radius=None if np.isnan(radius) else radius * MM,
+                tracker=tracker * MM if counts[1] else None,
             )
         )
     return touches, source
 
 
-def _fault(frame: str, name: str, point: str, tool: str, known: int) -> tuple[str | list[str], str] | None:
-    """Column and sentence where a row is no touch."""
+def _fault(
+    frame: str, name: str, point: str, tool: str, kind: str, counts: tuple[int, int], at_rest: bool
+) -> tuple[str | list[str], str] | None:
+    """Column and sentence where a row is no touch; ``counts`` of coordinates known in the work object, and measured."""
+    known, tracked = counts
     if frame not in (TOOL, WORK_OBJECT):
         return "frame", f"expected {TOOL} or {WORK_OBJECT}, found {frame!r}"
     if known not in (0, 3):
         return POSITION, "expected the point's coordinates in the work object, all or none"
+    if tracked not in (0, 3):
+        return TRACKER, "expected the point's coordinates in the measuring frame of the calibration, all or none"
+    if kind not in KINDS:
+        return "kind", f"expected {', '.join(KINDS)}, found {kind!r}"
+    if kind != "point" and (frame != TOOL or tracked or point in SIDES):
+        return "kind", f"a {kind} shows the tip of a tool: expected a row of a tool that touches it, nothing else"
     if frame == TOOL and known:
         return POSITION, "coordinates belong to points of a work object, the place that a tool touches has none"
     if frame == TOOL and tool not in ("", name):
         return "tool", f"a row of tool {name} is touched with this tool, found {tool!r}"
+    if frame == WORK_OBJECT and tracked:
+        if not known:
+            return POSITION, "a point that the tracker measured needs its coordinates in the work object"
+        if not at_rest:
+            return "tool", "no tool touches a point that the tracker measured: leave the joints out"
+        return None
     if frame == WORK_OBJECT and not tool:
         return "tool", f"expected the tool that touched work object {name}, found nothing"
     if frame == WORK_OBJECT and not known and point not in TAUGHT:
@@ -441,45 +520,90 @@ def cell_frames(
     certainty = robot.certainty
     if certainty is None:
         raise RobotError(f"nothing is known of how certain {robot.arm.name} is: calibrate it", parameter="calibration")
-    nominal = Robot(record.arm(calibrated=False))
-    rows, source = read_touches(touches, nominal.arm)
-    theirs = {TOOL: _given(tool, "tool", TOOL, rows), WORK_OBJECT: _given(wobj, "wobj", WORK_OBJECT, rows)}
-    rows, J, sigma, found, left_out = _without_outliers(rows, robot, certainty, source)
-    by_nominal = adjust(rows, nominal.poses(_joints(rows)), sigma, source)
-    touch_covariance, gain, doubt = _certain(found, J, sigma)
+    all_rows, source = read_touches(touches, robot.arm)
+    of_controller = {
+        kind: _of_controller(frames_given, parameter, kind, all_rows)
+        for kind, frames_given, parameter in ((TOOL, tool, "tool"), (WORK_OBJECT, wobj, "wobj"))
+    }
+    rows, sigma, adjusted, left_out = _without_outliers(all_rows, robot, certainty, source)
+    by_nominal = adjust(rows, record.robot_nominal(), sigma, source)
+    C, G, doubt = _covariance(adjusted, certainty)
+    of_cell: dict[str, dict[str, FrameInCell]] = {TOOL: {}, WORK_OBJECT: {}}
+    M = []
+    for kind, frames_of_kind in of_cell.items():
+        for name in dict.fromkeys(t.tool if kind == TOOL else t.name for t in rows if kind in (TOOL, t.frame)):
+            if not name:
+                continue
+            T_controller = of_controller[kind].get(name)
+            alone = (feature_problem.TOOL, name) in adjusted.state.own and kind == TOOL
+            axes = frames.transform(T_controller[:3, :3]) if alone and T_controller is not None else np.eye(4)
+            T_true, T_nominal = (each.frame(kind, name) @ axes for each in (adjusted, by_nominal))
+            frames_of_kind[name] = FrameInCell(name, T_true, T_nominal, T_controller, position_only=alone)
+            M.append(adjusted.motions(kind, name, axes[:3, :3]))
+    motions = np.concatenate(M)
+    touching, gain = motions @ C @ motions.T, motions @ G
     cell = CellFile(
         record.fingerprint,
         record.robot.name,
         record.simulated,
-        _tools(found, by_nominal, theirs[TOOL]),
-        _work_objects(found, by_nominal, theirs[WORK_OBJECT]),
-        *_of_motions(found, theirs[TOOL], touch_covariance, gain, certainty.covariance),
+        of_cell[TOOL],
+        of_cell[WORK_OBJECT],
+        touching,
+        touching + gain @ certainty.covariance @ gain.T,
+        gain,
         touches=tuple(
-            replace(one, residual=found.residual[k], residual_nominal=by_nominal.residual[k])
-            for k, one in enumerate(rows)
+            replace(touch, residual=adjusted.residual[k], residual_nominal=by_nominal.residual[k])
+            for k, touch in enumerate(rows)
         ),
         left_out=tuple(left_out),
-        notes=tuple(filter(None, (doubt, *_notes(record.robot.tip_link, rows, theirs[TOOL], certainty)))),
+        notes=tuple(filter(None, (doubt, *_notes(record.robot.tip_link, rows, of_cell[TOOL], certainty)))),
     )
     if out is not None:
         cell.save(out)
     return cell
 
 
-def _given(
-    given: Mapping[str, ArrayLike] | None, parameter: str, frame: str, rows: Sequence[Touch]
+def _of_controller(
+    frames_given: Mapping[str, ArrayLike] | None, parameter: str, kind: str, rows: Sequence[Touch]
 ) -> dict[str, FloatArray]:
     """The controller's frames by the names of the rows."""
-    names = {one.name.lower(): one.name for one in rows if one.frame == frame}
-    frames_given = frames_by_name(given, parameter)
-    for name in frames_given:
+    names = {t.tool.lower(): t.tool for t in rows} if kind == TOOL else {}
+    names |= {t.name.lower(): t.name for t in rows if t.frame == kind}
+    by_name = frames_by_name(frames_given, parameter)
+    for name in by_name:
         if name not in names:
-            raise OptionError(f"{parameter}: no touch is of {frame.replace('_', ' ')} {name}", parameter=parameter)
-    return {names[name]: T for name, T in frames_given.items()}
+            raise OptionError(f"{parameter}: no touch is of {kind.replace('_', ' ')} {name}", parameter=parameter)
+    return {names[name]: T for name, T in by_name.items()}
 
 
-def _joints(rows: Sequence[Touch]) -> FloatArray:
-    return np.array([one.q for one in rows])
+def robot_derivatives(
+    certainty: Certainty, path: chain.Walk, p: FloatArray, motion: Motion
+) -> tuple[FloatArray, FloatArray]:
+    """How points of the tip link depend on the parameters of the calibrated robot.
+
+    Parameters
+    ----------
+    certainty : Certainty
+    path : Walk
+        The calibrated arm at the motion.
+    p : ndarray, shape (3, n)
+        In the base link, metres.
+    motion : Motion
+
+    Returns
+    -------
+    J : ndarray, shape (parameters, 3, n)
+        In the base link, SI units; zero of terms of the last move, which is not known.
+    variance : ndarray, shape (n,)
+        Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, and terms of the last
+        move, m^2.
+    """
+    J = certainty.jacobian(path, p, motion, np.zeros(len(motion), dtype=bool), None)
+    history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + len(J) - len(certainty.terms)
+    size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - len(J)] ** 2
+    variance = (size @ np.sum(J[history] ** 2, axis=1) + certainty.determined_left_out(None) ** 2) / 3.0
+    J[history] = 0.0
+    return J, variance
 
 
 def point_derivatives(
@@ -502,70 +626,62 @@ def point_derivatives(
     -------
     points : ndarray, shape (n, 3)
     jacobian : ndarray, shape (n, 3, parameters)
-        Without terms of the last move, which is not known.
     variance : ndarray, shape (n,)
-        Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, and terms of the last
-        move.
+        Both as of `robot_derivatives`.
     """
     load: dict[str, Any] = {**robot.joint_map.load(len(q))}
     motion = replace(Motion(q), **load)
     path = robot.walk(motion)
     points = path.tip[3] + np.einsum("acn,na->cn", path.tip[:3], place)
-    J = np.asarray(
-        certainty.jacobian(path, points, motion, np.zeros(len(q), dtype=bool), None).transpose(2, 1, 0)
-    ).copy()
-    history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + J.shape[2] - len(certainty.terms)
-    size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - J.shape[2]] ** 2
-    variance = (np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) + certainty.determined_left_out(None) ** 2) / 3.0
-    J[:, :, history] = 0.0
-    return points.T, J, variance
+    J, variance = robot_derivatives(certainty, path, points, motion)
+    return points.T, J.transpose(2, 1, 0), variance
 
 
 def _without_outliers(
     rows: list[Touch], robot: Robot, certainty: Certainty, source: str
-) -> tuple[list[Touch], FloatArray, FloatArray, Adjusted, list[str]]:
+) -> tuple[list[Touch], FloatArray, Adjusted, list[str]]:
     """Adjust, leave out the worst touch, and again, as long as one is far out and the others are enough without it."""
     left_out: list[str] = []
-    q, u95 = _joints(rows), np.array([one.u95 for one in rows])
-    tips = adjust(rows, robot.poses(q), u95, source).tips  # millimetres of them do not matter to the derivatives
-    _, J, variance = point_derivatives(robot, certainty, q, np.array([tips[one.tool] for one in rows]))
+    u95 = np.array([touch.u95 for touch in rows])
+    variance = adjust(rows, robot, u95 / COVERAGE, source).by_robot(certainty)[1]
     sigma = np.sqrt((u95 / COVERAGE) ** 2 + variance)
     most = len(rows) // MOST_OUTLIERS
-    found = adjust(rows, robot.poses(_joints(rows)), sigma, source)
+    adjusted = adjust(rows, robot, sigma, source)
     while True:
-        worst, chance, away = _worst(found, sigma)
+        worst, chance, distance = _worst(adjusted, sigma)
         if chance > OUTLIER:
-            return rows, J, sigma, found, left_out
-        one, keep = rows[worst], np.arange(len(rows)) != worst
-        what = f"row {one.row} ({one.frame.replace('_', ' ')} {one.name}, {one.point})"
-        words = f"{what} is {away / MM:.2f} mm beside what the other touches say"
+            return rows, sigma, adjusted, left_out
+        touch, keep = rows[worst], np.arange(len(rows)) != worst
+        words = (
+            f"row {touch.row} ({frame_name(touch.frame, touch.name)}, {touch.point}) is {distance / MM:.2f} mm beside "
+            "what the other touches say"
+        )
         rest = [row for k, row in enumerate(rows) if keep[k]]
         if len(left_out) >= most:
             break
         try:
-            again = adjust(rest, robot.poses(_joints(rest)), sigma[keep], source)
+            again = adjust(rest, robot, sigma[keep], source)
         except MeasurementError:
             break
         if not again.redundancy:
             break
         left_out.append(f"{words}: it is left out")
-        rows, J, sigma, found = rest, J[keep], sigma[keep], again
-    return rows, J, sigma, found, [*left_out, f"{words}; there are too few touches to leave it out: touch again"]
+        rows, sigma, adjusted = rest, sigma[keep], again
+    return rows, sigma, adjusted, [*left_out, f"{words}; there are too few touches to leave it out: touch again"]
 
 
-def _worst(found: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:
+def _worst(adjusted: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:
     """The touch that the others contradict most, the chance of that, and how far it is from where they put it."""
     from scipy.stats import chi2
 
-    weight = 1.0 / sigma[found.touch]
-    basis = np.linalg.qr(found.jacobian * weight[:, None])[0]
-    residual = found.values * weight
+    A, residual, touch = adjusted.rows
+    basis = np.linalg.qr(A)[0]
     worst = (0, 1.0, 0.0)
     for k in range(len(sigma)):
-        mine = np.flatnonzero(found.touch == k)
-        values, vectors = np.linalg.eigh(np.eye(len(mine)) - basis[mine] @ basis[mine].T)
+        equations = np.flatnonzero(touch == k)
+        values, vectors = np.linalg.eigh(np.eye(len(equations)) - basis[equations] @ basis[equations].T)
         shown = values > SHOWN
-        along = vectors[:, shown].T @ residual[mine]
+        along = vectors[:, shown].T @ residual[equations]
         if shown.any():
             chance = float(chi2.sf(np.sum(along**2 / values[shown]), int(shown.sum())))
             if chance < worst[1]:
@@ -573,65 +689,32 @@ def _worst(found: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:
     return worst
 
 
-def _certain(found: Adjusted, J: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray, str]:
+def _covariance(adjusted: Adjusted, certainty: Certainty) -> tuple[FloatArray, FloatArray, str]:
     """Covariance of the unknowns by touching, their derivative by the robot's parameters, and what is to be doubted.
 
     ``u = -(A'A)^-1 A' r`` of residuals r and their derivative A, both in standard deviations.
     """
     from scipy.stats import chi2
 
-    weight = 1.0 / sigma[found.touch]
-    A = found.jacobian * weight[:, None]
+    A, residual, _ = adjusted.rows
     pseudo = np.asarray(np.linalg.pinv(A), dtype=float)
-    by_robot = np.einsum("nij,njp->nip", found.axes, J)[found.touch, found.component] * weight[:, None]
-    square = float(np.sum((found.values * weight) ** 2))
+    square = float(residual @ residual)
     factor, doubt = 1.0, ""
-    if found.redundancy and chi2.sf(square, found.redundancy) < DOUBTFUL:
-        factor = square / found.redundancy
+    if adjusted.redundancy and chi2.sf(square, adjusted.redundancy) < DOUBTFUL:
+        factor = square / adjusted.redundancy
         doubt = f"the touches scatter {np.sqrt(factor):.1f} times as much as u95_mm says: the intervals are widened"
-    return factor * (pseudo @ pseudo.T), -pseudo @ by_robot, doubt
+    return factor * (pseudo @ pseudo.T), -pseudo @ adjusted.by_robot(certainty)[0], doubt
 
 
-def _tools(found: Adjusted, by_nominal: Adjusted, theirs: Mapping[str, FloatArray]) -> dict[str, FrameInCell]:
-    """Tools by both robots, with the axes that the controller has."""
-    out = {}
-    for name, tip in found.tips.items():
-        R = theirs.get(name, np.eye(4))[:3, :3]
-        true, nominal = (frames.transform(R, p) for p in (tip, by_nominal.tips[name]))
-        out[name] = FrameInCell(name, true, nominal, theirs.get(name), position_only=True)
-    return out
-
-
-def _work_objects(found: Adjusted, by_nominal: Adjusted, theirs: Mapping[str, FloatArray]) -> dict[str, FrameInCell]:
-    """Work objects by both robots."""
-    return {
-        name: FrameInCell(name, T, by_nominal.work_objects[name], theirs.get(name))
-        for name, T in found.work_objects.items()
-    }
-
-
-def _of_motions(
-    found: Adjusted, theirs: Mapping[str, FloatArray], touching: FloatArray, gain: FloatArray, robot: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of the small motions of all frames: covariance by touching, whole covariance, derivative by the robot."""
-    size = 6 * (len(found.tips) + len(found.work_objects))
-    M = np.zeros((size, found.jacobian.shape[1]))
-    for k, name in enumerate(found.tips):
-        M[6 * k + 3 : 6 * k + 6, found.columns(TOOL, name)] = theirs.get(name, np.eye(4))[:3, :3].T
-    for k, name in enumerate(found.work_objects, len(found.tips)):
-        M[6 * k : 6 * k + 6, found.columns(WORK_OBJECT, name)] = np.eye(6)
-    C, G = M @ touching @ M.T, M @ gain
-    return C, C + G @ robot @ G.T, G
-
-
-def _notes(tip: str, rows: Sequence[Touch], theirs: Mapping[str, FloatArray], certainty: Certainty) -> list[str]:
+def _notes(tip: str, rows: Sequence[Touch], tools: Mapping[str, FrameInCell], certainty: Certainty) -> list[str]:
     """What a reader must know of how this was computed."""
-    outside = certainty.outside_in_words(_joints(rows), "touches")
+    touched = np.array([touch.q for touch in rows if touch.tool])
+    outside = certainty.outside_in_words(touched, "touches") if len(touched) else ""
     notes = [outside] if outside else []
-    alone = [name for name in dict.fromkeys(one.name for one in rows if one.frame == TOOL) if name not in theirs]
+    alone = [name for name, frame in tools.items() if frame.position_only and frame.T_controller is None]
     if alone:
         notes.append(f"a tip alone tells no axes: tool {', '.join(alone)} has those of {tip}")
-    if any(one.u95 == U95_BY_EYE for one in rows):
+    if any(touch.u95 == U95_BY_EYE for touch in rows):
         notes.append(f"touches without u95_mm count as made by eye, u95 {U95_BY_EYE / MM:.1f} mm")
     if certainty.free_targets:
         notes.append(

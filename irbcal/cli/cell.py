@@ -37,7 +37,7 @@ TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
     texts=PROGRAM_TEXTS
     | {
         "touches": "Touches (CSV or Parquet): frame, name, point, tool, q1_deg … (with --program: target), at will "
-        "x_mm, y_mm, z_mm and u95_mm.",
+        "x_mm, y_mm, z_mm, u95_mm, kind, radius_mm and tracker_x_mm ….",
         "program": "Program or position list with points that were taught at touches (repeat for more files).",
         "tool": "What the controller has for a tool: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or with --as or "
         "--program six numbers as the maker writes them.",

@@ -27,7 +27,7 @@ from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.cell_graph import ARM, FLANGE, WORLD, Edge, View
+from irbcal.modeling.cell_graph import ARM, FLANGE, WORLD, Edge, RelativeFrame
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -131,7 +131,7 @@ class Missed:
     own: Mapping[str, FloatArray]
     path: chain.Walk
     found: Misses
-    view: View
+    view: RelativeFrame
     p: FloatArray
     """The point in the base link, shape (m, 3)."""
 
@@ -221,7 +221,7 @@ class FeatureProblem:
             units.append(size)
         self.flat = int(sum(map(len, units)))
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
-        self._walks: dict[int, chain.Walk] = {}
+        self._walks: dict[bytes, chain.Walk] = {}
         self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
         self.others = TermMap(
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
@@ -289,15 +289,16 @@ class FeatureProblem:
         """The chain at a group's rows."""
         motion = self.motion.select(group.rows)
         if self.robot is not None:
-            if id(group) not in self._walks:
-                self._walks[id(group)] = self.robot.walk(motion)
-            return self._walks[id(group)]
+            key = group.rows.tobytes()
+            if key not in self._walks:
+                self._walks[key] = self.robot.walk(motion)
+            return self._walks[key]
         arm = self.arm_of(state) if arm is None else arm
         if not self.others.terms or not state.coefficients[~self.geometry].any():
             return chain.walk(arm, motion.q)
         return chain.walk(arm, *self.term_map(state).split(motion))
 
-    def view(self, state: FeatureState, group: Group, path: chain.Walk) -> View:
+    def view(self, state: FeatureState, group: Group, path: chain.Walk) -> RelativeFrame:
         """A group's carrier in the axes of its frame, on a chain."""
         transforms = {FLANGE: chain.poses(path)}
         for edge in self.edges:
@@ -306,13 +307,13 @@ class FeatureProblem:
                 transforms[edge.child] = T if T.ndim == 2 else T[group.rows]
         return cell_graph.view(self.edges, transforms, group.frame, group.carrier, len(group.rows))
 
-    def seen_of(self, state: FeatureState, group: Group, view: View) -> Observed:
+    def seen_of(self, state: FeatureState, group: Group, view: RelativeFrame) -> Observed:
         """Where the point is at a group's rows; at the carrier's origin where its place is not known yet."""
         R = view.T[:, :3, :3]
         rows, features = group.rows, self.seen
         return Observed(
             group.feature,
-            view.T[:, :3, 3] + R @ self._point(state, group),
+            view.T[:, :3, 3] + np.einsum("nij,nj->ni", R, self.point_of(state, group)),
             R,
             features.value[rows],
             features.xyz[rows],
@@ -321,9 +322,12 @@ class FeatureProblem:
             {name: state.own[key] for name, key in group.keys().items() if key in state.own},
         )
 
-    def _point(self, state: FeatureState, group: Group) -> FloatArray:
-        """The point in its carrier; the origin of a tool that is a frame."""
-        return state.own.get(group.point, np.zeros(3)) if group.carrier in (FLANGE, cell_graph.BASE) else np.zeros(3)
+    def point_of(self, state: FeatureState, group: Group) -> FloatArray:
+        """The point in its carrier, shape (m, 3)."""
+        shape = len(group.rows), 3
+        if group.carrier in (FLANGE, cell_graph.BASE):
+            return np.broadcast_to(state.own.get(group.point, np.zeros(3)), shape)
+        return np.zeros(shape) if self.seen.point is None else self.seen.point[group.rows]
 
     def own_of(self, state: FeatureState, group: Group) -> dict[str, FloatArray]:
         """The unknowns of a group's kind, in the axes of its frame."""
@@ -418,33 +422,34 @@ class FeatureProblem:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
         terms = [self.terms[k] for k in chosen]
         values = basis_values(terms, Situation(self.arm, self.motion.select(missed.group.rows)))
-        return self.by_arm(missed, lambda p: term_columns(terms, missed.path, values, p), len(terms))
+        points = term_columns(terms, missed.path, values, missed.p.T) if missed.group.kind.pointed else None
+        turns = None if missed.found.turn is None else term_columns(terms, missed.path, values)
+        return self.by_arm(missed, points, turns)
 
-    def by_arm(self, missed: Missed, columns: Callable[[FloatArray | None], FloatArray], count: int) -> FloatArray:
+    def by_arm(self, missed: Missed, points: FloatArray | None, turns: FloatArray | None) -> FloatArray:
         """Derivatives of a group's residuals by what changes the arm.
 
         Parameters
         ----------
         missed : Missed
-        columns : callable
-            From points (3, m) of the flange, in the base link, to their derivatives (count, 3, m) in the base link;
-            from None to those of the flange's rotation vector.
-        count : int
+        points : ndarray, shape (count, 3, m), or None
+            Derivatives of the points as if fixed to the flange, in the base link; None where points do not matter.
+        turns : ndarray, shape (count, 3, m), or None
+            Derivatives of the flange's rotation vector likewise.
 
         Returns
         -------
         ndarray, shape (count, m, k)
-            SI units.
+            SI units; zero where the arm is not on the group's path.
         """
-        group, misses, view = missed.group, missed.found, missed.view
-        out = np.zeros((count, *misses.r.shape))
-        if FLANGE not in view.signs:
-            return out
-        R = view.signs[FLANGE] * view.frames[cell_graph.BASE][:, None, :3, :3]
-        if group.kind.pointed:
-            out += np.einsum("mki,cim->cmk", _turned(misses.point, R), columns(missed.p.T), optimize=True)
-        if misses.turn is not None:
-            out += np.einsum("mki,cim->cmk", _turned(misses.turn, R), columns(None), optimize=True)
+        misses, view = missed.found, missed.view
+        pairs = [(by, moves) for by, moves in ((misses.point, points), (misses.turn, turns)) if moves is not None]
+        out = np.zeros((len(pairs[0][1]), *misses.r.shape))
+        if FLANGE in view.signs:
+            R = view.signs[FLANGE] * view.frames[cell_graph.BASE][:, :3, :3]
+            for by, moves in pairs:
+                assert by is not None
+                out += np.einsum("mki,cim->cmk", by @ R, moves, optimize=True)
         return out
 
     def points_by_terms(self, path: chain.Walk, p: FloatArray, motion: Motion) -> FloatArray:
@@ -499,11 +504,6 @@ class FeatureProblem:
             J[at, k] = w * self.sizes[at]
             y[k] = w * float(prior.value[0] - state.own[key][0])
         return self._beside(J, y, len(self.lengths))
-
-
-def _turned(derivative: FloatArray, R: FloatArray) -> FloatArray:
-    """Derivatives (m, k, 3) by axes (m, 1, 3, 3) of theirs."""
-    return (derivative[:, :, None] @ R)[:, :, 0]
 
 
 def _groups(seen: FeatureSet) -> list[Group]:
@@ -601,6 +601,9 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
 STEPS = 200
 """Steps of the damped least squares."""
 
+ENOUGH = 1e-9
+"""Steps, in units of the flat columns, that are lost in rounding."""
+
 FALL = 1e-10
 """Relative fall of the sum of squares below which it has arrived."""
 
@@ -615,11 +618,14 @@ def start(problem: FeatureProblem) -> FeatureState:
     """
     zero = FeatureState(dict(problem.held), np.zeros(len(problem.terms)))
     candidates = [_tools(problem, zero), {}]
-    best, smallest = None, np.inf
+    best, smallest, reason = None, np.inf, "no place of tool and features was found that these rows fit"
     for tools in candidates:
         try:
             state = settle(problem, _features(problem, zero, tools))
-        except (np.linalg.LinAlgError, IdentificationError):
+        except np.linalg.LinAlgError:
+            continue
+        except IdentificationError as error:
+            reason = str(error)
             continue
         rss = problem.sums(state, np.zeros(0, dtype=int)).yy
         if rss < smallest:
@@ -627,7 +633,7 @@ def start(problem: FeatureProblem) -> FeatureState:
         if rss < 100.0 * problem.scalars:  # a centimetre: there is one minimum as near as that
             break
     if best is None:
-        raise IdentificationError("no place of tool and features was found that these rows fit")
+        raise IdentificationError(reason)
     refuse_undetermined(problem, problem.sums(best, np.zeros(0, dtype=int)))
     return best
 
@@ -662,6 +668,8 @@ def settle(problem: FeatureProblem, state: FeatureState, steps: int = STEPS) -> 
     for _ in range(steps):
         diagonal = np.maximum(np.diagonal(sums.H), 1e-12)
         step = np.asarray(np.linalg.solve(sums.H + np.diag(damp * diagonal), sums.g), dtype=float)
+        if np.abs(step).max() < ENOUGH:
+            break
         tried = problem.moved(state, step)
         new = problem.sums(tried, none)
         if not np.isfinite(new.yy) or new.yy > sums.yy * (1.0 + 1e-12):
@@ -715,8 +723,9 @@ def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]
     """Places of the targets in the tip link, each from the rows that tell it."""
     estimates: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     for group in problem.groups:
+        on_flange = group.carrier in (FLANGE, *(edge.child for edge in problem.edges if edge.parent == FLANGE))
         tracked_rows = group.measured and group.frame == WORLD
-        if not group.kind.pointed or group.point in problem.held or group.carrier == cell_graph.BASE or tracked_rows:
+        if not group.kind.pointed or group.point in problem.held or not on_flange or tracked_rows:
             continue
         obs = _observed(problem, replace(zero, own={}), replace(group, carrier=FLANGE), cell_graph.BASE)
         # places that are known in a frame whose place is not: as if each was measured in the axes of that frame
@@ -786,6 +795,11 @@ def _placed(
         places.append((T_known[:3, 3], np.zeros(3)))
     sides: dict[str, tuple[FloatArray, FloatArray]] = {}
     for group in problem.groups:
+        if group.carrier == frame and group.measured:
+            moved = replace(group, frame=parent, carrier=group.frame)
+            T = problem.view(state, moved, problem.walk(state, group)).T
+            measured = np.einsum("nij,nj->ni", T[:, :3, :3], problem.seen.xyz[group.rows]) + T[:, :3, 3]
+            places += zip(measured, problem.point_of(state, group), strict=True)
         if group.frame != frame:
             continue
         obs = _observed(problem, state, group, parent)
@@ -797,8 +811,8 @@ def _placed(
             sides.setdefault(group.kind.name, (obs.p[0], group.feature.axes[:, 2]))
     if len(places) == 1 and set(sides) == {"line", "plane"}:
         (origin, local), (along, u), (over, n) = places[0], sides["line"], sides["plane"]
-        length = np.linalg.norm(along - origin)
-        forward = float((over - origin) @ (along - origin)) / max(length, 1e-12)
+        length = max(float(np.linalg.norm(along - origin)), 1e-12)
+        forward = float((over - origin) @ (along - origin)) / length
         beside = np.sqrt(max(float(np.sum((over - origin) ** 2)) - forward**2, 0.0))
         places += [(along, local + u * length), (over, local + u * forward + np.cross(n, u) * beside)]
     points, local_points = (

@@ -174,8 +174,9 @@ class Line(Kind):
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """The line, where it is known."""
-        known = feature.axes is not None and feature.centre is not None
-        return {"line": np.column_stack([feature.axes, feature.centre])} if known else {}
+        if feature.axes is None or feature.centre is None:
+            return {}
+        return {"line": np.column_stack([feature.axes, feature.centre])}
 
     def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
         """The two coordinates across the line."""

@@ -93,6 +93,8 @@ class FeatureSet(Speaks):
     frame, carrier : ndarray of str, shape (m,), or None
         Frames of the cell (`irbcal.modeling.cell_graph`): in which the feature is known, and whose point is looked at.
         Empty, and None: the measuring frame for what is known in it, else the robot base; the flange.
+    point : ndarray, shape (m, 3), or None
+        The point that is looked at, in a carrier that is neither flange nor base, metres; its origin unless given.
     """
 
     q: FloatArray
@@ -120,6 +122,7 @@ class FeatureSet(Speaks):
     payload_place: FloatArray | None = None
     frame: NameArray | None = None
     carrier: NameArray | None = None
+    point: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -149,6 +152,7 @@ class FeatureSet(Speaks):
             payload_place=_some(self.payload_place, rows),
             frame=None if self.frame is None else self.frame[rows],
             carrier=None if self.carrier is None else self.carrier[rows],
+            point=_some(self.point, rows),
             features={name: feature for name, feature in self.features.items() if name in names},
             lengths=tuple(length for length in self.lengths if length.first in names and length.second in names),
         )

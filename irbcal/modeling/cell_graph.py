@@ -48,7 +48,7 @@ ARM = Edge(BASE, FLANGE)
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class RelativeFrame:
     """A frame G in the axes of a frame F, at n rows.
 
     Attributes
@@ -108,7 +108,7 @@ def path(edges: Sequence[Edge], start: str, end: str) -> list[Edge]:
     return came[end]
 
 
-def view(edges: Sequence[Edge], transforms: Mapping[str, FloatArray], start: str, end: str, n: int) -> View:
+def view(edges: Sequence[Edge], transforms: Mapping[str, FloatArray], start: str, end: str, n: int) -> RelativeFrame:
     """A frame in the axes of another, along the path between them.
 
     Parameters
@@ -123,7 +123,7 @@ def view(edges: Sequence[Edge], transforms: Mapping[str, FloatArray], start: str
 
     Returns
     -------
-    View
+    RelativeFrame
     """
     T = np.broadcast_to(np.eye(4), (n, 4, 4))
     of_frames, signs, frame = {start: T}, {}, start
@@ -133,4 +133,4 @@ def view(edges: Sequence[Edge], transforms: Mapping[str, FloatArray], start: str
         T = T @ (along if forward else frames.inverse(along))
         frame = edge.child if forward else edge.parent
         of_frames[frame], signs[edge.child] = T, 1.0 if forward else -1.0
-    return View(T, of_frames, signs)
+    return RelativeFrame(T, of_frames, signs)

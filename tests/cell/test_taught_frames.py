@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from support import assert_derivative, assert_same_poses
+from support import Posed, assert_derivative, assert_same_poses
 
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
-from irbcal.cell.cell_frames import _certain, _linearised, _of_motions, adjust, cell_frames, point_derivatives
+from irbcal.cell.cell_frames import Adjusted, _covariance, adjust, cell_frames, point_derivatives
 from irbcal.correction.languages import krl
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io import calibration_folder
@@ -34,13 +34,13 @@ def robot(record):
     return record.robot_calibrated()
 
 
-def reach(robot, place, rng):
-    """Joints that bring the tip to a place, from a side of their own: Newton's method with differences."""
+def reach(robot, place, rng, local=TIP):
+    """Joints that bring a point of the tool to a place, from a side of their own: Newton's method with differences."""
     q = START + rng.uniform(-0.5, 0.5, 6)
     steps = np.vstack([np.zeros(6), 1e-6 * np.eye(6)])
     for _ in range(30):
         T = robot.poses(q + steps)
-        tips = T[:, :3, :3] @ TIP + T[:, :3, 3]
+        tips = T[:, :3, :3] @ local + T[:, :3, 3]
         q = q + np.linalg.lstsq((tips[1:] - tips[0]).T / 1e-6, place - tips[0], rcond=1e-9)[0]
     return q
 
@@ -64,10 +64,80 @@ def rows(robot):
     return rows_of(robot)
 
 
+T_TORCH = frames.transform(frames.rotation_from_vector([0.4, -0.7, 0.3]), TIP)
+"""A tool with axes of its own, its tip where that of the gripper is."""
+
+
+@pytest.fixture(scope="module")
+def every_kind(rows, robot):
+    """SIMULATED touches of all kinds: axes of a tool, a ball, a plane, a line, a tool by points of an object alone, and
+    what a tracker measured."""
+    rng = np.random.default_rng(4)
+    out = [replace(touch, row=k) for k, touch in enumerate(rows)]
+
+    def add(place, local=TIP, **named):
+        q = reach(robot, place, rng, local)
+        out.append(Touch(len(out), **{"frame": TOOL, "tool": named.get("name", ""), "q": q, "u95": 2e-4, **named}))
+
+    for _ in range(5):
+        add(SOCKET, name="torch", point="tip")
+    for point, local in {"x": [0.13, 0, 0], "xy": [-0.05, 0.09, 0]}.items():
+        add(SOCKET, frames.apply(T_TORCH, np.array([local]))[0], name="torch", point=point)
+    for _ in range(18):
+        n = rng.normal(size=3)
+        add(SOCKET + 0.02 * n / np.linalg.norm(n), name="ball", point="ball", kind="sphere", radius=0.02)
+    for _ in range(9):
+        away = rng.uniform(-0.1, 0.1, 3)
+        add(SOCKET + away * np.array([1.0, 1.0, 0.0]), name="grip", point="table", kind="plane")
+        add(SOCKET + away * np.array([0.0, 0.0, 1.0]), name="grip", point="edge", kind="line")
+    for k, xyz in enumerate([*CAD, *(CAD + np.array([0.02, 0.03, 0.0]))]):
+        place = frames.apply(T_OBJECT, xyz[None])[0]
+        add(place, frame=WORK_OBJECT, name="cast", point=f"p{k}", tool="probe", xyz=xyz)
+    for k, xyz in enumerate(CAD):
+        place = frames.apply(robot.T_world_base @ T_OBJECT, xyz[None])[0]
+        named = {"frame": WORK_OBJECT, "name": "cast", "point": f"m{k}", "tool": "", "xyz": xyz, "tracker": place}
+        out.append(Touch(len(out), **named, q=np.zeros(6), u95=5e-5))
+    for _ in range(3):
+        q = START + rng.uniform(-0.5, 0.5, 6)
+        T = robot.T_world_base @ robot.poses(q[None])[0]
+        place = frames.apply(T, TIP[None])[0]
+        out.append(Touch(len(out), TOOL, "grip", "tracker", "grip", q, 5e-5, tracker=place))
+    return out
+
+
+def test_every_kind_of_touch_gives_the_truth_back(record, robot, every_kind):
+    """Without noise, through the table: tools by places, ball, plane, line, tracker and CAD; axes of one of them."""
+    cell = cell_frames(record, table_of(every_kind))
+    assert cell.left_out == ()
+    for name in ("grip", "ball", "probe", "torch"):
+        np.testing.assert_allclose(cell.tools[name].T_true[:3, 3], TIP, rtol=0, atol=2e-8)
+        assert cell.tools[name].position_only is (name != "torch")
+    assert_same_poses(cell.tools["torch"].T_true, T_TORCH, 1e-8, 1e-7)
+    for name in ("fixture", "cast"):
+        assert_same_poses(cell.work_objects[name].T_true, T_OBJECT, 1e-8, 1e-8)
+    for kind in ("point", "sphere", "plane", "line"):  # each of them would be seen
+        k = next(k for k, touch in enumerate(every_kind) if touch.kind == kind and touch.tracker is None)
+        T = robot.poses(joints(every_kind[k : k + 1]))[0]
+        slip = replace(every_kind[k], q=every_kind[k].q + np.radians([0.1, 0.1, 0.1, 0, 0.2, 0]))
+        moved = robot.poses(slip.q[None])[0]
+        assert np.linalg.norm((moved - T)[:3, 3]) > 1e-3
+        residual = adjust(
+            [*every_kind[:k], slip, *every_kind[k + 1 :]], robot, np.full(len(every_kind), 1e-4), ""
+        ).residual
+        assert np.linalg.norm(residual[k]) > 2e-4
+
+
 def table_of(rows):
     """The same as a table."""
-    columns = {name: [getattr(one, name) for one in rows] for name in ("frame", "name", "point", "tool")}
-    columns |= {f"q{j + 1}_deg": [one.q[j] / DEG for one in rows] for j in range(6)}
+    columns = {name: [getattr(one, name) for one in rows] for name in ("frame", "name", "point", "tool", "kind")}
+    columns["radius_mm"] = ["" if one.radius is None else one.radius / MM for one in rows]
+    for k, axis in enumerate("xyz"):
+        columns[f"tracker_{axis}_mm"] = ["" if one.tracker is None else one.tracker[k] / MM for one in rows]
+    at_rest = [one.tracker is not None and one.frame == WORK_OBJECT for one in rows]
+    columns |= {
+        f"q{j + 1}_deg": ["" if rest else one.q[j] / DEG for one, rest in zip(rows, at_rest, strict=True)]
+        for j in range(6)
+    }
     for k, axis in enumerate("xyz"):
         columns[f"{axis}_mm"] = ["" if one.xyz is None else one.xyz[k] / MM for one in rows]
     return pd.DataFrame(columns)
@@ -96,22 +166,24 @@ def test_without_noise_the_truth_comes_back(record, rows, tmp_path):
     np.testing.assert_allclose(again.touches[-1].xyz, found.touches[-1].xyz, atol=1e-15)
 
 
-def test_residuals_have_their_derivatives(robot, rows):
+def shifted(robot, rows, shift):
+    """The robot with its tip link moved at the joints of each touch, metres in the base link."""
     T = robot.poses(joints(rows))
-    noisy = T + 0.0
-    noisy[:, :3, 3] += np.random.default_rng(3).normal(scale=1e-3, size=(len(rows), 3))
-    found = adjust(rows, noisy, np.full(len(rows), 1e-4), "")
+    T[:, :3, 3] += shift
+    return Posed(robot, joints(rows), T)
+
+
+def test_residuals_have_their_derivatives(robot, every_kind):
+    noisy = shifted(robot, every_kind, np.random.default_rng(3).normal(scale=1e-3, size=(len(every_kind), 3)))
+    adjusted = adjust(every_kind, noisy, np.full(len(every_kind), 1e-4), "")
+    problem, state = adjusted.problem, adjusted.state
 
     def residuals(u):
-        objects = {
-            name: frames_of @ frames.transform(frames.rotation_from_vector(part[:3]), part[3:])
-            for (name, frames_of), part in zip(found.work_objects.items(), u[6:].reshape(-1, 6), strict=True)
-        }
-        tips, places = {"grip": found.tips["grip"] + u[:3]}, {("grip", "socket"): SOCKET + u[3:6]}
-        return _linearised(rows, noisy, tips, places, objects).values
+        return Adjusted(problem, problem.moved(state, u / problem.sizes)).rows[1]
 
-    assert_derivative(residuals, np.zeros(found.jacobian.shape[1]), found.jacobian, 1e-9)
-    assert found.jacobian.shape == (3 * 6 + 6 + 3 * len(CAD), 6 + 12)
+    assert_derivative(residuals, np.zeros(problem.flat), adjusted.rows[0], 1e-3, 1e-5)
+    frames_and_tools = {key[1] for key in problem.layout if key[0] in ("frame", "tool")}
+    assert frames_and_tools == {"work object fixture", "work object cast", "tool torch", "grip", "probe", "ball"}
 
 
 def test_the_gain_is_how_frames_follow_the_robot(record, robot, rows):
@@ -126,10 +198,12 @@ def test_the_gain_is_how_frames_follow_the_robot(record, robot, rows):
             values = {key: np.array(getattr(robot.arm.table, key)) for key in ("alpha", "a", "theta", "d", "beta", "b")}
             values[column][joint] += sign * 1e-5
             changed = robot.replace(arm=robot.arm.with_table(DHMTable(**values, prismatic=robot.arm.table.prismatic)))
-            moved[sign] = adjust(rows, changed.poses(joints(rows)), np.full(len(rows), 1e-4), "")
-        expected = [np.zeros(3), (moved[1].tips["grip"] - moved[-1].tips["grip"]) / 2e-5]
+            moved[sign] = adjust(rows, changed, np.full(len(rows), 1e-4), "")
+        before, after = moved[-1], moved[1]
+        tips = [adjusted.frame(TOOL, "grip")[:3, 3] for adjusted in (before, after)]
+        expected = [np.zeros(3), (tips[1] - tips[0]) / 2e-5]
         for key in found.work_objects:
-            step = frames.inverse(moved[-1].work_objects[key]) @ moved[1].work_objects[key]
+            step = frames.inverse(before.frame(WORK_OBJECT, key)) @ after.frame(WORK_OBJECT, key)
             expected += [frames.vector_from_rotation(step[:3, :3]) / 2e-5, step[:3, 3] / 2e-5]
         gain = found.robot_gain[:, first + names.index(name)]
         np.testing.assert_allclose(gain, np.concatenate(expected), rtol=0, atol=2e-4)
@@ -139,26 +213,26 @@ def test_the_gain_is_how_frames_follow_the_robot(record, robot, rows):
 def test_intervals_hold(robot, rows, with_robot):
     """Touches, and parameters of the robot, drawn again and again: 95 % of the errors are within 1.96 deviations."""
     rng = np.random.default_rng(5)
-    q, sigma, certainty = joints(rows), np.full(len(rows), 1e-4), robot.certainty
-    T, J = robot.poses(q), point_derivatives(robot, certainty, q, np.tile(TIP, (len(rows), 1)))[1]
-    exact = adjust(rows, T, sigma, "")
-    touching, gain, _ = _certain(exact, J, sigma)
-    C_robot = certainty.covariance
-    part, whole, _ = _of_motions(exact, {}, touching, gain, C_robot)
-    C = (whole if with_robot else part)[3:, 3:]
-    L = np.linalg.cholesky(C_robot + 1e-24 * np.eye(len(C_robot))) if with_robot else np.zeros((J.shape[2], 1))
+    sigma, certainty = np.full(len(rows), 1e-4), robot.certainty
+    exact = adjust(rows, robot, sigma, "")
+    touching, gain, _ = _covariance(exact, certainty)
+    names = [(TOOL, "grip"), (WORK_OBJECT, "fixture"), (WORK_OBJECT, "cast")]
+    M = np.concatenate([exact.motions(*name, np.eye(3)) for name in names])
+    G = M @ gain * with_robot
+    C = (M @ touching @ M.T + G @ certainty.covariance @ G.T)[3:, 3:]
+    J = point_derivatives(robot, certainty, joints(rows), np.tile(TIP, (len(rows), 1)))[1]
+    L = np.linalg.cholesky(certainty.covariance + 1e-24 * np.eye(len(certainty.covariance)))
     errors = []
-    for _ in range(200):
-        noisy = T.copy()
-        noisy[:, :3, 3] += rng.normal(scale=1e-4, size=(len(rows), 3)) + J @ (L @ rng.normal(size=L.shape[1]))
-        found = adjust(rows, noisy, sigma, "")
-        error = [found.tips["grip"] - TIP]
-        for one in found.work_objects.values():
-            step = frames.inverse(T_OBJECT) @ one
+    for _ in range(120):
+        by_robot = J @ (L @ rng.normal(size=J.shape[2])) * with_robot
+        adjusted = adjust(rows, shifted(robot, rows, rng.normal(scale=1e-4, size=by_robot.shape) + by_robot), sigma, "")
+        error = [adjusted.frame(TOOL, "grip")[:3, 3] - TIP]
+        for name in names[1:]:
+            step = frames.inverse(T_OBJECT) @ adjusted.frame(*name)
             error += [frames.vector_from_rotation(step[:3, :3]), step[:3, 3]]
         errors.append(np.concatenate(error))
     assert 0.92 < np.mean(np.abs(errors) < 1.96 * np.sqrt(np.diagonal(C))) < 0.98
-    # and as a whole: the mean of 3000 squares of standard normal numbers, of deviation 0.026
+    # and as a whole: the mean of 1800 squares of standard normal numbers, of deviation 0.033
     assert np.mean(np.linalg.solve(np.linalg.cholesky(C), np.transpose(errors)) ** 2) == pytest.approx(1.0, abs=0.1)
 
 
@@ -214,6 +288,9 @@ def test_what_determines_nothing_is_refused(record, robot, make, words, tmp_path
         ("x_mm", "5", "all or none"),
         ("q2_deg", "", "column q2_deg: expected a joint angle in degrees, found nothing"),
         ("e1_mm", "5", "there is a column e1_mm"),
+        ("kind", "ball", "row 1, column kind: expected point, sphere, plane, line, found 'ball'"),
+        ("tracker_y_mm", "5", "all or none"),
+        ("point", "xy", "tool grip: its axes take points x and xy, x is missing"),
     ],
 )
 def test_rows_that_are_no_touches_are_refused(record, rows, column, value, words):
