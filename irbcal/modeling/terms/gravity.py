@@ -12,6 +12,7 @@ joint's offset (for frame terms: part of its geometry).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -74,10 +75,10 @@ class Gravity(Basis):
         return out
 
     def quick_values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
-        """As `values`; levers about the joints' own axes by their waves, which are found once for an arm."""
+        """As `values`; levers about the joints' own axes by their waves, found once for all arms that turn alike."""
         levers = tuple((t.joint, _link(t), _vector(t)) for t in terms)
         waves = (
-            _waves(situation.arm, levers, tuple(situation.gravity.tolist()))
+            _waves(_Turning.of(situation.arm), levers, tuple(situation.gravity.tolist()))
             if all(t.axis == "rz" for t in terms)
             else None
         )
@@ -96,12 +97,26 @@ Lever: TypeAlias = tuple[int, int, tuple[float, ...]]
 """Joint, link (from 0) and the link's vector."""
 
 
+@dataclass(frozen=True)
+class _Turning:
+    """An arm that equals each other one whose links turn alike: all that levers depend on."""
+
+    arm: Arm = field(compare=False)
+    attitudes: bytes
+
+    @staticmethod
+    def of(arm: Arm) -> _Turning:
+        table = arm.table
+        parts = (table.alpha, table.beta, table.theta, table.prismatic, arm.T_base_0[:3, :3])
+        return _Turning(arm, b"".join(np.asarray(part).tobytes() for part in parts))
+
+
 @lru_cache(maxsize=32)
-def _waves(arm: Arm, levers: tuple[Lever, ...], gravity: tuple[float, ...]) -> Combinations | None:
+def _waves(turning: _Turning, levers: tuple[Lever, ...], gravity: tuple[float, ...]) -> Combinations | None:
     """Levers of an arm as waves, numbered in their order; None where one has too many."""
-    expansions = [expanded_lever(arm, *lever, gravity) for lever in levers]
+    expansions = [expanded_lever(turning.arm, *lever, gravity) for lever in levers]
     waves = [(k, *wave) for k, lever in enumerate(expansions) if lever is not None for wave in lever.items()]
-    return None if None in expansions else Combinations.of(waves, len(arm.joint_names))
+    return None if None in expansions else Combinations.of(waves, len(turning.arm.joint_names))
 
 
 def _vector(term: Term) -> tuple[float, ...]:
