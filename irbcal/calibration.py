@@ -402,26 +402,26 @@ def save(
     RobotError
         If a mesh file whose path is asked for is not found.
     """
-    from irbcal.atomic import check_writable
+    from irbcal.atomic import made_folders
     from irbcal.io import mesh_paths as paths
     from irbcal.io import robots, urdf
     from irbcal.options import checked
     from irbcal.reports import report_page
 
     how = checked("mesh_paths", mesh_paths, paths.CHOICES)
-    check_writable(folder, NAMES)
-    record, other_sessions = (
-        calibration.record,
-        tuple(f"@{session.name}" for session in calibration.record.sessions[:-1]),
-    )
-    T_world_base, targets, _ = record.placement.parts()
-    targets = {name: xyz for name, xyz in targets.items() if target_links and not name.endswith(other_sessions)}
-    data = urdf.with_links(calibration.urdf, calibration.arm(), T_world_base if world_link else None, targets)
-    nominal = calibration.folder if calibration.proven is None else calibration.proven.robot_file.parent
-    meshes = paths.MeshFolders(nominal, robots.package_dirs())
-    data = paths.with_mesh_paths(data, how, folder, meshes, record.robot.urdf)
-    record = record.with_urdf(data)
-    calibration_folder.write(folder, record, data, report_page.render(record, calibration.evidence))
+    with made_folders(folder, names=NAMES):
+        record, other_sessions = (
+            calibration.record,
+            tuple(f"@{session.name}" for session in calibration.record.sessions[:-1]),
+        )
+        T_world_base, targets, _ = record.placement.parts()
+        targets = {name: xyz for name, xyz in targets.items() if target_links and not name.endswith(other_sessions)}
+        data = urdf.with_links(calibration.urdf, calibration.arm(), T_world_base if world_link else None, targets)
+        nominal = calibration.folder if calibration.proven is None else calibration.proven.robot_file.parent
+        meshes = paths.MeshFolders(nominal, robots.package_dirs())
+        data = paths.with_mesh_paths(data, how, folder, meshes, record.robot.urdf)
+        record = record.with_urdf(data)
+        calibration_folder.write(folder, record, data, report_page.render(record, calibration.evidence))
     return record
 
 

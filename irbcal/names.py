@@ -39,7 +39,7 @@ def fault_of(name: str, longest: float = LONGEST_NAME) -> str | None:
     if not name.replace("\u00a0", "").isprintable():
         return f"expected a name of printable characters on one line, found {name[:LONGEST_NAME]!a}"
     if len(name) > longest:
-        return f"expected a name of at most {LONGEST_NAME} characters, found {len(name)} ({name[:30]!r} …)"
+        return f"expected a name of at most {longest:g} characters, found {len(name)} ({name[:30]!r} …)"
     return None
 
 

@@ -25,7 +25,7 @@ LONGEST_SENTENCE = 20_000
 """Characters: a note may list every point that was left out."""
 
 
-def _printable(text: str, longest: int = LONGEST_NAME) -> str:
+def _printable(text: str, longest: int = 3 * LONGEST_NAME) -> str:
     fault = fault_of(text, longest)
     if fault is not None:
         raise ValueError(fault)
@@ -43,7 +43,7 @@ def _sentence(text: str) -> str:
 
 
 Name: TypeAlias = Annotated[str, AfterValidator(_printable)]
-"""A name from a file: see `irbcal.names`."""
+"""A name from a file, see `irbcal.names`, or one that irbcal made of two such names and words."""
 Names: TypeAlias = Annotated[list[str], AfterValidator(_all_printable)]
 """A column of names; each is looked at once."""
 Sentence: TypeAlias = Annotated[str, AfterValidator(_sentence)]

@@ -57,6 +57,19 @@ def test_a_target_of_one_pose_has_no_left_out_error(samples, tmp_path):
     assert all(0.1 < known[name] < 2.0 for name in ("smr1", "smr2", "smr3"))
 
 
+def test_the_longest_names_of_a_table_can_be_opened(samples, tmp_path):
+    """Names of parameters are made of them."""
+    rows = pd.read_csv(samples / "measured.csv", comment="#")
+    rows["target"] = rows["target"].replace("smr1", "a" * 200)
+    rows["session"] = rows["pose"].map(lambda pose: "bc"[pose % 2] * 200)
+    found = irbcal.calibrate(rows, samples / "my_robot.urdf", "16")
+    irbcal.save(found, tmp_path / "out")
+    assert irbcal.verify(tmp_path / "out")
+    with pytest.raises(CalibrationError, match=r"not written.*expected a name of at most 200 characters"):
+        irbcal.save(found, tmp_path / "links", target_links=True)
+    assert not (tmp_path / "links").exists()
+
+
 def test_what_could_not_be_opened_is_not_written(samples, tmp_path):
     found = irbcal.calibrate(samples / "measured.csv", samples / "my_robot.urdf", model="nominal")
     out = tmp_path / "out"

@@ -81,14 +81,14 @@ def sign(path: str | os.PathLike[str], key: str | os.PathLike[str], *, new_key: 
     return out
 
 
-def fault_of(path: str | os.PathLike[str], public_key: str | os.PathLike[str]) -> str | None:
-    """What is wrong with the signature of a folder or a file, as a part of a sentence; None if it is good.
+def fault_of(path: str | os.PathLike[str], public_key: str | os.PathLike[str] | None = None) -> str | None:
+    """What is wrong with the signature of a folder or a file, as a part of a sentence; None if nothing is.
 
     Parameters
     ----------
     path : str or Path
-    public_key : str or Path
-        PEM.
+    public_key : str or Path, optional
+        PEM. Without it, whether the signature is of what stands there now, not whose it is.
 
     Raises
     ------
@@ -97,15 +97,6 @@ def fault_of(path: str | os.PathLike[str], public_key: str | os.PathLike[str]) -
     OptionError
         If the key cannot be used, or the package cryptography is not installed.
     """
-    serialization, ed25519 = _keys()
-    from cryptography.exceptions import InvalidSignature
-
-    try:
-        public = serialization.load_pem_public_key(read_bytes(public_key, OptionError, limit_bytes=LARGEST))
-    except (ValueError, TypeError) as error:
-        raise OptionError(f"public_key: {public_key}: expected a public key in PEM: {error}") from None
-    if not isinstance(public, ed25519.Ed25519PublicKey):
-        raise OptionError(f"public_key: {public_key}: expected an Ed25519 key", parameter="public_key")
     kind, sha256, file = _content(Path(path), check_files=False)
     if not os.path.lexists(file):
         return "it is not signed"
@@ -116,6 +107,17 @@ def fault_of(path: str | os.PathLike[str], public_key: str | os.PathLike[str]) -
         return f"{file.name} is no signature"
     if (signature.of, signature.sha256) != (kind, sha256):
         return "it was changed after it was signed"
+    if public_key is None:
+        return None
+    serialization, ed25519 = _keys()
+    from cryptography.exceptions import InvalidSignature
+
+    try:
+        public = serialization.load_pem_public_key(read_bytes(public_key, OptionError, limit_bytes=LARGEST))
+    except (ValueError, TypeError) as error:
+        raise OptionError(f"public_key: {public_key}: expected a public key in PEM: {error}") from None
+    if not isinstance(public, ed25519.Ed25519PublicKey):
+        raise OptionError(f"public_key: {public_key}: expected an Ed25519 key", parameter="public_key")
     try:
         public.verify(value, signature.message())
     except InvalidSignature:

@@ -108,7 +108,8 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
             row=columns.header_row(source),
         )
     for name in [name for name in (*LENGTHS, *imaging.NUMBERS) if name in cells.columns]:
-        columns.numbers(cells, name, source, lost=True)
+        lost = np.isnan(columns.numbers(cells, name, source, lost=True))
+        cells = cells.assign(**{name: cells[name].mask(lost, "")})
     for name in [name for name in TEXT if name in cells.columns]:
         columns.refuse_unfit_names(cells[name].astype(str).str.strip(), name, source)
     return [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -115,7 +116,8 @@ class FolderVerification(Speaks):
     changes : tuple of str
         Deliberate changes since it was written: when, what and why.
     signature : str
-        ``absent``, ``unchecked`` (no key was given), ``good`` or ``bad``.
+        ``absent``, ``unchecked`` (no key was given), ``stale`` (the same, and something was changed since), ``good``
+        or ``bad``.
     explanation : str
         One sentence.
     """
@@ -126,7 +128,7 @@ class FolderVerification(Speaks):
     files: tuple[str, ...]
     unlisted: tuple[str, ...]
     changes: tuple[str, ...]
-    signature: Literal["absent", "unchecked", "good", "bad"]
+    signature: Literal["absent", "unchecked", "stale", "good", "bad"]
     explanation: str
 
     def __bool__(self) -> bool:
@@ -139,11 +141,14 @@ class FolderVerification(Speaks):
     def told(self) -> Sequence[Told]:
         """One sentence, what was not checked, and the deliberate changes."""
         unlisted = f"Not checked, for the seal does not list it: {', '.join(self.unlisted)}"
-        unchecked = "There is a signature: --public-key says whether it is of that key"
+        of_signature = {
+            "unchecked": "There is a signature: --public-key says whether it is of that key",
+            "stale": "The signature is not of what stands here now: sign it again",
+        }.get(self.signature)
         return [
             self.explanation,
             *([unlisted] if self.unlisted else []),
-            *([unchecked] if self.signature == "unchecked" else []),
+            *([of_signature] if of_signature else []),
             *(f"Accepted change: {change}" for change in self.changes),
         ]
 
@@ -239,17 +244,18 @@ def _verify_folder(
         raise OptionError("expected a URDF or a program to compare with the calibration: one of them", parameter="urdf")
     if reseal is not None:
         calibration_folder.reseal(calibration, reseal)
-    fault = None if public_key is None else signature.fault_of(calibration, public_key)
     folder = calibration_folder.folder_of(calibration)
+    is_signed = os.path.lexists(folder / calibration_folder.SIGNATURE_NAME)
+    fault = signature.fault_of(calibration, public_key) if is_signed or public_key is not None else None
     if public_key is not None and folder.is_file():
         return FileVerification(fault is None, fault or "it is as it was signed with this key")
     check = calibration_folder.checked(folder)
-    differences = check.differences + (() if fault is None else (fault,))
-    signed: Literal["absent", "unchecked", "good", "bad"] = "absent"
+    differences = check.differences + (() if fault is None or public_key is None else (fault,))
+    signed: Literal["absent", "unchecked", "stale", "good", "bad"] = "absent"
     if public_key is not None:
         signed = "good" if fault is None else "bad"
-    elif (folder / calibration_folder.SIGNATURE_NAME).exists():
-        signed = "unchecked"
+    elif is_signed:
+        signed = "unchecked" if fault is None else "stale"
     text = (
         f"{', '.join(check.files[:-1])} and {check.files[-1]} are as they were sealed, and agree with each other; "
         f"fingerprint {check.record.fingerprint}{', signed with this key' if signed == 'good' else ''}"

@@ -41,7 +41,9 @@ def test_a_new_seal_is_no_signature(signed):
     content = json.loads((folder / "calibration.json").read_text())
     content["notes"].append("trust me")
     (folder / "calibration.json").write_text(json.dumps(integrity.sealed(content)))
-    assert irbcal.verify(folder)
+    unproven = irbcal.verify(folder)
+    assert unproven
+    assert unproven.signature == "stale"
     found = irbcal.verify(folder, public_key=key)
     assert found.signature == "bad"
     assert found.differences == ("it was changed after it was signed",)
@@ -50,6 +52,19 @@ def test_a_new_seal_is_no_signature(signed):
     assert not irbcal.verify(folder, public_key=key)
     (folder / "signature.json").unlink()
     assert irbcal.verify(folder, public_key=key).differences == ("it is not signed",)
+
+
+def test_a_new_page_says_that_it_is_not_signed(signed, program):
+    folder, key, _ = signed
+    assert "irbcal sign" not in program("report", folder)  # the same page
+    (folder / "report.html").write_text("another page")
+    irbcal.verify(folder, reseal="a page")
+    irbcal.sign(folder, key.with_suffix(".pem"))
+    assert "irbcal sign" in program("report", folder)
+    assert program("report", folder, "--json")["signature"] == "stale"
+    assert "sign it again" in irbcal.verify(folder).summary()
+    irbcal.sign(folder, key.with_suffix(".pem"))
+    assert irbcal.verify(folder).signature == "unchecked"
 
 
 def test_openssl_agrees(signed, tmp_path):

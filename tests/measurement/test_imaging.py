@@ -97,6 +97,7 @@ def test_what_one_row_says_of_a_camera_holds_for_all():
             "row 1, column fx_px: nothing is known of the lens of camera: a camera needs fx_px",
         ),
         (corners(), known(squares_y=""), "expected squares_x, squares_y, square_mm, all or none"),
+        (corners(), known(squares_x="nan"), "expected squares_x, squares_y, square_mm, all or none"),
         (corners(), known(squares_y=6.5), "a board has 3 squares or more along each side, found 6.5"),
         (corners(), known(square_mm=-3), "expected a number above zero, found -3"),
         (corners(), known(fit="k2"), "cannot fit 'k2': of a camera fx, fy, cx, cy, k1 may be fitted"),
