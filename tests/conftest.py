@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal import calibration
 from irbcal.cli.main import app
+from irbcal.identification import term_sets
 from irbcal.io import calibration_folder, robots
 from irbcal.modeling.terms import families
 
@@ -109,6 +110,28 @@ def fits_once(shared_folder):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration, "run", run)
+        yield
+
+
+SHORT_SERIES = (
+    "cli/test_loads.py",
+    "io/test_integrity.py",
+    "reports/test_report_charts.py",
+    "test_any_robot.py",
+    "test_every_arm.py",
+    "test_fuzz.py",
+    "test_pages.py",
+    "test_sessions.py",
+    "test_walk.py",
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short_series(request):
+    """Here error models are averaged without long series of harmonics, which take three quarters of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        if str(request.path).endswith(SHORT_SERIES):
+            patch.setattr(term_sets, "CHOICES", [c for c in term_sets.CHOICES if c[1] <= term_sets.LOW])
         yield
 
 

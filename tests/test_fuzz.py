@@ -26,7 +26,7 @@ from fuzzing import commands, corpus, kill, run  # noqa: E402
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux")
 
-CASES = 120
+CASES = 48
 WITHOUT = {"calibrate", "plan", "joints", "report", "simulate"}
 """Commands that compute for long: the script has them."""
 
@@ -110,7 +110,7 @@ def quick_disk():
 
 
 @pytest.mark.parametrize(
-    ("name", "calls"), [("import", range(1, 100, 2)), ("filter", range(1, 100, 5)), ("reseal", range(2, 100, 4))]
+    ("name", "calls"), [("import", range(1, 100, 4)), ("filter", range(1, 100, 10)), ("reseal", range(2, 100, 8))]
 )
 def test_a_command_that_is_cut_off_leaves_the_old_result_or_the_new_one(name, calls, good, quick_disk):
     """Killed, or failed by its disk, at calls that change files; the script does it for every writer and every call."""

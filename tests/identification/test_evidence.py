@@ -67,20 +67,6 @@ def test_payload_is_carried_over_to_another_mass():
     assert np.linalg.norm(truth.points(unloaded, "smr1") - truth.points(test, "smr1"), axis=1).mean() > 3e-4
 
 
-def test_the_thesis_level_keeps_its_accuracy_on_arms_with_its_errors():
-    model, rng = arm("irb120"), np.random.default_rng(4)
-    robot = random_robot(model, "34", rng)
-    points = measured(robot, model.random_joints(100, 1), 2e-5, rng)
-    test = measured(robot, model.random_joints(200, 2))
-    level = distances(identify(model, points, "34").robot, test).mean()
-    found = identify_evidence(model, points, gear_scan=False)
-    error = [
-        np.linalg.norm(found.predict(test.q[test.pose[mine]], None, name).position - test.xyz[mine], axis=1)
-        for name, mine in ((name, test.target == k) for k, name in enumerate(test.target_names))
-    ]
-    assert np.concatenate(error).mean() < 1.15 * level
-
-
 def test_comparison_on_some_poses_then_all(monkeypatch):
     truth = Truth(["gravity"])
     motion = Motion(truth.nominal.random_joints(120, 3))
@@ -266,7 +252,7 @@ def found():
 
 def test_robots_of_the_thesis_keep_the_accuracy_of_its_level():
     ratios = []
-    for seed in range(1, 7):
+    for seed in range(1, 4):
         model, points, robot = cell(seed)
         test = measured(robot, model.random_joints(300, 2))
         level = distances(identify(model, points, "34").robot, test).mean()

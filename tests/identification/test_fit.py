@@ -336,8 +336,8 @@ def test_arrays_cannot_be_changed(fit):
         fit.solution.information.seen[0] = False
 
 
-REPETITIONS = 1500
-"""A true share of 0.95 gives 0.933 to 0.967 by chance (three standard deviations)."""
+REPETITIONS = 500
+"""A true share of 0.95 gives 0.921 to 0.979 by chance (three standard deviations)."""
 
 
 def test_intervals_of_each_parameter_hold_as_often_as_they_say():
@@ -359,8 +359,8 @@ def test_intervals_of_each_parameter_hold_as_often_as_they_say():
             unit = {"mm": 1e-3, "deg": np.pi / 180}[row.unit]
             inside[row.name] += abs(row.value * unit - true[row.name]) < 1.96 * row.std * unit
     share = {name: count / REPETITIONS for name, count in inside.items()}
-    assert min(share.values()) >= 0.93, share
-    assert max(share.values()) <= 0.97, share
+    assert min(share.values()) >= 0.92, share
+    assert max(share.values()) <= 0.98, share
 
 
 def test_the_level_is_chosen_by_what_the_data_support():

@@ -57,7 +57,7 @@ def test_a_good_fit_near_the_noise_is_not_refused(name):
     assert information.eigenvalues[information.seen].min() > 0.5 * information.sigma**2
 
 
-@pytest.mark.parametrize("seed", [1, 5, 8])
+@pytest.mark.parametrize("seed", [1, 5])
 def test_no_fit_is_refused_wherever_the_threshold_falls(seed):
     """Noise from 0.1 to 2 mm, and by bisection right where the rank changes."""
 
@@ -72,7 +72,7 @@ def test_no_fit_is_refused_wherever_the_threshold_falls(seed):
     ranks = [rank(noise) for noise in grid]
     assert len(set(ranks)) >= 5
     for low, high, at_low, at_high in zip(grid, grid[1:], ranks, ranks[1:], strict=False):
-        for _ in range(14 if at_low != at_high else 0):
+        for _ in range(9 if at_low != at_high else 0):
             middle = np.sqrt(low * high)
             low, high = (middle, high) if rank(middle) == at_low else (low, middle)
 
@@ -175,7 +175,7 @@ def test_what_does_not_converge_is_refused(monkeypatch):
 
 
 def test_intervals_hold_the_truth_in_95_of_100_cases():
-    """300 noisy repetitions: every identified parameter and a predicted position, value +- 1.96 standard deviations."""
+    """150 noisy repetitions: every identified parameter and a predicted position, value +- 1.96 standard deviations."""
     nominal = arm()
     truth = random_robot(nominal, "34", np.random.default_rng(1), size=0.1)
     q, there = nominal.random_joints(60, 1), nominal.random_joints(1, 9)
@@ -184,7 +184,7 @@ def test_intervals_hold_the_truth_in_95_of_100_cases():
     at = truth.points(there, "smr1")[0]
     hits, total, inside = 0, 0, 0
     rng = np.random.default_rng(2)
-    for _ in range(300):
+    for _ in range(150):
         fit = identify(nominal, measured(truth, q, 5e-5, rng), "34")
         for row in fit.parameters():
             # L_G2 is a ratio of two small numbers and far from normal; A and B carry the same information
@@ -193,9 +193,9 @@ def test_intervals_hold_the_truth_in_95_of_100_cases():
                 hits += abs(row.value - true[row.name]) < 1.96 * row.std
         std = np.sqrt(np.diag(predicted_covariance(fit, there, "smr1")[0]))
         inside += (np.abs(fit.robot.points(there, "smr1")[0] - at) < 1.96 * std).sum()
-    assert total > 300 * 35
+    assert total > 150 * 35
     assert 0.93 < hits / total < 0.97
-    assert 0.93 < inside / 900 < 0.97
+    assert 0.93 < inside / 450 < 0.97
 
 
 def test_singular_values_and_indices_by_hand():
