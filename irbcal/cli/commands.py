@@ -5,6 +5,7 @@ PANELS: dict[str, dict[str, str]] = {
         "demo": "Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses.",
         "import": "Turn files of other programs into a measurement file.",
         "corners": "Find the corners of a ChArUco board in pictures: rows for calibrate --features.",
+        "hand-eye": "Where cameras and boards are on the flange and in the cell, the robot taken as it is.",
         "calibrate": "Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report.",
         "evaluate": (
             "Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the "
@@ -83,6 +84,7 @@ COMMANDS = tuple(name for names in PANELS.values() for name in names)
 ELSEWHERE = {
     "import": ("import_", "import_files"),
     "filter": ("filter", "filter_program"),
+    "hand-eye": ("hand_eye", "hand_eye"),
     "axes": ("joints", "joints"),
 }
 """Module and function of commands that are not the function of their name in the module of their name."""

@@ -192,7 +192,7 @@ class FeatureProblem:
         self.arm, self.seen, self.terms, self.robot = arm, rows, list(terms), robot
         self.held = dict(fixed or {})
         self.groups = _groups(rows)
-        self.edges = [ARM, *edges]
+        self.edges = [ARM if rows.flange is None else Edge(cell_graph.BASE, FLANGE, rows.flange), *edges]
         named = dict.fromkeys(name for group in self.groups for name in (group.frame, group.carrier))
         joined = {cell_graph.BASE, FLANGE, *(name for edge in edges for name in (edge.parent, edge.child))}
         for name in [name for name in named if name not in joined]:

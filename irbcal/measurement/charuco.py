@@ -63,12 +63,15 @@ class FoundCorners(Speaks):
 
     def told(self) -> Sequence[Told]:
         """How many corners in how many images, and which images were left out."""
-        lines = [f"{len(self.table)} corners in {self.images} images"]
-        if self.missed:
-            names = ", ".join(f"{name} ({count})" for name, count in self.missed[:10])
-            more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
-            lines.append(f"Note: left out, with fewer than {imaging.FEWEST} corners: {names}{more}")
-        return lines
+        return [f"{len(self.table)} corners in {self.images} images", *(f"Note: {note}" for note in self.notes())]
+
+    def notes(self) -> list[str]:
+        """Which images were left out."""
+        if not self.missed:
+            return []
+        names = ", ".join(f"{name} ({count})" for name, count in self.missed[:10])
+        more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
+        return [f"left out, with fewer than {imaging.FEWEST} corners: {names}{more}"]
 
     def save(self, out: str | Path) -> Path:
         """Write the rows as CSV.

@@ -95,6 +95,8 @@ class FeatureSet(Speaks):
         Empty, and None: the measuring frame for what is known in it, else the robot base; the flange.
     point : ndarray, shape (m, 3), or None
         The point that is looked at, in a carrier that is neither flange nor base, metres; its origin unless given.
+    flange : ndarray, shape (m, 4, 4), or None
+        The flange in the robot base, metres, where it is measured and joints do not matter.
     """
 
     q: FloatArray
@@ -123,6 +125,7 @@ class FeatureSet(Speaks):
     frame: NameArray | None = None
     carrier: NameArray | None = None
     point: FloatArray | None = None
+    flange: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -153,6 +156,7 @@ class FeatureSet(Speaks):
             frame=None if self.frame is None else self.frame[rows],
             carrier=None if self.carrier is None else self.carrier[rows],
             point=_some(self.point, rows),
+            flange=_some(self.flange, rows),
             features={name: feature for name, feature in self.features.items() if name in names},
             lengths=tuple(length for length in self.lengths if length.first in names and length.second in names),
         )

@@ -264,6 +264,12 @@ def _circles(random: Random) -> list[str]:
     return ["circles", "@m.csv", "--robot", "irb1600", *more]
 
 
+def _hand_eye(random: Random) -> list[str]:
+    words = ["hand-eye", "@pictures.csv", "--images", "@pictures", "--features", "@board.csv"]
+    more = _some(random, ["--out", ">hand_eye.json"], ["--json"], ["--legacy"])
+    return [*words, *random.choice(([], ["--robot", _robot(random)])), *more]
+
+
 def _corners(random: Random) -> list[str]:
     words = ["corners", "@pictures", "--joints", "@pictures.csv", "--features", "@board.csv", "--out", ">corners.csv"]
     return [*words, *_some(random, ["--json"], ["--legacy"])]
@@ -285,7 +291,7 @@ MAKERS: list[tuple[Maker, int]] = [
     (_fk, 10), (_ik, 5), (_filter, 34), (_verify, 10), (_evaluate, 8), (_calibrate, 1), (_view, 3), (_report, 1),
     (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1),
     (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2), (_export, 4), (_stream, 6), (_fleet, 8),
-    (_circles, 2), (_corners, 2), (_samples, 1), (_demo, 1), (_cell, 5), (_sign, 1),
+    (_circles, 2), (_corners, 2), (_hand_eye, 2), (_samples, 1), (_demo, 1), (_cell, 5), (_sign, 1),
 ]  # fmt: skip
 NAMES = (
     "-",

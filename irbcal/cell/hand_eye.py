@@ -1,0 +1,425 @@
+"""Hand-eye calibration: where a camera is on the flange and a board in the cell (or the other way round), from corners.
+
+Unknown are the device on the flange, each device in the cell, and what is to be fitted of the lens. Corners in pixels
+are adjusted by least squares (`irbcal.identification.images`) along the cell's graph of frames; the robot is taken as
+it is, by its joints or by the poses of its flange that a controller shows. No guess is needed: the start is closed form
+(Zhang 2000, Shah 2013).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray, NameArray, lock
+from irbcal.atomic import write_set
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.identification import feature_problem
+from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
+from irbcal.identification.observations import DIMENSIONS
+from irbcal.io.opening import RobotLike, open_nominal, open_robot
+from irbcal.measurement import charuco, columns, features, imaging
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.features import FeatureSet
+from irbcal.modeling import frames
+from irbcal.modeling.certainty import COVERAGE
+from irbcal.modeling.robot import Robot
+from irbcal.overwriting import refuse_overwriting
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+POSE = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
+FLANGE = [f"flange_{name}" for name in POSE]
+"""Columns of the flange in the robot base, where there are no joints."""
+LEAST = 3
+"""Pictures that are needed; ten or more with the flange turned about different axes are better."""
+PARTS = 16
+"""Pictures are left out in as many parts at most."""
+TOO_FAR = 3.0
+"""Times the scatter of corners within a picture, above which the misfit over all pictures is that of robot or lens."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceFrame:
+    """A camera or a board.
+
+    Attributes
+    ----------
+    name : str
+        Of the features' file.
+    device : str
+        ``camera`` or ``board``.
+    on : str
+        ``flange`` or ``base``.
+    T : ndarray, shape (4, 4)
+        In the tip link or the base link, metres. A camera looks along its z, x is to the right of the picture; a
+        board's origin and axes are those of its corners.
+    u95_m, u95_rad : float
+        Half-widths that hold 95 % of a coordinate's and an angle's errors, largest of three.
+    """
+
+    name: str
+    device: str
+    on: str
+    T: FloatArray
+    u95_m: float
+    u95_rad: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HandEye(Speaks):
+    """Cameras and boards of a cell.
+
+    Attributes
+    ----------
+    robot : str
+        Whose kinematics were taken, or ``poses of the flange``.
+    devices : tuple of DeviceFrame
+    lens : dict of str to dict of str to (float, float)
+        Fitted numbers of each camera, pixels (``k1`` without unit), and their 95 % half-widths.
+    pose, feature : ndarray of str, shape (m,)
+        Of each picture.
+    corners : ndarray of int, shape (m,)
+    pixels, heldout_pixels : ndarray, shape (m,)
+        Root mean square distance of a picture's corners: in the fit, and while the picture was left out (NaN where its
+        board or camera is in no other).
+    size_mm : ndarray, shape (m,)
+        The first in millimetres at the board.
+    within_pixels : float
+        By how much corners scatter within a picture, a coordinate: what a better robot would leave.
+    doubts : tuple of str
+    simulated : bool
+    notes : tuple of str
+        Which pictures were left out.
+    """
+
+    robot: str
+    devices: tuple[DeviceFrame, ...]
+    lens: dict[str, dict[str, tuple[float, float]]]
+    pose: NameArray
+    feature: NameArray
+    corners: IntArray
+    pixels: FloatArray
+    heldout_pixels: FloatArray
+    size_mm: FloatArray
+    within_pixels: float
+    doubts: tuple[str, ...] = ()
+    simulated: bool = False
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def rms_pixels(self) -> float:
+        """Root mean square distance of all corners, pixels."""
+        return float(np.sqrt(np.average(self.pixels**2, weights=self.corners)))
+
+    @property
+    def heldout_rms_pixels(self) -> float:
+        """The same of pictures while they were left out; NaN where none was."""
+        known = np.isfinite(self.heldout_pixels)
+        if not known.any():
+            return float("nan")
+        return float(np.sqrt(np.average(self.heldout_pixels[known] ** 2, weights=self.corners[known])))
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a picture."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "pose": np.array(self.pose),
+                "feature": np.array(self.feature),
+                "corners": np.array(self.corners),
+                "rms_px": np.array(self.pixels),
+                "heldout_px": np.array(self.heldout_pixels),
+                "rms_mm": np.array(self.size_mm),
+            }
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: millimetres, degrees, unit quaternions (scalar first)."""
+        heldout = self.heldout_rms_pixels
+        return {
+            "simulated": self.simulated,
+            "robot": self.robot,
+            "frames": [
+                {
+                    "name": frame.name,
+                    "device": frame.device,
+                    "on": frame.on,
+                    **{f"{axis}_mm": float(value) / MM for axis, value in zip("xyz", frame.T[:3, 3], strict=True)},
+                    **dict(zip(POSE[3:], frames.quaternion_from_matrix(frame.T[:3, :3]).tolist(), strict=True)),
+                    "u95_mm": frame.u95_m / MM,
+                    "u95_deg": frame.u95_rad / DEG,
+                }
+                for frame in self.devices
+            ],
+            "lens": {
+                camera: {name: {"value": value, "u95": u95} for name, (value, u95) in numbers.items()}
+                for camera, numbers in self.lens.items()
+            },
+            "pictures": len(self.pixels),
+            "rms_px": self.rms_pixels,
+            "heldout_px": None if np.isnan(heldout) else heldout,
+            "within_px": self.within_pixels,
+            "doubts": list(self.doubts),
+            "notes": list(self.notes),
+        }
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write `to_dict` as JSON.
+
+        Raises
+        ------
+        CalibrationError
+            If it cannot be written.
+        """
+        write_set({Path(out): (json.dumps(self.to_dict(), indent=1) + "\n").encode()})
+        return Path(out)
+
+    def told(self) -> Sequence[Told]:
+        """Frames with their intervals, how well corners agree, and what limits that."""
+        heldout = self.heldout_rms_pixels
+        proof = "" if np.isnan(heldout) else f", {heldout:.2f} px in pictures that were left out in turn"
+        headline = (
+            f"{'SIMULATED: ' if self.simulated else ''}{int(self.corners.sum())} corners in {len(self.pixels)} "
+            f"pictures agree with {self.robot} within {self.rms_pixels:.2f} px (rms){proof}"
+        )
+        rows: list[tuple[str | float | int | None, ...]] = [
+            (
+                f"{frame.device} {frame.name} on the {frame.on}",
+                *(float(value) / MM for value in frame.T[:3, 3]),
+                *(float(value) for value in frames.rpy_from_matrix(frame.T[:3, :3]) / DEG),
+                frame.u95_m / MM,
+                frame.u95_rad / DEG,
+            )
+            for frame in self.devices
+        ]
+        heads = ("frame", "x mm", "y mm", "z mm", "roll", "pitch", "yaw", "u95 mm", "deg")
+        told: list[Told] = [headline, Table("Cameras and boards, angles in degrees", heads, tuple(rows))]
+        for camera, numbers in self.lens.items():
+            told.append(
+                f"Lens of {camera}: " + ", ".join(f"{n} {v:.6g} ± {u95:.2g}" for n, (v, u95) in numbers.items())
+            )
+        scale = float(np.sqrt(np.average(self.size_mm**2, weights=self.corners)))
+        told.append(
+            f"Within a picture corners scatter by {self.within_pixels:.2f} px; over all pictures they miss by "
+            f"{scale:.2f} mm at the board"
+        )
+        if self.rms_pixels > TOO_FAR * self.within_pixels:
+            told[-1] = f"{told[-1]}: robot or lens limit it. Calibrate the robot with these rows (irbcal calibrate)."
+        return [*told, *(f"Note: {text}" for text in (*self.doubts, *self.notes))]
+
+
+def hand_eye(
+    measurements: TableLike,
+    features: TableLike,
+    out: str | PathLike[str] | None = None,
+    *,
+    robot: RobotLike | None = None,
+    images: str | Path | None = None,
+    legacy: bool = False,
+) -> HandEye:
+    """Where cameras and boards are on the robot and in the cell, the robot taken as it is.
+
+    Parameters
+    ----------
+    measurements : str, Path or DataFrame
+        Corners as ``irbcal corners`` writes them, or with images a row a picture: ``image`` and joints (``q1_deg`` …),
+        or the flange in the robot base as the controller shows it (``flange_x_mm`` … ``flange_qz``; a row a picture
+        also ``x_mm`` … ``qz``).
+    features : str, Path or DataFrame
+        Cameras and boards, as for corners.
+    out : str or Path, optional
+        File to write, such as hand_eye.json.
+    robot : str, Path, Record or a result that holds one, optional
+        Calibration folder, URDF or name of the robot whose joints these are; none where the flange is given.
+    images : str or Path, optional
+        Folder of pictures.
+    legacy : bool
+        The board is of the pattern that OpenCV drew before version 4.6.
+
+    Returns
+    -------
+    HandEye
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not keep its format.
+    IdentificationError
+        If the pictures leave a camera or a board open.
+    OptionError
+        If there are joints but no robot, or OpenCV is needed and not installed.
+    CalibrationError
+        If the file cannot be written.
+    """
+    inputs = [each for each in (measurements, features) if isinstance(each, (str, PathLike))]
+    refuse_overwriting({"out": out}, inputs, robot)
+    cells, _, _ = columns.read(measurements, [])
+    notes: list[str] = []
+    if images is not None:
+        cells = cells.rename(columns=dict(zip(POSE, FLANGE, strict=True)) if set(POSE) <= set(cells.columns) else {})
+        pictures = charuco.corners(images, cells, features, legacy=legacy)
+        cells, notes = pictures.to_frame(), pictures.notes()
+    posed = set(FLANGE) <= set(map(str, cells.columns))
+    if not posed and robot is None:
+        raise OptionError(
+            f"robot: name the robot whose joints these are, or give columns {', '.join(FLANGE)}", parameter="robot"
+        )
+    opened = None if posed or robot is None else open_robot(robot)
+    arm = open_nominal("irb1600").arm if opened is None else opened.nominal  # joints of flange poses are not read
+    if posed:
+        cells = cells.assign(**dict.fromkeys(arm.joint_columns, 0.0))
+    rows = _read(cells, features, arm, posed)
+    by = Robot(arm) if opened is None else opened.robot
+    problem = FeatureProblem(arm, rows, [], robot=by)
+    if len(rows) < LEAST:
+        raise IdentificationError(f"{len(rows)} pictures are too few: {LEAST} are needed, ten or more are better")
+    state = feature_problem.start(problem)
+    name = "the poses of the flange" if opened is None else opened.robot.arm.name
+    result = replace(_result(problem, state, name), notes=tuple(notes))
+    if out is not None:
+        result.save(out)
+    return result
+
+
+def _read(cells: pd.DataFrame, camera_file: TableLike, arm: Any, posed: bool) -> FeatureSet:
+    """Pictures as rows; with the poses of the flange where these are given."""
+    rows = features.read(cells, camera_file, arm)
+    if rows.corners is None or not np.isfinite(rows.corners[:, 0, 2]).all():
+        raise MeasurementError(
+            f"hand-eye takes corners of boards only, kinds {' and '.join(imaging.TARGETS)}", file=rows.source
+        )
+    if not posed:
+        return rows
+    values = np.column_stack([columns.numbers(rows.cells, name, rows.source) for name in FLANGE])
+    length = np.linalg.norm(values[:, 3:], axis=1)
+    bad = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
+    if len(bad):
+        raise MeasurementError(
+            f"expected a unit quaternion, found one of length {length[bad[0]]:.4g}",
+            file=rows.source,
+            row=int(rows.row[bad[0]]),
+            column=FLANGE[3],
+        )
+    R = frames.matrix_from_quaternion(values[:, 3:] / length[:, None])
+    T = np.tile(np.eye(4), (len(rows), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = R, values[:, :3] * MM
+    return replace(rows, flange=T)
+
+
+def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye:
+    """Frames, intervals and errors at the solution, with each part of the pictures left out in turn."""
+    rows = problem.seen
+    assert rows.corners is not None
+    u95 = _half_widths(problem, state)
+
+    def half_width(key: tuple[str, str]) -> float:
+        shape, at = problem.layout[key]
+        return float(u95[at : at + DIMENSIONS[shape]].max())
+
+    devices: dict[tuple[str, str], DeviceFrame] = {}
+    lens: dict[str, dict[str, tuple[float, float]]] = {}
+    count = np.isfinite(rows.corners[:, :, 2]).sum(axis=1)
+    pixels, size, within = (np.zeros(len(rows)) for _ in range(3))
+    scale = imaging.per_pixel(rows.corners)
+    doubts = []
+    for missed in problem.misses(state):
+        group, target = missed.group, missed.group.target
+        on_flange = imaging.TARGETS[group.kind.name]
+        in_cell = "camera" if on_flange == "board" else "board"
+        tool, axes = (TOOL, target), ("axes", target)
+        T = frames.transform(state.own[axes], state.own[tool])
+        devices["flange", target] = DeviceFrame(target, on_flange, "flange", T, half_width(tool), half_width(axes))
+        name = group.feature.name
+        T = frames.transform(state.own["attitude", name], state.own["centre", name])
+        u = half_width(("centre", name)), half_width(("attitude", name))
+        devices["base", name] = DeviceFrame(name, in_cell, "base", T, *u)
+        camera = target if on_flange == "camera" else name
+        for number, key in group.keys().items():
+            if number in imaging.FITTED and key in problem.layout:
+                lens.setdefault(camera, {})[number] = float(state.own[key][0]), half_width(key)
+        assert missed.found.size is not None
+        of = group.rows
+        size[of] = missed.found.size
+        pixels[of] = size[of] / scale[of]
+        spare = np.maximum(2 * count[of] - missed.found.r.shape[1], 1)
+        scatter = np.maximum(size[of] ** 2 - (missed.found.r**2).sum(axis=1), 0.0)
+        within[of] = scatter * count[of] / spare / scale[of] ** 2
+        doubts.append(group.kind.doubt(missed.seen, missed.found))
+    return HandEye(
+        robot,
+        tuple(devices.values()),
+        lens,
+        rows.pose.astype(object),
+        rows.feature.astype(object),
+        count,
+        pixels,
+        _left_out(problem, state, scale),
+        size / MM,
+        float(np.sqrt(np.average(within, weights=count))),
+        tuple(dict.fromkeys(filter(None, doubts))),
+        rows.simulated,
+    )
+
+
+def _half_widths(problem: FeatureProblem, state: FeatureState) -> FloatArray:
+    """Half-widths that hold 95 % of the unknowns' errors, shape (unknowns,), SI units (pixels).
+
+    The larger of two: from noise of corners, all alike; and from how the solution moves as each picture is left out
+    (jackknife), which holds where the robot errs, too, so that what a picture misses is neither alike nor independent.
+    """
+    from scipy.special import stdtrit
+
+    blocks = list(problem.dense(state, np.zeros(0, dtype=int)))
+    J, y = np.concatenate([block.J for block in blocks], axis=1), np.concatenate([block.y for block in blocks])
+    picture = np.concatenate([block.row for block in blocks])
+    H = J @ J.T
+    freedom = max(len(y) - len(J), 1)
+    alike = stdtrit(freedom, 0.975) * np.sqrt(np.diagonal(np.linalg.pinv(H)) * float(y @ y) / freedom)
+    moves = []
+    for k in np.unique(picture[picture >= 0]):
+        of = picture == k
+        moves.append(np.linalg.pinv(H - J[:, of] @ J[:, of].T) @ (J[:, of] @ y[of]))
+    n = len(moves)
+    jackknife = np.sqrt(np.sum((np.array(moves) - np.mean(moves, axis=0)) ** 2, axis=0) * (n - 1) / n)
+    return np.asarray(np.maximum(alike, COVERAGE * jackknife) * problem.sizes)
+
+
+def _left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray) -> FloatArray:
+    """Pixels by which pictures miss while they are left out; NaN where the others do not show their camera or board."""
+    rows = problem.seen
+    out = np.full(len(rows), np.nan)
+    part = rows.pose_index % min(PARTS, rows.poses)
+    for k in np.unique(part):
+        rest = part != k
+        others = FeatureProblem(problem.arm, rows.select(rest), [], problem.held, robot=problem.robot)
+        if rest.sum() < LEAST or set(rows.feature[~rest]) - set(rows.feature[rest]):
+            continue
+        values = {key: value for key, value in state.own.items() if key in others.layout or key in problem.held}
+        try:
+            fitted = feature_problem.settle(others, FeatureState(values, np.zeros(0)))
+            feature_problem.refuse_undetermined(others, others.sums(fitted, np.zeros(0, dtype=int)))
+        except IdentificationError:
+            continue
+        aside = FeatureProblem(problem.arm, rows.select(~rest), [], dict(fitted.own), robot=problem.robot)
+        for missed in aside.misses(fitted):
+            assert missed.found.size is not None
+            at = np.flatnonzero(~rest)[missed.group.rows]
+            out[at] = missed.found.size / scale[at]
+    return out

@@ -1,0 +1,180 @@
+"""Hand-eye calibration: truth without noise, intervals that hold, real pictures, never worse than OpenCV."""
+
+import json
+
+import feature_cases as cases
+import numpy as np
+import pandas as pd
+import pytest
+from support import assert_same_poses
+
+from irbcal.cell.hand_eye import FLANGE, hand_eye
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.modeling import frames
+from irbcal.units import DEG, MM
+
+KIND = {"camera on the flange": "image-on-tool", "camera in the cell": "image"}
+NOISE_PX = 0.1
+
+
+def simulated(kind, pictures, seed=0, noise=0.0, shift=0.0):
+    """SIMULATED corners by the nominal robot: rows, features, true frames on the flange and in the cell, flange poses.
+
+    ``noise`` of corners in pixels, ``shift`` of the flange in metres at each picture.
+    """
+    rng = np.random.default_rng(seed)
+    truth = cases.unknowns(kind, rng)
+    robot = cases.arm()
+    rows = cases.images(kind, robot, truth, pictures, rng, noise * 0.5 * MM)
+    rows["pose"] = [f"p{k}" for k in np.repeat(range(pictures), len(cases.corners()))]
+    rows["feature"] = "it"
+    q = rows.drop_duplicates("pose")[[f"q{k}_deg" for k in range(1, 7)]].to_numpy() * DEG
+    T = robot.forward(q)
+    T[:, :3, 3] += shift * rng.standard_normal((pictures, 3))
+    known = pd.DataFrame([{"feature": "it", "kind": kind, **cases.camera(target="held")}])
+    on_flange = frames.transform(truth["axes"], cases.TOOL)
+    in_cell = frames.transform(truth["attitude"], truth["centre"])
+    return rows, known, (on_flange, in_cell), T
+
+
+def as_flange_poses(rows, T):
+    """The rows with the flange as a controller shows it in place of joints."""
+    number = pd.factorize(rows["pose"])[0]
+    values = np.column_stack([T[:, :3, 3] / MM, frames.quaternion_from_matrix(T[:, :3, :3])])[number]
+    poses = pd.DataFrame(dict(zip(FLANGE, values.T, strict=True)), index=rows.index)
+    return rows.drop(columns=[f"q{k}_deg" for k in range(1, 7)]).join(poses)
+
+
+def result_frames(result):
+    return tuple(next(frame for frame in result.devices if frame.on == on) for on in ("flange", "base"))
+
+
+@pytest.mark.parametrize("kind", KIND.values(), ids=KIND)
+def test_without_noise_the_truth_comes_back(kind, tmp_path):
+    """From joints and from poses of the flange alike."""
+    rows, known, truth, T = simulated(kind, 6)
+    by_joints = hand_eye(rows, known, tmp_path / "hand_eye.json", robot="irb1600")
+    by_poses = hand_eye(as_flange_poses(rows, T), known)
+    for result in (by_joints, by_poses):
+        for frame, expected in zip(result_frames(result), truth, strict=True):
+            assert_same_poses(frame.T, expected, 1e-8, 1e-8)
+        assert result.rms_pixels < 1e-6
+        assert result.heldout_rms_pixels < 1e-6
+    written = json.loads((tmp_path / "hand_eye.json").read_text())
+    on_flange = next(frame for frame in written["frames"] if frame["on"] == "flange")
+    np.testing.assert_allclose([on_flange[f"{axis}_mm"] for axis in "xyz"], truth[0][:3, 3] / MM, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3 * MM], ids=["noise of corners", "a robot that errs"])
+def test_intervals_hold(shift):
+    """Widths are those of the largest of three coordinates, and of the larger of two ways to compute them: not too wide."""
+    inside, width, error = [], [], []
+    for seed in range(12):
+        rows, known, truth, T = simulated("image-on-tool", 9, seed, NOISE_PX, shift)
+        result = hand_eye(as_flange_poses(rows, T), known)
+        for frame, expected in zip(result_frames(result), truth, strict=True):
+            off = frames.inverse(expected) @ frame.T
+            inside += [*(np.abs(off[:3, 3]) < frame.u95_m)]
+            inside += [*(np.abs(frames.vector_from_rotation(off[:3, :3])) < frame.u95_rad)]
+            width.append(frame.u95_m)
+            error.append(np.mean(off[:3, 3] ** 2))
+    assert np.mean(inside) > 0.93
+    assert np.mean(width) < 2.5 * 1.96 * np.sqrt(np.mean(error))
+
+
+def test_a_robot_that_errs_is_told_from_noise_of_corners():
+    rows, known, _, T = simulated("image-on-tool", 12, 3, NOISE_PX, 0.5 * MM)
+    result = hand_eye(as_flange_poses(rows, T), known)
+    assert result.within_pixels == pytest.approx(NOISE_PX, rel=0.15)
+    assert result.rms_pixels > 5 * result.within_pixels
+    assert 0.2 < np.sqrt(np.mean(result.size_mm**2)) < 1.5
+    assert any("robot or lens limit it" in str(line) for line in result.told())
+
+
+def test_it_is_never_worse_than_opencv():
+    """All methods of calibrateHandEye and calibrateRobotWorldHandEye, from board poses by solvePnP; SIMULATED."""
+    cv2 = pytest.importorskip("cv2")
+    errors = {}
+    for seed in range(6):
+        rows, known, (T_flange_camera, _), T = simulated("image-on-tool", 12, seed, 0.3, 0.2 * MM)
+        lens = np.array([[cases.LENS_OF[0], 0, cases.LENS_OF[2]], [0, cases.LENS_OF[1], cases.LENS_OF[3]], [0, 0, 1.0]])
+        boards = []
+        for _, picture in rows.groupby("pose", sort=False):
+            uv = picture[["u_px", "v_px"]].to_numpy()
+            _, turn, shift = cv2.solvePnP(cases.corners(), uv, lens, np.array(cases.LENS_OF[4:]))
+            boards.append(frames.transform(cv2.Rodrigues(turn)[0], shift[:, 0]))
+        boards = np.array(boards)
+        of_flange, inverse = (T[:, :3, :3], T[:, :3, 3]), frames.inverse(T)
+        of_board = boards[:, :3, :3], boards[:, :3, 3]
+        found = {"irbcal": result_frames(hand_eye(as_flange_poses(rows, T), known))[0].T}
+        for name in ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS"):
+            method = getattr(cv2, f"CALIB_HAND_EYE_{name}")
+            R, t = cv2.calibrateHandEye(*of_flange, *of_board, method=method)
+            found[name] = frames.transform(R, t[:, 0])
+        for name in ("SHAH", "LI"):
+            method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")
+            answer = cv2.calibrateRobotWorldHandEye(
+                *of_board, inverse[:, :3, :3], inverse[:, :3, 3], method=method
+            )  # world is the board, base and gripper as of the flange
+            found[name] = frames.inverse(frames.transform(answer[2], answer[3][:, 0]))
+        for name, frame in found.items():
+            errors.setdefault(name, []).append(np.linalg.norm(frame[:3, 3] - T_flange_camera[:3, 3]))
+    mean = {name: float(np.mean(values)) / MM for name, values in errors.items()}
+    assert mean["irbcal"] < 1.0
+    assert mean["irbcal"] <= min(mean.values()) * 1.02, mean
+
+
+BOARD = "camera,image,board,1352.02747,1356.14287,789.67065,627.2995,{},1600,1200,5,7,36.195,18.256,DICT_6X6_250"
+HEADS = "feature,kind,target,fx_px,fy_px,cx_px,cy_px,fit,width_px,height_px,squares_x,squares_y,square_mm,marker_mm"
+
+
+@pytest.mark.parametrize(
+    ("fit", "pixels", "heldout", "camera"),
+    [
+        ("", (2.66, 0.08), (3.36, 0.15), [-20.0, 1269.0, 286.0]),
+        ("fx fy cx cy k1", (1.23, 0.05), (1.62, 0.12), [-19.1, 1265.3, 287.6]),
+    ],
+    ids=["lens as given", "lens free"],
+)
+def test_real_pictures_give_what_an_independent_calculation_gave(
+    shared_data, tmp_path, program, fit, pixels, heldout, camera
+):
+    """See the folder's README; its corners were found by another program (294 of them)."""
+    pytest.importorskip("cv2")
+    folder = shared_data / "charuco_hand_eye"
+    if not folder.is_dir():
+        pytest.skip("no charuco_hand_eye among the measured data")
+    (tmp_path / "camera.csv").write_text(f"{HEADS},dictionary\n{BOARD.format(fit)}\n")
+    call = ["hand-eye", folder / "poses.csv", "--features", tmp_path / "camera.csv", "--images", folder, "--legacy"]
+    result = program(*call, "--json")
+    assert abs(result["rms_px"] - pixels[0]) < pixels[1]
+    assert abs(result["heldout_px"] - heldout[0]) < heldout[1]
+    in_base = next(frame for frame in result["frames"] if frame["on"] == "base")
+    np.testing.assert_allclose([in_base[f"{axis}_mm"] for axis in "xyz"], camera, rtol=0, atol=1.0)
+    board = next(frame for frame in result["frames"] if frame["on"] == "flange")
+    np.testing.assert_allclose(
+        [board[f"{axis}_mm"] for axis in "xyz"], [-125.44, -61.52, 198.97], rtol=0, atol=0.25 if not fit else 0.4
+    )
+
+
+def test_bad_input_is_refused():
+    rows, known, _, T = simulated("image-on-tool", 4)
+    with pytest.raises(OptionError, match="name the robot whose joints these are"):
+        hand_eye(rows, known)
+    poses = as_flange_poses(rows, T)
+    with pytest.raises(MeasurementError, match=r"flange_qw: expected a unit quaternion, found one of length 1\.5"):
+        hand_eye(poses.assign(flange_qw=1.5, flange_qx=0.0, flange_qy=0.0, flange_qz=0.0), known)
+    with pytest.raises(MeasurementError, match="flange_x_mm"):
+        hand_eye(poses.assign(flange_x_mm="far"), known)
+    with pytest.raises(IdentificationError, match="too few"):
+        hand_eye(poses[poses["pose"].isin(["p0", "p1"])], known)
+    one_axis = poses.copy()  # only the first picture, again and again
+    first = poses[poses["pose"] == "p0"]
+    one_axis = pd.concat([first.assign(pose=f"r{k}") for k in range(5)])
+    with pytest.raises(IdentificationError, match="do not tell"):
+        hand_eye(one_axis, known)
+    contacts = pd.DataFrame(
+        {"pose": ["1"], "feature": ["s"], "kind": ["point"], **{f"q{k}_deg": [0] for k in range(1, 7)}}
+    )
+    with pytest.raises(MeasurementError, match="takes corners of boards only"):
+        hand_eye(contacts, pd.DataFrame([{"feature": "s", "kind": "point"}]), robot="irb1600")
