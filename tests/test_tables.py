@@ -1,4 +1,4 @@
-"""The measured tables of docs/accuracy.md and docs/speed.md are those that ``scripts/readme_tables`` makes."""
+"""The measured tables of docs/accuracy.md, docs/cell.md and docs/speed.md are those that ``scripts/readme_tables`` makes."""
 
 import re
 import runpy
@@ -11,7 +11,9 @@ ROOT = Path(__file__).parents[1]
 NUMBER = re.compile(r"-?\d+\.\d+")
 
 
-@pytest.mark.parametrize(("name", "page"), [("levels", "accuracy"), ("pinocchio", "accuracy"), ("table_6_1", "speed")])
+@pytest.mark.parametrize(
+    ("name", "page"), [("levels", "accuracy"), ("pinocchio", "accuracy"), ("table_6_1", "speed"), ("part", "cell")]
+)
 def test_tables_are_those_that_the_script_makes(name, page):
     """Words to the letter; numbers within 0.003 mm, because other processors round otherwise."""
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
@@ -21,3 +23,13 @@ def test_tables_are_those_that_the_script_makes(name, page):
     assert NUMBER.sub("#", made) == NUMBER.sub("#", written)
     numbers = [np.array(NUMBER.findall(text), dtype=float) for text in (made, written)]
     assert np.abs(numbers[0] - numbers[1]).max(initial=0.0) < 0.003
+
+
+def test_the_part_is_as_right_as_its_touches_allow():
+    """Of the page's table: taught frames make the part worse, those of the cell are within 1.5 times of the limit."""
+    text = (ROOT / "docs" / "cell.md").read_text(encoding="utf-8").split("<!-- part -->")[1].split("<!-- end -->")[0]
+    rows = [np.array(NUMBER.findall(line), dtype=float) for line in text.splitlines() if NUMBER.search(line)]
+    as_it_is, taught, cell = (row[::2] for row in rows[:3])
+    assert (taught > 3 * as_it_is).all()
+    assert (cell < as_it_is).all()
+    assert (cell < 1.5 * rows[3]).all()

@@ -19,6 +19,7 @@ from irbcal.modeling.trajectory import Trajectory
 from irbcal.names import without_formulas
 from irbcal.simulation import weights
 from irbcal.simulation.device_simulation import simulate_device
+from irbcal.simulation.part import reached
 from irbcal.simulation.pose_list import PoseList, numbered, random_list
 from irbcal.simulation.shipped_cells import open_cell, shipped_cell
 from irbcal.simulation.simulation import measurement_table
@@ -495,7 +496,8 @@ def touches(cell: VirtualCell) -> pd.DataFrame:
     fixture = frames.apply(T_BASE_FIXTURE, np.array([*FIXTURE_POINTS.values()]))
     xyz = np.vstack([np.tile(SOCKET, (len(SIDES), 1)), fixture])
     xyz = xyz + np.random.default_rng(7).normal(scale=BY_EYE, size=xyz.shape)
-    joints = np.round(_reached(cell, np.radians([*SIDES, *SIDES[: len(FIXTURE_POINTS)]]), xyz) / DEG, 6)
+    q = np.radians([*SIDES, *SIDES[: len(FIXTURE_POINTS)]])
+    joints = np.round(reached(cell, q, TOUCHING_TIP, xyz) / DEG, 6)
     head = {
         "frame": ["tool"] * len(SIDES) + ["work_object"] * len(FIXTURE_POINTS),
         "name": ["1"] * len(xyz),
@@ -503,17 +505,6 @@ def touches(cell: VirtualCell) -> pd.DataFrame:
         "tool": ["1"] * len(xyz),
     }
     return pd.DataFrame(head | {name: joints[:, k] for k, name in enumerate(cell.arm.joint_columns)})
-
-
-def _reached(cell: VirtualCell, q: FloatArray, xyz: FloatArray) -> FloatArray:
-    """Joints next to others at which the true tip is at places: steps by the nominal robot's derivative."""
-    tip, step = np.append(TOUCHING_TIP, 1.0), 1e-6
-    for _ in range(12):
-        off = xyz - cell.measure(q).T_base_tip[:, :3] @ tip
-        for k, joints in enumerate(q):
-            T = cell.arm.forward(joints + step * np.vstack([np.zeros(6), np.eye(6)]))[:, :3] @ tip
-            q[k] += np.linalg.lstsq((T[1:] - T[0]).T / step, off[k], rcond=None)[0]
-    return q
 
 
 ROBOTS, FLEET_POSES = 2, 40
