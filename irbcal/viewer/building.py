@@ -12,6 +12,8 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray
+from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile
+from irbcal.correction.true_frames import cell_of
 from irbcal.errors import CalibrationError, MeasurementError, OptionError, RobotError
 from irbcal.io import robots
 from irbcal.io.opening import Opened, RobotLike, open_robot
@@ -28,7 +30,7 @@ from irbcal.viewer import points as point_sets
 from irbcal.viewer import robot as looks
 from irbcal.viewer.links import Link, links, reach
 from irbcal.viewer.points import PlanLike
-from irbcal.viewer.scene import Drawn, Mode, Model, PageScene, Points
+from irbcal.viewer.scene import CellFrame, Drawn, Mode, Model, PageScene, Points
 
 NICE = (1.0, 2.0, 5.0)
 
@@ -80,6 +82,7 @@ def build(
     refit_tool: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
+    cell: CellFile | str | Path | None = None,
 ) -> PageScene:
     """Gather a scene; arguments and errors as `irbcal.viewer.view.view`.
 
@@ -146,7 +149,24 @@ def build(
         fitted=gathered.fitted,
         features=() if section is None else feature_views.shown(section, size, T_scene_world),
         at_features=rows,
+        cell=_cell_frames(cell, opened),
     )
+
+
+def _cell_frames(cell: CellFile | str | Path | None, opened: Opened) -> tuple[CellFrame, ...]:
+    """True tools and work objects, labelled with how well they are known."""
+    if cell is None:
+        return ()
+    if opened.record is None:
+        raise OptionError("cell: its tools and work objects are of a calibration: view that", parameter="cell")
+    known = cell_of(cell, opened.record.fingerprint)
+    assert known is not None
+    out = []
+    for frame, words, frames_of in ((TOOL, "tool", known.tools), (WORK_OBJECT, "work object", known.work_objects)):
+        for name, one in frames_of.items():
+            u95 = known.u95(frame, name, known.covariance)[0] / MM
+            out.append(CellFrame(f"{words} {name} ± {u95:.2f} mm", one.T_true, frame == TOOL))
+    return tuple(out)
 
 
 def _effective(gathered: _Shown) -> FloatArray:

@@ -25,6 +25,8 @@ INK, BODY, GLASS, TEAL, CUBE, PATH = (
     for text in ("#3a4149", "#f2f2ee", "#20262c", "#0b7a75", "#7a4fa3", "#0b7a75")
 )
 """Colours of tracker (ink, body, glass), references, cube and path."""
+AXES = np.array([[214, 39, 40], [44, 160, 44], [31, 95, 214]]) / 255
+"""Colours of x, y and z."""
 
 
 class Recorder:
@@ -77,7 +79,7 @@ def record(scene: PageScene) -> Recorder:
     """Draw a scene's still bodies.
 
     Nodes: ``/irbcal/robot/K`` (link K), ``/irbcal/tracker``, ``/irbcal/references``, ``/irbcal/cube``,
-    ``/irbcal/features``, ``/irbcal/path``. Names from files are never part of a node's path.
+    ``/irbcal/features``, ``/irbcal/cell``, ``/irbcal/path``. Names from files are never part of a node's path.
 
     Parameters
     ----------
@@ -107,6 +109,9 @@ def record(scene: PageScene) -> Recorder:
             _add(view, "/irbcal/features/solid", _painted(solid))
         if glass:
             _add(view, "/irbcal/features/glass", _painted(glass), transparent=True, opacity=0.35)
+    for node, on_tip in (("tools", True), ("work_objects", False)):
+        if shown := [one.T for one in scene.cell if one.on_tip == on_tip]:
+            _add(view, f"/irbcal/cell/{node}", _axes(shown, 0.08 * scene.reach))
     if scene.path is not None:
         geometry = g.PointsGeometry(scene.path.T.astype(np.float32))
         colour = int(sum(int(255 * v) << s for v, s in zip(PATH, (16, 8, 0), strict=True)))
@@ -153,6 +158,15 @@ def _tracker(scene: PageScene) -> shapes.Mesh:
         mesh.colours,
         mesh.faces,
     )
+
+
+def _axes(poses: Sequence[FloatArray], length: float) -> shapes.Mesh:
+    """Axes x, y, z of frames (4, 4), red, green and blue."""
+    bodies = []
+    for T in poses:
+        ends = T[:3, 3] + length * T[:3, :3].T
+        bodies += [(shapes.rod(T[:3, 3], end, 0.06 * length), rgb) for end, rgb in zip(ends, AXES, strict=True)]
+    return _painted(bodies)
 
 
 def _references(scene: PageScene) -> shapes.Mesh:

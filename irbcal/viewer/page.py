@@ -136,6 +136,7 @@ def content(scene: PageScene) -> dict[str, Any]:
             for feature in scene.features
         ],
         "at_features": scene.at_features,
+        "cell": [{"label": one.label, "place": one.T[:3, 3].tolist(), "on_tip": one.on_tip} for one in scene.cell],
         "cube": None if scene.cube is None else {"centre": scene.cube[0].tolist(), "edge": scene.cube[1]},
         "path": scene.path is not None,
         "scale": {

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -91,6 +91,14 @@ class Points:
         return None if error is None else np.linalg.norm(error, axis=1)
 
 
+class CellFrame(NamedTuple):
+    """A tool or a work object of a cell file: its label, and its pose (4, 4) in tip link or scene, metres."""
+
+    label: str
+    T: FloatArray
+    on_tip: bool
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PageScene:
     """Everything that a page shows.
@@ -136,6 +144,8 @@ class PageScene:
     at_features : bool
         Whether the points are rows at features, and their errors distances from these.
     notes : tuple of str
+    cell : tuple of CellFrame
+        Tools and work objects.
     """
 
     title: str
@@ -164,6 +174,7 @@ class PageScene:
     fitted: BoolArray | None = None
     features: tuple[ShownFeature, ...] = ()
     at_features: bool = False
+    cell: tuple[CellFrame, ...] = ()
 
     def __post_init__(self) -> None:
         lock(self)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike
 
+    from irbcal.cell.cell_file import CellFile
     from irbcal.io.opening import RobotLike
     from irbcal.measurement.table import MeasurementsLike
     from irbcal.viewer.points import PlanLike
@@ -46,6 +47,7 @@ def view(
     refit_tool: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
+    cell: CellFile | str | Path | None = None,
 ) -> View:
     """Look at a calibration, or at a robot.
 
@@ -71,6 +73,9 @@ def view(
         the poses, the others are shown.
     base_link, tip_link : str, optional
         Link names, for a URDF; see `irbcal.read_urdf`.
+    cell : CellFile, str or Path, optional
+        Tools and work objects to draw, of a file that ``irbcal cell`` wrote with this calibration; labels have what
+        holds 95 % of the errors of their coordinates.
 
     Returns
     -------
@@ -106,6 +111,7 @@ def view(
             refit_tool=refit_tool,
             base_link=base_link,
             tip_link=tip_link,
+            cell=cell,
         )
     )
 
@@ -147,6 +153,10 @@ class View(Speaks):
         lines: list[Told] = [title]
         if scene.features:
             lines.append(f"{len(scene.features)} features and known lengths stand at their fitted places")
+        if scene.cell:
+            lines.append(
+                f"True frames of the cell, in the calibrated robot: {', '.join(one.label for one in scene.cell)}"
+            )
         if scene.points is not None:
             lines += _errors(scene)
         return lines + [f"Note: {note}" for note in scene.notes]

@@ -20,6 +20,7 @@ function extent(everything) { // the points that have to be inside the picture
     for (const place of tip_targets) add(place);
     if (data.cube) add(new THREE.Vector3(...data.cube.centre), data.cube.edge / 2);
   }
+  for (const item of data.cell) if (!item.on_tip) add(new THREE.Vector3(...item.place));
   for (const item of data.features) add(new THREE.Vector3(...item.place));
   if (everything) {
     if (data.tracker) {

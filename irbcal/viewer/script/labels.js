@@ -9,6 +9,10 @@ if (data.tracker) label("laser tracker", tracker.clone().add(new THREE.Vector3(0
 for (const item of data.references) label(item.name, new THREE.Vector3(...item.place).add(new THREE.Vector3(0, 0, 0.06)), "references");
 for (const item of data.features)
   label(item.label, new THREE.Vector3(...item.place).add(new THREE.Vector3(0, 0, item.kind === "distance" ? 0 : 0.012 * data.reach)), "features");
+for (const item of data.cell) {
+  label(item.label, new THREE.Vector3(...item.place), "cell");
+  if (item.on_tip) labels[labels.length - 1].in_tip = new THREE.Vector3(...item.place);
+}
 if (data.cube) {
   const edge = data.cube.edge;
   label(`ISO 9283 cube, ${number(1e3 * edge, 0)} mm`, new THREE.Vector3(...data.cube.centre).add(new THREE.Vector3(0, 0, edge / 2)), "cube");

@@ -32,6 +32,7 @@ const LAYERS = [
   ["sight", "lines of sight", data.tracker, [["sight"]], "#d6002f", !measured],
   ["references", "reference points", data.references.length > 0, [["references"]], "#0b7a75", true],
   ["features", "features", data.features.length > 0, [["features"]], "#c98a1b", true],
+  ["cell", "tools and work objects", data.cell.length > 0, [["cell"]], "linear-gradient(90deg, #d62728 33%, #2ca02c 33% 66%, #1f5fd6 66%)", true],
   ["cube", "ISO 9283 cube", !!data.cube, [["cube"]], "#7a4fa3", !measured],
   ["floor", "floor of the base", true, [["floor"]], "var(--grid)", true],
   ["labels", "labels", labels.length > 0, [], "transparent", true],

@@ -17,6 +17,8 @@ function move_robot(q, theta) {
     set_links("ghost", ghost);
   }
   state.tip = matrices[data.robot.tip];
+  for (const one of labels) if (one.in_tip) one.place.copy(one.in_tip).applyMatrix4(state.tip);
+  if (data.cell.length) viewer.handle_command({ type: "set_transform", path: "/irbcal/cell/tools", matrix: state.tip.toArray() });
   tip_targets = target_places.map((place) => place.clone().applyMatrix4(state.tip));
   const seen = points && poses.count ? rows_of[state.pose].map((row) => points.target[row]) : data.targets.map((_, k) => k);
   body.shown.count = seen.length;
