@@ -37,18 +37,18 @@ gc.set_threshold(300000, 20, 100)
 LONG = (
     "test_pages.py",
     "test_style.py",
+    "test_any_robot.py",
     "test_fuzz.py",
+    "test_auto.py",
     "test_evidence.py",
     "test_adversaries.py",
-    "test_auto.py",
-    "test_data_entry_errors.py",
-    "test_any_robot.py",
-    "test_cli.py",
+    "test_evidence_fit.py",
+    "test_chapter_7.py",
+    "test_loads.py",
     "test_browser.py",
     "test_docs.py",
     "test_axis_calibration.py",
     "test_parallel.py",
-    "test_loads.py",
 )
 """Files that take longest."""
 
