@@ -1,12 +1,15 @@
 """Gravity's levers against hand calculation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support import arm
 from term_cases import assert_derivatives, rail, some_joints, two_links, values_of
 
+from irbcal.modeling import frames
 from irbcal.modeling.terms import families
-from irbcal.modeling.terms.gravity import FAMILY, independent_levers
+from irbcal.modeling.terms.gravity import FAMILY, Gravity, independent_levers
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY, Payload
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Term
@@ -62,6 +65,22 @@ def test_gravity_about_another_direction():
     term = FAMILY.terms(model)[:2]
     here = Situation(model, Motion(np.zeros((2, 2))), gravity=(0.0, -1.0, 0.0))
     np.testing.assert_allclose(basis_values(term, here), 0.0, atol=1e-15)  # gravity along the axes
+
+
+@pytest.mark.parametrize("part", ["alpha", "beta", "theta", "prismatic", "T_base_0"])
+def test_levers_are_those_of_the_arm_at_hand(part):
+    """Not those of an arm that turns otherwise, which are known already."""
+    model = arm("irb120")
+    terms, motion = FAMILY.terms(model), Motion(model.random_joints(5, 1))
+    basis_values(terms, Situation(model, motion))
+    if part == "T_base_0":
+        other = replace(model, T_base_0=model.T_base_0 @ frames.transform(frames.rot_x(0.3)))
+    else:
+        column = getattr(model.table, part)
+        changed = np.arange(6) == 2 if part == "prismatic" else column + 0.1
+        other = model.with_table(replace(model.table, **{part: changed}))
+    there = Situation(other, motion)
+    np.testing.assert_allclose(basis_values(terms, there), Gravity().values(terms, there), rtol=0, atol=1e-12)
 
 
 def test_gravity_of_a_mass_by_hand():
