@@ -33,6 +33,13 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
     return points
 
 
+def _joints(text: str, option: str) -> list[int]:
+    try:
+        return [int(joint) for joint in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"expected numbers of joints such as 3,5, found {text!r}", param_hint=option) from None
+
+
 @command(
     "evaluate",
     arguments=("calibration", "measurements"),
@@ -41,11 +48,12 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
         "tolerance": MM,
         "tracker_u95": MM,
         "info": Typed(list[str], "KEY=VALUE", _pairs),
+        "refit_zeros": Typed(str, "JOINT,JOINT,…", _joints),
         "frame_points": Typed(str, "POSE/TARGET,…", _frame_points),
     },
     flags={"tracker_u95": "--tracker-u95-mm"},
     panels={
-        "Everyday": ("tolerance", "report", "intervals", "refit_base", "refit_tool", "verbose", "json"),
+        "Everyday": ("tolerance", "report", "intervals", "refit_base", "refit_tool", "refit_zeros", "verbose", "json"),
         "Measurements": ("payload", "same_tool", "include_fitted", "sphere", "tracker_u95"),
         "Certificate": ("info", "figures", "data", "rule", "region_only"),
     },

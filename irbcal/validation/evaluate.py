@@ -57,6 +57,7 @@ def evaluate(
     refit_base: bool = False,
     refit_tool: bool = False,
     refit_from: int | None = None,
+    refit_zeros: Sequence[int] = (),
     intervals: bool = False,
     include_fitted: bool = False,
     relative: Literal["virtual", "three-points"] | None = None,
@@ -89,6 +90,9 @@ def evaluate(
     refit_from : int, optional
         Poses from which base and tool are placed anew; they are not judged. By default half of them with
         ``refit_tool``; with ``refit_base`` alone all poses, which are judged, too.
+    refit_zeros : sequence of int
+        Joints, from 1, whose zeros were lost (a crash, another motor): they are found with what is placed anew, all
+        else of the robot stays, and a note tells them with their intervals.
     intervals : bool
         Add bootstrap intervals, see `irbcal.validation.bootstrap`, and by target how many measured coordinates lie
         within the predicted 95 % intervals, see `irbcal.modeling.robot.Robot.predict`.
@@ -147,7 +151,9 @@ def evaluate(
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
     judged_by, stated = check_options(tolerance, rule, tracker_u95, region_only), checked_info(info)
     measurements = carrying(table.read(measurements), payload)
-    refit = Refit(refit_base, refit_tool, refit_from, seed)
+    refit = Refit(
+        refit_base, refit_tool, refit_from, seed, _joints(refit_zeros, len(record.arm(calibrated=False).joint_names))
+    )
     cleaned, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
     cleaned = without_fitted(cleaned.without_copies(), record, include_fitted)
     against = doubts_of(cleaned.points, robots["calibrated"], record)
@@ -225,6 +231,15 @@ def evaluate(
     )
 
 
+def _joints(joints: Sequence[int], count: int) -> tuple[int, ...]:
+    """Joints from the caller."""
+    for joint in joints:
+        number("refit_zeros", joint, 1, count, whole=True)
+    if len(set(joints)) < len(joints):
+        raise OptionError("refit_zeros: a joint is named twice", parameter="refit_zeros")
+    return tuple(joints)
+
+
 def in_frame_of_calibration(
     calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NOTHING, same_tool: bool = False
 ) -> tuple[CleanedPoints, dict[str, Robot]]:
@@ -269,7 +284,10 @@ def in_frame_of_calibration(
     points, notes = with_last_moves(robots["calibrated"], cleaned.points)
     cleaned = replace(cleaned, points=points, notes=(*cleaned.notes, *notes))
     if points.previous is None:
-        robots = placed(replace(placing, previous=None))
+        placing = replace(placing, previous=None)
+        robots = placed(placing)
+    zeros = refit.zeros_in_words(record.robot_calibrated(), robots["calibrated"], placing)
+    cleaned = replace(cleaned, notes=(*zeros, *cleaned.notes))
     if not judged[chosen].any():
         cleaned = replace(cleaned, notes=(*cleaned.notes, _placed_in_words(refit, placing.poses, points.poses)))
     error = distances(robots["calibrated"], cleaned.points)

@@ -1,12 +1,13 @@
-"""Base and tool placed anew before a calibration is judged: the robot is the calibration's, where it stands is not.
+"""Base and tool placed anew before a calibration is judged, and zeros of joints that were lost.
 
 Reflectors that were mounted anew, or a tracker or base that was moved, say nothing about the robot. The poses that
-place them anew must not judge them: they are set aside, and the others are judged.
+place them anew must not judge them: they are set aside, and the others are judged. After a crash or a change of a motor
+the zeros of some joints are others, and all else of the robot is as it was calibrated: few poses tell them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.options import number
+from irbcal.units import DEG, MM
 
 HALF = 0.5
 """Share of the poses that place a tool anew unless a number is given."""
@@ -24,6 +26,8 @@ HALF = 0.5
 STEPS = 20
 SMALL = 1e-12
 """Last step of the iteration, metres and radians."""
+STEP = 1e-6
+"""Of the zero of a joint for its derivative, radians or metres."""
 SEEN = 1e-9
 """Ratio of eigenvalues below which poses do not determine base and tool."""
 
@@ -40,27 +44,32 @@ class Refit:
         placed anew; with the base alone all poses, which are judged, too.
     seed : int
         Of the choice of these poses.
+    zeros : tuple of int
+        Joints, from 1, whose zeros are found, too.
     """
 
     base: bool = False
     tool: bool = False
     poses: int | None = None
     seed: int = 0
+    zeros: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.poses is not None:
             number("refit_from", self.poses, 3, whole=True)
-            if not (self.base or self.tool):
-                raise OptionError("refit_from: say what to place anew: refit_base, refit_tool", parameter="refit_from")
+            if not self:
+                message = "refit_from: say what to place anew: refit_base, refit_tool, refit_zeros"
+                raise OptionError(message, parameter="refit_from")
         lock(self)
 
     def __bool__(self) -> bool:
-        return self.base or self.tool
+        return self.base or self.tool or bool(self.zeros)
 
     @property
     def what(self) -> str:
         """In words."""
-        return " and ".join(word for word, refitted in (("base", self.base), ("tool", self.tool)) if refitted)
+        words = [word for word, refitted in (("base", self.base), ("tool", self.tool)) if refitted]
+        return " and ".join([*words, *(f"zero of joint {joint}" for joint in self.zeros)])
 
     def chosen(self, points: PointSet, source: str) -> tuple[BoolArray, BoolArray]:
         """Which poses place base and tool, and which are judged, (n,) each.
@@ -85,7 +94,7 @@ class Refit:
         return drawn[index], ~drawn[index]
 
     def placed(self, robot: Robot, points: PointSet, source: str) -> Robot:
-        """The robot with base and tool where points say; the robot itself is not touched.
+        """The robot with base, tool and zeros as points say; all else of the robot is not touched.
 
         Parameters
         ----------
@@ -107,18 +116,25 @@ class Refit:
         names = points.target_names
         R, p = _tips(robot, points)
         base = robot.T_world_base
-        if self.base and self.tool:
+        if self.base and (self.tool or self.zeros):
             base = _start(R, p, points, source)
         local = np.array([robot.targets.get(name, np.zeros(3)) for name in names])
         for _ in range(STEPS):
-            step = self._step(base, local, R, p, points, source)
+            free, A, miss = self._equations(robot, base, local, R, p, points)
+            self._check(A, points, source)
+            step = np.zeros(len(free))
+            step[free] = np.linalg.lstsq(A, miss, rcond=None)[0]
             if self.base:
                 base = base @ frames.transform(frames.rotation_from_vector(step[:3]), step[3:6])
-            local = local + step[6:].reshape(-1, 3)
+            local = local + step[6 : 6 + local.size].reshape(-1, 3)
+            if self.zeros:
+                robot = _turned(robot, self.zeros, step[6 + local.size :])
+                R, p = _tips(robot, points)
             if np.abs(step).max() < SMALL:
                 break
+        robot = robot.replace(T_world_base=base)
         if not self.tool:
-            return robot.replace(T_world_base=base)
+            return robot
         rotations = {}
         if points.rotation is not None:
             for k, name in enumerate(names):
@@ -127,34 +143,75 @@ class Refit:
                     R_base = base[:3, :3].T @ points.rotation[mask]
                     rotations[name] = frames.nearest_rotation((R[mask].transpose(0, 2, 1) @ R_base).mean(axis=0))
         targets = dict(zip(names, local, strict=True))
-        return robot.replace(T_world_base=base, targets=targets, target_rotations=rotations)
+        return robot.replace(targets=targets, target_rotations=rotations)
 
-    def _step(
-        self, base: FloatArray, local: FloatArray, R: FloatArray, p: FloatArray, points: PointSet, source: str
-    ) -> FloatArray:
-        """Gauss-Newton step: turn and shift of the base in the base link, then of each target in the tip link."""
+    def zeros_in_words(self, robot: Robot, placed: Robot, points: PointSet) -> list[str]:
+        """How far the zeros of a placed robot are from those of the robot before, with 95 % intervals.
+
+        The points of a pose share the error of the robot there, so that they count as one.
+        """
+        from scipy.stats import t
+
+        local = np.array([placed.targets[name] for name in points.target_names])
+        _, A, miss = self._equations(placed, placed.T_world_base, local, *_tips(placed, points), points)
+        freedom = 3 * points.poses - A.shape[1]
+        if not self.zeros or freedom < 1:
+            return [f"{points.poses} poses are too few to tell how certain the zeros are"] * bool(self.zeros)
+        covariance = np.linalg.inv(A.T @ A) * (miss @ miss) / freedom
+        u95 = t.ppf(0.975, freedom) * np.sqrt(np.diagonal(covariance)[-len(self.zeros) :])
+        out = []
+        for joint, half in zip(self.zeros, u95, strict=True):
+            table, slides = placed.arm.table, bool(placed.arm.table.prismatic[joint - 1])
+            column, unit, name = ("d", MM, "mm") if slides else ("theta", DEG, "degrees")
+            moved = (getattr(table, column) - getattr(robot.arm.table, column))[joint - 1] / unit
+            out.append(
+                f"Joint {joint} stands {moved:+.4f} ± {half / unit:.4f} {name} (95 %) beside what it shows: let it "
+                f"show {moved:+.4f} {name} more there (mastering), then the calibration holds again"
+            )
+        return out
+
+    def _equations(
+        self, robot: Robot, base: FloatArray, local: FloatArray, R: FloatArray, p: FloatArray, points: PointSet
+    ) -> tuple[BoolArray, FloatArray, FloatArray]:
+        """Which unknowns are free, the derivative by these, and what is missed, in the base link.
+
+        Unknowns: turn and shift of the base in the base link, each target in the tip link, zeros.
+        """
         at = p + np.einsum("mij,mj->mi", R, local[points.target])
         T = frames.inverse(base)
         miss = points.xyz @ T[:3, :3].T + T[:3, 3] - at
-        m, count = len(points), 6 + 3 * len(local)
+        m, count = len(points), 6 + 3 * len(local) + len(self.zeros)
         J = np.zeros((m, 3, count))
         J[:, :, :3] = -_cross(at)
         J[:, :, 3:6] = np.eye(3)
         for k in range(len(local)):
             mask = points.target == k
             J[mask, :, 6 + 3 * k : 9 + 3 * k] = R[mask]
-        free = np.r_[np.full(6, self.base), np.full(count - 6, self.tool)]
-        A = J.reshape(-1, count)[:, free]
+        for k, joint in enumerate(self.zeros, 6 + 3 * len(local)):
+            R_off, p_off = _tips(_turned(robot, (joint,), np.array([STEP])), points)
+            J[:, :, k] = (p_off + np.einsum("mij,mj->mi", R_off, local[points.target]) - at) / STEP
+        free = np.r_[np.full(6, self.base), np.full(3 * len(local), self.tool), np.full(len(self.zeros), True)]
+        return free, J.reshape(-1, count)[:, free], miss.ravel()
+
+    def _check(self, A: FloatArray, points: PointSet, source: str) -> None:
+        """Refuse equations that do not determine their unknowns."""
         values = np.linalg.eigvalsh(A.T @ A)
-        if 3 * m < free.sum() or values[0] < SEEN * values[-1]:
+        if len(A) < A.shape[1] or values[0] < SEEN * values[-1]:
+            more = "; the first joint's zero cannot be told from a base placed anew, nor the last joint's from a tool"
             raise MeasurementError(
                 f"{points.poses} poses do not determine the {self.what}: give more, which turn the tool about two "
-                "directions",
+                f"directions{more if self.zeros else ''}",
                 file=source,
             )
-        step = np.zeros(count)
-        step[free] = np.linalg.solve(A.T @ A, A.T @ miss.ravel())
-        return step
+
+
+def _turned(robot: Robot, joints: tuple[int, ...], by: FloatArray) -> Robot:
+    """The robot with zeros of joints (from 1) moved, radians (metres)."""
+    table = robot.arm.table
+    values = {"theta": np.array(table.theta), "d": np.array(table.d)}
+    for joint, amount in zip(joints, by, strict=True):
+        values["d" if table.prismatic[joint - 1] else "theta"][joint - 1] += amount
+    return robot.replace(arm=robot.arm.with_table(replace(table, **values)))
 
 
 def _cross(p: FloatArray) -> FloatArray:
