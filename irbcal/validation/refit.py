@@ -208,10 +208,10 @@ class Refit:
 def _turned(robot: Robot, joints: tuple[int, ...], by: FloatArray) -> Robot:
     """The robot with zeros of joints (from 1) moved, radians (metres)."""
     table = robot.arm.table
-    values = {"theta": np.array(table.theta), "d": np.array(table.d)}
+    theta, d = np.array(table.theta), np.array(table.d)
     for joint, amount in zip(joints, by, strict=True):
-        values["d" if table.prismatic[joint - 1] else "theta"][joint - 1] += amount
-    return robot.replace(arm=robot.arm.with_table(replace(table, **values)))
+        (d if table.prismatic[joint - 1] else theta)[joint - 1] += amount
+    return robot.replace(arm=robot.arm.with_table(replace(table, theta=theta, d=d)))
 
 
 def _cross(p: FloatArray) -> FloatArray:
