@@ -123,6 +123,7 @@ SHORT_SERIES = (
     "test_pages.py",
     "test_sessions.py",
     "test_walk.py",
+    "viewer/test_building.py",
 )
 
 

@@ -32,9 +32,6 @@ ELSEWHERE = {
 }
 """Lines that take long or are the beginning of all, and where they are run."""
 
-QUICKLY = ("fanuc", "kawasaki", "staubli", "universal", "yaskawa")
-"""Robots whose calibration serves to correct a program only: level 26 does as well as what the page prints."""
-
 EXAMPLES = {"calibration-auto": "tests/test_loads.py", "error-model": "tests/test_error_model.py"}
 """Pages whose ``python`` block is run together with what it is said to print, and where."""
 
@@ -92,8 +89,6 @@ def run(line, page):
 
 def run_one(line, page, given):
     words = [word for part in shlex.split(line)[1:] for word in (sorted(glob.glob(part)) if "*" in part else [part])]
-    if words[0] == "calibrate" and words[1].removesuffix("/measured.csv") in QUICKLY:
-        words += ["--model", "26"]
     if words[0] == "view" and "--html" not in words:
         words += ["--html", "served.html"]
     done = CliRunner().invoke(app, words, input=given, prog_name="irbcal")
