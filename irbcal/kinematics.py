@@ -278,12 +278,12 @@ def _joints(q: JointsLike, arm: Arm) -> tuple[FloatArray, pd.DataFrame | None]:
     """Joints, and the table that they stand in."""
     import pandas as pd
 
-    from irbcal.measurement import lists
+    from irbcal.measurement.columns import InputTable
     from irbcal.measurement.table import MeasurementSet
 
     if isinstance(q, (str, PathLike, pd.DataFrame)):
-        values, cells = lists.joints_with_cells(q, arm.joint_columns)
-        return arm.from_controller(values), cells
+        table = InputTable.read(q, arm.joint_columns, stdin=True)
+        return arm.from_controller(table.joints(arm.joint_columns)), table.cells
     if isinstance(q, MeasurementSet):
         return q.of_arm(arm).joints(), None
     checked = arm.check_joints(q.joints if isinstance(q, InverseJoints) else q)
@@ -297,10 +297,11 @@ def _poses(T_base_tip: PosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
     """Poses, and the table that they stand in."""
     import pandas as pd
 
-    from irbcal.measurement import lists
+    from irbcal.measurement.columns import POSITION, QUATERNION, InputTable
 
     if isinstance(T_base_tip, (str, PathLike, pd.DataFrame)):
-        return lists.poses_with_cells(T_base_tip)
+        table = InputTable.read(T_base_tip, [*POSITION, *QUATERNION], stdin=True)
+        return table.poses(), table.cells
     try:
         T = np.asarray(T_base_tip.T_base_tip if isinstance(T_base_tip, ForwardResult) else T_base_tip, dtype=float)
     except (TypeError, ValueError):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from irbcal.errors import IrbcalError
 
@@ -129,3 +129,8 @@ def without_formulas(table: pd.DataFrame) -> pd.DataFrame:
             out = table.copy() if out is table else out
             out.isetitem(k, column.map(lambda value: cell(value) if isinstance(value, str) else value))
     return out
+
+
+def csv_bytes(table: pd.DataFrame, **options: Any) -> bytes:
+    """A table as a CSV file for people, without formulas; options are those of ``DataFrame.to_csv``."""
+    return without_formulas(table).to_csv(index=False, lineterminator="\n", **options).encode("utf-8")

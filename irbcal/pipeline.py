@@ -72,22 +72,19 @@ from irbcal.io.schema import (
     texts,
 )
 from irbcal.io.urdf import UrdfArm
-from irbcal.measurement import cleaning, fitted, lists, near, table, tools
+from irbcal.measurement import cleaning, repeats, table, tools
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.cleaning import Exclusion
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import TableLike, read_targets
 from irbcal.measurement.features import FeatureSet
-from irbcal.measurement.last_moves import last_moves
+from irbcal.measurement.last_moves import last_moves, with_last_moves
 from irbcal.measurement.motions import motion_of, times_of
-from irbcal.measurement.order import with_last_moves
-from irbcal.measurement.own_tables import shared
-from irbcal.measurement.places import notes as repeat_notes
-from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses
 from irbcal.measurement.reading_lag import mixed_use
+from irbcal.measurement.repeats import repeat_groups, repeat_notes
 from irbcal.measurement.sessions import into_one_frame
-from irbcal.measurement.table import MeasurementSet, MeasurementsLike
+from irbcal.measurement.table import MeasurementSet, MeasurementsLike, shared_table
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
@@ -448,7 +445,7 @@ def read(measurements: MeasurementsLike, robot: str | Path | None, options: Opti
     nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling)
     if earlier is not None:
         earlier.check(nominal.arm)
-    targets = lists.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
+    targets = read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
     points = table.read(measurements).of_arm(nominal.arm)
     file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
@@ -567,14 +564,15 @@ def _of_last_session(heldout: PointSet, points: PointSet) -> PointSet:
 
 def _not_fitted(heldout: PointSet, points: PointSet, prismatic: BoolArray, source: str) -> tuple[PointSet, list[str]]:
     """Poses for the proof without those that are fitted."""
-    repeated = fitted.poses_of(heldout, points, prismatic)
+    repeated = repeats.near_fitted(heldout, points, prismatic)
     count, n = int(repeated.sum()), heldout.poses
     if not count:
         return heldout, []
     if count == n:
         raise MeasurementError(
-            f"all {n} poses are at joints that are fitted (within {fitted.NEAR[0] / DEG:g} degrees, up to full turns), "
-            "so they prove nothing: measure other poses, or leave verify away and hold some of the measurements out",
+            f"all {n} poses are at joints that are fitted (within {repeats.NEAR[0] / DEG:g} degrees, up to full "
+            "turns), so they prove nothing: measure other poses, or leave verify away and hold some of the "
+            "measurements out",
             file=source,
         )
     return heldout.select(~repeated).with_seen_targets(), [
@@ -594,7 +592,7 @@ def split(cleaned: CleanInputs) -> SplitInputs:
         if not by_axes:
             new = np.arange(points.poses) >= (0 if cleaned.earlier is None else cleaned.earlier.poses)
             of_new = held_out(points.select(new), options.share, options.split, options.seed)
-            position = places(points)
+            position = repeat_groups(points)
             fit = ~np.isin(position, position[new][of_new])
         heldout, heldout_motion = points.select(~fit), motion.select(~fit)
     return _next(
@@ -609,7 +607,7 @@ def split(cleaned: CleanInputs) -> SplitInputs:
 
 
 def held_out(points: PointSet, holdout: float, order: str = "random", seed: int = 0) -> BoolArray:
-    """Which poses are held out: places, each with all its repeats (`irbcal.measurement.places.places`).
+    """Which poses are held out: places, each with all its repeats (`irbcal.measurement.repeats.repeat_groups`).
 
     Parameters
     ----------
@@ -633,7 +631,7 @@ def held_out(points: PointSet, holdout: float, order: str = "random", seed: int 
         If the order is another one.
     """
     checked("split", order, SPLITS)
-    position = places(points)
+    position = repeat_groups(points)
     n = int(position.max(initial=-1)) + 1
     count = round(holdout * n) if holdout < 1 else int(holdout)
     if holdout < 0 or count >= n:
@@ -1212,13 +1210,13 @@ def _pose_table(done: Proven) -> PoseTable:
 
 def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:
     """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints), of each set."""
-    table = shared(measurements)
+    table = shared_table(measurements)
     first = table.groupby("pose_index", sort=True)[[name for name in ("pose", "group") if name in table]].first()
     groups = first["group"].to_numpy(dtype=object) if "group" in first else None
     q = measurements.joints()
     sign = np.sign(np.nan_to_num(last_moves(q, groups)))
     names = first["pose"].astype(str).to_numpy()
-    rows, *numbers = near.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))
+    rows, *numbers = repeats.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))
     size = 1 + max(numbers_.max(initial=-1) for numbers_ in (rows, *numbers))
     # of poses with the same name and joints it is not known which one this is
     has_sign, sign_of = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))

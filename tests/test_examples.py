@@ -24,7 +24,6 @@ from irbcal.examples.measurements import (
     MOVED,
     READING_NOISE_MM,
     SCALE_BAR_MM,
-    csv,
     example_cell,
     measured_table,
     one_joint_moves,
@@ -33,6 +32,7 @@ from irbcal.examples.measurements import (
 from irbcal.examples.samples import samples
 from irbcal.measurement.imports import map_file
 from irbcal.modeling.robot import Robot
+from irbcal.names import csv_bytes
 
 
 @pytest.fixture(scope="session")
@@ -87,8 +87,8 @@ def test_the_command(tmp_path):
 
 def test_csv_has_line_feeds_and_no_formulas():
     table = pd.DataFrame({"name": ["=1+1", "smr1"], "x": [1.5, 2.0]})
-    assert csv(table) == b"name,x\n'=1+1,1.5\nsmr1,2.0\n"
-    assert csv(table[["x"]], sep=";", decimal=",") == b"x\n1,5\n2,0\n"
+    assert csv_bytes(table) == b"name,x\n'=1+1,1.5\nsmr1,2.0\n"
+    assert csv_bytes(table[["x"]], sep=";", decimal=",") == b"x\n1,5\n2,0\n"
 
 
 def places(table):

@@ -12,7 +12,7 @@ import irbcal
 from irbcal import names
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.io import robots
-from irbcal.measurement import lists
+from irbcal.measurement.columns import read_targets
 
 LINE_BREAKS = ["\n", "\r", "\x0b", "\x0c", "\x1c", "\x85", "\u2028", "\u2029", "\x9b", "\x1b", "\u202e", "\x00"]
 
@@ -65,7 +65,7 @@ def test_a_table_is_neutralised_where_it_must_be():
 def test_a_list_of_targets_reads_back_what_was_neutralised(tmp_path):
     file = tmp_path / "targets.csv"
     file.write_text("target,x_mm,y_mm,z_mm\n'=a,1,2,3\n")
-    assert list(lists.read_targets(file)) == ["=a"]
+    assert list(read_targets(file)) == ["=a"]
 
 
 @pytest.mark.parametrize("name", ["a\x85MoveJ", '"a\nMoveJ"'])
@@ -73,7 +73,7 @@ def test_a_list_of_targets_with_a_line_break_is_refused(tmp_path, name):
     file = tmp_path / "targets.csv"
     file.write_text(f"target,x_mm,y_mm,z_mm\n{name},1,2,3\n", encoding="utf-8", newline="")
     with pytest.raises(Exception, match="row 2, column target: expected a name of printable characters"):
-        lists.read_targets(file)
+        read_targets(file)
 
 
 def test_a_file_name_with_a_line_break_is_refused_before_the_fit(tmp_path):

@@ -37,8 +37,7 @@ from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import BASE, FRAME, FeatureProblem, FeatureState, Missed
 from irbcal.identification.observation_kind import with_third
 from irbcal.io.opening import CalibrationLike, open_calibration
-from irbcal.measurement import columns
-from irbcal.measurement.columns import POSITION, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
@@ -378,56 +377,40 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
     if isinstance(table, pd.DataFrame) and "tool" in table.columns:
         # pandas reads numbers beside empty cells as 3.0
         table = table.assign(tool=table["tool"].convert_dtypes())
-    cells, source, _ = columns.read(table, ["frame", "name", "point", *joints])
     known = (*TEXT, *joints, *POSITION, "u95_mm", "kind", "radius_mm", *TRACKER)
-    strange = [str(name) for name in cells.columns if name not in known]
-    if strange:
-        raise MeasurementError(
-            f"there is a column {strange[0]}: touches have the columns {', '.join(known)}",
-            file=source,
-            row=columns.header_row(source),
-        )
-    lengths = (*POSITION, "u95_mm", "radius_mm", *TRACKER)
-    values = pd.DataFrame(
-        {name: columns.numbers(cells, name, source, lost=True) if name in cells else np.nan for name in lengths},
-        index=range(len(cells)),
-    )
-    at_rest = values[TRACKER].notna().all(axis=1).to_numpy() & (cells["frame"] == WORK_OBJECT).to_numpy()
-    at_rest &= cells[joints].astype(str).apply(lambda column: column.str.strip() == "").all(axis=1).to_numpy()
+    rows = InputTable.read(table, ["frame", "name", "point", *joints], known)
+    positions, tracked = (np.column_stack([rows.optional(name) for name in names]) for names in (POSITION, TRACKER))
+    u95s, radii, texts = rows.optional("u95_mm"), rows.optional("radius_mm"), [rows.filled(name) for name in TEXT[:3]]
+    tools, kinds = rows.texts("tool"), rows.texts("kind")
+    at_rest = np.isfinite(tracked).all(axis=1) & (texts[0] == WORK_OBJECT)
+    at_rest &= rows.cells[joints].astype(str).apply(lambda column: column.str.strip() == "").all(axis=1).to_numpy()
+    cells = rows.cells.copy()
     cells.loc[at_rest, joints] = "0"
-    q = arm.from_controller(columns.in_si(cells, joints, source))
-    texts = [columns.names(cells, name, source) for name in TEXT[:3]]
-    optional = {}
-    for name in ("tool", "kind"):
-        optional[name] = cells[name].astype(str).str.strip() if name in cells else pd.Series("", index=cells.index)
-        if optional[name].ne("").any():
-            columns.names(cells[optional[name].ne("")], name, source)
+    q = arm.from_controller(InputTable(cells, rows.source).si(joints))
     touches = []
     for k, (frame, name, point) in enumerate(zip(*texts, strict=True)):
-        row, tool, kind = int(cells.index[k]), optional["tool"].iloc[k], optional["kind"].iloc[k] or "point"
-        xyz, tracker = (values.loc[k, list(names)].to_numpy(dtype=float) for names in (POSITION, TRACKER))
-        counts = int(pd.notna(xyz).sum()), int(pd.notna(tracker).sum())
-        radius, u95 = float(values.loc[k, "radius_mm"]), float(values.loc[k, "u95_mm"])
+        tool, kind = tools[k], kinds[k] or "point"
+        counts = int(np.isfinite(positions[k]).sum()), int(np.isfinite(tracked[k]).sum())
         point = point[1:] if frame == TOOL and point == "+x" else point
         fault = _fault(frame, name, point, tool, kind, counts, bool(at_rest[k]))
         if fault is not None:
-            raise MeasurementError(fault[1], file=source, row=row, column=fault[0])
+            raise rows.fault(fault[1], k, fault[0])
         touches.append(
             Touch(
-                row,
+                int(rows.rows[k]),
                 frame,
                 name,
                 point,
                 name if frame == TOOL else tool,
                 q[k],
-                (U95_BY_TRACKER if counts[1] else U95_BY_EYE) if np.isnan(u95) else u95 * MM,
-                xyz * MM if counts[0] else None,
+                (U95_BY_TRACKER if counts[1] else U95_BY_EYE) if np.isnan(u95s[k]) else float(u95s[k]),
+                positions[k] if counts[0] else None,
                 kind=kind,
-                radius=None if np.isnan(radius) else radius * MM,
-                tracker=tracker * MM if counts[1] else None,
+                radius=None if np.isnan(radii[k]) else float(radii[k]),
+                tracker=tracked[k] if counts[1] else None,
             )
         )
-    return touches, source
+    return touches, rows.source
 
 
 def _fault(

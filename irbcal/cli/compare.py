@@ -27,13 +27,13 @@ def compare(
 ) -> None:
     """Compare calibrations of one robot pose by pose: which is better, and whether that is beyond chance."""
     from irbcal.atomic import made_folders, write_set
-    from irbcal.names import without_formulas
+    from irbcal.names import csv_bytes
 
     with made_folders(*(path for path in (plots, *(file.parent for file in (csv, latex) if file)) if path)):
         result = public("compare")(**options)
         written: dict[Path, bytes] = {}
         if csv is not None:
-            written[csv] = without_formulas(result.to_frame()).to_csv(index=False, float_format="%.6f").encode()
+            written[csv] = csv_bytes(result.to_frame(), float_format="%.6f")
         if latex is not None:
             written[latex] = result.latex().encode()
         if plots is not None:

@@ -45,7 +45,7 @@ from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.options import number, pulses_per_degree
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
@@ -269,8 +269,7 @@ def _written(filtered: Filtered, out: str | Path | None, changes: str | Path | N
     """Write what was asked for, all or nothing."""
     contents: dict[Path, bytes] = {}
     if changes is not None:
-        table = without_formulas(filtered.to_frame()).to_csv(index=False, float_format="%.6f")
-        contents[Path(changes)] = table.encode("utf-8")
+        contents[Path(changes)] = csv_bytes(filtered.to_frame(), float_format="%.6f")
     if out is not None:
         targets_of_files = _places(Path(out), filtered.files, folder)
         refuse_overwriting({"out": [*targets_of_files], "changes": changes}, [*filtered.files])

@@ -24,10 +24,9 @@ from irbcal.correction.corrected_targets import meant_joints
 from irbcal.correction.filter import OpenedPrograms, read_programs
 from irbcal.correction.program import refuse_filtered
 from irbcal.correction.text_program import TextProgram
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import OptionError
 from irbcal.io.opening import CalibrationLike
-from irbcal.measurement import columns
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import InputTable, TableLike, joint_units
 
 LISTED = 6
 """Names of targets that a message lists."""
@@ -109,17 +108,18 @@ def program_touches(
     given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
     if not given:
         raise OptionError("program: expected a file, found none", parameter="program")
-    cells, source, _ = columns.read(touches, ["frame", "name", "point", "target"])
+    rows = InputTable.read(touches, ["frame", "name", "point", "target"])
+    cells = rows.cells
     opened = read_programs(calibration, given, tool, wobj, pulses, controller_model, where)
     points = _points(opened)
     names = [*opened.nominal.joint_columns]
     table = cells.drop(columns="target").assign(**{name: cells.get(name, "") for name in names})
     table["tool"] = table["tool"].astype(str) if "tool" in table else ""
     written = {name.lower(): name for name in table["name"].astype(str).str.strip()}
-    for row, text in cells["target"].astype(str).str.strip().items():
+    for k, (row, text) in enumerate(zip(cells.index, rows.texts("target"), strict=True)):
         if text:
-            point = _point(points, text, given, source, int(str(row)))
-            table.loc[row, names] = (point.q / columns.joint_units(names)).astype(str)
+            point = _point(points, text, given, rows, k)
+            table.loc[row, names] = (point.q / joint_units(names)).astype(str)
             if table.loc[row, "frame"] == WORK_OBJECT and not str(table.loc[row, "tool"]).strip():
                 table.loc[row, "tool"] = written.get(point.tool, point.tool)
     ends = opened.setup.controller
@@ -170,7 +170,7 @@ def _points(opened: OpenedPrograms) -> dict[str, list[_Point]]:
 
 
 def _point(
-    points: Mapping[str, list[_Point]], name: str, programs: Sequence[str | Path], source: str, row: int
+    points: Mapping[str, list[_Point]], name: str, programs: Sequence[str | Path], rows: InputTable, row: int
 ) -> _Point:
     """The one target of a name, with joints."""
     named = points.get(name.lower(), [])
@@ -185,4 +185,4 @@ def _point(
         fault = f"the joints of {name} ({named[0].place}) are not known: {named[0].reason}"
     else:
         return named[0]
-    raise MeasurementError(fault, file=source, row=row, column="target")
+    raise rows.fault(fault, row, "target")

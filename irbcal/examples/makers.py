@@ -22,10 +22,11 @@ from irbcal.correction.languages.urscript import UNIVERSAL_ROBOTS
 from irbcal.correction.languages.val3 import STAUBLI
 from irbcal.correction.maker import Maker
 from irbcal.correction.notation import numbers_from_poses
-from irbcal.examples.measurements import ROBOT, TARGETS, Sample, csv, measured_table
+from irbcal.examples.measurements import ROBOT, TARGETS, Sample, measured_table
 from irbcal.io import robots, urdf
 from irbcal.io.controller_model import controller_frames
 from irbcal.modeling import frames
+from irbcal.names import csv_bytes
 from irbcal.simulation import weights
 from irbcal.simulation.pose_list import random_list
 from irbcal.simulation.shipped_cells import shipped_cell
@@ -241,7 +242,7 @@ def files() -> Iterator[Sample]:
         cell = shipped_cell(robot.arm, weights.bodies(robot)).with_targets(TARGETS)
         table = measured_table(cell, random_list(cell, POSES, 1))
         command = f"irbcal calibrate {arm.folder}/measured.csv --robot {name} --out {calibration}"
-        yield Sample(f"{arm.folder}/measured.csv", csv(table), f"{POSES} poses", command)
+        yield Sample(f"{arm.folder}/measured.csv", csv_bytes(table), f"{POSES} poses", command)
         yield from _programs(arm, data, robot, calibration)
 
 

@@ -16,7 +16,7 @@ from irbcal.measurement.columns import POSITION
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.simulation import weights
 from irbcal.simulation.device_simulation import simulate_device
 from irbcal.simulation.part import reached
@@ -50,11 +50,6 @@ class Sample:
     content: bytes
     about: str
     tried: str = ""
-
-
-def csv(table: pd.DataFrame, **options: object) -> bytes:
-    """A table as CSV with line feeds; options as of pandas."""
-    return without_formulas(table).to_csv(index=False, lineterminator="\n", **options).encode("utf-8")
 
 
 ROBOT = "irb1600"
@@ -127,16 +122,16 @@ def _main(cell: VirtualCell, table: pd.DataFrame) -> Iterator[Sample]:
     data = robots.robot_file(ROBOT).read_bytes()
     yield Sample("my_robot.urdf", data, "the nominal robot", "irbcal view my_robot.urdf")
     command = "irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot"
-    yield Sample("measured.csv", csv(table), f"{POSES} poses, three reflectors, three references", command)
+    yield Sample("measured.csv", csv_bytes(table), f"{POSES} poses, three reflectors, three references", command)
     other_cell = example_cell(1)
     proof = measured_table(other_cell, random_list(other_cell, VERIFICATION, 2))
-    yield Sample("verification.csv", csv(proof), "other poses", "irbcal evaluate my-robot verification.csv")
+    yield Sample("verification.csv", csv_bytes(proof), "other poses", "irbcal evaluate my-robot verification.csv")
     moves = measured_table(example_cell(3), one_joint_moves(len(cell.arm.joint_names)))
-    yield Sample("moves.csv", csv(moves), "moves of one joint, there and back", "irbcal joints moves.csv")
+    yield Sample("moves.csv", csv_bytes(moves), "moves of one joint, there and back", "irbcal joints moves.csv")
     drawn_places = pd.DataFrame(cell.tool.cad / MM, columns=list(POSITION))
     drawn_places.insert(0, "target", cell.tool.names)
     command = "irbcal circles moves.csv --robot irb1600 --drawn cad.csv"
-    yield Sample("cad.csv", csv(drawn_places), "the tool as it was drawn", command)
+    yield Sample("cad.csv", csv_bytes(drawn_places), "the tool as it was drawn", command)
 
 
 def _other_days(table: pd.DataFrame) -> Iterator[Sample]:
@@ -144,19 +139,19 @@ def _other_days(table: pd.DataFrame) -> Iterator[Sample]:
     later = example_cell(2)
     new = seen_from_elsewhere(measured_table(later, random_list(later, LATER, 3)))
     command = "irbcal calibrate new.csv --with my-robot --out my-robot-2"
-    yield Sample("new.csv", csv(new), "more poses, from another place of the tracker", command)
+    yield Sample("new.csv", csv_bytes(new), "more poses, from another place of the tracker", command)
     two_days = pd.concat([table.assign(session="Monday"), new.assign(session="Tuesday")])
     two_days["pose"] = two_days["session"].str[0] + two_days["pose"].astype(str)
     command = "irbcal calibrate two_days.csv --robot my_robot.urdf --out two-days"
-    yield Sample("two_days.csv", csv(two_days), "two sessions in one file", command)
+    yield Sample("two_days.csv", csv_bytes(two_days), "two sessions in one file", command)
     cell = open_cell(ROBOT, seed=6).without("visibility")
     names = dict(zip(cell.tool.names[3:6], TARGETS, strict=True))
     cell = cell.with_targets(tuple(names)).replace(references=example_cell().references)
     remounted = measured_table(cell, random_list(cell, LATER, 7)).replace({"target": names})
     command = "irbcal evaluate my-robot remounted.csv --refit-tool"
-    yield Sample("remounted.csv", csv(remounted), "the reflectors mounted anew", command)
+    yield Sample("remounted.csv", csv_bytes(remounted), "the reflectors mounted anew", command)
     command = "irbcal evaluate my-robot all_anew.csv --refit-base --refit-tool --refit-from 10"
-    yield Sample("all_anew.csv", csv(seen_from_elsewhere(remounted)), "reflectors and tracker anew", command)
+    yield Sample("all_anew.csv", csv_bytes(seen_from_elsewhere(remounted)), "reflectors and tracker anew", command)
 
 
 def _loads() -> Iterator[Sample]:
@@ -168,8 +163,8 @@ def _loads() -> Iterator[Sample]:
         table["pose"] = [f"L{load}_{pose}" for pose in table["pose"]]
         tables.append(table)
     command = "irbcal calibrate two_loads.csv --robot my_robot.urdf --same-tool --out two-loads"
-    yield Sample("two_loads.csv", csv(pd.concat(tables[:2])), "the same robot with 1 and with 5 kg", command)
-    yield Sample("third_load.csv", csv(tables[2]), "and with 3 kg", "irbcal evaluate two-loads third_load.csv")
+    yield Sample("two_loads.csv", csv_bytes(pd.concat(tables[:2])), "the same robot with 1 and with 5 kg", command)
+    yield Sample("third_load.csv", csv_bytes(tables[2]), "and with 3 kg", "irbcal evaluate two-loads third_load.csv")
 
 
 def _lists(cell: VirtualCell) -> Iterator[Sample]:
@@ -177,14 +172,16 @@ def _lists(cell: VirtualCell) -> Iterator[Sample]:
     arm = cell.arm
     q = np.array(PROGRAM, dtype=float)
     joints = pd.DataFrame(q, columns=arm.joint_columns)
-    yield Sample("joints.csv", csv(joints), "joints", "irbcal fk my-robot --joints joints.csv")
-    yield Sample("job.csv", csv(joints), "a program of joints", "irbcal filter my-robot job.csv --out corrected.csv")
+    yield Sample("joints.csv", csv_bytes(joints), "joints", "irbcal fk my-robot --joints joints.csv")
+    yield Sample(
+        "job.csv", csv_bytes(joints), "a program of joints", "irbcal filter my-robot job.csv --out corrected.csv"
+    )
     yield from _trajectory(arm, q[:-1] * DEG)  # the last one lies behind a singularity
     T = arm.forward(q * DEG)
     quaternions = frames.quaternion_from_matrix(T[:, :3, :3])
     numbers = np.round(np.column_stack([T[:, :3, 3] / MM, quaternions]), 9)
     poses = pd.DataFrame(numbers, columns=[*POSITION, "qw", "qx", "qy", "qz"])
-    yield Sample("poses.csv", csv(poses), "poses of the tip", "irbcal ik my-robot --poses poses.csv")
+    yield Sample("poses.csv", csv_bytes(poses), "poses of the tip", "irbcal ik my-robot --poses poses.csv")
     command = "irbcal urdf --dh table.csv --convention modified --out arm.urdf"
     yield Sample("table.csv", DH_TABLE.encode(), "Denavit-Hartenberg parameters", command)
 
@@ -208,7 +205,7 @@ def _trajectory(arm: Arm, q: FloatArray) -> Iterator[Sample]:
     command = "irbcal filter my-robot trajectory.yaml --out trajectory-sent.yaml"
     yield Sample("trajectory.yaml", ros.to_yaml(motion).encode(), "a motion as a ROS JointTrajectory", command)
     command = "irbcal filter my-robot trajectory.csv --out trajectory-sent.csv"
-    yield Sample("trajectory.csv", csv(motion.to_frame(), float_format="%.9f"), "the same motion as CSV", command)
+    yield Sample("trajectory.csv", csv_bytes(motion.to_frame(), float_format="%.9f"), "the same motion as CSV", command)
 
 
 FOREIGN_POSES = 40
@@ -230,7 +227,7 @@ def _by_joints(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> I
     rows = [(*q, *p, k) for q, points in zip(joints, xyz, strict=True) for k, p in enumerate(points, start=1)]
     columns = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z", "TCP"]
     command = "irbcal import robodk.csv --as robodk --out from_robodk.csv"
-    yield Sample("robodk.csv", csv(pd.DataFrame(rows, columns=columns)), "as RoboDK takes measurements", command)
+    yield Sample("robodk.csv", csv_bytes(pd.DataFrame(rows, columns=columns)), "as RoboDK takes measurements", command)
     points = [f"{axis}{k}" for k in range(1, len(names) + 1) for axis in "XYZ"]
     wide = pd.DataFrame(np.hstack([joints, xyz.reshape(len(joints), -1)]), columns=[*columns[:6], *points])
     mapped = ", ".join(f"{name}: [X{k}, Y{k}, Z{k}]" for k, name in enumerate(names, start=1))
@@ -238,8 +235,8 @@ def _by_joints(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> I
         "irbcal import wide.csv --as table --set 'columns.joints=[J1, J2, J3, J4, J5, J6]' "
         f"--set 'columns.position={{{mapped}}}' --set units.joints=deg --set units.lengths=mm --out from_wide.csv"
     )
-    yield Sample("wide.csv", csv(wide, sep=";"), "a row a pose, all points in it", command)
-    turned = csv(_own(joints * np.array([1, 1, -1, 1, 1, 1]), xyz, names))
+    yield Sample("wide.csv", csv_bytes(wide, sep=";"), "a row a pose, all points in it", command)
+    turned = csv_bytes(_own(joints * np.array([1, 1, -1, 1, 1, 1]), xyz, names))
     command = "irbcal import turned.csv --as irbcal --set 'joints.signs=[1, 1, -1, 1, 1, 1]' --out mended.csv"
     yield Sample("turned.csv", turned, "irbcal's own format with the sign of joint 3 turned", command)
 
@@ -258,7 +255,7 @@ def _apart(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> Itera
     """Points in files of their own, joints in another."""
     table = pd.DataFrame(joints, columns=[f"q{k}_deg" for k in range(1, 7)])
     table.insert(0, "pose", [f"P{k}" for k in range(1, len(joints) + 1)])
-    yield Sample("measured_joints.csv", csv(table), "joints of the poses measured below")
+    yield Sample("measured_joints.csv", csv_bytes(table), "joints of the poses measured below")
     lines = ["// SIMULATED points, working frame: tracker, millimetres"]
     for pose, points in zip(table["pose"], xyz, strict=True):
         lines += [f"{pose}_{name}, {x:.4f}, {y:.4f}, {z:.4f}" for name, (x, y, z) in zip(names, points, strict=True)]
@@ -272,7 +269,7 @@ def _apart(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> Itera
     for k, name in enumerate(names):
         log = pd.DataFrame(xyz[:, k], columns=["x", "y", "z"])
         tried = command + "--out from_logs.csv" if k == 0 else ""
-        yield Sample(f"{name}.csv", csv(log, sep=";", decimal=","), f"a log of {name}, a row a pose", tried)
+        yield Sample(f"{name}.csv", csv_bytes(log, sep=";", decimal=","), f"a log of {name}, a row a pose", tried)
 
 
 def _full_poses(q: FloatArray, T: FloatArray) -> Iterator[Sample]:
@@ -283,14 +280,14 @@ def _full_poses(q: FloatArray, T: FloatArray) -> Iterator[Sample]:
     numbers = np.hstack([xyz, np.round(frames.quaternion_from_matrix(T[:, :3, :3]), 9)])
     table = pd.DataFrame(numbers, columns=["X", "Y", "Z", "Q0", "Q1", "Q2", "Q3"])
     command = "irbcal import tmac.csv --as leica-tmac --joints measured_joints.csv --out from_tmac.csv"
-    yield Sample("tmac.csv", csv(table, sep=";", decimal=","), "poses of a Leica T-Mac", command)
+    yield Sample("tmac.csv", csv_bytes(table, sep=";", decimal=","), "poses of a Leica T-Mac", command)
     names = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
     angles = Rotation.from_matrix(T[:, :3, :3]).as_euler("XYZ", degrees=True)
     columns = [*(f"{name}_joint" for name in names), *(f"measurement_{c}" for c in ("x", "y", "z", "rx", "ry", "rz"))]
     table = pd.DataFrame(np.round(np.hstack([q, xyz, angles]), 9), columns=columns)
     table["measurement_temperature"] = 21.0
     command = "irbcal import export.csv --as ur10-lab --out from_lab.csv"
-    yield Sample("export.csv", csv(table, sep=";", decimal=","), "a lab's export with decimal commas", command)
+    yield Sample("export.csv", csv_bytes(table, sep=";", decimal=","), "a lab's export with decimal commas", command)
 
 
 CYCLES = 30
@@ -324,12 +321,14 @@ def _iso9283(cell: VirtualCell, rng: np.random.Generator) -> Iterator[Sample]:
     )
     table = measured_table(cell, poses)
     command = "irbcal iso9283 iso9283.csv --calibration my-robot"
-    yield Sample("iso9283.csv", csv(table), f"the five test poses, {CYCLES} cycles", command)
+    yield Sample("iso9283.csv", csv_bytes(table), f"the five test poses, {CYCLES} cycles", command)
     t = np.arange(0, 14, 0.1)
     settling = np.concatenate([_series(t, run, 0.4 * np.exp(-1.5 * t), rng) for run in (1, 2, 3)])
     columns = ["run", "time_s", *POSITION]
     command = "irbcal iso9283 iso9283.csv --calibration my-robot --approaches approaches.csv"
-    yield Sample("approaches.csv", csv(pd.DataFrame(settling, columns=columns)), "the robot coming to rest", command)
+    yield Sample(
+        "approaches.csv", csv_bytes(pd.DataFrame(settling, columns=columns)), "the robot coming to rest", command
+    )
     yield from _paths(rng)
     yield from _moves_and_forces(rng)
 
@@ -337,7 +336,7 @@ def _iso9283(cell: VirtualCell, rng: np.random.Generator) -> Iterator[Sample]:
 def _paths(rng: np.random.Generator) -> Iterator[Sample]:
     """Two legs with a corner that is rounded, run at 250 mm/s and sampled at 100 Hz; 0.1 mm beside."""
     corners = pd.DataFrame([(0.0, 0.0, 500.0), (100.0, 0.0, 500.0), (100.0, 100.0, 500.0)], columns=list(POSITION))
-    yield Sample("commanded_path.csv", csv(corners), "a path with a corner as it was commanded")
+    yield Sample("commanded_path.csv", csv_bytes(corners), "a path with a corner as it was commanded")
     s = np.arange(-10.0, 210.0, 2.5)
     x, y = np.minimum(s, 100.0), np.maximum(s - 100.0, 0.0)
     off = 2.0 * np.exp(-(((s - 100.0) / 8.0) ** 2))  # cut short at the corner
@@ -349,7 +348,7 @@ def _paths(rng: np.random.Generator) -> Iterator[Sample]:
     table = pd.DataFrame(np.round(np.vstack(tables), 4), columns=["cycle", "time_s", *POSITION])
     command = "irbcal iso9283 --path path.csv --commanded-path commanded_path.csv --velocity 250 --window 0.05"
     yield Sample(
-        "path.csv", csv(table.astype({"cycle": int}).assign(simulated="yes")), "ten cycles of that path", command
+        "path.csv", csv_bytes(table.astype({"cycle": int}).assign(simulated="yes")), "ten cycles of that path", command
     )
 
 
@@ -365,7 +364,7 @@ def _moves_and_forces(rng: np.random.Generator) -> Iterator[Sample]:
             rows += [(f"{length:g} mm", cycle, *row) for row in np.round(np.column_stack([t, xyz]), 4)]
     table = pd.DataFrame(rows, columns=["move", "cycle", "time_s", *POSITION]).assign(simulated="yes")
     command = "irbcal iso9283 --moves posing.csv --band 0.1"
-    yield Sample("posing.csv", csv(table), "moves from rest to rest", command)
+    yield Sample("posing.csv", csv_bytes(table), "moves from rest to rest", command)
     rows = []
     for k, axis in enumerate("xyz"):
         for sign in (1, -1):
@@ -394,10 +393,12 @@ def _tracker(rng: np.random.Generator) -> Iterator[Sample]:
             place = np.array([2500.0 + 30 * k, -400.0, 300.0]) + turn @ np.array([half * SCALE_BAR_MM, 0, 0])
             rows.append((k + 1, end, *np.round(place + READING_NOISE_MM * rng.standard_normal(3), 4)))
     table = pd.DataFrame(rows, columns=["position", "end", *POSITION])
-    yield Sample("bar.csv", csv(table), "a scale bar in 20 places", f"irbcal tracker bar.csv --length {SCALE_BAR_MM}")
+    yield Sample(
+        "bar.csv", csv_bytes(table), "a scale bar in 20 places", f"irbcal tracker bar.csv --length {SCALE_BAR_MM}"
+    )
     xyz = np.array([2500.0, -400.0, 300.0]) + READING_NOISE_MM * rng.standard_normal((60, 3))
     table = pd.DataFrame(np.round(xyz, 4), columns=list(POSITION))
-    yield Sample("repeat.csv", csv(table), "one point, 60 readings", "irbcal tracker repeat.csv")
+    yield Sample("repeat.csv", csv_bytes(table), "one point, 60 readings", "irbcal tracker repeat.csv")
     t = np.arange(0, 4 * 3600, 120.0)
     warmth = 21 + 1.5 * np.sin(t / 5000)
     xyz = (
@@ -406,7 +407,7 @@ def _tracker(rng: np.random.Generator) -> Iterator[Sample]:
         + READING_NOISE_MM * rng.standard_normal((len(t), 3))
     )
     table = pd.DataFrame(np.round(np.column_stack([t, xyz, warmth]), 4), columns=["time_s", *POSITION, "temperature_c"])
-    yield Sample("drift.csv", csv(table), "one point for four hours", "irbcal tracker drift.csv")
+    yield Sample("drift.csv", csv_bytes(table), "one point for four hours", "irbcal tracker drift.csv")
 
 
 def _ballbar(cell: VirtualCell, rng: np.random.Generator) -> Iterator[Sample]:
@@ -421,7 +422,7 @@ def _ballbar(cell: VirtualCell, rng: np.random.Generator) -> Iterator[Sample]:
     radius = np.linalg.norm(true - path.ball, axis=1)
     radius += BAR - radius.mean() + 5e-4 * MM * rng.standard_normal(len(s))  # its ball stands where the robot puts it
     table = pd.DataFrame({"angle_deg": s * 360, "radius_mm": np.round(radius / MM, 4)})
-    yield Sample("circle.csv", csv(table), "a ballbar's readings", "irbcal ballbar my-robot circle.csv --bar 150")
+    yield Sample("circle.csv", csv_bytes(table), "a ballbar's readings", "irbcal ballbar my-robot circle.csv --bar 150")
 
 
 def _controller(q: FloatArray, cell: VirtualCell) -> Iterator[Sample]:
@@ -433,7 +434,9 @@ def _controller(q: FloatArray, cell: VirtualCell) -> Iterator[Sample]:
     numbers = np.round(np.column_stack([q / DEG, T[:, :3, 3] / MM, wxyz]), 6)
     columns = [*(f"q{k}_deg" for k in range(1, 7)), *POSITION, "qw", "qx", "qy", "qz"]
     command = "irbcal controller reported.csv --robot my_robot.urdf --out controller.urdf"
-    yield Sample("reported.csv", csv(pd.DataFrame(numbers, columns=columns)), "what the controller shows", command)
+    yield Sample(
+        "reported.csv", csv_bytes(pd.DataFrame(numbers, columns=columns)), "what the controller shows", command
+    )
 
 
 RAIL_POSES = 60
@@ -458,7 +461,7 @@ def rail_files() -> Iterator[Sample]:
     command = (
         "irbcal calibrate rail.csv --robot cell.urdf --base-link rail_base --tip-link tool0 --out rail-calibration"
     )
-    yield Sample("rail.csv", csv(table), f"{RAIL_POSES} poses of the arm on its rail", command)
+    yield Sample("rail.csv", csv_bytes(table), f"{RAIL_POSES} poses of the arm on its rail", command)
 
 
 TOUCHED_POSES = 80
@@ -485,10 +488,10 @@ def touched_files() -> Iterator[Sample]:
     """Rows at four balls, what is known of these, and touches of a tool and a work object."""
     touched = simulate_device("irb1600", "balls", TOUCHED_POSES, seed=11)
     command = "irbcal calibrate touched.csv --features balls.csv --robot my_robot.urdf --out touched"
-    yield Sample("touched.csv", csv(touched.to_frame()), "four balls touched, no tracker", command)
-    yield Sample("balls.csv", csv(touched.features()), "what is known of the balls", command)
+    yield Sample("touched.csv", csv_bytes(touched.to_frame()), "four balls touched, no tracker", command)
+    yield Sample("balls.csv", csv_bytes(touched.features()), "what is known of the balls", command)
     command = "irbcal cell my-robot touches.csv --out cell.json"
-    yield Sample("touches.csv", csv(touches(example_cell())), "a tool and a work object touched", command)
+    yield Sample("touches.csv", csv_bytes(touches(example_cell())), "a tool and a work object touched", command)
 
 
 def touches(cell: VirtualCell) -> pd.DataFrame:
@@ -522,12 +525,12 @@ def fleet_files() -> Iterator[Sample]:
             name, path = f"cell-{k + 1}", f"{month}/cell-{k + 1}.csv"
             moved = MOVED_DEG if later and k == ROBOTS - 1 else 0.0
             yield Sample(
-                f"fleet/{path}", csv(_measured_later(20 + k, 30 + 10 * later + k, moved)), f"{name} in {month}"
+                f"fleet/{path}", csv_bytes(_measured_later(20 + k, 30 + 10 * later + k, moved)), f"{name} in {month}"
             )
             rows.append((name, f"1600-1012{k + 1}", path, ROBOT, day, OPTIONS))
         table = pd.DataFrame(rows, columns=["id", "serial", "measurements", "robot", "date", "options"])
         command = f"irbcal fleet calibrate fleet/{month}.csv --out {month}"
-        yield Sample(f"fleet/{month}.csv", csv(table), f"a list of robots, measured in {month}", command)
+        yield Sample(f"fleet/{month}.csv", csv_bytes(table), f"a list of robots, measured in {month}", command)
 
 
 def _measured_later(robot: int, seed: int, moved_deg: float) -> pd.DataFrame:

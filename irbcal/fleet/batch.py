@@ -17,7 +17,7 @@ from irbcal.arrays import lock
 from irbcal.atomic import check_writable, write_together
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
 from irbcal.io.schema import Record
-from irbcal.measurement import columns
+from irbcal.measurement.columns import InputTable
 from irbcal.names import check_names
 from irbcal.pipeline import Options
 from irbcal.reading import read_bytes
@@ -122,32 +122,18 @@ def read_manifest(manifest: str | Path) -> list[Entry]:
     MeasurementError
         If a row is no robot, or two have one id.
     """
-    cells, source, _ = columns.read(manifest, NEEDED)
-    strange = [name for name in cells.columns if name not in KNOWN]
-    if strange:
-        raise MeasurementError(
-            f"expected the columns {', '.join(KNOWN)}, found {strange[0]!r}", file=source, column=strange[0]
-        )
-    out, rows_of_ids = [], dict[str, int]()
-    for row, values in cells.iterrows():
-        given = {name: str(value).strip() for name, value in values.items()}
-        entry = _entry(given, Path(source).parent, source, int(str(row)))
-        folded = entry.id.casefold()  # a folder's name: some systems take A for a
-        if folded in rows_of_ids:
-            raise MeasurementError(
-                f"the id {entry.id!r} stands in row {rows_of_ids[folded]}, too",
-                file=source,
-                row=int(str(row)),
-                column="id",
-            )
-        rows_of_ids[folded] = int(str(row))
-        out.append(entry)
-    return out
+    table = InputTable.read(manifest, NEEDED, KNOWN)
+    entries = [_entry(table, row, Path(table.source).parent) for row in range(len(table))]
+    # a folder's name: some systems take A for a
+    table.refuse_repeats("id", [entry.id.casefold() for entry in entries])
+    return entries
 
 
-def _entry(cells: Mapping[str, str], folder: Path, source: str, row: int) -> Entry:
+def _entry(table: InputTable, row: int, folder: Path) -> Entry:
+    cells = {str(name): str(text).strip() for name, text in table.cells.iloc[row].items()}
+
     def wrong(column: str, sentence: str) -> MeasurementError:
-        return MeasurementError(sentence, file=source, row=row, column=column)
+        return table.fault(sentence, row, column)
 
     for column in NEEDED:
         if not cells[column]:
@@ -155,7 +141,7 @@ def _entry(cells: Mapping[str, str], folder: Path, source: str, row: int) -> Ent
     name = cells["id"]
     if not NAME.fullmatch(name) or name in RESERVED or len(name) > 100:
         raise wrong("id", f"expected letters, digits, '.', '_' and '-' (it names a folder), found {name!r}")
-    check_names(cells.values(), MeasurementError, file=source)
+    check_names(cells.values(), MeasurementError, file=table.source)
     day = cells.get("date", "")
     if day:
         try:
@@ -466,10 +452,9 @@ def _lost(entry: Entry) -> RobotOutcome:
 
 
 def _write(result: CalibratedFleet) -> None:
-    from irbcal.names import without_formulas
+    from irbcal.names import csv_bytes
 
-    table = without_formulas(result.to_frame()).to_csv(index=False, lineterminator="\n")
-    write_together(result.out, {TABLE: table.encode(), PAGE: page(result).encode()})
+    write_together(result.out, {TABLE: csv_bytes(result.to_frame()), PAGE: page(result).encode()})
 
 
 def page(fleet: CalibratedFleet) -> str:

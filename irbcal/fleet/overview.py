@@ -537,9 +537,9 @@ def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "par
                 )
             frame = heads.loc[frame["calibration"]].reset_index(drop=True).join(frame)
     if path.suffix == ".csv":
-        from irbcal.names import without_formulas
+        from irbcal.names import csv_bytes
 
-        content = without_formulas(frame).to_csv(index=False, lineterminator="\n").encode()
+        content = csv_bytes(frame)
     else:
         try:
             content = frame.to_parquet(index=False, engine="pyarrow")

@@ -30,9 +30,8 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import initial_guess, least_squares
 from irbcal.identification.problem import Problem, State
-from irbcal.measurement.own_tables import shared
 from irbcal.measurement.points import PointSet, distances
-from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.table import MeasurementSet, shared_table
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Speaks, Told
@@ -544,7 +543,7 @@ class LostRow:
         """One sentence, with the row of the file where this is at hand."""
         where = f"pose {self.pose}"
         if measurements is not None:
-            table = shared(measurements)
+            table = shared_table(measurements)
             rows = table["row"][table["pose"].astype(str) == self.pose]
             where = f"row {rows.iloc[0]} of {Path(measurements.source).name}" if len(rows) else where
         late = self.late > 0

@@ -39,8 +39,7 @@ from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_
 from irbcal.identification.outliers import limit
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.features import FeatureSet, Length
-from irbcal.measurement.load_columns import usual_place
-from irbcal.measurement.motions import usual_load
+from irbcal.measurement.motions import usual_load, usual_place
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

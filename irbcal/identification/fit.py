@@ -37,8 +37,8 @@ from irbcal.identification.initial_guess import MIN_POSES, first_state
 from irbcal.identification.least_squares import HELD, TIED, History, information_of, largest, rms
 from irbcal.identification.leave_one_out import closed, rms_length
 from irbcal.identification.problem import Problem, State
-from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.repeats import repeat_groups
 from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -673,12 +673,12 @@ def certainty_of(fit: Fit) -> Certainty:
 def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, PointSet]:
     """Leave-one-pose-out and leave-a-fifth-out residuals, both of shape (points, 3), metres, and whose they are.
 
-    Repeats of one place (`irbcal.measurement.places.places`) are left out together. Infinite where what is left does
-    not determine a direction that a residual depends on. Of more than `MOST_PLACES` places
+    Repeats of one pose (`irbcal.measurement.repeats.repeat_groups`) are left out together. Infinite where what is left
+    does not determine a direction that a residual depends on. Of more than `MOST_PLACES` places
     those drawn at random tell; a fifth of them stands for a fifth of all.
     """
     problem, state = fit.problem, fit.solution.state
-    points, place = problem.points, places(problem.points)
+    points, place = problem.points, repeat_groups(problem.points)
     count = int(place.max(initial=-1)) + 1
     drawn = np.ones(count, dtype=bool)
     if count > MOST_PLACES:
@@ -839,7 +839,7 @@ def choose_level(
     OptionError
         If there is no such level.
     """
-    place = places(points)
+    place = repeat_groups(points)
     count = np.bincount(place)
     folds = np.random.default_rng(seed).permutation(np.arange(len(count)) % FOLDS)[place]
     compared = [checked("levels", level, LEVELS) for level in (levels_of(arm) if levels is None else levels)]

@@ -29,8 +29,8 @@ from irbcal.identification.evidence_maximisation import (
 )
 from irbcal.identification.initial_guess import MIN_POSES, first_state
 from irbcal.identification.problem import Problem, State
-from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
+from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import parameter
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -194,7 +194,7 @@ class Linearisation(LinearModel):
     @property
     def place(self) -> IntArray:
         """Repeats of one place have one number."""
-        return places(self.problem.points)
+        return repeat_groups(self.problem.points)
 
     def blocks(self, columns: IntArray | None = None) -> Iterator[Rows]:
         """The linear model, a block of poses at a time; see `LinearModel.blocks`."""

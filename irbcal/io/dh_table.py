@@ -10,11 +10,10 @@ import numpy as np
 
 from irbcal import atomic
 from irbcal.arrays import FloatArray, lock
-from irbcal.errors import MeasurementError, RobotError
+from irbcal.errors import RobotError
 from irbcal.io import urdf
 from irbcal.io.urdf import UrdfArm
-from irbcal.measurement import columns
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.names import check_names
 from irbcal.options import checked
@@ -119,18 +118,17 @@ def urdf_from_dh(dh: TableLike, convention: Convention, *, name: str = "robot") 
         If there are not 2 to 20 joints, or names cannot be used.
     """
     checked("convention", convention, CONVENTIONS)
-    cells, source, _ = columns.read(dh, ())
-    if cells.empty:
-        raise MeasurementError("the table has a header but no rows", file=source)
-    alpha, theta = (_values(cells, kind, ANGLE, source) for kind in ("alpha", "theta"))
-    a, d = (_values(cells, kind, LENGTH, source) for kind in ("a", "d"))
-    kinds = _choice(cells, "type", TYPES, "revolute", source)
-    signs = np.array(_choice(cells, "sign", ("1", "+1", "-1"), "1", source)).astype(float)
+    table = InputTable.read(dh)
+    source = table.source
+    alpha, theta = (table.si(table.either(f"{kind}_deg", f"{kind}_rad")) for kind in ("alpha", "theta"))
+    a, d = (table.si(table.either(f"{kind}_mm", f"{kind}_m")) for kind in ("a", "d"))
+    kinds = table.choice("type", TYPES, "revolute").tolist()
+    signs = table.choice("sign", ("1", "+1", "-1"), "1").astype(float)
     moving = [k for k, kind in enumerate(kinds) if kind != "fixed"]
-    names = columns.names(cells, "joint", source) if "joint" in cells.columns else None
+    names = table.filled("joint") if "joint" in table else None
     labels = {k: f"joint_{i}" if names is None else str(names[k]) for i, k in enumerate(moving, start=1)}
     check_names([name, *labels.values()], RobotError, file=source)
-    limits = _limits(cells, kinds, source)
+    limits = _limits(table, kinds)
     T: FloatArray = np.eye(4)
     rows: list[tuple[str, FloatArray, str, float, FloatArray]] = []
     for k, kind in enumerate(kinds):
@@ -147,49 +145,21 @@ def urdf_from_dh(dh: TableLike, convention: Convention, *, name: str = "robot") 
     return DhRobot(urdf.from_bytes(data, source, "base_link", "tool0"), data, convention)
 
 
-def _values(cells: pd.DataFrame, kind: str, endings: tuple[str, ...], source: str) -> FloatArray:
-    """A column in SI units, whichever of its units the table has."""
-    present = [kind + ending for ending in endings if kind + ending in cells.columns]
-    if len(present) != 1:
-        expected = " or ".join(kind + ending for ending in endings)
-        has = f"both {' and '.join(present)}" if present else columns.listed(list(cells.columns))
-        raise MeasurementError(f"expected a column {expected}, found {has}", file=source, row=1)
-    unit = UNITS[present[0].removeprefix(kind)]
-    return columns.numbers(cells, present[0], source) * unit
-
-
-def _choice(cells: pd.DataFrame, column: str, choices: tuple[str, ...], usual: str, source: str) -> list[str]:
-    """Words of a column; the usual one where there is no column."""
-    if column not in cells.columns:
-        return [usual] * len(cells)
-    values = [str(word).strip().lower() for word in cells[column]]
-    for row, word in zip(cells.index, values, strict=True):
-        if word not in choices:
-            raise MeasurementError(
-                f"expected {', '.join(choices)}, found {word!r}", file=source, row=int(row), column=column
-            )
-    return values
-
-
-def _limits(cells: pd.DataFrame, kinds: list[str], source: str) -> FloatArray:
+def _limits(table: InputTable, kinds: list[str]) -> FloatArray:
     """Lower and upper limits (rows, 2), SI units; NaN where there are none."""
-    out = np.full((len(kinds), 2), np.nan)
+    slides, out = np.array(kinds) == "prismatic", np.full((len(kinds), 2), np.nan)
     for side, name in enumerate(("lower", "upper")):
-        for ending, unit in UNITS.items():
-            if name + ending not in cells.columns:
-                continue
-            values = columns.numbers(cells, name + ending, source, lost=True)
-            fits = np.array([(kind == "prismatic") == (ending in LENGTH) for kind in kinds]) & np.isfinite(values)
-            out[fits, side] = values[fits] * unit
-    for row, kind, (low, high) in zip(cells.index, kinds, out, strict=True):
+        for ending, lengths in (("_deg", False), ("_rad", False), ("_mm", True), ("_m", True)):
+            values = table.optional(name + ending)
+            fits = (slides == lengths) & np.isfinite(values)
+            out[fits, side] = values[fits]
+    for k, (kind, (low, high)) in enumerate(zip(kinds, out, strict=True)):
         if kind == "fixed":
             continue
         free = np.isnan([low, high]).all()
         if (free and kind == "prismatic") or not (free or low < high):
-            raise MeasurementError(
-                f"expected a lower and an upper limit of this {kind} joint in its unit, found {low:g} and {high:g}",
-                file=source,
-                row=int(row),
+            raise table.fault(
+                f"expected a lower and an upper limit of this {kind} joint in its unit, found {low:g} and {high:g}", k
             )
     return out
 

@@ -29,8 +29,9 @@ from irbcal.identification.axis_calibration import (
 )
 from irbcal.identification.choices import Parallel
 from irbcal.io import urdf
-from irbcal.measurement import cleaning, lists, table
+from irbcal.measurement import cleaning, table
 from irbcal.measurement.cleaning import Exclusion, left_out
+from irbcal.measurement.columns import read_targets
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
@@ -243,7 +244,7 @@ def circles(
     measured = table.read(measurements).of_arm(arm)
     cleaned = cleaning.clean(measured)
     points = cleaned.points
-    cad = lists.read_targets(drawn) if isinstance(drawn, (str, Path)) else drawn
+    cad = read_targets(drawn) if isinstance(drawn, (str, Path)) else drawn
     try:
         wanted_parts = PARTS if part is None else (part,)
         able = [name for name in wanted_parts if part is not None or _possible(name, arm, points)]

@@ -18,9 +18,9 @@ from irbcal import atomic
 from irbcal.arrays import NameArray, lock
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import columns, imaging
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.known_features import filled, given_rows
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.reading import libraries_silent
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
@@ -82,7 +82,7 @@ class FoundCorners(Speaks):
             If they cannot be written.
         """
         out = Path(out)
-        data = without_formulas(self.table).to_csv(index=False, lineterminator="\n").encode()
+        data = csv_bytes(self.table)
         atomic.write_together(out.parent, {out.name: data})
         return out
 
@@ -124,34 +124,30 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
         If OpenCV is not installed.
     """
     cv2 = _opencv()
-    cells, source, _ = columns.read(joints, [IMAGE])
-    for name in columns.joint_columns(cells.columns):
-        columns.numbers(cells, name, source)
+    listed = InputTable.read(joints, [IMAGE])
+    for name in columns.joint_columns(listed.names):
+        listed.numbers(name)
     name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
-    boards = _boards(cv2, features, name_of, legacy, cells, source)
+    boards = _boards(cv2, features, name_of, legacy, listed)
     folder = Path(images)
     tables, missed = [], []
-    for k, (row, cell) in enumerate(zip(cells.index, cells.to_dict("records"), strict=True)):
+    for k, cell in enumerate(listed.cells.to_dict("records")):
         picture = str(cell[IMAGE]).strip()
         feature = str(cell.get("feature", "")).strip() or (next(iter(boards)) if len(boards) == 1 else "")
         one = next((board for name, board in boards.items() if feature in (name, board.names[k])), None)
         if one is None:
-            raise MeasurementError(
-                f"expected the board in this picture, one of {', '.join(boards)}; found {feature or 'nothing'}",
-                file=source,
-                row=int(row),
-                column="feature",
-            )
+            sentence = f"expected the board in this picture, one of {', '.join(boards)}; found {feature or 'nothing'}"
+            raise listed.fault(sentence, k, "feature")
         size = one.size
         path = folder / picture
         with libraries_silent():
             grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None  # a pipe would wait for ever
         if grey is None:
             message = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
-            raise MeasurementError(message, file=source, row=int(row), column=IMAGE)
+            raise listed.fault(message, k, IMAGE)
         if size is not None and grey.shape[::-1] != size:
             message = f"{picture} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}"
-            raise MeasurementError(message, file=source, row=int(row), column=IMAGE)
+            raise listed.fault(message, k, IMAGE)
         uv, number, _, _ = one.detector.detectBoard(grey)
         count = 0 if number is None else len(number)
         if count < imaging.FEWEST:
@@ -179,9 +175,7 @@ def _opencv() -> Any:
         ) from None
 
 
-def _boards(
-    cv2: Any, features: TableLike, name_of: str, legacy: bool, cells: pd.DataFrame, source: str
-) -> dict[str, _Board]:
+def _boards(cv2: Any, features: TableLike, name_of: str, legacy: bool, table: InputTable) -> dict[str, _Board]:
     """Boards by their names; those of patterns such as ``board {place}`` have another one at each place."""
     rows = given_rows(features)
     imaging.shared(rows)
@@ -217,7 +211,7 @@ def _boards(
             ) from None
         board.setLegacyPattern(legacy)
         size = None if view.size is None else (int(view.size[0]), int(view.size[1]))
-        names = filled(row["feature"], cells, row, source)
+        names = filled(row["feature"], table, row)
         out[row["feature"]] = _Board(cv2.aruco.CharucoDetector(board), size, names)
     if not out:
         kinds = " or ".join(imaging.TARGETS)

@@ -12,10 +12,9 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement import swapped
 from irbcal.measurement.last_moves import previous_stops
-from irbcal.measurement.own_tables import shared
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.registration import Registration, register
-from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.table import MeasurementSet, shared_table
 from irbcal.section import Name, Section, Sentence
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
@@ -152,7 +151,7 @@ class _Rows:
 
     @classmethod
     def of(cls, measurements: MeasurementSet) -> _Rows:
-        table = shared(measurements)
+        table = shared_table(measurements)
         xyz = measurements.positions()
         reason = np.full(len(table), "", dtype=object)
         reason[np.isnan(xyz).any(axis=1)] = "lost: no position"
@@ -205,7 +204,7 @@ def clean(
     rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = "target unknown to the calibration"
     swaps = _mark_swapped(rows, names, measurements)
     _mark_wrong_distances(rows, names)
-    pose = shared(measurements)["pose"]
+    pose = shared_table(measurements)["pose"]
     excluded = tuple(
         Exclusion(pose=p, target=t, reason=r)
         for p, t, r in zip(pose[~rows.good], rows.target[~rows.good], rows.reason[~rows.good], strict=True)
@@ -254,7 +253,7 @@ def _registered(
 
 def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names: Sequence[str]) -> PointSet:
     """The rows to keep as points sorted by pose, of the targets that they hold."""
-    table, u95 = shared(measurements), measurements.uncertainties()
+    table, u95 = shared_table(measurements), measurements.uncertainties()
     names = [name for name in names if (keep & (rows.target == name)).any()]
     groups = table["group"].to_numpy(dtype=object) if "group" in table.columns else np.full(len(table), "", object)
     rows_kept = np.flatnonzero(keep)
@@ -375,7 +374,7 @@ def _mark_swapped(rows: _Rows, names: Sequence[str], measurements: MeasurementSe
         for k in np.flatnonzero(order != np.arange(len(names))).tolist():
             mask = (rows.pose == p) & (rows.target == names[k]) & rows.good
             rows.reason[mask] = f"swapped: this is {names[order[k]]}, by its distances to the others"
-    pose_names = shared(measurements).groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
+    pose_names = shared_table(measurements).groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
     return swapped.in_words([(pose_names[p], order) for p, order in swaps], names)
 
 

@@ -1,13 +1,15 @@
-"""Columns of tables: read from CSV, Parquet or a DataFrame as text, then checked one by one.
+"""Tables of columns whose names declare units and bounds: read from CSV, Parquet or a DataFrame, and written.
 
-All tables that irbcal reads go through here, so that a refusal always names file, row and column::
+All tables that irbcal reads go through `InputTable`, so that a refusal always names file, row and column::
 
-    cells, source, _ = columns.read("joints.csv", ["q1_deg", "q2_deg"])
-    q = columns.in_si(cells, ["q1_deg", "q2_deg"], source)
+    table = InputTable.read("joints.csv", ["q1_deg", "q2_deg"])
+    q = table.si(["q1_deg", "q2_deg"])
 
-``cells`` is a DataFrame of text. Its index holds the rows for messages: the line of a CSV file, the header being
-line 1; the position plus one in a Parquet file or a DataFrame, whose first row is row 1.
+A table is text. Its columns are checked when they are asked for. The rows of messages are the lines of a CSV file, the
+header being line 1; in a Parquet file or a DataFrame the position plus one, so that the first row is row 1.
 """
+
+from __future__ import annotations
 
 import csv
 import hashlib
@@ -15,6 +17,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from io import BytesIO, StringIO
 from os import PathLike
@@ -24,9 +27,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import plain_csv
+from irbcal.modeling import frames
 from irbcal.names import LONGEST_NAME, fault_of, from_cell
 from irbcal.options import shown
 from irbcal.reading import STDIN, read_bytes, stdin_bytes
@@ -38,6 +41,9 @@ ALL_JOINTS = "q1 …"
 """Stands for the joint columns of any arm among required columns: from joint 1 to the last one in the header."""
 POSITION = ["x_mm", "y_mm", "z_mm"]
 QUATERNION = ["qw", "qx", "qy", "qz"]
+PAYLOAD = "payload_kg"
+PAYLOAD_CENTRE = ["payload_x_mm", "payload_y_mm", "payload_z_mm"]
+"""Centre of the payload in the tip link."""
 LARGEST_ANGLE_DEG, LARGEST_POSITION_MM, LARGEST_NUMBER = 1e4, 1e6, 1e12
 """Numbers beyond are no joints and lengths of a robot cell; squares of the last can be computed with."""
 
@@ -59,6 +65,11 @@ class ColumnKind(NamedTuple):
     low: float
     high: float
     unit: float = 1.0
+
+    @property
+    def noun(self) -> str:
+        """What is expected, without bounds."""
+        return self.expected.partition(" within ±")[0]
 
 
 def _within(expected: str, most: float, unit: float = 1.0) -> ColumnKind:
@@ -91,6 +102,8 @@ def declared(name: str) -> ColumnKind:
 
 GIVEN = "given_"
 """Put before the name of a column of the input that was computed, too."""
+UNIT_LENGTH = 2e-3
+"""How far the length of a quaternion may be from one, as its digits are rounded."""
 NAMES = ("pose", "target", "group", "session", "cycle")
 """Columns that are names even where they look like numbers."""
 FRAME = "<DataFrame>"
@@ -98,16 +111,21 @@ FRAME = "<DataFrame>"
 
 _JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
 _PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
+_TORQUE = re.compile(r"tau([1-9]\d?)_nm")
+_NOT_SIMULATED = ("", "no", "0", "false", "nan")
 _ABSENT = ["", "nan", "<na>", "none"]
 _LONGEST_NAME, _MOST_NAMES = 40, 40
+LONG_FILE = 1_000_000
+"""Bytes from which both cores read."""
 
 IsNumber: TypeAlias = Callable[[str], bool]
 TableLike: TypeAlias = str | PathLike[str] | pd.DataFrame
 """A CSV or Parquet file, or a DataFrame with the same columns."""
 
 
-class Cells(NamedTuple):
-    """A table as text.
+@dataclass(frozen=True, eq=False)
+class InputTable:
+    """A table as text, whose columns are checked as they are asked for.
 
     Attributes
     ----------
@@ -120,50 +138,382 @@ class Cells(NamedTuple):
     """
 
     cells: pd.DataFrame
-    source: str
-    sha256: str
+    source: str = FRAME
+    sha256: str = ""
+
+    @classmethod
+    def read(
+        cls,
+        table: TableLike,
+        required: Sequence[str] = (),
+        known: Sequence[str] | None = None,
+        *,
+        stdin: bool = False,
+        typed: IsNumber | None = None,
+    ) -> InputTable:
+        """Read a table.
+
+        Parameters
+        ----------
+        table : str, Path or DataFrame
+            CSV, or Parquet where pyarrow is installed, or a DataFrame with the same columns; its index does not matter.
+        required : sequence of str
+            Columns that must be there; `ALL_JOINTS` stands for those of the joints, however many.
+        known : sequence of str, optional
+            All columns that may be there; any unless given.
+        stdin : bool
+            Take the file ``-`` as standard input, as CSV.
+        typed : callable, optional
+            Tells by its name whether a column is one of numbers. These may then come as numbers, NaN where nothing
+            stands, if the file is as plain as it should be: long files are read so in a quarter of the time.
+
+        Raises
+        ------
+        MeasurementError
+            If it cannot be read, lacks a column, has one that is not known or is named twice, or has no rows.
+        """
+        if not isinstance(table, (str, PathLike, pd.DataFrame)):
+            raise MeasurementError(f"expected a file or a DataFrame, found {shown(table)}", parameter="table")
+        if isinstance(table, pd.DataFrame):
+            cells = _from_frame(table, required, FRAME)
+            digest = _digest(str(cells.to_csv(index=False, lineterminator="\n")).encode())
+            return cls(cells, FRAME, digest)._with_rows(known)
+        path = Path(table)
+        source = str(path)
+        data = stdin_bytes(MeasurementError) if stdin and source == STDIN else read_bytes(path, MeasurementError)
+        if not data.strip():
+            raise MeasurementError("the file is empty, expected a header and rows", file=source)
+        if path.suffix == ".parquet":
+            return cls(_parse_parquet(data, source, required), source, _digest(data))._with_rows(known)
+        return cls.parse(data, source, required, known, typed)
+
+    @classmethod
+    def parse(
+        cls,
+        data: bytes,
+        source: str,
+        required: Sequence[str] = (),
+        known: Sequence[str] | None = None,
+        typed: IsNumber | None = None,
+    ) -> InputTable:
+        """As `read`, from the content of a CSV file."""
+        return cls(parse_csv(data, source, required, typed), source, _digest(data))._with_rows(known)
+
+    def _with_rows(self, known: Sequence[str] | None) -> InputTable:
+        if known is not None:
+            check_header(self.names, (), self.source, known)
+        if self.cells.empty:
+            raise self.fault(f"the {'table' if self.source == FRAME else 'file'} has a header but no rows")
+        return self
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.cells.columns
+
+    def __getitem__(self, rows: BoolArray | IntArray) -> InputTable:
+        """Some of the rows: a mask, or positions from 0."""
+        return InputTable(self.cells.iloc[np.flatnonzero(rows) if rows.dtype == bool else rows], self.source)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return [str(name) for name in self.cells.columns]
+
+    @property
+    def listed(self) -> str:
+        """Names of the columns for messages."""
+        return listed(self.names)
+
+    @property
+    def rows(self) -> IntArray:
+        """The rows for messages, shape (rows,)."""
+        return self.cells.index.to_numpy()
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the table says so itself: any value but ``no`` in a column ``simulated``."""
+        return "simulated" in self and any(text.lower() not in _NOT_SIMULATED for text in self.texts("simulated"))
+
+    # --- refusals
+
+    def fault(
+        self, sentence: str, row: int | None = None, column: str | Sequence[str] | None = None
+    ) -> MeasurementError:
+        """The error that refuses the table, or the row at a position from 0, with the place for the message."""
+        at = None if row is None else int(self.cells.index[row])
+        return MeasurementError(sentence, file=self.source, row=at, column=column)
+
+    def header_fault(self, sentence: str, parameter: str | None = None) -> MeasurementError:
+        """The error that refuses the header."""
+        return MeasurementError(sentence, file=self.source, row=header_row(self.source), parameter=parameter)
+
+    def refuse(self, bad: BoolArray | pd.Series, column: str, expected: str) -> None:
+        """Refuse the first of the rows that are marked as bad.
+
+        Raises
+        ------
+        MeasurementError
+            The sentence says what was expected in the column and what stands there.
+        """
+        bad = np.asarray(bad)
+        if bad.any():
+            k = int(np.argmax(bad))
+            cell = self.cells[column].iloc[k]
+            content = f"{cell:g}" if not isinstance(cell, str) else repr(cell.strip()) if cell.strip() else "nothing"
+            raise self.fault(f"expected {expected}, found {content}", k, column)
+
+    # --- columns
+
+    def numbers(self, name: str, lost: bool = False, expected: str | None = None) -> FloatArray:
+        """A column as finite numbers within what `declared` says of it, shape (rows,), in the column's unit.
+
+        Parameters
+        ----------
+        name : str
+        lost : bool
+            Take empty cells as NaN.
+        expected : str, optional
+            What should stand there, for messages, where the column's name does not tell.
+
+        Raises
+        ------
+        MeasurementError
+            For the first cell that is no such number.
+        """
+        kind, column = declared(name), self.cells[name]
+        or_nothing = " or nothing" if lost else ""
+        if column.dtype == np.float64:  # read as numbers already
+            values, bad = column.to_numpy(), np.zeros(len(column), dtype=bool) if lost else column.isna().to_numpy()
+            if bad.any():
+                raise self.fault(f"expected {expected or kind.noun}, found nothing", int(np.argmax(bad)), name)
+        else:
+            text = column.str.strip()
+            values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)
+            absent = text.str.lower().isin(_ABSENT).to_numpy()
+            bad = np.isinf(values) | np.where(absent, not lost, np.isnan(values))
+            self.refuse(bad, name, f"{expected or kind.noun}{or_nothing}")
+        bad = (values < kind.low) | (values > kind.high)
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise self.fault(f"expected {kind.expected}{or_nothing}, found {values[k]:g}", k, name)
+        return values
+
+    def si(self, name: str | Sequence[str], lost: bool = False) -> FloatArray:
+        """A column as `numbers` in SI units, shape (rows,); several side by side, shape (rows, columns)."""
+        if isinstance(name, str):
+            return self.numbers(name, lost) * declared(name).unit
+        return np.column_stack([self.si(column, lost) for column in name])
+
+    def optional(self, name: str) -> FloatArray:
+        """A column as `si`; NaN where nothing stands, or there is no such column."""
+        return self.si(name, lost=True) if name in self else np.full(len(self), np.nan)
+
+    def either(self, *names: str) -> str:
+        """The one of some columns that is there.
+
+        Raises
+        ------
+        MeasurementError
+            If there is none of them, or more than one.
+        """
+        present = [name for name in names if name in self]
+        if len(present) != 1:
+            content = f"both {' and '.join(present)}" if present else self.listed
+            raise self.header_fault(f"expected a column {' or '.join(names)}, found {content}")
+        return present[0]
+
+    def ascending(self, name: str) -> FloatArray:
+        """A column as `si` whose numbers grow from row to row."""
+        values = self.si(name)
+        self.refuse(np.diff(values, prepend=-np.inf) <= 0, name, "a later time than in the row before")
+        return values
+
+    def texts(self, name: str, absent: str = "") -> NameArray:
+        """A column of names, which may be empty, shape (rows,); ``absent`` in all rows where there is no such column.
+
+        Raises
+        ------
+        MeasurementError
+            For the first name that would act on a terminal or a page instead of being shown there.
+        """
+        if name not in self:
+            return np.full(len(self), absent, dtype=object)
+        codes, written = pd.factorize(self.cells[name].astype(str))
+        different = [from_cell(str(text).strip()) for text in written]
+        if fault_of(" ".join(different), math.inf) or max(map(len, different)) > LONGEST_NAME:
+            for k, text in enumerate(different):
+                fault = fault_of(text)
+                if fault is not None:
+                    raise self.fault(fault, int(np.argmax(codes == k)), name)
+        return np.array([*different, None], dtype=object)[codes]
+
+    def filled(self, name: str) -> NameArray:
+        """A column of names as `texts`, with one in every row."""
+        values = self.texts(name)
+        self.refuse(values == "", name, "a name")
+        return values
+
+    def choice(self, name: str, choices: Sequence[str], absent: str = "") -> NameArray:
+        """A column of words, each one of some, small letters; ``absent`` where there is no such column."""
+        words = np.array([text.lower() for text in self.texts(name, absent)], dtype=object)
+        if name in self:
+            self.refuse(np.array([word not in choices for word in words]), name, ", ".join(choices))
+        return words
+
+    def refuse_repeats(self, name: str, values: Sequence[str] | NameArray) -> None:
+        """Refuse the second row with the same name in a column."""
+        twice = np.flatnonzero(pd.Series(values, dtype=object).duplicated())
+        if len(twice):
+            raise self.fault(f"{values[twice[0]]!r} stands there more than once", int(twice[0]), name)
+
+    # --- columns that belong together
+
+    def lost(self) -> BoolArray:
+        """Rows of lost points, shape (rows,): those whose position has a gap or is exactly 0,0,0."""
+        return lost_points(self.si(POSITION, lost=True))
+
+    def measured(self) -> InputTable:
+        """The rows whose points are not lost.
+
+        Raises
+        ------
+        MeasurementError
+            If all are.
+        """
+        check_header(self.names, POSITION, self.source)
+        lost = self.lost()
+        if lost.all():
+            raise self.fault("every point is lost")
+        return self[~lost]
+
+    def quaternions(self, names: Sequence[str] = QUATERNION) -> FloatArray | None:
+        """Unit quaternions, scalar first, shape (rows, 4), NaN where there is none; None without such columns.
+
+        Raises
+        ------
+        MeasurementError
+            For the first that is neither whole and of length 1 nor absent, or if only some of the columns are there.
+        """
+        if not all_or_none(self.names, names, self.source, f"an orientation needs {', '.join(names)}"):
+            return None
+        q = self.si(names, lost=True)
+        length, absent = np.linalg.norm(q, axis=1), np.isnan(q).all(axis=1)
+        bad = np.flatnonzero(~absent & ~(np.abs(length - 1) <= UNIT_LENGTH))
+        if len(bad):
+            content = ", ".join(f"{value:g}" for value in q[bad[0]])
+            raise self.fault(f"expected a unit quaternion or nothing, found {content}", int(bad[0]), names)
+        return q / length[:, None]
+
+    def rotations(self, lost: bool = False) -> FloatArray | None:
+        """Orientations, shape (rows, 3, 3); None without such columns.
+
+        Where a row has none they are NaN if ``lost``, else there are none at all.
+        """
+        q = self.quaternions()
+        return None if q is None or (np.isnan(q).any() and not lost) else frames.matrix_from_quaternion(q)
+
+    def poses(self) -> FloatArray:
+        """Poses, shape (rows, 4, 4), metres."""
+        q = self.quaternions()
+        assert q is not None, "the columns are required"
+        self.refuse(np.isnan(q).any(axis=1), QUATERNION[0], "a unit quaternion")
+        T = np.tile(np.eye(4), (len(self), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = frames.matrix_from_quaternion(q), self.si(POSITION)
+        return T
+
+    def joints(self, names: Sequence[str] = JOINTS) -> FloatArray:
+        """Joints, shape (rows, joints), radians (metres from columns in mm).
+
+        Parameters
+        ----------
+        names : sequence of str
+            The columns, ``arm.joint_columns``. Where there are programmed joints beside them (``c1_deg`` …), these are
+            taken.
+        """
+        return self.si(commanded(self.names, names, self.source))
+
+    def one_row_a_pose(self, joints: Sequence[str]) -> tuple[InputTable, pd.Series | None]:
+        """The first row of each pose of a table with a row for each of its targets, such as a plan for the tracker.
+
+        Parameters
+        ----------
+        joints : sequence of str
+            The columns of joints, ``arm.joint_columns``.
+
+        Returns
+        -------
+        table : InputTable
+        targets : Series of str or None
+            Of each row of it, with blanks between them. None: the table has no columns ``pose`` and ``target``.
+
+        Raises
+        ------
+        MeasurementError
+            If two rows of a pose have other joints.
+        """
+        if not {"pose", "target"} <= set(self.names):
+            return self, None
+        keys = [self.cells[name].str.strip() for name in ("pose", "cycle") if name in self]
+        joints = commanded(self.names, joints, self.source)
+        first = self.cells[joints].groupby(keys, sort=False).transform("first")
+        for name in joints:
+            differs = (self.cells[name] != first[name]).to_numpy()
+            expected = first[name].iloc[int(np.argmax(differs))]
+            self.refuse(differs, name, f"the joints of the pose's first row ({expected})")
+        targets = self.cells["target"].str.strip().groupby(keys, sort=False).transform(" ".join)
+        single = ~pd.concat(keys, axis=1).duplicated().to_numpy(dtype=bool)
+        return self[single], targets[single]
+
+    def payloads(self) -> tuple[FloatArray | None, FloatArray | None]:
+        """Mass at each row (rows,), kg, and its centre in the tip link (rows, 3), metres; None where they are not told.
+
+        A row without a mass has that of the others, where they all have one.
+
+        Raises
+        ------
+        MeasurementError
+            If there is something that is no mass or place, or it is not told which of several masses a row has.
+        """
+        centre_columns = payload_centre_columns(self.names, self.source)
+        load = self.optional(PAYLOAD)
+        masses, gaps = np.unique(load[np.isfinite(load)]), ~np.isfinite(load)
+        if not len(masses):
+            return None, None
+        if len(masses) > 1:
+            range_text = f"{masses[0]:g} to {masses[-1]:g} kg"
+            self.refuse(gaps, PAYLOAD, f"a mass, others carry {range_text}: write 0 for a bare flange")
+        load = np.where(gaps, masses[0], load)
+        if not centre_columns:
+            return load, None
+        centres = self.si(centre_columns, lost=True)
+        lost: BoolArray = np.asarray(np.isnan(centres).any(axis=1))
+        self.refuse(lost & (load > 0.0), centre_columns[0], "the place of the payload")
+        return load, np.where(lost[:, None], 0.0, centres)
 
 
-def read(table: TableLike, required: Sequence[str], stdin: bool = False, typed: IsNumber | None = None) -> Cells:
-    """Read a table as text.
+def read_targets(table: TableLike) -> dict[str, FloatArray]:
+    """Read known reflector positions with columns ``target``, ``x_mm``, ``y_mm``, ``z_mm``.
 
     Parameters
     ----------
     table : str, Path or DataFrame
-        CSV, or Parquet where pyarrow is installed, or a DataFrame with the same columns; its index does not matter.
-    required : sequence of str
-        Columns that must be there; `ALL_JOINTS` stands for those of the joints, however many.
-    stdin : bool
-        Take the file ``-`` as standard input, as CSV.
-    typed : callable, optional
-        Tells by its name whether a column is one of numbers. These may then come as numbers, NaN where nothing stands,
-        if the file is as plain as it should be: long files are read so in a quarter of the time.
 
     Returns
     -------
-    Cells
+    dict of str to ndarray, shape (3,)
+        Positions in the tip link, metres.
 
     Raises
     ------
     MeasurementError
-        If it cannot be read, lacks a column, names one twice or has no rows.
+        If the table cannot be read or does not keep the format.
     """
-    if not isinstance(table, (str, PathLike, pd.DataFrame)):
-        raise MeasurementError(f"expected a file or a DataFrame, found {shown(table)}", parameter="table")
-    if isinstance(table, pd.DataFrame):
-        cells = _from_frame(table, required, FRAME)
-        return Cells(_with_rows(cells, FRAME), FRAME, _digest(_canonical(cells)))
-    path = Path(table)
-    source = str(path)
-    data = _bytes(path, source, stdin)
-    if path.suffix != ".parquet":
-        return parse(data, source, required, typed)
-    return Cells(_with_rows(_parse_parquet(data, source, required), source), source, _digest(data))
-
-
-def parse(data: bytes, source: str, required: Sequence[str], typed: IsNumber | None = None) -> Cells:
-    """As `read`, from the content of a CSV file."""
-    return Cells(_with_rows(parse_csv(data, source, required, typed), source), source, _digest(data))
+    rows = InputTable.read(table, ["target", *POSITION])
+    names = rows.texts("target")
+    rows.refuse_repeats("target", names)
+    return dict(zip(names, rows.si(POSITION), strict=True))
 
 
 def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None) -> pd.DataFrame:
@@ -175,9 +525,9 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
     source : str
         File name for messages.
     required : sequence of str
-        As for `read`.
+        As for `InputTable.read`.
     typed : callable, optional
-        As for `read`.
+        As for `InputTable.read`.
 
     Returns
     -------
@@ -201,7 +551,7 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
     check_header(names, required, source)
     if typed is not None:
         del text  # long files stand in memory once
-        plain = plain_csv.parse(data, names, typed)
+        plain = parse_plain(data, names, typed)
         if plain is not None:
             return plain
         text = _decoded(data, source)
@@ -226,17 +576,21 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
     return cells
 
 
-def check_header(names: Sequence[str], required: Sequence[str], source: str) -> None:
-    """Refuse a header that lacks a required column or names one twice.
+def check_header(
+    names: Sequence[str], required: Sequence[str], source: str, known: Sequence[str] | None = None
+) -> None:
+    """Refuse a header that lacks a required column, has one that is not known or names one twice.
 
     Parameters
     ----------
     names : sequence of str
         The columns that are there.
     required : sequence of str
-        As for `read`.
+        As for `InputTable.read`.
     source : str
         File name for messages.
+    known : sequence of str, optional
+        As for `InputTable.read`.
 
     Raises
     ------
@@ -266,6 +620,11 @@ def check_header(names: Sequence[str], required: Sequence[str], source: str) -> 
         raise MeasurementError(
             f"missing column {', '.join(missing)}; found {listed(names)}{hint}", file=source, row=row
         )
+    strange = [name for name in names if known is not None and name not in known]
+    if strange and known is not None:
+        raise MeasurementError(
+            f"there is a column {strange[0]}: expected only {', '.join(known)}", file=source, row=row
+        )
 
 
 def header_row(source: str) -> int | None:
@@ -283,6 +642,11 @@ def is_joint(name: str) -> bool:
     return bool(_JOINT.fullmatch(name) or _PROGRAMMED.fullmatch(name))
 
 
+def is_torque(name: str) -> bool:
+    """Whether a column is one of measured torques."""
+    return bool(_TORQUE.fullmatch(name))
+
+
 def joint_columns(names: Iterable[str]) -> list[str]:
     """Joint columns among column names, ordered by the joints' numbers; only whole series from joint 1."""
     numbered = {int(match[1]): name for name in names if (match := _JOINT.fullmatch(name))}
@@ -297,145 +661,70 @@ def commanded(names: Iterable[str], joints: Sequence[str], source: str) -> list[
     return [f"c{name[1:]}" for name in joints] if programmed_columns(names, source) else list(joints)
 
 
-def programmed_columns(names: Iterable[str], source: str) -> list[str]:
-    """Columns of programmed joints (``c1_deg`` …) among column names, in the order of the joints; none or all.
+def all_or_none(
+    names: Iterable[str], expected: Sequence[str], source: str, rule: str, pattern: re.Pattern[str] | None = None
+) -> list[str]:
+    """Columns that stand in a table all or not at all.
 
     Parameters
     ----------
     names : iterable of str
+        The columns that are there.
+    expected : sequence of str
     source : str
         File name for messages.
+    rule : str
+        Why they belong together, for messages.
+    pattern : regular expression, optional
+        Names of such columns where there can be others than the expected ones.
 
     Returns
     -------
     list of str
-        Empty where there are none.
+        The expected columns, or none.
 
     Raises
     ------
     MeasurementError
-        If they are not those of the joint columns.
+        If some are missing, or there are others.
     """
-    names = list(names)
-    present = [name for name in names if _PROGRAMMED.fullmatch(name)]
-    expected = [f"c{name[1:]}" for name in joint_columns(names)]
+    present = [name for name in names if (pattern.fullmatch(name) if pattern else name in expected)]
     if not present or set(present) == set(expected):
-        return expected if present else []
+        return list(expected) if present else []
     missing = [name for name in expected if name not in present]
     strange = [name for name in present if name not in expected]
     which = f"missing column {', '.join(missing)}" if missing else f"there is a column {strange[0]}"
+    raise MeasurementError(f"{which}: {rule}, found {listed(present)}", file=source, row=header_row(source))
+
+
+def _of_all_joints(names: Iterable[str], source: str, of_joint: str, noun: str, pattern: re.Pattern[str]) -> list[str]:
+    names = list(names)
+    expected = [re.sub(r"q(\d+)_(.*)", of_joint, name) for name in joint_columns(names)]
     joints_text = f"({expected[0]} … {expected[-1]})" if expected else "(there are no joint columns)"
-    raise MeasurementError(
-        f"{which}: programmed joints are for all joints {joints_text} or for none, found {listed(present)}",
-        file=source,
-        row=header_row(source),
-    )
+    return all_or_none(names, expected, source, f"{noun} are for all joints {joints_text} or for none", pattern)
+
+
+def programmed_columns(names: Iterable[str], source: str) -> list[str]:
+    """Columns of programmed joints (``c1_deg`` …) among column names, in the order of the joints; `all_or_none`."""
+    return _of_all_joints(names, source, r"c\1_\2", "programmed joints", _PROGRAMMED)
+
+
+def torque_columns(names: Iterable[str], source: str) -> list[str]:
+    """Columns of measured joint torques (``tau1_nm`` …), as `programmed_columns`."""
+    return _of_all_joints(names, source, r"tau\1_nm", "torques", _TORQUE)
+
+
+def payload_centre_columns(names: Iterable[str], source: str) -> list[str]:
+    """The columns of the payload's centre, `PAYLOAD_CENTRE`, where they are there: with a mass, and `all_or_none`."""
+    names = list(names)
+    rule = f"a payload has a mass and all three of {', '.join(PAYLOAD_CENTRE)}"
+    some = any(name in PAYLOAD_CENTRE for name in names)
+    return all_or_none(names, [PAYLOAD, *PAYLOAD_CENTRE], source, rule)[1:] if some else []
 
 
 def joint_units(columns: Iterable[str]) -> FloatArray:
     """What one unit of each joint column is in radians or metres, shape (columns,)."""
     return np.array([declared(name).unit for name in columns])
-
-
-def numbers(cells: pd.DataFrame, name: str, source: str, expected: str | None = None, lost: bool = False) -> FloatArray:
-    """A column as finite numbers within what `declared` says of it.
-
-    Parameters
-    ----------
-    cells : DataFrame
-        Text, as `read` returns it.
-    name : str
-    source : str
-        File name for messages.
-    expected : str, optional
-        What should stand there, for messages, where the column's name does not tell.
-    lost : bool
-        Take empty cells as NaN.
-
-    Returns
-    -------
-    ndarray, shape (rows,)
-
-    Raises
-    ------
-    MeasurementError
-        For the first cell that is no such number.
-    """
-    kind = declared(name)
-    words = expected or kind.expected.partition(" within ±")[0]
-    column = cells[name]
-    if column.dtype == np.float64:  # read as numbers already, see `irbcal.measurement.plain_csv`
-        values, bad = column.to_numpy(), np.zeros(len(column), dtype=bool) if lost else column.isna().to_numpy()
-        text = column.astype(str).where(column.notna(), "") if bad.any() else column
-    else:
-        text = column.str.strip()
-        values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)
-        absent = text.str.lower().isin(_ABSENT).to_numpy()
-        bad = np.isinf(values) | np.where(absent, not lost, np.isnan(values))
-    if not bad.any():
-        bad = (values < kind.low) | (values > kind.high)
-        words, text = kind.expected, pd.Series(values)
-    if bad.any():
-        k = int(np.flatnonzero(bad)[0])
-        cell = text.iloc[k]
-        content = f"{cell:g}" if not isinstance(cell, str) else repr(cell) if cell else "nothing"
-        raise MeasurementError(
-            f"expected {words}{' or nothing' if lost else ''}, found {content}",
-            file=source,
-            row=int(cells.index[k]),
-            column=name,
-        )
-    return values
-
-
-def in_si(cells: pd.DataFrame, names: Sequence[str], source: str, lost: bool = False) -> FloatArray:
-    """Columns as `numbers`, side by side in SI units, shape (rows, columns)."""
-    return np.column_stack([numbers(cells, name, source, lost=lost) * declared(name).unit for name in names])
-
-
-def names(cells: pd.DataFrame, name: str, source: str) -> Any:
-    """A column of names, an array of str of shape (rows,); every row must have one that can be shown.
-
-    Raises
-    ------
-    MeasurementError
-        For the first cell that is none.
-    """
-    codes, written = pd.factorize(cells[name].astype(str))
-    unlike = [from_cell(str(name).strip()) for name in written]
-    values = np.array([*unlike, None], dtype=object)[codes]
-    if all(unlike) and max(map(len, unlike)) <= LONGEST_NAME and fault_of(" ".join(unlike), math.inf) is None:
-        return values
-    for k, value in enumerate(unlike):
-        fault = "expected a name, found nothing" if value == "" else fault_of(value)
-        if fault is not None:
-            row = cells.index[codes == k][0]
-            raise MeasurementError(fault, file=source, row=int(row), column=name)
-    return values
-
-
-def refuse_unfit_names(values: pd.Series, name: str, source: str) -> None:
-    """Names go to terminals, tables and pages: what would act there instead of being shown is refused.
-
-    Parameters
-    ----------
-    values : Series of str
-        The index holds the rows for messages.
-    name : str
-        The column.
-    source : str
-        File name for messages.
-
-    Raises
-    ------
-    MeasurementError
-        For the first such name.
-    """
-    for value in values.unique():
-        fault = fault_of(value)
-        if fault is not None:
-            row = values.index[values == value][0]
-            raise MeasurementError(fault, file=source, row=int(row), column=name)
 
 
 def lost_points(xyz: FloatArray) -> BoolArray:
@@ -495,13 +784,6 @@ def _numbers_where_possible(cells: pd.DataFrame) -> pd.DataFrame:
 # --- where the cells come from ------------------------------------------------------------------------------
 
 
-def _bytes(path: Path, source: str, stdin: bool) -> bytes:
-    data = stdin_bytes(MeasurementError) if stdin and source == STDIN else read_bytes(path, MeasurementError)
-    if not data.strip():
-        raise MeasurementError("the file is empty, expected a header and rows", file=source)
-    return data
-
-
 def _decoded(data: bytes, source: str) -> str:
     try:
         text = data.decode("utf-8-sig")
@@ -534,16 +816,80 @@ def _from_frame(table: pd.DataFrame, required: Sequence[str], source: str) -> pd
     return pd.DataFrame(dict(zip(header, text, strict=True)), index=range(1, len(table) + 1), dtype=object)
 
 
-def _canonical(cells: pd.DataFrame) -> bytes:
-    return str(cells.to_csv(index=False, lineterminator="\n")).encode()
-
-
 def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _with_rows(cells: pd.DataFrame, source: str) -> pd.DataFrame:
-    if cells.empty:
-        source_kind = "table" if source == FRAME else "file"
-        raise MeasurementError(f"the {source_kind} has a header but no rows", file=source)
-    return cells
+def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd.DataFrame | None:
+    """Cells of a plain CSV file, read fast; any other is read cell by cell, which can say what is wrong where.
+
+    A file is plain where no cell is quoted, no line is blank, lines end with a line feed and all numbers are numbers.
+
+    Parameters
+    ----------
+    data : bytes
+    names : sequence of str
+        Of the columns, as the first line has them.
+    typed : callable
+        Tells by its name whether a column is one of numbers.
+
+    Returns
+    -------
+    DataFrame or None
+        Numbers, NaN where nothing stands, and text; the index holds the lines of the file. None for a file that is not
+        plain, or without pyarrow.
+    """
+    if b'"' in data or b"\r" in data:
+        return None
+    try:
+        import pyarrow as pa
+        from pyarrow import compute
+        from pyarrow import csv as arrow_csv
+    except ImportError:
+        return None
+    numbers = {name for name in names if typed(name)}
+    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
+    rows = data.count(b"\n") - data.endswith(b"\n")
+    try:
+        table = arrow_csv.read_csv(
+            pa.BufferReader(pa.py_buffer(data).slice(start)),
+            arrow_csv.ReadOptions(use_threads=len(data) > LONG_FILE, column_names=list(names), skip_rows=1),
+            arrow_csv.ParseOptions(quote_char=False),
+            arrow_csv.ConvertOptions(
+                column_types={name: pa.float64() if name in numbers else pa.string() for name in names},
+                null_values=[""],
+            ),
+        )
+    except pa.ArrowInvalid:
+        return None
+    if table.num_rows != rows:  # blank lines
+        return None
+    columns: dict[str, Any] = {}
+    empty = np.ones(rows, dtype=bool)
+    text = pd.StringDtype("pyarrow", na_value=np.nan)
+    for name in names:
+        column = table.column(name)
+        columns[name] = column.to_numpy() if name in numbers else pd.array(column, dtype=text)
+        if name not in numbers:
+            if empty.any():
+                empty &= compute.equal(column, "").to_numpy()
+        else:
+            empty &= np.isnan(columns[name])
+            if np.isinf(columns[name]).any() or np.isnan(columns[name]).sum() != column.null_count:  # "nan" as text
+                return None
+    if empty.any():  # a line of commas is no row
+        return None
+    return pd.DataFrame(columns, index=pd.RangeIndex(2, rows + 2), copy=False)
+
+
+def floats(text: pd.Series) -> FloatArray | None:
+    """Numbers of a column of text that pyarrow holds; None where it does not, or a cell is no plain number."""
+    to_arrow = getattr(text.array, "__arrow_array__", None)
+    if to_arrow is None or not isinstance(text.dtype, pd.StringDtype) or text.dtype.storage != "pyarrow":
+        return None
+    import pyarrow as pa
+
+    try:
+        return np.asarray(to_arrow().cast(pa.float64()))
+    except pa.ArrowInvalid:
+        return None

@@ -28,9 +28,8 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
-from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, imaging, quaternion_columns
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement import imaging
+from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, InputTable, TableLike
 from irbcal.measurement.known_features import (
     BRACES,
     DISTANCE,
@@ -42,7 +41,6 @@ from irbcal.measurement.known_features import (
     given_rows,
     known_features,
 )
-from irbcal.measurement.load_columns import PLACE, payloads
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion
@@ -177,13 +175,13 @@ class FeatureSet(Speaks):
         table = pd.DataFrame({"row": self.row, "pose": self.pose, "target": self.target})
         for name, values in zip(self.joint_columns, self.q.T, strict=True):
             table[name] = values / (MM if name.endswith("_mm") else DEG)
-        for name in columns.POSITION:
+        for name in POSITION:
             table[name] = np.nan
         table["pose_index"] = np.unique(self.pose_index, return_inverse=True)[1]
         if self.payload_kg is not None:
             table["payload_kg"] = self.payload_kg
         if self.payload_place is not None:
-            table[PLACE] = self.payload_place / MM
+            table[PAYLOAD_CENTRE] = self.payload_place / MM
         if self.simulated:
             table["simulated"] = "yes"
         return MeasurementSet(table, self.source, self.sha256)
@@ -204,14 +202,12 @@ class FeatureSet(Speaks):
             If there is no such column, or it divides the rows of one feature.
         """
         if column is not None:
-            if column not in self.cells.columns:
-                raise MeasurementError(
-                    f"there is no column {column} to leave out by; found {columns.listed(list(self.cells.columns))}",
-                    file=self.source,
-                    row=columns.header_row(self.source),
-                    parameter="leave_out",
+            table = InputTable(self.cells, self.source)
+            if column not in table:
+                raise table.header_fault(
+                    f"there is no column {column} to leave out by; found {table.listed}", "leave_out"
                 )
-            return np.asarray(columns.names(self.cells, column, self.source), dtype=object)
+            return table.filled(column)
         parent = {name: name for name in self.features}
 
         def root(name: str) -> str:
@@ -266,33 +262,29 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     MeasurementError
         If a file does not keep the format, or a row's feature is not known.
     """
-    cells, source, sha256 = columns.read(rows, ["pose"])
+    table = InputTable.read(rows, ["pose"])
+    cells, source = table.cells, table.source
     feature_rows = [] if features is None else given_rows(features)
     name_of = "<features>" if not isinstance(features, (str, PathLike)) else str(features)
-    names, name_pattern = _names(cells, feature_rows, source)
-    by_name, lengths = known_features(feature_rows, cells, names, source, name_of)
-    kind, target = (_text(cells, column, source) for column in ("kind", "target"))
+    names, name_pattern = _names(table, feature_rows)
+    by_name, lengths = known_features(feature_rows, table, names, name_of)
+    kind, target = table.texts("kind"), table.texts("target")
     for k, name in enumerate(names):
         feature = by_name.get(name)
         if name and feature is None and not kind[k]:
-            raise MeasurementError(
-                f"nothing is known of the feature {name}: name it with its kind in {name_of}, or give the row a kind",
-                file=source,
-                row=int(cells.index[k]),
-                column="feature",
+            sentence = (
+                f"nothing is known of the feature {name}: name it with its kind in {name_of}, or give the row a kind"
             )
+            raise table.fault(sentence, k, "feature")
         kind[k] = kind[k] or (POINT if feature is None else feature.kind)
         target[k] = target[k] or (TARGET if feature is None else feature.target)
         if name and feature is None:
             by_name[name] = Feature(name, kind[k], target[k])
-    q, programmed = _joints(cells, arm, source)
-    u95 = _number(cells, {"u95_mm": MM, "u95_deg": DEG}, source)
+    q, programmed = _joints(table, arm)
+    u95 = _first(table, "u95_mm", "u95_deg")
     stated_u95 = np.array([np.nan if not n or by_name[n].u95 is None else by_name[n].u95 for n in names], dtype=float)
-    xyz = np.column_stack([_number(cells, {f"{axis}_mm": MM}, source) for axis in "xyz"])
-    pose = np.asarray(columns.names(cells, "pose", source), dtype=object)
-    simulated = "simulated" in cells.columns and bool(
-        (~cells["simulated"].astype(str).str.lower().isin(["", "no", "0", "false"])).any()
-    )
+    pose = table.filled("pose")
+    rotations = table.rotations(lost=True)
     features_read = FeatureSet(
         q,
         pose,
@@ -300,34 +292,34 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         target,
         kind,
         names,
-        _number(cells, {"value_mm": MM, "value_deg": DEG}, source),
+        _first(table, "value_mm", "value_deg"),
         np.where(np.isfinite(u95), u95, stated_u95),
-        xyz,
-        _rotations(cells, source),
-        np.asarray(cells.index, dtype=int),
+        np.column_stack([table.optional(name) for name in POSITION]),
+        np.full((len(table), 3, 3), np.nan) if rotations is None else rotations,
+        np.asarray(table.rows, dtype=int),
         cells,
         {name: feature for name, feature in by_name.items() if name in set(names)},
         lengths,
         tuple(arm.joint_columns),
         source,
-        sha256,
-        simulated,
+        table.sha256,
+        table.simulated,
         programmed,
         name_pattern,
     )
-    load, centre = payloads(cells, source)
+    load, centre = table.payloads()
     return _with_images(replace(features_read, payload_kg=load, payload_place=centre), by_name)
 
 
 def _with_images(rows: FeatureSet, features: Mapping[str, Feature]) -> FeatureSet:
     """Rows that are corners, gathered to images."""
-    source = rows.source
-    number, u, v, u95 = (_number(rows.cells, {name: 1.0}, source) for name in ("corner", "u_px", "v_px", "u95_px"))
+    table = InputTable(rows.cells, rows.source)
+    number, u, v, u95 = (table.optional(name) for name in ("corner", "u_px", "v_px", "u95_px"))
     keys = [rows.pose_index.astype(str), rows.feature, rows.target]
     image = pd.factorize(pd.Series([" | ".join(map(str, key)) for key in zip(*keys, strict=True)]))[0]
     corners = imaging.Corners(image, rows.kind, rows.feature, rows.target, number, u, v, u95, rows.xyz, rows.row)
     views = {name: feature.imaging for name, feature in features.items()}
-    images = imaging.gathered(corners, views, {name: feature.target for name, feature in features.items()}, source)
+    images = imaging.gathered(corners, views, {name: feature.target for name, feature in features.items()}, rows.source)
     if images is None:
         return rows
     selected = rows.select(images.keep)
@@ -344,71 +336,45 @@ def _some(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
     return None if values is None else values[rows]
 
 
-def _text(cells: pd.DataFrame, name: str, source: str) -> NameArray:
-    """A column of names or nothing; all nothing where there is no such column."""
-    if name not in cells.columns:
-        return np.full(len(cells), "", dtype=object)
-    texts = cells[name].astype(str).str.strip()
-    columns.refuse_unfit_names(texts, name, source)
-    return np.array(texts, dtype=object)  # a copy: a column of pandas cannot be written to
-
-
-def _names(cells: pd.DataFrame, feature_rows: list[dict[str, str]], source: str) -> tuple[NameArray, str]:
+def _names(table: InputTable, feature_rows: list[dict[str, str]]) -> tuple[NameArray, str]:
     """Feature of each row, and how columns name it."""
-    if "feature" in cells.columns:
-        return _text(cells, "feature", source), ""
+    if "feature" in table:
+        return table.texts("feature"), ""
     patterns = [row for row in feature_rows if BRACES.search(row["feature"]) and row["kind"] != DISTANCE]
     if len(patterns) == 1:
-        return filled(patterns[0]["feature"], cells, patterns[0], source), patterns[0]["feature"]
-    if not feature_rows and all(name in cells.columns for name in columns.POSITION):
-        return np.full(len(cells), "", dtype=object), ""
-    raise MeasurementError(
+        return filled(patterns[0]["feature"], table, patterns[0]), patterns[0]["feature"]
+    if not feature_rows and all(name in table for name in POSITION):
+        return table.texts("feature"), ""
+    raise table.header_fault(
         "missing column feature: expected the name of the feature that each row is at, or one name made of columns, "
-        "such as {place}/{socket}, among the features",
-        file=source,
-        row=columns.header_row(source),
+        "such as {place}/{socket}, among the features"
     )
 
 
-def _number(cells: pd.DataFrame, units: Mapping[str, float], source: str) -> FloatArray:
+def _first(table: InputTable, *names: str) -> FloatArray:
     """The first of some columns that a row has a number in, SI units; NaN where none has."""
-    out = np.full(len(cells), np.nan)
-    for name, unit in units.items():
-        if name in cells.columns:
-            values = columns.numbers(cells, name, source, lost=True) * unit
-            out = np.where(np.isfinite(out), out, values)
+    out, *others = (table.optional(name) for name in names)
+    for values in others:
+        out = np.where(np.isfinite(out), out, values)
     return out
 
 
-def _rotations(cells: pd.DataFrame, source: str) -> FloatArray:
-    """Measured orientations, shape (m, 3, 3); NaN where there is none."""
-    present = [name for name in columns.QUATERNION if name in cells.columns]
-    table = pd.DataFrame({"row": cells.index} | {name: _number(cells, {name: 1.0}, source) for name in present})
-    quaternion_columns.check(table, source)
-    rotations = quaternion_columns.rotations(table)
-    return np.full((len(cells), 3, 3), np.nan) if rotations is None else rotations
-
-
-def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, bool]:
+def _joints(table: InputTable, arm: Arm) -> tuple[FloatArray, bool]:
     """Joints (m, joints) of the arm, programmed ones where there are any, SI units, and whether they are programmed."""
     for letter in "cq":
         q = []
         for k, slides in enumerate(arm.table.prismatic, 1):
-            units = {f"{letter}{k}_mm": MM, f"{letter}{k}_m": 1.0}
-            units = units if slides else {f"{letter}{k}_deg": DEG, f"{letter}{k}_rad": 1.0}
-            name = next((name for name in units if name in cells.columns), None)
+            names = [f"{letter}{k}_{unit}" for unit in (("mm", "m") if slides else ("deg", "rad"))]
+            name = next((name for name in names if name in table), None)
             if name is None:
                 break
-            q.append(columns.numbers(cells, name, source) * units[name])
+            q.append(table.si(name))
         else:
             return arm.check_joints(arm.from_controller(np.column_stack(q))), letter == "c"
         if q:
             break
-    raise MeasurementError(
-        f"missing column {' or '.join(units)}: {arm.name} has {arm.joints_in_words}; found "
-        f"{columns.listed(list(cells.columns))}",
-        file=source,
-        row=columns.header_row(source),
+    raise table.header_fault(
+        f"missing column {' or '.join(names)}: {arm.name} has {arm.joints_in_words}; found {table.listed}"
     )
 
 

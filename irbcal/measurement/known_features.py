@@ -17,7 +17,7 @@ import pandas as pd
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, imaging
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.imaging import Imaging
 from irbcal.reading import read_bytes
 from irbcal.units import MM
@@ -93,51 +93,43 @@ def given_rows(features: TableLike) -> list[dict[str, str]]:
         if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
             raise MeasurementError("expected a list of features, each with feature and kind", file=source)
         table = pd.DataFrame([{k: "" if v is None else str(v) for k, v in row.items()} for row in content]).fillna("")
-        return _rows_of(table, source)
-    return _rows_of(*columns.read(features, ["feature", "kind"])[:2])
+        return _rows_of(InputTable(table, source))
+    return _rows_of(InputTable.read(features, ["feature", "kind"]))
 
 
-def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
-    strange = [str(name) for name in cells.columns if name not in (*TEXT, *LENGTHS, *imaging.NUMBERS)]
-    missing = [name for name in ("feature", "kind") if name not in cells.columns]
-    if strange or missing:
-        problem = f"there is a column {strange[0]}" if strange else f"missing column {missing[0]}"
-        raise MeasurementError(
-            f"{problem}: features have the columns {', '.join((*TEXT, *LENGTHS, *imaging.NUMBERS))}",
-            file=source,
-            row=columns.header_row(source),
-        )
-    for name in [name for name in (*LENGTHS, *imaging.NUMBERS) if name in cells.columns]:
-        lost = np.isnan(columns.numbers(cells, name, source, lost=True))
-        cells = cells.assign(**{name: cells[name].mask(lost, "")})
-    for name in [name for name in TEXT if name in cells.columns]:
-        columns.refuse_unfit_names(cells[name].astype(str).str.strip(), name, source)
+def _rows_of(table: InputTable) -> list[dict[str, str]]:
+    known = (*TEXT, *LENGTHS, *imaging.NUMBERS)
+    columns.check_header(table.names, ["feature", "kind"], table.source, known)
+    cells = table.cells
+    for name in table.names:
+        if name in TEXT:
+            table.texts(name)
+        else:
+            cells = cells.assign(**{name: cells[name].mask(np.isnan(table.numbers(name, lost=True)), "")})
     return [
-        {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
-        for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
+        {str(k): str(v).strip() for k, v in record.items()} | {"row": str(row), "source": table.source}
+        for row, record in zip(table.rows, cells.to_dict("records"), strict=True)
     ]
 
 
-def filled(pattern: str, cells: pd.DataFrame, row: Mapping[str, str], source: str) -> NameArray:
+def filled(pattern: str, table: InputTable, row: Mapping[str, str]) -> NameArray:
     """A name for each row of the measurements, from a pattern with columns in braces."""
-    out = np.full(len(cells), pattern, dtype=object)
+    out = np.full(len(table), pattern, dtype=object)
     for column in dict.fromkeys(BRACES.findall(pattern)):
-        if column not in cells.columns:
+        if column not in table:
             raise MeasurementError(
-                f"{pattern} asks for the column {column}, which {source} does not have: it has "
-                f"{columns.listed(list(cells.columns))}",
+                f"{pattern} asks for the column {column}, which {table.source} does not have: it has {table.listed}",
                 file=row["source"],
                 row=int(row["row"]),
                 column="feature",
             )
-        values = columns.names(cells, column, source)
+        values = table.filled(column)
         out = np.array([a.replace(f"{{{column}}}", str(b)) for a, b in zip(out, values, strict=True)], dtype=object)
-    columns.refuse_unfit_names(pd.Series(out, index=cells.index), "feature", source)
-    return out
+    return InputTable(pd.DataFrame({"feature": out}, index=table.cells.index), table.source).texts("feature")
 
 
 def known_features(
-    rows: list[dict[str, str]], cells: pd.DataFrame, names: NameArray, source: str, name_of: str
+    rows: list[dict[str, str]], table: InputTable, names: NameArray, name_of: str
 ) -> tuple[dict[str, Feature], tuple[Length, ...]]:
     """Features and lengths with all names filled in."""
     by_name: dict[str, Feature] = {}
@@ -148,15 +140,15 @@ def known_features(
         value = {name: float(row[name]) * MM if row.get(name) else None for name in LENGTHS}
         if not row["feature"] or not row["kind"]:
             raise MeasurementError("expected a feature and its kind", file=row["source"], row=int(row["row"]))
-        labels = filled(row["feature"], cells, row, source) if BRACES.search(row["feature"]) else [row["feature"]]
-        ends = [filled(row.get(name, ""), cells, row, source) for name in ("first", "second")]
+        labels = filled(row["feature"], table, row) if BRACES.search(row["feature"]) else [row["feature"]]
+        ends = [filled(row.get(name, ""), table, row) for name in ("first", "second")]
         if row["kind"] == DISTANCE:
             length = value["length_mm"]
             if length is None or length <= 0.0 or not row.get("first") or not row.get("second"):
                 raise MeasurementError(
                     "a distance needs first, second and length_mm", file=row["source"], row=int(row["row"])
                 )
-            triples = set(zip(labels if len(labels) > 1 else labels * len(cells), *ends, strict=True))
+            triples = set(zip(labels if len(labels) > 1 else labels * len(table), *ends, strict=True))
             present = sorted(triple for triple in triples if triple[1] in measured and triple[2] in measured)
             if not present and not any(BRACES.search(row[key]) for key in ("first", "second")):
                 lost = row["first"] if row["first"] not in measured else row["second"]

@@ -8,11 +8,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import near
-from irbcal.measurement.load_columns import PLACE
-from irbcal.measurement.own_tables import shared
+from irbcal.measurement import repeats
+from irbcal.measurement.columns import PAYLOAD_CENTRE
 from irbcal.measurement.points import PointSet
-from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.table import MeasurementSet, shared_table
 from irbcal.modeling.terms.situation import Motion
 
 
@@ -39,8 +38,8 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     MeasurementError
         If several loads were carried and it is not told where which.
     """
-    first = shared(measurements).groupby("pose_index", sort=True)["pose"].first().astype(str)
-    stop, number = near.numbered((first.to_numpy(), measurements.joints()), (points.pose_ids.astype(str), points.q))
+    first = shared_table(measurements).groupby("pose_index", sort=True)["pose"].first().astype(str)
+    stop, number = repeats.numbered((first.to_numpy(), measurements.joints()), (points.pose_ids.astype(str), points.q))
     size = max(stop.max(initial=-1), number.max(initial=-1)) + 1
     count = np.bincount(stop, minlength=size)
     elapsed = (np.bincount(stop, np.arange(len(stop)), minlength=size) / np.maximum(count, 1))[number]
@@ -64,7 +63,7 @@ def times_of(sets: Sequence[PointSet], timed: Sequence[tuple[PointSet, Motion]])
         One for each of ``sets``: poses that are not known lie between their neighbours; None where none is known.
     """
     told_of = [(points, motion.elapsed) for points, motion in timed if motion.elapsed is not None]
-    number = near.numbered(*(_identities(points) for points in (*sets, *(points for points, _ in told_of))))
+    number = repeats.numbered(*(_identities(points) for points in (*sets, *(points for points, _ in told_of))))
     times = np.full(1 + max((numbers_of_set.max(initial=-1) for numbers_of_set in number), default=-1), np.nan)
     for numbers, (_, elapsed) in zip(number[len(sets) :], told_of, strict=True):
         times[numbers] = elapsed
@@ -133,6 +132,15 @@ def payload_of(points: PointSet, source: str) -> tuple[FloatArray | None, FloatA
         raise MeasurementError(
             f"pose {points.pose_ids[gaps & (load > 0.0)][0]} has a payload without a place",
             file=source,
-            column=tuple(PLACE),
+            column=tuple(PAYLOAD_CENTRE),
         )
     return load, np.where(gaps[:, None], 0.0, centre)
+
+
+def usual_place(load: FloatArray, centre: FloatArray | None, usual_kg: float | None) -> tuple[float, float, float]:
+    """Centre of the payload that counts where none is told: that of the usual load, else of the heaviest."""
+    if centre is None:
+        return 0.0, 0.0, 0.0
+    usual = np.flatnonzero((load == usual_kg) & (load > 0.0))
+    x, y, z = centre[usual[-1] if len(usual) else int(np.argmax(load))].tolist()
+    return x, y, z

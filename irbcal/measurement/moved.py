@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
-from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
+from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
@@ -113,7 +113,7 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     if points.poses > MOST_POSES:
         sample = np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
         return moved(points.select(sample), residuals[sample[points.pose]], R_world_base, seed)
-    starts = np.flatnonzero(np.diff(places(points), prepend=-1))  # repeats in a row show one error of the robot
+    starts = np.flatnonzero(np.diff(repeat_groups(points), prepend=-1))  # repeats in a row show one error of the robot
     if len(starts) < FEWEST:
         return None
     stop = np.searchsorted(starts, points.pose, side="right") - 1

@@ -15,19 +15,26 @@ being line 1; in a DataFrame the position plus one) and the column.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, load_columns, quaternion_columns
-from irbcal.measurement.columns import ALL_JOINTS, POSITION, QUATERNION, TableLike
-from irbcal.measurement.own_tables import OwnTables
+from irbcal.measurement import columns
+from irbcal.measurement.columns import (
+    ALL_JOINTS,
+    PAYLOAD,
+    PAYLOAD_CENTRE,
+    POSITION,
+    QUATERNION,
+    InputTable,
+    TableLike,
+)
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling.arm import Arm
 from irbcal.options import shown
@@ -35,13 +42,46 @@ from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
 REQUIRED = ["pose", ALL_JOINTS, "target", *POSITION]
-NUMERIC_EXTRAS = ["payload_kg", *load_columns.PLACE, "time_s", "u95_mm", *QUATERNION]
+NUMERIC_EXTRAS = [PAYLOAD, *PAYLOAD_CENTRE, "time_s", "u95_mm", *QUATERNION]
 REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
 
 
+DEEP = int(pd.__version__.partition(".")[0]) < 3
+"""Whether `shared_table` copies: from pandas 3 on a table gets content of its own when it is written to."""
+
+
+class ReadOnlyTables:
+    """Base of frozen dataclasses whose DataFrames nobody can change: every access to such a field hands out a copy.
+
+    ``dataclasses.replace``, ``pickle`` and ``copy`` work as with any other dataclass. Fields of tables have no default.
+    """
+
+    def __post_init__(self) -> None:
+        tables: dict[str, Any] = {}
+        for field in fields(self):  # type: ignore[arg-type]  # those who inherit are dataclasses
+            if isinstance(self.__dict__[field.name], pd.DataFrame):
+                tables[field.name] = self.__dict__.pop(field.name).copy()
+        self.__dict__["_tables"] = tables
+
+    if not TYPE_CHECKING:  # the fields are declared by those who inherit
+
+        def __getattr__(self, name: str) -> pd.DataFrame:
+            """Tables are kept under another name, so each access to one ends here."""
+            tables = self.__dict__.get("_tables", {})
+            if name in tables:
+                return tables[name].copy()
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
+def shared_table(holder: ReadOnlyTables, name: str = "table") -> pd.DataFrame:
+    """A table for reading only: a long one need not stand in memory twice."""
+    table: pd.DataFrame = holder.__dict__["_tables"][name]
+    return table.copy(deep=DEEP)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasurementSet(OwnTables, Speaks):
+class MeasurementSet(ReadOnlyTables, Speaks):
     """Measurements as read: one row per asked-for point.
 
     Attributes
@@ -65,7 +105,7 @@ class MeasurementSet(OwnTables, Speaks):
 
     @property
     def _rows(self) -> pd.DataFrame:
-        return self.__dict__["_own"]["table"]
+        return self.__dict__["_tables"]["table"]
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -78,9 +118,7 @@ class MeasurementSet(OwnTables, Speaks):
     @property
     def simulated(self) -> bool:
         """Whether the file says so itself: any value but ``no`` in a column ``simulated``."""
-        if "simulated" not in self._rows.columns:
-            return False
-        return bool((~self._rows["simulated"].astype(str).str.lower().isin(["", "no", "0", "false"])).any())
+        return InputTable(self._rows).simulated
 
     @property
     def poses(self) -> int:
@@ -172,7 +210,7 @@ class MeasurementSet(OwnTables, Speaks):
 
     def payload_places(self) -> FloatArray | None:
         """Centre of the payload in the tip link at each pose, shape (n, 3), metres; None without columns."""
-        names = load_columns.place_columns(self._rows.columns, self.source)
+        names = columns.payload_centre_columns(self._rows.columns, self.source)
         if not names:
             return None
         centres = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy(dtype=float) * MM
@@ -180,7 +218,7 @@ class MeasurementSet(OwnTables, Speaks):
 
     def torques(self) -> FloatArray | None:
         """Measured torques of the joints at each pose, shape (n, joints), N m; None without columns tau1_nm …."""
-        names = load_columns.torque_columns(self._rows.columns, self.source)
+        names = columns.torque_columns(self._rows.columns, self.source)
         if not names:
             return None
         return self._rows.groupby("pose_index", sort=True)[names].mean().to_numpy(dtype=float)
@@ -191,7 +229,7 @@ class MeasurementSet(OwnTables, Speaks):
 
     def rotations(self) -> FloatArray | None:
         """Measured orientations of all rows, shape (rows, 3, 3), NaN where there is none; None without columns."""
-        return quaternion_columns.rotations(self._rows)
+        return InputTable(self._rows).rotations(lost=True)
 
     def uncertainties(self) -> FloatArray | None:
         """Expanded uncertainties of all rows, shape (rows,), metres, NaN where not given; None without a column."""
@@ -267,7 +305,7 @@ def read(source: MeasurementsLike) -> MeasurementSet:
             )
         return source.measurements()
     try:
-        return _checked(*columns.read(source, REQUIRED, typed=_of_numbers))
+        return _checked(InputTable.read(source, REQUIRED, typed=_of_numbers))
     except MeasurementError as error:
         raise _with_proposal(error, source) from None
 
@@ -311,36 +349,36 @@ def parse(data: bytes, source: str) -> MeasurementSet:
     MeasurementError
         If it does not keep the format.
     """
-    return _checked(*columns.parse(data, source, REQUIRED, _of_numbers))
+    return _checked(InputTable.parse(data, source, REQUIRED, typed=_of_numbers))
 
 
 def _of_numbers(name: str) -> bool:
     """Whether a column of a measurement file is one of numbers."""
-    return name in POSITION or name in NUMERIC_EXTRAS or columns.is_joint(name) or load_columns.is_torque(name)
+    return name in POSITION or name in NUMERIC_EXTRAS or columns.is_joint(name) or columns.is_torque(name)
 
 
-def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
-    table = pd.DataFrame({"row": cells.index})
-    for name in [*columns.joint_columns(cells.columns), *columns.programmed_columns(cells.columns, source)]:
-        table[name] = columns.numbers(cells, name, source)
-    for name in load_columns.torque_columns(cells.columns, source):
-        table[name] = columns.numbers(cells, name, source)
+def _checked(rows: InputTable) -> MeasurementSet:
+    names, source = rows.names, rows.source
+    table = pd.DataFrame({"row": rows.rows})
+    joints = [*columns.joint_columns(names), *columns.programmed_columns(names, source)]
+    for name in [*joints, *columns.torque_columns(names, source)]:
+        table[name] = rows.numbers(name)
     for name in POSITION:
-        table[name] = columns.numbers(cells, name, source, lost=True)
+        table[name] = rows.numbers(name, lost=True)
     for name in ("pose", "target"):
-        table[name] = columns.names(cells, name, source)
-    for name in [name for name in cells.columns if name not in table.columns]:
+        table[name] = rows.filled(name)
+    for name in [name for name in names if name not in table.columns]:
         if name in NUMERIC_EXTRAS:
-            table[name] = columns.numbers(cells, name, source, lost=True)
+            table[name] = rows.numbers(name, lost=True)
         else:
-            if name in ("group", "cycle", "session"):
-                columns.refuse_unfit_names(cells[name].astype(str), name, source)
-            table[name] = cells[name].to_numpy()
-    table.loc[columns.lost_points(table[POSITION].to_numpy()), POSITION] = np.nan
+            table[name] = rows.texts(name) if name in ("group", "cycle", "session") else rows.cells[name].to_numpy()
+    table.loc[rows.lost(), POSITION] = np.nan
     table["pose_index"] = _pose_index(table, source)
-    load_columns.place_columns(cells.columns, source)
-    quaternion_columns.check(table, source)
-    return MeasurementSet(table, source, sha256)
+    columns.payload_centre_columns(names, source)
+    quaternions = rows.quaternions()
+    if quaternions is not None:
+        table[QUATERNION] = quaternions
+    return MeasurementSet(table, source, rows.sha256)
 
 
 def _pose_index(table: pd.DataFrame, source: str) -> IntArray:
@@ -356,7 +394,7 @@ def _pose_index(table: pd.DataFrame, source: str) -> IntArray:
     for names, kind in ((columns.joint_columns(table.columns), "joints"), (programmed, "programmed joints")):
         if names:
             _check_same(table, names, kind, first[index], source)
-    for name in ("payload_kg", *load_columns.PLACE):
+    for name in (PAYLOAD, *PAYLOAD_CENTRE):
         if name in table.columns:
             _check_same(table, [name], "payload", first[index], source)
     return index

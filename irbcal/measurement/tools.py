@@ -11,8 +11,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.motions import usual_load
-from irbcal.measurement.own_tables import shared
-from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.table import MeasurementSet, shared_table
 
 
 def of_load(target: str, payload_kg: float) -> str:
@@ -181,7 +180,7 @@ def in_words(measurements: MeasurementSet, usual_kg: float | None, same_tool: bo
 def _loads(measurements: MeasurementSet) -> FloatArray | None:
     """Load of each row, NaN where not told."""
     loads = measurements.payloads()
-    return None if loads is None else loads[shared(measurements)["pose_index"].to_numpy()]
+    return None if loads is None else loads[shared_table(measurements)["pose_index"].to_numpy()]
 
 
 def _renamed(measurements: MeasurementSet, loads: FloatArray, rows: np.ndarray) -> MeasurementSet:

@@ -20,7 +20,7 @@ from irbcal.errors import MeasurementError
 from irbcal.io.opening import RobotLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.options import MOST_POSES, checked, number
 from irbcal.options import seed as check_seed
 from irbcal.planning.device_information import DeviceModel, Rated
@@ -332,9 +332,7 @@ class DevicePlan(Speaks):
         tables = {ROWS: self.to_frame(), FEATURES: self.features()}
         if self.approach is not None:
             tables[APPROACH] = rows_table(self.arm, self.found, self.approach, self.which, None)
-        data = {
-            name: without_formulas(t).to_csv(index=False, lineterminator="\n").encode() for name, t in tables.items()
-        }
+        data = {name: csv_bytes(t) for name, t in tables.items()}
         atomic.write_together(folder, data)
         return tuple(Path(folder) / name for name in data)
 

@@ -41,7 +41,7 @@ from typing import TYPE_CHECKING
 from irbcal.arrays import FloatArray
 from irbcal.measurement.columns import joint_columns
 from irbcal.modeling.home import DECIMALS
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.planning import program
 from irbcal.planning.conditions import CONDITIONS
 from irbcal.planning.exchange import DesignComparison
@@ -86,7 +86,7 @@ def _csv(table: pd.DataFrame) -> bytes:
     text = table.copy()
     for name in decimals.keys() & set(table.columns):
         text[name] = [f"{value:.{decimals[name]}f}" for value in table[name]]
-    return str(without_formulas(text).to_csv(index=False, lineterminator="\n")).encode()
+    return csv_bytes(text)
 
 
 def _joints(planned: PlannedPoses) -> FloatArray:

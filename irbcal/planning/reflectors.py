@@ -11,7 +11,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, lists
+from irbcal.measurement.columns import InputTable, all_or_none
+from irbcal.measurement.columns import read_targets as read_positions
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
 from irbcal.modeling.robot import Robot
@@ -130,17 +131,11 @@ def read_targets(path: str | Path) -> Targets:
     MeasurementError
         If the file cannot be read or does not keep the format.
     """
-    points = lists.read_targets(path)
-    raw, source, _ = columns.read(path, ["target"])
-    given = [name for name in DIRECTIONS if name in raw.columns]
-    if not given:
+    points, rows = read_positions(path), InputTable.read(path)
+    if not all_or_none(rows.names, DIRECTIONS, rows.source, f"a direction needs {', '.join(DIRECTIONS)}"):
         return Targets(tuple(points), np.array(list(points.values())))
-    if len(given) < 3:
-        missing = ", ".join(name for name in DIRECTIONS if name not in given)
-        raise MeasurementError(f"missing column {missing}; a direction needs nx, ny, nz", file=source, row=1)
-    looks = np.column_stack([columns.numbers(raw, name, source, "a part of a direction") for name in DIRECTIONS])
-    short = np.linalg.norm(looks, axis=1) < 1e-6
-    if short.any():
-        row = int(raw.index[np.flatnonzero(short)[0]])
-        raise MeasurementError("expected a direction, found zero length", file=source, row=row, column=DIRECTIONS)
+    looks = np.column_stack([rows.numbers(name, expected="a part of a direction") for name in DIRECTIONS])
+    short = np.flatnonzero(np.linalg.norm(looks, axis=1) < 1e-6)
+    if len(short):
+        raise rows.fault("expected a direction, found zero length", int(short[0]), DIRECTIONS)
     return Targets(tuple(points), np.array(list(points.values())), looks)

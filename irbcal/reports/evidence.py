@@ -12,8 +12,8 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IrbcalError
 from irbcal.io.schema import Record, Statistics
 from irbcal.joint_analysis.residuals import ResidualAnalysis, analyse_residuals
-from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
+from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
 from irbcal.plotting.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
 from irbcal.units import MM
@@ -121,7 +121,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         pose, pose_names, groups = points.pose, points.pose_ids.tolist(), points.groups.tolist()
     else:
         pose, pose_names, groups = _runs(column_of(table.pose), column_of(table.group))
-    spot = np.arange(len(pose_names)) if points is None else places(points)
+    spot = np.arange(len(pose_names)) if points is None else repeat_groups(points)
     errors = {model: np.array(getattr(table, f"{model}_mm"))[rows] * MM for model in statistics}
     compared: comparison.Comparison | None = comparison.compare(
         errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object), place=spot

@@ -15,10 +15,10 @@ from irbcal import atomic
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import OptionError
 from irbcal.identification.observations import KINDS
+from irbcal.measurement.columns import PAYLOAD_CENTRE
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.features import read as read_features
-from irbcal.measurement.load_columns import PLACE
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.options import MOST_POSES, checked, names, number
 from irbcal.options import seed as check_seed
 from irbcal.simulation import shipped_cells
@@ -89,7 +89,7 @@ class SimulatedDevice(Speaks):
         """The rows as the first file of ``irbcal calibrate --features``."""
         table = rows_table(self.cell.arm, self.found, self.q, self.which, self.value)
         if self.payload is not None:
-            payload_at = dict(zip(PLACE, np.array(self.cell.tool.payload_centre) / MM, strict=True))
+            payload_at = dict(zip(PAYLOAD_CENTRE, np.array(self.cell.tool.payload_centre) / MM, strict=True))
             table = table.assign(payload_kg=self.payload, **payload_at)
         return table.assign(simulated="yes")
 
@@ -133,7 +133,7 @@ class SimulatedDevice(Speaks):
         out = Path(out)
         files = [out.name, f"{out.stem}.features.csv", f"{out.stem}.truth.json"]
         tables = (self.to_frame(), self.features())
-        data = [without_formulas(table).to_csv(index=False, lineterminator="\n").encode() for table in tables]
+        data = [csv_bytes(table) for table in tables]
         ball = dict(zip(("x", "y", "z"), (np.array(BALL) / MM).tolist(), strict=True))
         truth = {
             "simulated": True,

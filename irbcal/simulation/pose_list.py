@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,8 @@ from irbcal.correction.program import ControllerSetup, read_bytes
 from irbcal.errors import MeasurementError, ProgramError
 from irbcal.io.controller_model import controller_frames, unknown_frames
 from irbcal.io.opening import open_robot
-from irbcal.measurement import columns, lists
+from irbcal.measurement import columns
+from irbcal.measurement.columns import InputTable
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import pulses_per_degree
@@ -339,47 +340,32 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
     MeasurementError
         If the file does not keep the format.
     """
-    raw, source, digest = columns.read(table, ())
-    if set(POSE) <= set(raw.columns) and arm.joint_columns[0] not in raw.columns:
-        q = _of_poses(table, raw, arm, source)
+    rows = InputTable.read(table)
+    digest, targets = rows.sha256, None
+    if set(POSE) <= set(rows.names) and arm.joint_columns[0] not in rows:
+        q = correct_poses(Robot(arm), arm, rows.poses()).q_nominal
+        missing = np.flatnonzero(~np.isfinite(q).all(axis=1))
+        if len(missing):
+            raise rows.fault(f"expected a pose that {arm.name} reaches within its joint limits", int(missing[0]))
     else:
-        columns.check_header(list(raw.columns), arm.joint_columns, source)
-        raw, q = _of_joints(raw, arm, source)
-    n = len(raw)
-    waits = np.full(n, float(wait_s))
-    if "wait_s" in raw.columns:
-        waits_given = columns.numbers(raw, "wait_s", source, "seconds", lost=True)
-        outside = (waits_given < 0) | (waits_given > LONGEST_WAIT)
-        _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
-        waits = np.where(np.isfinite(waits_given), waits_given, waits)
+        columns.check_header(rows.names, arm.joint_columns, rows.source)
+        if "targets" not in rows:
+            rows, targets = rows.one_row_a_pose(arm.joint_columns)
+        q = arm.from_controller(rows.joints(arm.joint_columns))
+    waits = rows.optional("wait_s")
+    if "wait_s" in rows:
+        rows.refuse((waits < 0) | (waits > LONGEST_WAIT), "wait_s", f"0 to {LONGEST_WAIT:g} seconds")
+    if "targets" in rows:
+        targets = rows.cells["targets"]
     return PoseList(
         q,
-        _pose_names(raw, source) if "pose" in raw.columns else numbered(n),
-        _targets(raw) if "targets" in raw.columns else None,
-        waits,
-        {name: raw[name].to_numpy(dtype=object) for name in KEPT if name in raw.columns},
-        source,
+        _pose_names(rows) if "pose" in rows else numbered(len(rows)),
+        None if targets is None else _targets(targets),
+        np.where(np.isfinite(waits), waits, wait_s),
+        {name: rows.cells[name].to_numpy(dtype=object) for name in KEPT if name in rows},
+        rows.source,
         digest,
     )
-
-
-def _of_joints(raw: pd.DataFrame, arm: Arm, source: str) -> tuple[pd.DataFrame, FloatArray]:
-    """The rows of a table that are poses, and their joints (n, joints) in SI units."""
-    commanded = columns.commanded(raw.columns, arm.joint_columns, source)
-    if {"pose", "target"} <= set(raw.columns) and "targets" not in raw.columns:
-        raw = _one_row_a_pose(raw, commanded, source)
-    return raw, arm.from_controller(columns.in_si(raw, commanded, source))
-
-
-def _of_poses(table: columns.TableLike, raw: pd.DataFrame, arm: Arm, source: str) -> FloatArray:
-    """Joints (n, joints) of poses, of the solution nearest to zero joints."""
-    solution = correct_poses(Robot(arm), arm, lists.read_poses(table))
-    missing = ~np.isfinite(solution.q_nominal).all(axis=1)
-    if missing.any():
-        k = int(np.argmax(missing))
-        message = f"expected a pose that {arm.name} reaches within its joint limits"
-        raise MeasurementError(message, file=source, row=int(raw.index[k]))
-    return solution.q_nominal
 
 
 def random_list(cell: VirtualCell, count: int, seed: int = 0, wait_s: float = WAIT_S) -> PoseList:
@@ -404,31 +390,14 @@ def random_list(cell: VirtualCell, count: int, seed: int = 0, wait_s: float = WA
     return PoseList(q, numbered(count), None, np.full(count, float(wait_s)), {}, f"{count} random poses")
 
 
-def _refuse_first(bad: Any, raw: pd.DataFrame, column: str, source: str, expected: str) -> None:
-    """Refuse the first row that is marked as bad."""
-    if np.any(bad):
-        k = int(np.flatnonzero(bad)[0])
-        value = repr(raw[column].iloc[k].strip())
-        raise MeasurementError(f"expected {expected}, found {value}", file=source, row=int(raw.index[k]), column=column)
+def _pose_names(rows: InputTable) -> NameArray:
+    names = rows.filled("pose")
+    key = names + " / " + rows.texts("cycle")
+    rows.refuse(rows.cells.assign(key=key)["key"].duplicated(), "pose", "each pose once (in each cycle)")
+    return names
 
 
-def _one_row_a_pose(raw: pd.DataFrame, joints: Sequence[str], source: str) -> pd.DataFrame:
-    """The first row of each pose, with the targets of all its rows."""
-    keys = [raw[name].str.strip() for name in ("pose", "cycle") if name in raw.columns]
-    first = lists.first_rows(raw, joints, source)
-    targets = raw["target"].str.strip().groupby(keys, sort=False).transform(" ".join)
-    return raw.assign(targets=targets)[first]
-
-
-def _pose_names(raw: pd.DataFrame, source: str) -> NameArray:
-    names = raw["pose"].str.strip()
-    _refuse_first(names == "", raw, "pose", source, "a name")
-    key = names + " / " + raw["cycle"].str.strip() if "cycle" in raw.columns else names
-    _refuse_first(key.duplicated(), raw, "pose", source, "each pose once (in each cycle)")
-    return names.to_numpy(dtype=object)
-
-
-def _targets(raw: pd.DataFrame) -> tuple[tuple[tuple[str, ...], int], ...]:
+def _targets(texts: pd.Series) -> tuple[tuple[tuple[str, ...], int], ...]:
     """Names of the targets of each row and the line of the file; no names stand for all targets."""
-    names = (tuple(name for name in re.split(r"[\s;|,]+", text) if name) for text in raw["targets"])
-    return tuple(zip(names, (int(row) for row in raw.index), strict=True))
+    names = (tuple(name for name in re.split(r"[\s;|,]+", text) if name) for text in texts)
+    return tuple(zip(names, (int(row) for row in texts.index), strict=True))

@@ -19,14 +19,13 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
-from irbcal.measurement.columns import POSITION, TableLike
-from irbcal.measurement.load_columns import PLACE
+from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.options import MOST_POSES, checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.simulation import pose_list, shipped_cells
@@ -68,7 +67,7 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     columns["payload_kg"] = np.full(len(row), run.payload_kg)
     if run.payload_place is not None:
         payload_at = np.round(run.payload_place / MM, 4)
-        columns |= {name: np.full(len(row), x) for name, x in zip(PLACE, payload_at, strict=True)}
+        columns |= {name: np.full(len(row), x) for name, x in zip(PAYLOAD_CENTRE, payload_at, strict=True)}
     columns["time_s"] = np.round(run.time_s[row, point], 2)
     columns["simulated"] = np.full(len(row), "yes", dtype=object)
     return pd.DataFrame(columns)
@@ -93,7 +92,7 @@ def files(run: Run, poses: PoseList, cell: VirtualCell, out: str | Path, robot: 
         File name -> content.
     """
     out = Path(out)
-    data = without_formulas(measurement_table(run, poses, cell.arm)).to_csv(index=False, lineterminator="\n").encode()
+    data = csv_bytes(measurement_table(run, poses, cell.arm))
     document = {
         "simulated": True,
         "note": "What the virtual cell hides; the identification never reads this file.",
@@ -200,7 +199,7 @@ class Simulated(Speaks):
 
     def measurements(self) -> MeasurementSet:
         """The measurements as irbcal reads them from the measurement file: what `irbcal.calibrate` takes."""
-        data = without_formulas(self.to_frame()).to_csv(index=False, lineterminator="\n").encode("utf-8")
+        data = csv_bytes(self.to_frame())
         return table.parse(data, f"SIMULATED measurements of {self.cell.arm.name}")
 
     def to_dict(self) -> dict[str, Any]:

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
-from irbcal.errors import MeasurementError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses
 from irbcal.modeling import frames
@@ -20,10 +18,13 @@ from irbcal.modeling.robot import Robot
 from irbcal.validation import accuracy
 from irbcal.validation.pose_criteria import mean_rotation, small_angles
 from irbcal.validation.prepared import CleanedPoints
-from irbcal.validation.tables import places
 
 if TYPE_CHECKING:
     import pandas as pd
+
+NO_ORIENTATION = (
+    "missing columns qw, qx, qy, qz: where a target on the tool is commanded to be depends on the orientation"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,7 @@ class Attained:
         about = mean_rotation(self.rotation) if self.wanted_rotation is None else self.wanted_rotation
         return small_angles(self.rotation, about)
 
-    def commanded_by(self, robot: Robot | None, table: pd.DataFrame | None) -> Attained:
+    def commanded_by(self, robot: Robot | None, table: InputTable | None) -> Attained:
         """With the commanded positions and orientations, where there are any.
 
         Parameters
@@ -110,26 +111,21 @@ class Attained:
         """
         if table is None:
             return self if robot is None else self._wanting(robot.T_world_base @ robot.poses(self.q), robot)
-        file = table.attrs["source"]
-        missing = sorted(set(self.pose) - set(table["pose"]))
+        names = list(table.filled("pose"))
+        missing = sorted(set(self.pose) - set(names))
         if missing:
-            raise MeasurementError(f"there is no commanded pose {missing[0]}", file=file)
-        rows = [list(table["pose"]).index(name) for name in self.pose]
-        R = readings.rotations(table)
+            raise table.fault(f"there is no commanded pose {missing[0]}")
+        rows = [names.index(name) for name in self.pose]
+        R = table.rotations()
         T = np.tile(np.eye(4), (len(rows), 1, 1))
-        T[:, :3, 3] = places(table)[rows]
+        T[:, :3, 3] = table.si(POSITION)[rows]
         if R is not None:
             T[:, :3, :3] = R[rows]
         if robot is None:
             turned = R is not None and self.rotation is not None
             return replace(self, wanted=T[:, :3, 3], wanted_rotation=T[:, :3, :3] if turned else None)
         if self.rotation is None and R is None:
-            raise MeasurementError(
-                "missing columns qw, qx, qy, qz: where a target on the tool is commanded to be depends on the "
-                "orientation",
-                file=file,
-                row=1,
-            )
+            raise table.header_fault(NO_ORIENTATION)
         return self._wanting(robot.T_world_base @ T, robot)
 
     def _wanting(self, T_world_tip: FloatArray, robot: Robot) -> Attained:
@@ -140,7 +136,7 @@ class Attained:
         return replace(self, wanted=position, wanted_rotation=R)
 
 
-def commanded_poses(source: TableLike) -> pd.DataFrame:
+def commanded_poses(source: TableLike) -> InputTable:
     """A table of commanded poses: ``pose``, ``x_mm``, ``y_mm``, ``z_mm`` and for orientations ``qw`` to ``qz``.
 
     Raises
@@ -148,19 +144,15 @@ def commanded_poses(source: TableLike) -> pd.DataFrame:
     MeasurementError
         If the file does not keep the format or names a pose twice.
     """
-    table = readings.read(source, ("x_mm", "y_mm", "z_mm"), ("pose",))
-    double = table["pose"].duplicated()
-    if double.any():
-        row = table[double].iloc[0]
-        raise MeasurementError(
-            f"{row['pose']} stands there more than once", file=table.attrs["source"], row=int(row["row"]), column="pose"
-        )
+    table = InputTable.read(source, ["pose", *POSITION])
+    table.refuse_repeats("pose", table.filled("pose"))
+    table.si(POSITION)
     return table
 
 
-def measured_whole(points: PointSet, robots: Mapping[str, Robot | None], table: pd.DataFrame | None) -> bool:
+def measured_whole(points: PointSet, robots: Mapping[str, Robot | None], table: InputTable | None) -> bool:
     """Whether poses are measured as a whole and what was commanded is, too."""
-    if table is not None and readings.rotations(table) is None:
+    if table is not None and table.rotations() is None:
         return False
     robot = next(iter(robots.values()))
     three = bool((np.bincount(points.pose) >= 3).any())

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import lock
 from irbcal.errors import OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.options import length, number, place
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Cell, Speaks, Table, Told
@@ -22,7 +21,6 @@ from irbcal.validation import ballbar_trace
 from irbcal.validation.ballbar_circle import circle
 from irbcal.validation.ballbar_circle import tool as tool_frame
 from irbcal.validation.ballbar_trace import MEASURED, Trace, explained
-from irbcal.validation.tables import is_simulated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -517,5 +515,5 @@ def ballbar(
     expected = prediction.corrected if run == "fake" and prediction.corrected is not None else prediction.uncorrected
     joint_offsets = {name: offsets(minus(trace, expected), columns[name]) for name, trace in traces.items()}
     since = {n: offsets(minus(trace, earlier[n]), columns[n]) for n, trace in traces.items() if n in earlier}
-    simulated = measured is not None and is_simulated(readings.read(measured, ("angle_deg",)))
+    simulated = measured is not None and InputTable.read(measured).simulated
     return BallbarCheck(bar, prediction, run, traces, saved.simulated, simulated, joint_offsets, since)

@@ -15,11 +15,10 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.units import DEG, MM
 from irbcal.validation.ballbar_circle import TiltedCircle
-from irbcal.validation.tables import in_order, names
+from irbcal.validation.tables import in_order
 
 FEWEST_READINGS = 8
 SMALLEST_ARC = 180 * DEG
@@ -150,30 +149,21 @@ def read(source: TableLike, bar: float) -> dict[str, Trace]:
     MeasurementError
         If the file does not keep the format, the radius is another one or too little of the circle was measured.
     """
-    table = readings.read(source, ("angle_deg",), (), ("radius_mm", "error_mm"))
-    file = table.attrs["source"]
-    have = [name for name in ("radius_mm", "error_mm") if name in table.columns]
-    if len(have) != 1:
-        count = "both" if have else "neither"
-        raise MeasurementError(f"expected a column radius_mm or error_mm, found {count}", file=file, row=1)
-    table = table[table[have[0]].notna()]
-    error = table[have[0]].to_numpy() * MM - (bar if have[0] == "radius_mm" else 0.0)
+    table = InputTable.read(source, ["angle_deg"])
+    column = table.either("radius_mm", "error_mm")
+    table = table[np.isfinite(table.numbers(column, lost=True))]
+    angle, error = table.si("angle_deg"), table.si(column) - (bar if column == "radius_mm" else 0.0)
     if len(error) and np.median(np.abs(error)) > ANOTHER_CIRCLE * bar:
-        raise MeasurementError(
-            f"the readings lie {np.median(error) / MM:+.3f} mm from the bar's {bar / MM:g} mm: another circle",
-            file=file,
-            column=have[0],
-        )
-    runs = names(table, "run")
-    if runs is None:
-        runs = np.full(len(table), MEASURED, dtype=object)
+        sentence = f"the readings lie {np.median(error) / MM:+.3f} mm from the bar's {bar / MM:g} mm: another circle"
+        raise table.fault(sentence, column=column)
+    runs = table.texts("run", MEASURED)
     out = {}
     for name in in_order(runs) or [MEASURED]:
         rows = runs == name
         try:
-            out[name] = centred(table["angle_deg"].to_numpy()[rows] * DEG, error[rows])
+            out[name] = centred(angle[rows], error[rows])
         except MeasurementError as refused:
-            raise MeasurementError(f"run {name}: {refused}", file=file) from None
+            raise table.fault(f"run {name}: {refused}") from None
     return out
 
 

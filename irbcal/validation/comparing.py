@@ -17,8 +17,8 @@ from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
-from irbcal.measurement.places import places
 from irbcal.measurement.points import distances
+from irbcal.measurement.repeats import repeat_groups
 from irbcal.measurement.statistics import statistics
 from irbcal.modeling.robot import Robot
 from irbcal.names import check_names
@@ -268,7 +268,7 @@ def compare(
         robots.append(models)
     rows = _common(cleaned, measured.source)
     first = cleaned[0]
-    pose, position = first.points.pose[rows[0]], places(first.points)
+    pose, position = first.points.pose[rows[0]], repeat_groups(first.points)
     error = np.column_stack(
         [
             distances(models["calibrated"], points.points)[k]

@@ -17,14 +17,12 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.atomic import write_together
-from irbcal.errors import MeasurementError
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
 from irbcal.io import robots
 from irbcal.io import urdf as urdf_module
 from irbcal.io.opening import open_nominal
 from irbcal.io.urdf import UrdfArm
-from irbcal.measurement import columns
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import QUATERNION, InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.overwriting import refuse_overwriting
@@ -39,9 +37,6 @@ FEWEST = 12
 
 SHOWN = 12
 """Rows of another moment that are named."""
-
-UNIT = 2e-3
-"""How far a quaternion's length may be from one, as its digits are rounded."""
 
 ROUND = 50e-6
 """Median distance that rounding and motion between two readings leave at most, metres."""
@@ -298,43 +293,21 @@ def _frame_in_words(T: FloatArray) -> str:
 
 def _read(poses: TableLike, arm: Arm) -> tuple[FloatArray, FloatArray, NameArray, str]:
     """Joints (n, joints), reported poses (n, 4, 4), names of the rows, and the file's name."""
-    cells, source, _ = columns.read(poses, [])
-    q = []
-    for k, slides in enumerate(arm.table.prismatic, 1):
-        units = {f"q{k}_mm": MM, f"q{k}_m": 1.0} if slides else {f"q{k}_deg": DEG, f"q{k}_rad": 1.0}
-        q.append(_column(cells, units, source, f"joint {k}"))
-    xyz = [_column(cells, _either(f"{axis}_mm", MM) | _either(f"{axis}_m", 1.0), source, axis) for axis in "xyz"]
-    quaternion = np.column_stack([_column(cells, _either(name, 1.0), source, name) for name in columns.QUATERNION])
-    norm = np.linalg.norm(quaternion, axis=1)
-    if (np.abs(norm - 1.0) > UNIT).any():
-        k = int(np.argmax(np.abs(norm - 1.0)))
-        raise MeasurementError(
-            f"expected a unit quaternion, found one of length {norm[k]:.6g}",
-            file=source,
-            row=int(cells.index[k]),
-            column=columns.QUATERNION,
-        )
-    if len(cells) < FEWEST:
-        raise MeasurementError(f"expected {FEWEST} rows or more, found {len(cells)}", file=source)
-    T = np.zeros((len(cells), 4, 4))
-    T[:, 3, 3] = 1.0
-    T[:, :3, :3] = frames.matrix_from_quaternion(quaternion / norm[:, None])
-    T[:, :3, 3] = np.column_stack(xyz)
-    names = cells["pose"].astype(str) if "pose" in cells.columns else cells.index.astype(str)
-    return arm.check_joints(arm.from_controller(np.column_stack(q))), T, np.asarray(names, dtype=object), source
+    table = InputTable.read(poses)
 
+    def first(*names: str) -> str:
+        return table.either(*([name for name in names if name in table][:1] or names))
 
-def _either(name: str, unit: float) -> dict[str, float]:
-    return {f"controller_{name}": unit, name: unit}
-
-
-def _column(cells: pd.DataFrame, units: dict[str, float], source: str, quantity: str) -> FloatArray:
-    """The first of some columns that is there, in SI units."""
-    for name, unit in units.items():
-        if name in cells.columns:
-            return columns.numbers(cells, name, source) * unit
-    raise MeasurementError(
-        f"missing column for {quantity}: expected {' or '.join(units)}; found {columns.listed(list(cells.columns))}",
-        file=source,
-        row=columns.header_row(source),
-    )
+    units = [("mm", "m") if slides else ("deg", "rad") for slides in arm.table.prismatic]
+    q = table.si([first(*(f"q{k}_{unit}" for unit in pair)) for k, pair in enumerate(units, 1)])
+    prefixes = ("controller_", "")
+    xyz = [first(*(f"{prefix}{axis}_{unit}" for unit in ("mm", "m") for prefix in prefixes)) for axis in "xyz"]
+    quaternion = table.quaternions([first(*(f"{prefix}{name}" for prefix in prefixes)) for name in QUATERNION])
+    assert quaternion is not None, "its columns are there"
+    if len(table) < FEWEST:
+        raise table.fault(f"expected {FEWEST} rows or more, found {len(table)}")
+    T = np.tile(np.eye(4), (len(table), 1, 1))
+    T[:, :3, :3] = frames.matrix_from_quaternion(quaternion)
+    T[:, :3, 3] = table.si(xyz)
+    names = table.texts("pose") if "pose" in table else table.rows.astype(str).astype(object)
+    return arm.check_joints(arm.from_controller(q)), T, names, table.source

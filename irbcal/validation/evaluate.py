@@ -14,10 +14,10 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
-from irbcal.measurement.order import with_last_moves
-from irbcal.measurement.places import places
+from irbcal.measurement.last_moves import with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
+from irbcal.measurement.repeats import repeat_groups
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
@@ -174,7 +174,10 @@ def evaluate(
     )
     overall = by_model(np.ones(len(points), dtype=bool))
     percentiles = {name: _known(accuracy.percentiles(error)) for name, error in errors.items()}
-    covers, simulated = accuracy.largest_covers(len(np.unique(places(points)))), measured.simulated or record.simulated
+    covers, simulated = (
+        accuracy.largest_covers(len(np.unique(repeat_groups(points)))),
+        measured.simulated or record.simulated,
+    )
     outcome = judged(
         errors["nominal"] / MM,
         errors["calibrated"] / MM,
@@ -217,7 +220,7 @@ def evaluate(
         else conformity(
             {**overall["calibrated"], **percentiles["calibrated"]},
             errors["calibrated"],
-            places(points)[points.pose],
+            repeat_groups(points)[points.pose],
             outcome,
             tolerance,
             judged_by,
@@ -420,7 +423,7 @@ def _by_label(labels: NameArray, compute: Callable[[BoolArray], T]) -> dict[str,
 def _intervals(
     errors: Mapping[str, FloatArray], points: PointSet, labelled: Mapping[str, NameArray], seed: int
 ) -> dict[str, Any]:
-    position = places(points)[points.pose]  # repeats of one place are drawn together
+    position = repeat_groups(points)[points.pose]  # repeats of one place are drawn together
 
     def compute(mask: BoolArray) -> dict[str, Any]:
         return {name: bootstrap.intervals(e[mask], position[mask], seed=seed) for name, e in errors.items()}
@@ -478,7 +481,7 @@ def _comparison(other: Record, cleaned: CleanedPoints, refit: Refit, robot: Robo
     first = distances(robot, cleaned.points)[rows[0]]
     second = distances(robots["calibrated"], theirs.points)[rows[1]]
     result = comparison.compare(
-        first, second, cleaned.points.pose[rows[0]], cleaned.points.pose_ids, seed, places(cleaned.points)
+        first, second, cleaned.points.pose[rows[0]], cleaned.points.pose_ids, seed, repeat_groups(cleaned.points)
     )
     return {
         "other_model": other.model,

@@ -16,7 +16,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, folder_of
 from irbcal.io.schema import Record
-from irbcal.measurement.own_tables import shared
+from irbcal.measurement.table import shared_table
 from irbcal.names import check_names, fault_of
 from irbcal.options import shown
 from irbcal.reading import read_bytes
@@ -247,7 +247,7 @@ def _label(key: str) -> str:
 
 def _of_columns(cleaned: CleanedPoints) -> dict[str, str]:
     """What columns of the file say of the judged poses."""
-    table = shared(cleaned.measurements)
+    table = shared_table(cleaned.measurements)
     rows = table[table["pose_index"].isin(cleaned.number)]
     out: dict[str, str] = {}
     for column in table.columns:

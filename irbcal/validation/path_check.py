@@ -10,14 +10,14 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
-from irbcal.validation.tables import ANGLES, in_order, is_simulated, names, places, start_of
+from irbcal.validation.attained import NO_ORIENTATION
+from irbcal.validation.tables import ANGLES, in_order, start_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -546,33 +546,29 @@ def path_accuracy(
     OptionError
         If a velocity is given without times, or there is no such target.
     """
-    table, commanded = readings.read_points(path, labels=("cycle",)), readings.read_points(commanded_path)
-    file = table.attrs["source"]
+    table, commanded = InputTable.read(path, ["cycle"]).measured(), InputTable.read(commanded_path).measured()
     if len(commanded) < 3:
-        raise MeasurementError(
-            f"a commanded path needs three points or more, found {len(commanded)}", file=commanded.attrs["source"]
-        )
-    position, turn, cycle = places(table), readings.rotations(table), names(table, "cycle")
-    assert cycle is not None
+        raise commanded.fault(f"a commanded path needs three points or more, found {len(commanded)}")
+    position, turn, cycle = table.si(POSITION), table.rotations(), table.filled("cycle")
     rows = [np.flatnonzero(cycle == name) for name in in_order(cycle)]
     short = [k for k in rows if len(k) < 2]
     if short:
-        raise MeasurementError(
-            "a path needs two samples in each cycle", file=file, row=int(table["row"].iloc[short[0][0]])
-        )
+        raise table.fault("a path needs two samples in each cycle", int(short[0][0]))
     if robot is not None:
         T = frames.inverse(robot.T_world_base)
         position, turn = frames.apply(T, position), None if turn is None else T[:3, :3] @ turn
     meant, wanted_turn = _wanted(commanded, robot, target)
-    times = _times(path, rows) if "time_s" in table.columns else None
+    times = [table[k].ascending("time_s") for k in rows] if "time_s" in table else None
     if velocity is not None and times is None:
-        raise OptionError(f"velocity: the velocity takes the column time_s, {file} has none", parameter="velocity")
+        raise OptionError(
+            f"velocity: the velocity takes the column time_s, {table.source} has none", parameter="velocity"
+        )
     paths = [position[k] for k in rows]
     try:
         errors = path_errors(paths, meant, None if turn is None else [turn[k] for k in rows], wanted_turn)
         speeds = None if times is None else path_velocity(times, paths, meant, velocity, window)
     except MeasurementError as error:
-        raise MeasurementError(str(error), file=file) from None
+        raise table.fault(str(error)) from None
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(meant, axis=0), axis=1))])
     return PathCheck(
         errors,
@@ -581,13 +577,13 @@ def path_accuracy(
         len(commanded),
         speeds,
         cornering(paths, meant),
-        is_simulated(table) or is_simulated(commanded),
+        table.simulated or commanded.simulated,
     )
 
 
-def _wanted(commanded: pd.DataFrame, robot: Robot | None, target: str | None) -> tuple[FloatArray, FloatArray | None]:
+def _wanted(commanded: InputTable, robot: Robot | None, target: str | None) -> tuple[FloatArray, FloatArray | None]:
     """Commanded places and orientations of what was measured."""
-    position, turn = places(commanded), readings.rotations(commanded)
+    position, turn = commanded.si(POSITION), commanded.rotations()
     if target is None:
         return position, turn
     targets: Mapping[str, FloatArray] = {} if robot is None else robot.targets
@@ -595,27 +591,6 @@ def _wanted(commanded: pd.DataFrame, robot: Robot | None, target: str | None) ->
         hint = f"the calibration knows {', '.join(targets)}" if targets else "give a calibration that knows it"
         raise OptionError(f"target: there is no target {target}: {hint}", parameter="target")
     if turn is None:
-        raise MeasurementError(
-            "missing columns qw, qx, qy, qz: where a target on the tool is commanded to be depends on the orientation",
-            file=commanded.attrs["source"],
-            row=1,
-        )
+        raise commanded.header_fault(NO_ORIENTATION)
     on_tip = robot.target_rotations.get(target)
     return position + turn @ targets[target], None if on_tip is None else turn @ on_tip
-
-
-def _times(path: TableLike, rows: Sequence[IntArray]) -> list[FloatArray]:
-    """Times of the samples of each cycle, seconds."""
-    table = readings.read_points(path, numbers=("time_s",))
-    time, out = table["time_s"].to_numpy(dtype=float), []
-    for k in rows:
-        backwards = np.flatnonzero(np.diff(time[k]) <= 0)
-        if len(backwards):
-            raise MeasurementError(
-                f"expected a later time than in the row before, found {time[k[backwards[0] + 1]]:g}",
-                file=table.attrs["source"],
-                row=int(table["row"].iloc[k[backwards[0] + 1]]),
-                column="time_s",
-            )
-        out.append(time[k])
-    return out

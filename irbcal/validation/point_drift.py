@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.errors import MeasurementError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import HOUR, MM
-from irbcal.validation.tables import AXES, names, places
+from irbcal.validation.tables import AXES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -229,28 +227,25 @@ def drift(source: TableLike) -> PointDrift:
     MeasurementError
         If the file does not keep the format.
     """
-    table = readings.read_points(source, numbers=("time_s",), optional=ENVIRONMENT)
-    file, lost = table.attrs["source"], table.attrs.get("lost", 0)
+    every = InputTable.read(source, ["time_s"])
+    table = every.measured()
     if len(table) < FEWEST:
-        raise MeasurementError(f"{len(table)} readings are too few for drift, expected {FEWEST} or more", file=file)
-    targets = names(table, "target")
-    if targets is not None and len(set(targets)) > 1:
-        raise MeasurementError(
-            f"expected the readings of one fixed target, found {', '.join(sorted(set(targets))[:8])}: keep one of them",
-            file=file,
-            column="target",
-        )
-    table = table.sort_values("time_s", kind="stable")
-    time, xyz = table["time_s"].to_numpy(dtype=float), places(table)
+        raise table.fault(f"{len(table)} readings are too few for drift, expected {FEWEST} or more")
+    targets = sorted(set(table.texts("target")))
+    if len(targets) > 1:
+        sentence = f"expected the readings of one fixed target, found {', '.join(targets[:8])}: keep one of them"
+        raise table.fault(sentence, column="target")
+    table = table[np.argsort(table.si("time_s"), kind="stable")]
+    time, xyz = table.si("time_s"), table.si(POSITION)
     time = time - time[0]
     if time[-1] == 0.0:
-        raise MeasurementError("all readings are of the same time", file=file, column="time_s")
+        raise table.fault("all readings are of the same time", column="time_s")
     offset = xyz - xyz.mean(axis=0)
     rate = np.polynomial.polynomial.polyfit(time / HOUR, offset, 1)[1] / HOUR
-    air = {name: table[name].to_numpy(dtype=float) for name in ENVIRONMENT if name in table.columns}
+    air = {name: table.optional(name) for name in ENVIRONMENT}
     air = {name: values for name, values in air.items() if np.isfinite(values).sum() >= FEWEST}
     by_air = {name: _with_air(values, offset) for name, values in air.items()}
-    return PointDrift(time, xyz.mean(axis=0), offset, rate, air, by_air, lost)
+    return PointDrift(time, xyz.mean(axis=0), offset, rate, air, by_air, len(every) - len(table))
 
 
 def _with_air(air: FloatArray, offset: FloatArray) -> dict[str, Correlation]:

@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, lock
-from irbcal.errors import MeasurementError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation.pose_criteria import position_repeatability
-from irbcal.validation.scale_bar import positions_of
-from irbcal.validation.tables import XYZ, in_order, places
+from irbcal.validation.scale_bar import EVERYWHERE
+from irbcal.validation.tables import in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +63,7 @@ class PointRepeatability(Speaks):
         per_position = {}
         for name in self.positions():
             middle = self.xyz[self.position == name].mean(axis=0) / MM
-            per_position[name] = {**dict(zip(XYZ, middle.tolist(), strict=True)), **self.statistics(name)}
+            per_position[name] = {**dict(zip(POSITION, middle.tolist(), strict=True)), **self.statistics(name)}
         return {
             "check": "repeat",
             "per_position": per_position,
@@ -78,7 +76,7 @@ class PointRepeatability(Speaks):
         """A row for each reading: ``position``, ``x_mm``, ``y_mm``, ``z_mm``, ``error_mm``."""
         import pandas as pd
 
-        table = pd.DataFrame(self.xyz / MM, columns=list(XYZ))
+        table = pd.DataFrame(self.xyz / MM, columns=POSITION)
         table.insert(0, "position", self.position)
         return table.assign(error_mm=self.error / MM)
 
@@ -121,14 +119,13 @@ def repeatability(source: TableLike) -> PointRepeatability:
     MeasurementError
         If the file does not keep the format or a point was measured once only.
     """
-    table = readings.read_points(source)
-    position, xyz = positions_of(table), places(table)
+    table = InputTable.read(source)
+    measured = table.measured()
+    position, xyz = measured.texts("position", EVERYWHERE), measured.si(POSITION)
     error = np.empty(len(xyz))
     for name in in_order(position):
         rows = position == name
         if rows.sum() < 2:
-            raise MeasurementError(
-                f"position {name} has one reading only: repeatability needs two", file=table.attrs["source"]
-            )
+            raise table.fault(f"position {name} has one reading only: repeatability needs two")
         _, error[rows] = position_repeatability(xyz[rows])
-    return PointRepeatability(position, xyz, error, table.attrs["lost"])
+    return PointRepeatability(position, xyz, error, len(table) - len(measured))

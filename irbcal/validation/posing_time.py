@@ -15,14 +15,13 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 from irbcal.validation.settling import stabilisation
-from irbcal.validation.tables import in_order, is_simulated, names, places, start_of
+from irbcal.validation.tables import in_order, start_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -152,35 +151,25 @@ def posing_times(moves: TableLike, band: float) -> PosingTimes:
     """
     if not band > 0:
         raise OptionError(f"a limit band is above zero, found {band / MM:g} mm", parameter="band")
-    table = readings.read_points(moves, labels=("move",), numbers=("time_s",))
-    file, xyz, turn = table.attrs["source"], places(table), readings.rotations(table)
-    time, move, cycle = table["time_s"].to_numpy(dtype=float), names(table, "move"), names(table, "cycle")
-    assert move is not None
+    table = InputTable.read(moves, ["move", "time_s"]).measured()
+    move, cycle, turn = table.filled("move"), table.texts("cycle"), table.rotations()
     out = {}
     for name in in_order(move):
-        cycles = [""] if cycle is None else in_order(cycle[move == name])
-        rows = [np.flatnonzero((move == name) & ((cycle is None) | (cycle == c))) for c in cycles]
+        rows = [np.flatnonzero((move == name) & (cycle == c)) for c in in_order(cycle[move == name])]
         moves_found = []
         for k in rows:
-            if (np.diff(time[k]) <= 0).any():
-                bad = k[int(np.argmax(np.diff(time[k]) <= 0)) + 1]
-                raise MeasurementError(
-                    f"expected a later time than in the row before, found {time[bad]:g}",
-                    file=file,
-                    row=int(table["row"].iloc[bad]),
-                    column="time_s",
-                )
+            time, xyz = table[k].ascending("time_s"), table[k].si(POSITION)
             try:
-                moves_found.append(_from_rest_to_rest(time[k], xyz[k], band))
+                moves_found.append(_from_rest_to_rest(time, xyz, band))
             except MeasurementError as error:
-                raise MeasurementError(f"move {name}: {error}", file=file, row=int(table["row"].iloc[k[0]])) from None
+                raise table.fault(f"move {name}: {error}", int(k[0])) from None
         departure, arrival, distance = np.array(moves_found).T
         turned = None
         if turn is not None:
             ends = np.array([[k[0], k[-1]] for k in rows])
             turned = frames.rotation_distance(turn[ends[:, 0]], turn[ends[:, 1]])
         out[name] = PosedMove(departure, arrival, distance, turned)
-    return PosingTimes(band, out, is_simulated(table))
+    return PosingTimes(band, out, table.simulated)
 
 
 def _from_rest_to_rest(time: FloatArray, xyz: FloatArray, band: float) -> tuple[float, float, float]:

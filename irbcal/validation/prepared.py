@@ -11,10 +11,9 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.io.schema import Record
 from irbcal.measurement import cleaning, tools
 from irbcal.measurement.cleaning import Exclusion
-from irbcal.measurement.own_tables import shared
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses
-from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.table import MeasurementSet, shared_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,7 @@ class CleanedPoints:
 
     def labels(self, column: str) -> NameArray:
         """What a column of the file says of each pose, as text of shape (n,); empty text without the column."""
-        table = shared(self.measurements)
+        table = shared_table(self.measurements)
         if column not in table.columns:
             return np.full(self.points.poses, "", dtype=object)
         first = table.groupby("pose_index", sort=True)[column].first().to_numpy(dtype=object)
@@ -146,9 +145,9 @@ def prepare(
     if calibration is not None:
         names_there, usual = calibration.placement.targets, calibration.usual_load
         measurements, notes = tools.as_calibrated(measurements, names_there, usual, same_tool, any_target)
-    names = shared(measurements).groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
+    names = shared_table(measurements).groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
     # poses go by their number meanwhile: names repeat from cycle to cycle
-    table = shared(measurements)
+    table = shared_table(measurements)
     numbered = replace(measurements, table=table.assign(pose=table["pose_index"].astype(str)))
     shape: dict[str, Any] = {}
     if calibration is None:

@@ -13,8 +13,8 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
+from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.options import number
@@ -79,7 +79,7 @@ class Refit:
         MeasurementError
             If none are left to judge.
         """
-        index = places(points)
+        index = repeat_groups(points)
         count = int(index.max(initial=-1)) + 1
         if self.poses is None and not self.tool:
             every = np.ones(points.poses, dtype=bool)

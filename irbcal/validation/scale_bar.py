@@ -10,12 +10,11 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
-from irbcal.validation.tables import XYZ, in_order, names, places
+from irbcal.validation.tables import in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -136,48 +135,33 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
     """
     if not length > 0:
         raise OptionError(f"a scale bar has a length above zero, found {length / MM:g} mm", parameter="length")
-    table = readings.read(source, (), (), (*XYZ, "distance_mm"))
-    position, distance = _read(table) if "distance_mm" in table.columns else _between_ends(source)
+    table = InputTable.read(source)
+    if "distance_mm" in table:
+        position, distance = table.texts("position", EVERYWHERE), table.si("distance_mm")
+    else:
+        position, distance = _between_ends(InputTable.read(source, ["end"]).measured())
     error = distance - length
     if np.median(np.abs(error)) > ANOTHER_BAR * length:
         raise MeasurementError(
             f"the ends are {np.median(distance) / MM:.3f} mm apart, not {length / MM:g} mm: another bar",
-            file=table.attrs["source"],
+            file=table.source,
         )
     return ScaleBar(length, position, error)
 
 
-def positions_of(table: pd.DataFrame) -> NameArray:
-    """Position of each row, shape (rows,); `EVERYWHERE` without a column ``position``."""
-    positions = names(table, "position")
-    return np.full(len(table), EVERYWHERE, dtype=object) if positions is None else positions
-
-
-def _read(table: pd.DataFrame) -> tuple[NameArray, FloatArray]:
-    distance = table["distance_mm"].to_numpy(dtype=float)
-    if np.isnan(distance).any():
-        row = int(table["row"].iloc[int(np.argmax(np.isnan(distance)))])
-        raise MeasurementError(
-            "expected a number, found nothing", file=table.attrs["source"], row=row, column="distance_mm"
-        )
-    return positions_of(table), distance * MM
-
-
-def _between_ends(source: TableLike) -> tuple[NameArray, FloatArray]:
-    table = readings.read_points(source, ("end",))
-    file, position, xyz = table.attrs["source"], positions_of(table), places(table)
-    ends = list(dict.fromkeys(table["end"]))
+def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
+    end, position, xyz = table.filled("end"), table.texts("position", EVERYWHERE), table.si(POSITION)
+    ends = in_order(end)
     if len(ends) != 2:
-        raise MeasurementError(f"expected two names, found {', '.join(ends[:5])}", file=file, column="end")
+        raise table.fault(f"expected two names, found {', '.join(ends[:5])}", column="end")
     where: list[str] = []
     distance = []
     for name in in_order(position):
-        first, second = (np.flatnonzero((position == name) & (table["end"] == end)) for end in ends)
+        first, second = (np.flatnonzero((position == name) & (end == side)) for side in ends)
         if len(first) != len(second):
-            raise MeasurementError(
+            raise table.fault(
                 f"position {name}: end {ends[0]} was measured {len(first)} times, end {ends[1]} "
-                f"{len(second)} times: readings of both ends make a distance",
-                file=file,
+                f"{len(second)} times: readings of both ends make a distance"
             )
         where += [name] * len(first)
         distance.append(np.linalg.norm(xyz[first] - xyz[second], axis=1))

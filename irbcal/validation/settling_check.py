@@ -10,14 +10,13 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import settling
 from irbcal.validation.settling import READINGS, REST, Stabilisation
-from irbcal.validation.tables import in_order, is_simulated, names, places, start_of
+from irbcal.validation.tables import in_order, start_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -137,24 +136,13 @@ def read_approaches(source: TableLike) -> dict[str, tuple[FloatArray, FloatArray
     MeasurementError
         If the file does not keep the format or time does not go on.
     """
-    return _approaches(readings.read_points(source, numbers=("time_s",)))
+    return _approaches(InputTable.read(source, ["time_s"]).measured())
 
 
-def _approaches(table: pd.DataFrame) -> dict[str, tuple[FloatArray, FloatArray]]:
-    runs, out = names(table, "run"), {}
-    for name in ["1"] if runs is None else in_order(runs):
-        rows = table if runs is None else table[runs == name]
-        time = rows["time_s"].to_numpy(dtype=float)
-        backwards = np.flatnonzero(np.diff(time) <= 0)
-        if len(backwards):
-            raise MeasurementError(
-                f"expected a later time than in the row before, found {time[backwards[0] + 1]:g}",
-                file=table.attrs["source"],
-                row=int(rows["row"].iloc[backwards[0] + 1]),
-                column="time_s",
-            )
-        out[name] = time, places(rows)
-    return out
+def _approaches(table: InputTable) -> dict[str, tuple[FloatArray, FloatArray]]:
+    runs = table.texts("run", "1")
+    by_name = {name: table[runs == name] for name in in_order(runs)}
+    return {name: (rows.ascending("time_s"), rows.si(POSITION)) for name, rows in by_name.items()}
 
 
 def settle(source: TableLike, band: float, rest: float = REST, count: int = READINGS) -> Settling:
@@ -184,11 +172,11 @@ def settle(source: TableLike, band: float, rest: float = REST, count: int = READ
     """
     if not band > 0:
         raise OptionError(f"a limit band is above zero, found {band / MM:g} mm", parameter="band")
-    table, runs = readings.read_points(source, numbers=("time_s",)), {}
+    table, runs = InputTable.read(source, ["time_s"]).measured(), {}
     for name, (time, xyz) in _approaches(table).items():
         try:
             final = settling.final_position(time, xyz, rest, count)
         except MeasurementError as error:
-            raise MeasurementError(f"run {name}: {error}", file=table.attrs["source"]) from None
+            raise MeasurementError(f"run {name}: {error}", file=table.source) from None
         runs[name] = settling.stabilisation(time, xyz, final, band)
-    return Settling(band, rest, runs, is_simulated(table))
+    return Settling(band, rest, runs, table.simulated)

@@ -13,13 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.errors import MeasurementError
-from irbcal.measurement import readings
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
-from irbcal.validation.tables import AXES, in_order, is_simulated, names, places, start_of
+from irbcal.validation.tables import AXES, in_order, start_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -165,34 +163,21 @@ def static_compliance(forces: TableLike, R_frame_world: FloatArray | None = None
     MeasurementError
         If the file does not keep the format or a direction has fewer than two different forces in a cycle.
     """
-    table = readings.read_points(forces, labels=("direction",), numbers=("force_n",))
-    file, xyz, force = table.attrs["source"], places(table), table["force_n"].to_numpy(dtype=float)
+    table = InputTable.read(forces, ["direction", "force_n"]).measured()
+    xyz, force = table.si(POSITION), table.si("force_n")
     xyz = xyz if R_frame_world is None else xyz @ R_frame_world.T
-    way, cycle = names(table, "direction"), names(table, "cycle")
-    assert way is not None
-    for bad, expected in (
-        (np.flatnonzero(~np.isin(way.astype(str), DIRECTIONS)), f"expected {', '.join(DIRECTIONS)}"),
-        (np.flatnonzero(force < 0), "expected a force that is not negative: the direction has the sign"),
-    ):
-        if len(bad):
-            column = "direction" if expected.endswith("z") else "force_n"
-            value = way[bad[0]] if column == "direction" else f"{force[bad[0]]:g}"
-            row = int(table["row"].iloc[bad[0]])
-            raise MeasurementError(f"{expected}, found {value}", file=file, row=row, column=column)
+    directions, cycle = table.choice("direction", DIRECTIONS), table.texts("cycle")
+    table.refuse(force < 0, "force_n", "a force that is not negative: the direction has the sign")
     out = {}
-    for name in in_order(way):
+    for name in in_order(directions):
         slopes, loads, moved = [], [], []
-        for c in [""] if cycle is None else in_order(cycle[way == name]):
-            rows = (way == name) & ((cycle is None) | (cycle == c))
+        for c in in_order(cycle[directions == name]):
+            rows = (directions == name) & (cycle == c)
             f, p = force[rows], xyz[rows]
             if np.ptp(f) == 0:
-                said = f" of cycle {c}" if c else ""
-                raise MeasurementError(
-                    f"direction {name}{said} has one force only: compliance needs two, 0 for the unloaded place",
-                    file=file,
-                    row=int(table["row"].iloc[int(np.argmax(rows))]),
-                    column="force_n",
-                )
+                subject = f"direction {name}{f' of cycle {c}' if c else ''}"
+                sentence = f"{subject} has one force only: compliance needs two, 0 for the unloaded place"
+                raise table.fault(sentence, int(np.argmax(rows)), "force_n")
             off = f - f.mean()
             slope = off @ p / (off @ off)
             slopes.append(slope)
@@ -201,4 +186,4 @@ def static_compliance(forces: TableLike, R_frame_world: FloatArray | None = None
         direction = np.eye(3)[AXES.index(name[1])] * (1.0 if name[0] == "+" else -1.0)
         out[name] = Compliance(np.array(slopes), np.concatenate(loads), np.concatenate(moved), direction)
     frame = "measuring frame" if R_frame_world is None else "base link"
-    return StaticCompliance(frame, out, is_simulated(table))
+    return StaticCompliance(frame, out, table.simulated)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Literal, TypeAlias, get_args
 
 from irbcal.errors import OptionError
-from irbcal.measurement.columns import TableLike
-from irbcal.measurement.readings import read
+from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.options import length as metres
 from irbcal.options import number
 from irbcal.units import MM
@@ -25,7 +24,7 @@ BAND = 0.02 * MM
 
 def kind(source: TableLike) -> Check:
     """Which check a file is for, by its columns: one of `CHECKS`."""
-    columns = read(source, ()).columns
+    columns = InputTable.read(source)
     if "end" in columns or "distance_mm" in columns:
         return "bar"
     if "time_s" in columns:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from irbcal.errors import MeasurementError
 from irbcal.io.schema import Record
-from irbcal.measurement import fitted
+from irbcal.measurement import repeats
 from irbcal.units import DEG
 from irbcal.validation.prepared import CleanedPoints
 
@@ -39,8 +39,8 @@ def without_fitted(cleaned: CleanedPoints, record: Record, include: bool = False
         fitted_file = cleaned.measurements.sha256 in {file.sha256 for file in record.data}
         return replace(cleaned, notes=(*cleaned.notes, WHOLE_FILE), proven=False) if fitted_file else cleaned
     points = cleaned.points
-    near = fitted.poses_of(points, used[0], record.arm().table.prismatic)
-    loaded = fitted.with_fitted_load(points, used[0])
+    near = repeats.near_fitted(points, used[0], record.arm().table.prismatic)
+    loaded = repeats.with_fitted_load(points, used[0])
     known, count = near & loaded, int((near & loaded).sum())
     cleaned = replace(cleaned, at_fitted=near)
     if count and include:
@@ -49,14 +49,14 @@ def without_fitted(cleaned: CleanedPoints, record: Record, include: bool = False
     elif known.all() and count:
         raise MeasurementError(
             f"all {count} poses were fitted by this calibration (their joints agree with fitted ones within "
-            f"{fitted.NEAR[0] / DEG:g} degrees, up to full turns), so they prove nothing: measure others, or look at "
+            f"{repeats.NEAR[0] / DEG:g} degrees, up to full turns), so they prove nothing: measure others, or look at "
             "the fitted errors with --include-fitted",
             file=cleaned.measurements.source,
         )
     elif count:
         note = (
-            f"{count} of these {len(near)} poses were fitted, or are within {fitted.NEAR[0] / DEG:g} degrees of fitted "
-            "joints, and are counted out; --include-fitted keeps them."
+            f"{count} of these {len(near)} poses were fitted, or are within {repeats.NEAR[0] / DEG:g} degrees of "
+            "fitted joints, and are counted out; --include-fitted keeps them."
         )
         cleaned = replace(cleaned.select(~known), notes=(*cleaned.notes, note), counted_out=count)
     again = int((near & ~loaded).sum())

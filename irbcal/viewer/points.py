@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.io.schema import Record
-from irbcal.measurement import columns, fitted, lists
+from irbcal.measurement import columns, repeats
 from irbcal.measurement.points import PointSet, rotation_distances
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import frames
@@ -140,7 +140,7 @@ def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit
         notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
     notes += without_fitted(cleaned, calibration, include=True).notes[len(cleaned.notes) :]
     used = calibration.used_points(heldout=False)
-    fit = None if used is None else fitted.poses_of(cleaned.points, used[0], calibration.arm().table.prismatic)
+    fit = None if used is None else repeats.near_fitted(cleaned.points, used[0], calibration.arm().table.prismatic)
     return Registered(measured, cleaned.points, robots["calibrated"], robots["nominal"], fit, notes)
 
 
@@ -220,7 +220,8 @@ def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:
     import pandas as pd
 
     if isinstance(plan, (str, Path, pd.DataFrame)):
-        return arm.from_controller(lists.read_joints(plan, arm.joint_columns, once=True))
+        table = columns.InputTable.read(plan, arm.joint_columns, stdin=True)
+        return arm.from_controller(table.one_row_a_pose(arm.joint_columns)[0].joints(arm.joint_columns))
     q = np.asarray(plan, dtype=float)
     if q.ndim != 2 or not len(q) or not np.isfinite(q).all():
         raise RobotError(

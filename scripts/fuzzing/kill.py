@@ -51,11 +51,11 @@ def _calibration(folder: Path) -> object:
 
 
 def _files(folder: Path) -> object:
-    from irbcal.measurement import columns
+    from irbcal.measurement.columns import InputTable
 
     for path in (folder / "out").rglob("*"):
         if path.suffix == ".csv" and path.is_file():
-            columns.read(path, [])
+            InputTable.read(path)
     return None
 
 

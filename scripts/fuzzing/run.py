@@ -203,7 +203,7 @@ def _unreadable(words: list[str]) -> str | None:
     """What is wrong with what a command has written, by the readers of the package."""
     import irbcal
     from irbcal.correction import languages
-    from irbcal.measurement import columns
+    from irbcal.measurement.columns import InputTable
 
     outputs = [
         Path(words[k + 1]) for k, word in enumerate(words[:-1]) if word in ("--out", "--changes", "--html", "--data")
@@ -213,7 +213,7 @@ def _unreadable(words: list[str]) -> str | None:
             if path.is_dir() and (path / "calibration.json").exists():
                 irbcal.load(path)
             elif path.suffix == ".csv" and path.is_file() and words[0] != "filter":
-                columns.read(path, [])
+                InputTable.read(path)
             elif words[0] == "filter" and path.is_file() and path == outputs[0] and path.suffix != ".csv":
                 bears = languages.of(path).fingerprint(path.read_bytes(), str(path))
                 if not bears:

@@ -54,7 +54,7 @@ def test_the_fingerprint_is_of_contents_not_of_places(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "sentence"),
     [
-        ("A,a.csv,irb1600,,\na,b.csv,irb1600,,\n", "row 3, column id: the id 'a' stands in row 2, too"),
+        ("A,a.csv,irb1600,,\na,b.csv,irb1600,,\n", "row 3, column id: 'a' stands there more than once"),
         ("../x,a.csv,irb1600,,\n", "row 2, column id: expected letters, digits"),
         (".,a.csv,irb1600,,\n", "row 2, column id: expected letters, digits"),
         ("fleet.csv,a.csv,irb1600,,\n", "row 2, column id: expected letters, digits"),
@@ -73,7 +73,9 @@ def test_what_is_no_robot_is_refused(tmp_path, rows, sentence):
 
 
 def test_strange_columns_are_refused(tmp_path):
-    with pytest.raises(MeasurementError, match="column colour: expected the columns id, measurements, robot, serial"):
+    with pytest.raises(
+        MeasurementError, match="there is a column colour: expected only id, measurements, robot, serial"
+    ):
         read(tmp_path, "id,measurements,robot,colour\nA,a.csv,irb1600,red\n")
 
 

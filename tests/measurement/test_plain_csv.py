@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement import plain_csv, table
+from irbcal.measurement import columns, table
 
 HEAD = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,target,x_mm,y_mm,z_mm,u95_mm,note\n"
 ROWS = "a1,1.5,-2,3e-1, 4,5,6,smr1,1,2,3,0.1,x y\n'=b,0,0,0,0,0,0,sm\u00e9,,,,,\n'=b,0,0,0,0,0,0,smr1,0,0,0,,7\n"
@@ -21,7 +21,7 @@ def both(text, monkeypatch):
             return str(error)
 
     fast = read()
-    monkeypatch.setattr(plain_csv, "parse", lambda *_: None)
+    monkeypatch.setattr(columns, "parse_plain", lambda *_: None)
     slow = read()
     monkeypatch.undo()
     return fast, slow
@@ -29,7 +29,7 @@ def both(text, monkeypatch):
 
 def plain(text):
     names = HEAD.strip().split(",")
-    return plain_csv.parse(text.encode(), names, lambda name: name.endswith(("_deg", "_mm")))
+    return columns.parse_plain(text.encode(), names, lambda name: name.endswith(("_deg", "_mm")))
 
 
 @pytest.mark.parametrize("start", ["", "\ufeff"])

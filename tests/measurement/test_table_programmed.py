@@ -9,7 +9,7 @@ from support import arm, measured, proven_of, random_robot
 
 import irbcal
 from irbcal.errors import MeasurementError
-from irbcal.measurement import cleaning, columns, lists, table
+from irbcal.measurement import cleaning, columns, table
 
 Q = [f"q{k}_deg" for k in range(1, 7)]
 C = [f"c{k}_deg" for k in range(1, 7)]
@@ -109,13 +109,21 @@ def test_sliding_joints_and_lists_of_joints():
     made = frame(2).rename(columns={"q1_deg": "q1_mm", "c1_deg": "c1_mm"})
     seen = table.read(made)
     np.testing.assert_allclose(seen.joints()[0], [1.5e-3, np.radians(2.5)], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(lists.read_joints(made, ["q1_mm", "q2_deg"])[0], seen.joints()[0], rtol=0, atol=0)
+    np.testing.assert_allclose(
+        columns.InputTable.read(made, ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])[0],
+        seen.joints()[0],
+        rtol=0,
+        atol=0,
+    )
     bare = made.drop(columns=["c1_mm", "c2_deg"])
     np.testing.assert_allclose(
-        lists.read_joints(bare, ["q1_mm", "q2_deg"])[0], [1e-3, np.radians(2)], rtol=0, atol=1e-15
+        columns.InputTable.read(bare, ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])[0],
+        [1e-3, np.radians(2)],
+        rtol=0,
+        atol=1e-15,
     )
     with pytest.raises(MeasurementError, match="missing column c1_mm: programmed joints"):
-        lists.read_joints(made.drop(columns="c1_mm"), ["q1_mm", "q2_deg"])
+        columns.InputTable.read(made.drop(columns="c1_mm"), ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])
 
 
 def test_the_columns_to_command():

@@ -67,7 +67,7 @@ def test_refusals(tmp_path):
     with pytest.raises(MeasurementError, match="another circle") as refused:
         ballbar_trace.read(ballbar_file(tmp_path / "far.csv", 3 * angle, 300 + 0 * angle), 0.15)
     assert (refused.value.file, refused.value.column) == (str(tmp_path / "far.csv"), "radius_mm")
-    with pytest.raises(MeasurementError, match="found neither"):
+    with pytest.raises(MeasurementError, match="expected a column radius_mm or error_mm, found angle_deg, r"):
         ballbar_trace.read(ballbar_file(tmp_path / "no.csv", angle, angle, "angle_deg,r"), 0.15)
 
 

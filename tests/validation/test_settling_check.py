@@ -62,7 +62,7 @@ def test_refusals(tmp_path):
     settle(path, 1e-3, rest=4.0)
     back = written(tmp_path / "back.csv", "run,time_s,x_mm,y_mm,z_mm\n1,0,1,1,1\n1,2,1,1,1\n1,1,1,1,1\n")
     with pytest.raises(
-        MeasurementError, match="row 4, column time_s: expected a later time than in the row before, found 1"
+        MeasurementError, match="row 4, column time_s: expected a later time than in the row before, found '1'"
     ):
         settle(back, 1e-3)
     with pytest.raises(OptionError, match="above zero"):

@@ -58,9 +58,9 @@ def test_noise_is_told_by_the_cycles(tmp_path):
 
 def test_refusals(tmp_path):
     text = loaded(tmp_path / "f.csv").read_text()
-    with pytest.raises(MeasurementError, match=r"row 2, column direction: expected \+x, -x, .*, found up"):
+    with pytest.raises(MeasurementError, match=r"row 2, column direction: expected \+x, -x, .*, found 'up'"):
         static_compliance(written(tmp_path / "a.csv", text.replace("+x,0,1", "up,0,1")))
-    with pytest.raises(MeasurementError, match=r"column force_n: expected a force that is not negative.*, found -6"):
+    with pytest.raises(MeasurementError, match=r"column force_n: expected a force that is not negative.*, found '-6'"):
         static_compliance(written(tmp_path / "b.csv", text.replace("+x,6,1", "+x,-6,1")))
     one = "\n".join(line for line in text.splitlines() if ",0,1," not in line or line.startswith("dir"))
     lines = [text.splitlines()[0], *[line for line in one.splitlines() if line.startswith("+x,6,1,")]]

@@ -36,16 +36,16 @@ from irbcal.correction.program import (
     read_bytes,
 )
 from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotError
-from irbcal.measurement import plain_csv
 from irbcal.measurement.columns import (
     JOINTS,
     POSITION,
     QUATERNION,
+    InputTable,
     check_header,
     declared,
+    floats,
     joint_units,
     listed,
-    numbers,
     parse_csv,
 )
 from irbcal.modeling.arm import Arm
@@ -265,13 +265,12 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
     table, source = program.table, program.source
     found = dict[str, FloatArray]()
     try:
-        times = numbers(table, TIME, source, "a time in seconds")
+        times = InputTable(table, source).numbers(TIME, expected="a time in seconds")
         for letter, end in ENDS[1:]:
             columns = [f"{letter}{name[1:]}{end}" for name in arm.joint_columns]
             if any(name in table.columns for name in columns):
                 check_header(list(table.columns), columns, source)
-                values = np.column_stack([numbers(table, name, source, "a number") for name in columns])
-                found[letter] = values * arm.joint_units
+                found[letter] = InputTable(table, source).si(columns) * arm.joint_units
     except MeasurementError as error:
         refusal = ProgramError(str(error))
         refusal.file, refusal.row, refusal.column = error.file, error.row, error.column
@@ -409,7 +408,7 @@ def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kin
 
 def _column(table: pd.DataFrame, name: str, source: str) -> FloatArray:
     """Numbers of a column; what is not a plain number is refused by the reader of measurements, in its words."""
-    values = plain_csv.floats(table[name])
+    values = floats(table[name])
     if values is not None and np.isfinite(values).all():
         return values
     cells = table[name].to_numpy(dtype=object)
@@ -421,7 +420,7 @@ def _column(table: pd.DataFrame, name: str, source: str) -> FloatArray:
             values = np.array([np.nan])
         if np.isfinite(values).all():
             return values
-    return numbers(table, name, source, _expected(name))
+    return InputTable(table, source).numbers(name, expected=_expected(name))
 
 
 def _expected(name: str) -> str:

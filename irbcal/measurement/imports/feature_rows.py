@@ -27,7 +27,7 @@ from irbcal.measurement.imports.imported import refuse_sources
 from irbcal.measurement.imports.map_file import Changes
 from irbcal.measurement.imports.part import ALWAYS_LOST, ANGLE_DEG, LENGTH_MM, ROW, SOURCE, joint_values, undeclared
 from irbcal.measurement.imports.poses import joint_rules_applied
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.summary import Speaks, Told
 
 NAME = "features"
@@ -146,7 +146,7 @@ class ImportedRows(Speaks):
         rounded = self.table.copy()
         numbers = rounded.select_dtypes("number").columns
         rounded[numbers] = rounded[numbers].round(9) + 0.0
-        return bytes(without_formulas(rounded).to_csv(index=False, lineterminator="\n").encode("utf-8"))
+        return csv_bytes(rounded)
 
     def to_frame(self) -> pd.DataFrame:
         """The table."""

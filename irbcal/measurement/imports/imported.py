@@ -16,9 +16,8 @@ from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, QUATERNION
 from irbcal.measurement.imports.column_map import ImportMap
 from irbcal.measurement.imports.poses import pose_keys
-from irbcal.measurement.own_tables import OwnTables
-from irbcal.measurement.table import MeasurementSet
-from irbcal.names import without_formulas
+from irbcal.measurement.table import MeasurementSet, ReadOnlyTables
+from irbcal.names import csv_bytes
 from irbcal.overwriting import refuse_overwriting
 from irbcal.summary import Cell, Speaks, Table, Told
 
@@ -28,7 +27,7 @@ LONGEST_CELL = 24
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Imported(OwnTables, Speaks):
+class Imported(ReadOnlyTables, Speaks):
     """What was understood.
 
     Attributes
@@ -96,7 +95,7 @@ class Imported(OwnTables, Speaks):
 
     def _written(self) -> tuple[bytes, MeasurementSet]:
         written, origin = self.table, self.origin
-        data = without_formulas(_rounded(written)).to_csv(index=False, lineterminator="\n").encode("utf-8")
+        data = csv_bytes(_rounded(written))
         source = str(origin["source"].iloc[0])
         try:
             reread = table.parse(data, source)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import pandas as pd
 import pytest
 
-from irbcal.measurement.own_tables import OwnTables, shared
+from irbcal.measurement.table import ReadOnlyTables, shared_table
 
 
 @dataclass(frozen=True, eq=False)
-class Pair(OwnTables):
+class Pair(ReadOnlyTables):
     """Two tables and a name."""
 
     one: pd.DataFrame
@@ -42,7 +42,7 @@ def test_they_are_replaced_copied_and_pickled_as_others():
 
 def test_who_only_reads_gets_a_table_that_may_be_written_to_all_the_same():
     pair = Pair(pd.DataFrame({"a": [1, 2]}), "n", None)
-    read = shared(pair, "one")
+    read = shared_table(pair, "one")
     read.loc[0, "a"] = 8
     read["b"] = 1
     assert pair.one.to_dict("list") == {"a": [1, 2]}
