@@ -24,8 +24,8 @@ from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
 from irbcal.identification.observations import DIMENSIONS
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
-from irbcal.measurement import charuco, columns, features, imaging
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement import charuco, features, imaging
+from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
@@ -270,7 +270,7 @@ def hand_eye(
     """
     inputs = [each for each in (measurements, features) if isinstance(each, (str, PathLike))]
     refuse_overwriting({"out": out}, inputs, robot)
-    cells, _, _ = columns.read(measurements, [])
+    cells = InputTable.read(measurements).cells
     notes: list[str] = []
     if images is not None:
         cells = cells.rename(columns=dict(zip(POSE, FLANGE, strict=True)) if set(POSE) <= set(cells.columns) else {})
@@ -307,20 +307,7 @@ def _read(cells: pd.DataFrame, camera_file: TableLike, arm: Any, posed: bool) ->
         )
     if not posed:
         return rows
-    values = np.column_stack([columns.numbers(rows.cells, name, rows.source) for name in FLANGE])
-    length = np.linalg.norm(values[:, 3:], axis=1)
-    bad = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
-    if len(bad):
-        raise MeasurementError(
-            f"expected a unit quaternion, found one of length {length[bad[0]]:.4g}",
-            file=rows.source,
-            row=int(rows.row[bad[0]]),
-            column=FLANGE[3],
-        )
-    R = frames.matrix_from_quaternion(values[:, 3:] / length[:, None])
-    T = np.tile(np.eye(4), (len(rows), 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = R, values[:, :3] * MM
-    return replace(rows, flange=T)
+    return replace(rows, flange=InputTable(rows.cells, rows.source).poses("flange_"))
 
 
 def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye:

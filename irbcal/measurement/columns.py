@@ -414,13 +414,14 @@ class InputTable:
         q = self.quaternions()
         return None if q is None or (np.isnan(q).any() and not lost) else frames.matrix_from_quaternion(q)
 
-    def poses(self) -> FloatArray:
-        """Poses, shape (rows, 4, 4), metres."""
-        q = self.quaternions()
+    def poses(self, prefix: str = "") -> FloatArray:
+        """Poses, shape (rows, 4, 4), metres, from the columns ``x_mm`` … ``qz`` whose names begin so."""
+        position, quaternion = ([f"{prefix}{name}" for name in names] for names in (POSITION, QUATERNION))
+        q = self.quaternions(quaternion)
         assert q is not None, "the columns are required"
-        self.refuse(np.isnan(q).any(axis=1), QUATERNION[0], "a unit quaternion")
+        self.refuse(np.isnan(q).any(axis=1), quaternion[0], "a unit quaternion")
         T = np.tile(np.eye(4), (len(self), 1, 1))
-        T[:, :3, :3], T[:, :3, 3] = frames.matrix_from_quaternion(q), self.si(POSITION)
+        T[:, :3, :3], T[:, :3, 3] = frames.matrix_from_quaternion(q), self.si(position)
         return T
 
     def joints(self, names: Sequence[str] = JOINTS) -> FloatArray:
