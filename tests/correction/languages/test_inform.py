@@ -160,6 +160,21 @@ def test_what_cannot_be_corrected_is_left_with_its_reason(robots, positions, mov
     assert any(reason in left.reason for left in found.left), found.left
 
 
+def test_a_correction_never_turns_a_joint_beyond_what_rconf_says(robots):
+    """RCONF counts turns of 180 degrees: joints next to them may be corrected on their side only."""
+    nominal, robot, _ = robots
+    q = in_front(nominal, 12)
+    q[:, 5] = np.where(np.arange(12) % 2, 1, -1) * (np.pi - 1e-6)
+    found = corrected(robot, nominal, parsed(robots, program(robots, q)))
+    reason = "its correction would need another RCONF, which other points share"
+    assert {target.reason for target in found.left} == {reason}
+    assert 2 <= len(found.left) <= 10
+    new, old = read_back(found.data), read_back(program(robots, q))
+    names = {target.target for target in found.left}
+    for k in range(1, 24, 2):
+        assert (new[k] == old[k]).all() == (f"C{k:05d}" in names)
+
+
 def test_pulses_are_asked_for(robots):
     found = corrected(robots[1], robots[0], parsed(robots, program(robots, in_front(robots[0], 1)), pulses=()))
     assert [left.reason for left in found.left] == [
