@@ -9,6 +9,7 @@ from written import written
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
+from irbcal.measurement.columns import InputTable
 from irbcal.modeling import frames
 from irbcal.validation.attained import attained, commanded_poses, measured_whole
 from irbcal.validation.prepared import prepare
@@ -73,7 +74,7 @@ def test_commanded_files_are_checked(robot, ready, tmp_path):
     with pytest.raises(MeasurementError, match=r"plain.csv: row 1: missing columns qw, qx, qy, qz") as refused:
         one.commanded_by(robot, plain)
     assert refused.value.row == 1
-    with pytest.raises(MeasurementError, match=r"row 7, column pose: P5 stands there more than once"):
+    with pytest.raises(MeasurementError, match=r"row 7, column pose: 'P5' stands there more than once"):
         commanded_poses(written(tmp_path / "twice.csv", PLACES + "P5,1,2,3,1,0,0,0\n"))
 
 
@@ -102,7 +103,7 @@ def test_rows_are_chosen_in_all_columns(robot, ready):
 
 def test_poses_are_whole_with_three_targets_or_orientations(robot, ready):
     no_robot = {"measured": None}
-    with_places = pd.DataFrame({"pose": ["P1"]})
+    with_places = InputTable.read(pd.DataFrame({"pose": ["P1"]}))
     assert measured_whole(ready.points, no_robot, None)
     assert not measured_whole(ready.points, no_robot, with_places), "places without orientations are of one target"
     two = ready.keep(ready.points.target < 2)
