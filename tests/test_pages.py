@@ -152,7 +152,8 @@ def test_every_command_is_told_and_every_option_exists():
     text = re.sub(r"^.*(scripts/|chromium ).*$", "", text, flags=re.MULTILINE)
     named = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]+", text))
     shell = "\n".join(line for page in PAGES for line in lines(page))
-    called = {*re.findall(r"^irbcal ([a-z0-9]+)", shell, re.MULTILINE), *re.findall(r"`irbcal ([a-z0-9]+)", text)}
+    word = "irbcal ([a-z][a-z0-9-]*)"
+    called = {*re.findall(f"^{word}", shell, re.MULTILINE), *re.findall(f"`{word}", text)}
     assert named - known - OTHER_OPTIONS == set()
     assert called - set(commands) == set()
     assert {name for name, command in commands.items() if not command.hidden} - called == set(), "told nowhere"
