@@ -23,6 +23,7 @@ import pandas as pd
 from irbcal import __version__
 from irbcal.arrays import BoolArray, FloatArray, lock, locked
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.identification import commanded_poses
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.axis_calibration import PARALLELS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, method_of
@@ -425,7 +426,7 @@ def run(
     if inputs.feature_rows is not None:
         proven = prove_features(fit_features(inputs, say), say)
     else:
-        proven = prove(doubt(fit(split(clean(inputs)), say)))
+        proven = prove(doubt(fit(split(clean(with_commands(inputs, say))), say)))
     return *record(proven, started), proven
 
 
@@ -503,6 +504,66 @@ def _robot_notes(file: Path, saved: Saved | None) -> list[str]:
         "finds takes its place, and programs are corrected for a controller that computes with this URDF. To add "
         "measurements to the earlier one, use --with and its folder."
     ]
+
+
+def with_commands(inputs: Inputs, say: Progress) -> Inputs:
+    """Programmed joints from the poses that the controller was sent to, as far as the evidence is for them.
+
+    Readings, commands, or a share of both: the share is chosen on the poses that are fitted.
+    """
+    measurements, arm, check = inputs.measurements, inputs.urdf.arm, inputs.verification
+    goal = None if measurements.programmed else commanded_poses.goals(measurements)
+    if goal is None:
+        return inputs
+    q = measurements.joints()
+    commands = commanded_poses.commands(arm, q, goal)
+    if commands is None or commands.misfit > commanded_poses.LARGEST_MISFIT:
+        size = "" if commands is None else f": the median is {commands.misfit / MM:.3g} mm from the readings' poses"
+        return replace(inputs, notes=(*inputs.notes, f"Commanded poses do not belong to these joints{size}."))
+    say("comparing readings and commanded poses")
+
+    def sets(share: float) -> Inputs:
+        changed = check
+        goal_of_check = None if check is None or check.programmed else commanded_poses.goals(check)
+        if check is not None and goal_of_check is not None:
+            others = commanded_poses.commands(arm, check.joints(), goal_of_check, commands)
+            assert others is not None
+            changed = check.with_programmed(check.joints() + share * others.difference)
+        programmed = measurements.with_programmed(q + share * commands.difference)
+        return replace(inputs, measurements=programmed, verification=changed)
+
+    fitted_poses = set(split(clean(inputs)).fit_points.pose_ids.astype(str))
+    evidence = []
+    for share in commanded_poses.SHARES:
+        cleaned = clean(sets(share))
+        keep = np.isin(cleaned.points.pose_ids.astype(str), list(fitted_poses))
+        points, motion = cleaned.points.select(keep), cleaned.motion.select(keep)
+        nothing = points.select(np.zeros(points.poses, dtype=bool))
+        part = _next(
+            SplitInputs, cleaned, fit_points=points, heldout_points=nothing, fit_motion=motion, heldout_motion=motion
+        )
+        fit = _identified(part, _model(inputs.options, arm, points.poses)[0], lambda text: None)
+        evidence.append(
+            float(np.logaddexp.reduce([result.log_evidence for result in fit.term_sets]))
+            if isinstance(fit, EvidenceFit)
+            else -3.0 * len(points) * float(np.log(fit.rms))
+        )
+    best = commanded_poses.best_share(np.array(evidence))
+    difference = np.abs(commands.difference[commands.solved]) / arm.joint_units
+    about = (
+        f"{int(commands.solved.sum())} of {len(q)} commanded poses give programmed joints, "
+        f"{np.median(difference):.2g} degrees or mm from the readings in the median"
+    )
+    if best < commanded_poses.LEAST:
+        return replace(inputs, notes=(*inputs.notes, f"{about}; the evidence is for the readings, which are taken."))
+    gain = max(evidence) - evidence[0]
+    return replace(
+        sets(best),
+        notes=(
+            *inputs.notes,
+            f"{about}; the model takes {best:.0%} of the way from readings to commands (log evidence +{gain:.0f}).",
+        ),
+    )
 
 
 def clean(inputs: Inputs) -> CleanInputs:

@@ -42,7 +42,12 @@ from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
 REQUIRED = ["pose", ALL_JOINTS, "target", *POSITION]
-NUMERIC_EXTRAS = [PAYLOAD, *PAYLOAD_CENTRE, "time_s", "u95_mm", *QUATERNION]
+GOAL_POSITION = ("goal_x_mm", "goal_y_mm", "goal_z_mm")
+GOAL_ANGLES = tuple(tuple(f"goal_{name}_{unit}" for name in ("roll", "pitch", "yaw")) for unit in ("rad", "deg"))
+GOAL_QUATERNION = tuple(f"goal_{name}" for name in QUATERNION)
+"""Columns of the pose that the controller was sent to: angles about the fixed axes x, y, z, or a quaternion."""
+GOALS = (*GOAL_POSITION, *GOAL_ANGLES[0], *GOAL_ANGLES[1], *GOAL_QUATERNION)
+NUMERIC_EXTRAS = [PAYLOAD, *PAYLOAD_CENTRE, "time_s", "u95_mm", *QUATERNION, *GOALS]
 REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
 
@@ -146,6 +151,19 @@ class MeasurementSet(ReadOnlyTables, Speaks):
         In the order of the file, shape (n, joints), radians (metres from columns in mm).
         """
         return self._of_poses(self.programmed_columns or self.joint_columns)
+
+    def with_programmed(self, joints: FloatArray) -> "MeasurementSet":
+        """The same with programmed joints (n, joints) of each pose, as `joints` counts them.
+
+        Radians (metres for columns in mm).
+        """
+        names = self.joint_columns
+        q = joints if self.coupling is None else joints @ np.linalg.inv(self.coupling).T
+        table = self.table
+        number = np.unique(table["pose_index"], return_inverse=True)[1]
+        for name, column in zip(names, (q / columns.joint_units(names)).T, strict=True):
+            table[f"c{name[1:]}"] = column[number]
+        return replace(self, table=table)
 
     def readings(self) -> FloatArray:
         """Joint readings (``q1_deg`` …) of each pose, shape and units as `joints`."""
