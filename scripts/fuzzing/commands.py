@@ -90,7 +90,10 @@ def _verify(random: Random) -> list[str]:
 
 
 def _cell(random: Random) -> list[str]:
-    more = _some(random, ["--json"], ["--as", random.choice(("kuka", "abb", "fanuc", "ur", "x"))])
+    more = _some(
+        random, ["--json"], ["--as", random.choice(("kuka", "abb", "fanuc", "ur", "x"))], ["--declare", ">frames.txt"],
+        ["--program", "@" + random.choice(sorted(corpus.programs()))], ["--touch", "tool 1 socket=P1,P2,P3"],
+    )  # fmt: skip
     return ["cell", random.choice(("@cal", "@cal-map", "@cal-auto")), "@touches.csv", "--out", ">cell.json", *more]
 
 
@@ -101,7 +104,7 @@ def _sign(random: Random) -> list[str]:
 def _evaluate(random: Random) -> list[str]:
     more = _some(
         random, ["--json"], ["--flange"], ["--refit-base"], ["--relative", "virtual"], ["--sphere", "900,0,700,800"],
-        ["--relative", "three-points"], ["--verified", "@v.csv"],
+        ["--relative", "three-points"], ["--verified", "@v.csv"], ["--refit-zeros", random.choice(("3,5", "0", "x"))],
     )  # fmt: skip
     if random.random() < 0.3:
         more = _some(random, ["--json"], ["--refit-tool"], ["--intervals"], ["--same-tool"], ["--payload", "1"])
