@@ -98,6 +98,19 @@ def locked(value: Any) -> Any:
     return value
 
 
+def plain(value: Any) -> Any:
+    """A value as JSON has it: arrays and tuples as lists, numbers of Python's types, None for those not finite."""
+    if isinstance(value, np.ndarray):
+        finite = value.dtype.kind != "f" or np.isfinite(value).all()
+        return value.tolist() if finite else plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {key: plain(element) for key, element in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(element) for element in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def _is_locked(array: NDArray[Any]) -> bool:
     owner: Any = array
     while isinstance(owner, np.ndarray):

@@ -23,7 +23,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Options, Progress, Proven, run
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.validation.evaluation import orientation_line
 from irbcal.validation.proof import (
     error_table,
@@ -46,7 +46,7 @@ FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")  # of a report's fig
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Speaks):
+class Calibration(Result):
     """A calibrated robot with its proof: just identified, or loaded from its folder.
 
     Attributes
@@ -131,12 +131,12 @@ class Calibration(Speaks):
             f"{r.heldout.all.mean_mm:.3f} mm (largest {r.heldout.all.max_mm:.3f} mm) on {r.poses_heldout} poses"
         )
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """What ``irbcal calibrate`` prints: the verdict, errors, and what limits them most; see `proof` for all."""
         from irbcal.reports.limits import limits
 
         r = self.record
-        lines = [*self.verdict.told(), self._errors(targets=False), self._identified()]
+        lines = [*self.verdict.report(), self._errors(targets=False), self._identified()]
         lines += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.evidence)[:1]]
         notes = [note for note in r.notes if note not in r.doubts]
         more = [
@@ -160,12 +160,12 @@ class Calibration(Speaks):
         """Better than the nominal robot, no better or worse, and whether that may be trusted."""
         return verdict_of(self.record)
 
-    def proof(self, verbose: bool = True) -> list[Told]:
+    def proof(self, verbose: bool = True) -> list[Paragraph]:
         """The verdict, errors before and after, what was identified, what was held or left out, and what to doubt."""
         r = self.record
         nominal, calibrated = (r.heldout_nominal, r.heldout) if r.heldout is not None else (r.fit_nominal, r.fit)
         assert nominal is not None
-        lines = [*self.verdict.told(), self._errors(), *feature_tables(r, verbose)]
+        lines = [*self.verdict.report(), self._errors(), *feature_tables(r, verbose)]
         if calibrated.orientation and nominal.orientation:
             models = (("nominal", nominal.orientation), (f"model {r.model}", calibrated.orientation))
             lines += [orientation_line(name, turned.model_dump()) for name, turned in models]

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock, plain
 from irbcal.modeling import frames
 from irbcal.modeling.inverse.along_path import SingularPlace
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ SHOWN = 10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ForwardResult(Speaks):
+class ForwardResult(Result):
     """Where a robot ends for n rows of commanded joints.
 
     Attributes
@@ -98,8 +98,7 @@ class ForwardResult(Speaks):
 
     def to_dict(self) -> dict[str, Any]:
         """Names of the links and of the target, and the rows as the command fk prints them, ready for JSON."""
-        frame = self.to_frame()
-        rows = frame.astype(object).where(frame.notna(), None).to_dict(orient="records")
+        rows = plain(self.to_frame().to_dict(orient="records"))
         return {"tip": self.tip, "base": self.base, "target": self.target, "rows": rows}
 
     @property
@@ -113,16 +112,16 @@ class ForwardResult(Speaks):
         )
         return f"{text}. {self.note}" if self.note else text
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """What is where, and the first rows."""
         subject = f"{self.tip} in {self.base}" if self.target is None else f"{self.target} in the measuring frame"
-        lines: list[Told] = [f"{len(self)} {'poses' if self.target is None else 'places'} of {subject}"]
+        lines: list[Paragraph] = [f"{len(self)} {'poses' if self.target is None else 'places'} of {subject}"]
         lines += [self.caution] if self.caution else []
         return [*lines, _first_rows(self.to_frame())]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class InverseJoints(Speaks):
+class InverseJoints(Result):
     """Commanded joints for poses of a robot's tip.
 
     Attributes
@@ -192,10 +191,9 @@ class InverseJoints(Speaks):
 
     def to_dict(self) -> dict[str, Any]:
         """The rows as the command ik prints them, ready for JSON: None where there is no solution."""
-        frame = self.to_frame()
-        return {"rows": frame.astype(object).where(frame.notna(), None).to_dict(orient="records")}
+        return {"rows": plain(self.to_frame().to_dict(orient="records"))}
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How many poses have joints, and the first rows."""
         if self.branch is not None:
             headline = f"{len(self)} ways to reach {len(set(self.row.tolist()))} poses within the joint limits"
@@ -205,13 +203,8 @@ class InverseJoints(Speaks):
 
 
 def _first_rows(table: pd.DataFrame) -> Table:
-    first = table.head(SHOWN)
     title = f"the first {SHOWN} of {len(table)} rows" if len(table) > SHOWN else "rows"
-    cells = tuple(
-        tuple(None if isinstance(cell, float) and np.isnan(cell) else cell for cell in row)
-        for row in first.astype(object).itertuples(index=False)
-    )
-    return Table(title, tuple(map(str, table.columns)), cells, digits=6)
+    return Table.of(title, table.head(SHOWN), digits=6)
 
 
 def poses_to_frame(T_base_tip: FloatArray) -> pd.DataFrame:

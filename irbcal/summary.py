@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from irbcal.literals import terminal
 
 if TYPE_CHECKING:
+    import pandas as pd
     import rich.console
     import rich.table
 
@@ -40,7 +41,7 @@ class Table:
     columns : tuple of str
         Headings; the first columns up to the first number stand on the left, the others on the right.
     rows : tuple of tuple
-        Text as it is; numbers with ``digits`` decimals; None as a dash.
+        Text as it is; numbers with ``digits`` decimals; None and NaN as a dash.
     digits : int
     bold : frozenset of int
         Rows that are headlines.
@@ -52,12 +53,18 @@ class Table:
     digits: int = 3
     bold: frozenset[int] = frozenset()
 
+    @classmethod
+    def of(cls, title: str, frame: pd.DataFrame, columns: Sequence[str] | None = None, digits: int = 3) -> Table:
+        """The rows of a DataFrame, under its own headings unless others are given."""
+        headings = map(str, frame.columns if columns is None else columns)
+        return cls(title, tuple(headings), tuple(frame.itertuples(index=False, name=None)), digits)
+
     def cells(self) -> list[list[str]]:
         """The rows as text."""
         return [[self._text(cell) for cell in row] for row in self.rows]
 
     def _text(self, cell: Cell) -> str:
-        if cell is None:
+        if cell is None or cell != cell:
             return "–"
         return f"{round(cell, self.digits) + 0.0:.{self.digits}f}" if isinstance(cell, float) else str(cell)
 
@@ -140,7 +147,12 @@ def _broken(heading: str, cells: Sequence[str]) -> str:
     return "\n".join(wrap(heading, max(map(cell_len, [*cells, *heading.split(), "0"])), break_long_words=False))
 
 
-Told: TypeAlias = "str | Table"
+def simulated_mark(simulated: bool) -> str:
+    """How the first sentence on simulated data begins."""
+    return "SIMULATED data: " if simulated else ""
+
+
+Paragraph: TypeAlias = "str | Table"
 """A paragraph or a table."""
 
 
@@ -153,7 +165,7 @@ def print_table(console: rich.console.Console, table: Table) -> None:
     console.width = width_before
 
 
-def as_text(paragraphs: Sequence[Told], width: int = WIDTH) -> str:
+def as_text(paragraphs: Sequence[Paragraph], width: int = WIDTH) -> str:
     """Paragraphs and tables as plain text."""
     from irbcal.terminal import Terminal
 
@@ -167,20 +179,20 @@ def as_text(paragraphs: Sequence[Told], width: int = WIDTH) -> str:
     return "\n".join(text_line.rstrip() for text_line in out.getvalue().splitlines()).rstrip()
 
 
-class Speaks(ABC):
+class Result(ABC):
     """A result that says what it is: in the interpreter, in a notebook, and in full on request."""
 
     @abstractmethod
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """What there is to say, the most important first: paragraphs and tables, as the command line prints them."""
 
     def summary(self) -> str:
         """The result in words and tables, plain text."""
-        return as_text(self.told())
+        return as_text(self.report())
 
     def headline(self) -> str:
         """The result in one line."""
-        return next((paragraph for paragraph in self.told() if isinstance(paragraph, str)), "")
+        return next((paragraph for paragraph in self.report() if isinstance(paragraph, str)), "")
 
     def __repr__(self) -> str:
         text = terminal(f"<{type(self).__name__}: {self.headline()}>")
@@ -189,6 +201,6 @@ class Speaks(ABC):
     def _repr_html_(self) -> str:
         html = [
             paragraph.html() if isinstance(paragraph, Table) else f"<p>{escape(paragraph)}</p>"
-            for paragraph in self.told()
+            for paragraph in self.report()
         ]
         return f"<div><b>{escape(type(self).__name__)}</b>{''.join(html)}</div>"

@@ -3,18 +3,18 @@
 import pytest
 from lxml import html
 
-from irbcal.summary import Speaks, Table, as_text
+from irbcal.summary import Result, Table, as_text
 
 TABLE = Table(
     "Errors, mm", ("model", "points", "mean"), (("a<b", 3, 0.12345), ("[red]c", None, 2.0)), bold=frozenset({1})
 )
 
 
-class Result(Speaks):
+class Sample(Result):
     def __init__(self, words):
         self.words = words
 
-    def told(self):
+    def report(self):
         return [self.words, TABLE]
 
 
@@ -35,15 +35,15 @@ def test_numbers_stand_on_the_right():
 
 
 def test_html_is_escaped_and_whole():
-    page = Result("<script>")._repr_html_()
+    page = Sample("<script>")._repr_html_()
     assert "<script>" not in page
     table = html.fragment_fromstring(page).find(".//table")
     assert [cell.text_content() for cell in table.findall(".//td")] == ["a<b", "3", "0.123", "[red]c", "–", "2.000"]
 
 
 def test_a_long_headline_is_cut():
-    assert repr(Result("short")) == "<Result: short>"
-    assert len(repr(Result("x" * 10_000))) < 2_000
+    assert repr(Sample("short")) == "<Sample: short>"
+    assert len(repr(Sample("x" * 10_000))) < 2_000
 
 
 WIDE = Table(

@@ -5,7 +5,7 @@ import io
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from irbcal.summary import Speaks, Table
+from irbcal.summary import Result, Table
 from irbcal.terminal import Terminal
 
 EVIL = "a\x1b]0;title\x07\x1b[2J\x9b31m\r\u202e[red]b"
@@ -33,10 +33,10 @@ def test_texts_tables_and_styles():
 
 
 def test_results():
-    class Result(Speaks):
-        def told(self):
+    class Sample(Result):
+        def report(self):
             return [EVIL, Table(EVIL, (EVIL,), ((EVIL,),))]
 
-    for text in (Result().summary(), repr(Result())):
+    for text in (Sample().summary(), repr(Sample())):
         assert "\x1b" not in text
         assert "\\x1b" in text

@@ -28,7 +28,7 @@ from irbcal.modeling.certainty import COVERAGE
 from irbcal.options import shown
 from irbcal.reading import read_bytes
 from irbcal.section import Date, Fingerprint, Name, Section, Sentence, Sha256
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 SCHEMA = "irbcal-cell-1"
@@ -141,7 +141,7 @@ class Touch:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CellFile(Speaks):
+class CellFile(Result):
     """Tools and work objects of a robot.
 
     The small motion of a frame is six numbers in its own axes: rotation vector (rad), then translation (m),
@@ -184,8 +184,8 @@ class CellFile(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self, notation: Notation = AS_URDF) -> list[Told]:
-        """The frames with their intervals, and by how much the controller's differ; see `Speaks.told`."""
+    def report(self, notation: Notation = AS_URDF) -> list[Paragraph]:
+        """The frames with their intervals, and by how much the controller's differ; see `Result.report`."""
         sizes = [np.linalg.norm([getattr(one, name) for one in self.touches], axis=1) / MM for name in RESIDUALS]
         by = [f"mean {size.mean():.3f}, largest {size.max():.3f} mm" for size in sizes]
         headline = (

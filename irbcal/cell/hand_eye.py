@@ -31,7 +31,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.modeling.robot import Robot
 from irbcal.overwriting import refuse_overwriting
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class DeviceFrame:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HandEye(Speaks):
+class HandEye(Result):
     """Cameras and boards of a cell.
 
     Attributes
@@ -191,7 +191,7 @@ class HandEye(Speaks):
         write_set({Path(out): (json.dumps(self.to_dict(), indent=1) + "\n").encode()})
         return Path(out)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Frames with their intervals, how well corners agree, and what limits that."""
         heldout = self.heldout_rms_pixels
         proof = "" if np.isnan(heldout) else f", {heldout:.2f} px in pictures that were left out in turn"
@@ -210,7 +210,7 @@ class HandEye(Speaks):
             for frame in self.devices
         ]
         heads = ("frame", "x mm", "y mm", "z mm", "roll", "pitch", "yaw", "u95 mm", "deg")
-        told: list[Told] = [headline, Table("Cameras and boards, angles in degrees", heads, tuple(rows))]
+        told: list[Paragraph] = [headline, Table("Cameras and boards, angles in degrees", heads, tuple(rows))]
         for camera, numbers in self.lens.items():
             told.append(
                 f"Lens of {camera}: " + ", ".join(f"{n} {v:.6g} ± {u95:.2g}" for n, (v, u95) in numbers.items())

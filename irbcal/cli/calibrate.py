@@ -75,6 +75,6 @@ def run(
     if json:
         show.print_json(calibration.to_dict(out))
     else:
-        show.tell(calibration.proof() if verbose else calibration.told())
+        show.tell(calibration.proof() if verbose else calibration.report())
         show.say(f"Written to {out}: {', '.join(FILES)}")
     show.fail(calibration.verdict, fail_if_worse)

@@ -119,7 +119,7 @@ def cell(
     if json:
         show.print_json(cell_file.to_dict())
         return
-    show.tell(cell_file.told() if as_ is None else cell_file.told(_notation(as_, ends, to_controller)))
+    show.tell(cell_file.report() if as_ is None else cell_file.report(_notation(as_, ends, to_controller)))
     show.say(f"Written to {out}: irbcal filter {calibration} PROGRAM --cell {out}")
     if declare is not None:
         show.say(f"Written to {declare}: frames of the controller, for irbcal filter --controller-frames from-cell")

@@ -44,6 +44,6 @@ def compare(
     if json:
         show.print_json(result.to_dict() | {"written": [str(path) for path in written]})
         return
-    show.tell(result.told())
+    show.tell(result.report())
     if written:
         show.say(f"Written: {', '.join(str(path) for path in written)}")

@@ -25,6 +25,6 @@ def controller(
     if json:
         show.print_json({**comparison.to_dict(), "out": None if out is None else str(out)})
         return
-    show.tell(comparison.told())
+    show.tell(comparison.report())
     if out is not None:
         show.say(f"Written to {out}")

@@ -79,7 +79,7 @@ def evaluate(
             result.to_dict() | {"written": [str(path / name) for path in written for name in written[path]]}
         )
     else:
-        show.tell(result.told(verbose))
+        show.tell(result.report(verbose))
         for folder, files in written.items():
             show.say(f"Written to {folder}: {', '.join(files)}")
     if result.conformity is not None and not result.conformity:

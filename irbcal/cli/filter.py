@@ -52,7 +52,7 @@ def filter_program(
     if json:
         show.print_json(_content(result))
     else:
-        show.tell(result.told())
+        show.tell(result.report())
     if strict and result.unknown_frames is not None:
         show.warn("nothing was written: tools or work objects are of unknown origin (--strict)")
         raise typer.Exit(3)

@@ -93,7 +93,7 @@ def import_files(
         if json:
             show.print_json(_summary(imported, dry_run))
         else:
-            show.tell(imported.told())
+            show.tell(imported.report())
     if dry_run and not json:
         show.say("Nothing was written: this was a dry run")
 

@@ -16,4 +16,4 @@ def robots(
     if json:
         show.print_json(listed.to_frame().astype(object).where(listed.to_frame().notna(), None).to_dict("records"))
     else:
-        show.tell(listed.told())
+        show.tell(listed.report())

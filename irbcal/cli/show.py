@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from irbcal.literals import terminal
-from irbcal.summary import Table, Told, print_table
+from irbcal.summary import Paragraph, Table, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,7 +46,7 @@ def result(value: Any, json: bool, *lines: str, **content: Any) -> None:
     if json:
         print_json({**content, **value.to_dict()})
     else:
-        tell([*value.told(), *lines])
+        tell([*value.report(), *lines])
 
 
 def with_plot(file: Path | None, json: bool, compute: Callable[[], Any], save: Callable[[Any, Path], Any]) -> None:
@@ -79,7 +79,7 @@ def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]
         yield step
 
 
-def tell(told: Sequence[Told]) -> None:
+def tell(told: Sequence[Paragraph]) -> None:
     """Print what a result has to say: paragraphs and tables, see `irbcal.summary`."""
     from irbcal.terminal import Terminal
 

@@ -22,4 +22,4 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
         finite = [{k: None if v in (inf, -inf) else v for k, v in row.items()} for row in rows]  # no limit: null
         show.print_json({"out": str(out), "joints": finite})
         return
-    show.tell([*result.told(), f"Written to {out}"])
+    show.tell([*result.report(), f"Written to {out}"])

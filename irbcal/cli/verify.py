@@ -21,7 +21,7 @@ def verify(options: dict[str, Any], json: Json = False) -> None:
     if json:
         show.print_json(result.to_dict())
     else:
-        first, *more = result.told()
+        first, *more = result.report()
         show.tell([f"{urdf or program or options['calibration']}: {first}", *more])
     if not result:
         raise typer.Exit(1)

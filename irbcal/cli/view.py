@@ -29,7 +29,7 @@ def view(
     if html is not None and port is not None:
         raise typer.BadParameter("--html writes a page, it is not served: leave one of them out", param_hint="--port")
     result = public("view")(**options)
-    show.tell(result.told())
+    show.tell(result.report())
     if html is None:
         result.serve(port, open_browser, show.say)
     else:

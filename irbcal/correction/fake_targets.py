@@ -18,7 +18,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form, own_model
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ LARGEST_CHANGE = 10 * DEG
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Corrected(Speaks):
+class Corrected(Result):
     """Fake targets for a batch of n wanted poses.
 
     Attributes
@@ -77,9 +77,9 @@ class Corrected(Speaks):
         """Angle from wanted to fake pose, shape (n,), radians; NaN where not corrected."""
         return frames.rotation_distance(self.T_fake[:, :3, :3], self.T_wanted[:, :3, :3])
 
-    def told(self) -> list[Told]:
+    def report(self) -> list[Paragraph]:
         """How many are corrected and by how much, and why the others are not."""
-        sentences: list[Told] = [corrected_in_words(self.shift[self.ok], len(self.ok))]
+        sentences: list[Paragraph] = [corrected_in_words(self.shift[self.ok], len(self.ok))]
         reasons, counts = np.unique(self.reason[~self.ok].astype(str), return_counts=True)
         sentences += [f"  {count} not corrected: {reason}" for reason, count in zip(reasons, counts, strict=True)]
         return sentences

@@ -14,7 +14,7 @@ from irbcal.correction.fake_targets import corrected_in_words
 from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
 from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ LEFT_SHOWN = 50
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Filtered(Speaks):
+class Filtered(Result):
     """A corrected program of n corrected targets.
 
     Attributes
@@ -177,14 +177,14 @@ class Filtered(Speaks):
         counted = q if self.coupling is None else q @ np.linalg.inv(self.coupling).T
         return counted / np.array([MM if name.endswith("_mm") else DEG for name in self.joint_columns])
 
-    def told(self) -> list[Told]:
+    def report(self) -> list[Paragraph]:
         """How many targets changed by how much, the first of them, and what was left and why."""
         unknown = self.unknown_frames
-        sentences: list[Told] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
+        sentences: list[Paragraph] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
         if not self._re_expressed:
             sentences.append(corrected_in_words(self.shift))
         if self.frames is not None:
-            sentences += self.frames.told(self.unchanged)
+            sentences += self.frames.report(self.unchanged)
         if len(self.targets):
             sentences.append(self._first_changes())
         if len(self.targets) > SHOWN:
@@ -212,9 +212,9 @@ class Filtered(Speaks):
         """Whether a tool or work object matters."""
         return self.frames is not None and bool(set(self.frames.origins) - {"", NULL})
 
-    def _left_in_words(self) -> list[Told]:
+    def _left_in_words(self) -> list[Paragraph]:
         """What was left as it was: each by itself, of very many with the same reason the first."""
-        sentences, alike = list[Told](), dict[str, list[int]]()
+        sentences, alike = list[Paragraph](), dict[str, list[int]]()
         for target in self.left:
             lines = alike.setdefault(target.reason, [])
             if len(lines) < LEFT_SHOWN:
@@ -226,11 +226,13 @@ class Filtered(Speaks):
                 sentences.append(f"  left as they were: {len(more)} more in {where}: {reason}")
         return sentences
 
-    def _last_moves_in_words(self) -> list[Told]:
+    def _last_moves_in_words(self) -> list[Paragraph]:
         if self.last_moves is None or self.last_move_error is None:
             return []
         known_count, stops = self.last_moves
-        sentences: list[Told] = [f"The order of the program tells the last move before {known_count} of {stops} stops"]
+        sentences: list[Paragraph] = [
+            f"The order of the program tells the last move before {known_count} of {stops} stops"
+        ]
         much = float(self.last_move_error.max(initial=0.0)) / MM
         if much >= 5e-4:
             errors = self.expected_errors
@@ -258,7 +260,7 @@ class Filtered(Speaks):
         names = ["move", "line", "length_mm", "pieces", "deviation_mm", "uncut_mm", "turning_back", "reason"]
         return pd.DataFrame(rows, columns=names)
 
-    def _paths_in_words(self) -> list[Told]:
+    def _paths_in_words(self) -> list[Paragraph]:
         if self.paths is None:
             return []
         cut = [path for path in self.paths if path.pieces > 1]
@@ -269,8 +271,7 @@ class Filtered(Speaks):
         columns = ("move", "line", "length mm", "pieces", "uncut mm", "deviation mm", "joints that turn back")
         measured_paths = self.paths_to_frame().query("deviation_mm == deviation_mm").head(SHOWN)
         rows = measured_paths[["move", "line", "length_mm", "pieces", "uncut_mm", "deviation_mm", "turning_back"]]
-        cells = tuple(tuple(row) for row in rows.itertuples(index=False))
-        return [head, *([Table("Paths", columns, cells, digits=3)] if cells else [])]
+        return [head, *([Table.of("Paths", rows, columns)] if len(rows) else [])]
 
     def _first_changes(self) -> Table:
         slides = any(name.endswith("_mm") for name in self.joint_columns)

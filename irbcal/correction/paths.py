@@ -24,7 +24,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, own_model
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -554,7 +554,7 @@ def _cut(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Subdivision(Speaks):
+class Subdivision(Result):
     """A path cut into moves whose ends are fake targets.
 
     Attributes
@@ -578,12 +578,12 @@ class Subdivision(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> list[Told]:
+    def report(self) -> list[Paragraph]:
         """How many targets there are, how far the true path leaves the wanted one, and what cutting gained."""
         return [
             f"{len(self.s)} fake targets: the true path leaves the wanted one by at most {self.deviation / MM:.4f} mm, "
             f"in the fewest moves there can be by {self.uncut / MM:.4f} mm",
-            *self.corrected.told(),
+            *self.corrected.report(),
         ]
 
     def to_frame(self) -> pd.DataFrame:

@@ -41,7 +41,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Told
+from irbcal.summary import Paragraph
 from irbcal.units import MM
 
 ControllerNumbers: TypeAlias = Literal["same", "from-cell"]
@@ -276,14 +276,14 @@ class TargetFrames:
             tuple(tools), tuple(work_objects), int(rows.sum()), float(stake.mean()), float(stake.max())
         )
 
-    def told(self, unchanged: int) -> list[Told]:
+    def report(self, unchanged: int) -> list[Paragraph]:
         """Which points were taken for offline points, and what the controller must have."""
         if self.re_expressed:
             return [
                 f"{len(self.tools)} taught points are re-expressed as offline points of the true frames, {unchanged} "
                 "stay as they are; nothing is corrected: filter the new program"
             ]
-        sentences: list[Told] = []
+        sentences: list[Paragraph] = []
         in_cell = self.origins == CELL
         if in_cell.any():
             ours = "its own numbers" if self.numbers == "same" else "the cell file's numbers"

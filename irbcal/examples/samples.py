@@ -8,11 +8,11 @@ from typing import Any
 
 from irbcal import atomic
 from irbcal.errors import CalibrationError
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Samples(Speaks):
+class Samples(Result):
     """Example files that were written: SIMULATED.
 
     Attributes
@@ -28,8 +28,8 @@ class Samples(Speaks):
     about: dict[str, str]
     tried: dict[str, str]
 
-    def told(self) -> list[Told]:
-        """See `Speaks.told`."""
+    def report(self) -> list[Paragraph]:
+        """See `Result.report`."""
         rows = tuple((name, about) for name, about in self.about.items())
         return [
             f"{len(self.about)} SIMULATED example files in {self.folder}; README.txt there has a command for each",

@@ -22,7 +22,7 @@ from irbcal.io.mesh_paths import CHOICES, MeshPaths
 from irbcal.io.opening import CalibrationLike
 from irbcal.options import checked
 from irbcal.overwriting import refuse_overwriting
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 
 TARGETS = ("cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros")
 """What a calibration can be exported as: each is a module of this package, see `ExportModule`."""
@@ -51,7 +51,7 @@ class ExportModule(Protocol):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Exported(Speaks):
+class Exported(Result):
     """What was written.
 
     Attributes
@@ -85,7 +85,7 @@ class Exported(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Files and what to do with them."""
         simulated = ", from SIMULATED measurements" if self.simulated else ""
         headline = (

@@ -21,7 +21,7 @@ from irbcal.measurement.columns import InputTable
 from irbcal.names import check_names
 from irbcal.pipeline import Options
 from irbcal.reading import read_bytes
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.validation.verdict import verdict_of
 
 if TYPE_CHECKING:
@@ -281,7 +281,7 @@ CALIBRATION_S = 2.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CalibratedFleet(Speaks):
+class CalibratedFleet(Result):
     """What the folder of a fleet holds, and what the call has done.
 
     Attributes
@@ -308,17 +308,14 @@ class CalibratedFleet(Speaks):
         """Robots that could not be calibrated."""
         return tuple(robot for robot in self.robots if robot.failed)
 
-    def headline(self) -> str:
-        """How many, in one line."""
+    def report(self) -> Sequence[Paragraph]:
+        """How many, a row a robot, and the sentences of those that failed."""
         kind = "SIMULATED: " if any(robot.simulated for robot in self.robots) else ""
         doubtful = sum(not (robot.trusted or robot.failed) for robot in self.robots)
-        return (
+        headline = (
             f"{kind}{len(self.robots)} robots: {len(self.robots) - len(self.failures)} calibrated ({doubtful} of them "
             f"not to be trusted), {len(self.failures)} failed"
         )
-
-    def told(self) -> Sequence[Told]:
-        """A row a robot, and the sentences of those that failed."""
         rows = tuple(
             (r.id, r.serial, r.robot, r.nominal_mm, r.mean_mm, r.max_mm, "yes" if r.trusted else "NO")
             for r in self.robots
@@ -326,7 +323,7 @@ class CalibratedFleet(Speaks):
         )
         columns = ("id", "serial", "robot", "nominal mm", "calibrated mm", "largest mm", "trusted")
         return [
-            self.headline(),
+            headline,
             *([Table("Held-out errors", columns, rows)] if rows else []),
             *(f"Doubt: {r.id}: {r.verdict}" for r in self.robots if not (r.trusted or r.failed)),
             *(f"Failed: {r.id}: {r.verdict}" for r in self.failures),

@@ -29,7 +29,7 @@ from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
 from irbcal.reading import read_bytes
 from irbcal.sessions import earlier_of
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.verdict import verdict_of
 
@@ -201,7 +201,7 @@ EXPORTED = ("robots", "calibrations", "parameters", "files")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Added(Speaks):
+class Added(Result):
     """What was added to a store.
 
     Attributes
@@ -218,7 +218,7 @@ class Added(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How many."""
         return [f"{len(self.added)} calibrations added to {self.store}, {len(self.there)} were there"]
 
@@ -295,7 +295,7 @@ def _folders(path: Path) -> list[Path]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Overview(Speaks):
+class Overview(Result):
     """All robots of a store.
 
     Attributes
@@ -317,20 +317,17 @@ class Overview(Speaks):
         """Whether any calibration is from simulated measurements."""
         return any(stored.calibration["simulated"] for stored in self.calibrations)
 
-    def headline(self) -> str:
-        """How many, in one line."""
+    def report(self) -> Sequence[Paragraph]:
+        """How many; a row a robot; what changed; which stand out."""
         kind = "SIMULATED: " if self.simulated else ""
         robots = {stored.robot["id"] for stored in self.calibrations}
         types = {stored.robot["type"] for stored in self.calibrations}
         changed = sum(step.real for step in self.changes.values())
         out = sum(map(len, self.outstanding.values()))
-        return (
+        headline = (
             f"{kind}{len(self.calibrations)} calibrations of {len(robots)} robots of {len(types)} "
             f"type{'s' if len(types) != 1 else ''}; {changed} changed since the calibration before, {out} stand out"
         )
-
-    def told(self) -> Sequence[Told]:
-        """A row a robot; what changed; which stand out."""
         times: dict[str, int] = {}
         for stored in self.calibrations:
             times[stored.robot["id"]] = times.get(stored.robot["id"], 0) + 1
@@ -349,18 +346,15 @@ class Overview(Speaks):
             for stored in latest(self.calibrations)
         )
         columns = ("id", "serial", "type", "last", "times", "model", "nominal mm", "calibrated mm", "largest mm")
-        changed = [
-            f"{robot}: {sentence}"
-            for robot, changes in self.changes.items()
-            if changes.real
-            for sentence in changes.in_words()
+        changes = [
+            f"{robot}: {sentence}" for robot, step in self.changes.items() if step.real for sentence in step.in_words()
         ]
         outstanding = [
             f"{entry.robot} stands out of type {type} ({entry.deviations:.0f} standard deviations): {entry.words}."
             for type, entries in self.outstanding.items()
             for entry in entries
         ]
-        return [self.headline(), Table("Robots, by their last calibration", columns, rows), *changed, *outstanding]
+        return [headline, Table("Robots, by their last calibration", columns, rows), *changes, *outstanding]
 
     def to_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
@@ -417,7 +411,7 @@ def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: st
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Drift(Speaks):
+class Drift(Result):
     """What changed in a robot from calibration to calibration.
 
     Attributes
@@ -433,7 +427,7 @@ class Drift(Speaks):
     calibrations: tuple[Stored, ...]
     changes: tuple[Change, ...]
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """A sentence or more for each step."""
         kind = "SIMULATED: " if any(stored.calibration["simulated"] for stored in self.calibrations) else ""
         head = self.calibrations[-1].robot
@@ -562,7 +556,7 @@ def render_store(overview: Overview) -> str:
             style=page_style(),
             simulated=overview.simulated,
             headline=overview.headline(),
-            told=overview.told()[1:],
+            told=overview.report()[1:],
             is_table=lambda value: isinstance(value, Table),
         )
     )

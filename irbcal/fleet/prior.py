@@ -25,7 +25,7 @@ from irbcal.fleet.store import Estimate, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.term_sets import WIDE, TypePrior
 from irbcal.io import prior_file
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 
 MEAN = 4.0
 """Standard deviation of a type's mean about zero before anything is seen of it, natural sizes."""
@@ -36,7 +36,7 @@ LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FleetPrior(Speaks):
+class FleetPrior(Result):
     """A prior that was written.
 
     Attributes
@@ -48,7 +48,7 @@ class FleetPrior(Speaks):
     prior: TypePrior
     out: Path
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """From how many robots; the terms whose mean is farthest from nominal."""
         p = self.prior
         kind = "SIMULATED: " if p.simulated else ""

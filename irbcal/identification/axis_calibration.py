@@ -33,7 +33,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import NEARLY_PARALLEL, dhm_from_axes
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ LENGTHS = ("a", "d")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AxisCalibration(Speaks):
+class AxisCalibration(Result):
     """A robot calibrated from its axes.
 
     Attributes
@@ -250,16 +250,15 @@ class AxisCalibration(Speaks):
     parallel: Parallel
     rms: float
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How well the axes explain the moves, and the correction of each link."""
         tool = "known" if self.tool_known else "unknown"
         headline = (
             f"{self.robot.arm.name} from its six axes: rms {self.rms / MM:.3f} mm over {self.axes.moves.poses} moves "
             f"of one joint, parallel axes {self.parallel}, tool of {tool} dimensions"
         )
-        frame = self.to_frame()
-        rows = tuple((r.name, r.value, None if np.isnan(r.std) else r.std, r.unit) for r in frame.itertuples())
-        return headline, Table("Corrections of the nominal links", ("parameter", "value", "±", "unit"), rows, 4)
+        columns = ("parameter", "value", "±", "unit")
+        return headline, Table.of("Corrections of the nominal links", self.to_frame(), columns, 4)
 
     def to_frame(self) -> pd.DataFrame:
         """The corrections of links 2 to 6, a row each: name, value, std (NaN where held) and unit (mm or deg)."""
@@ -448,7 +447,7 @@ def _targets(robot: Robot, moves: PointSet) -> dict[str, FloatArray]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BaseOfAxes(Speaks):
+class BaseOfAxes(Result):
     """The base frame from axes 1 and 2.
 
     Attributes
@@ -469,12 +468,12 @@ class BaseOfAxes(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Place and turn of the base link in the measuring frame."""
         values = frames.to_xyz_angles(self.T_world_base) / ([MM] * 3 + [DEG] * 3)
         std = self.std / ([MM] * 3 + [DEG] * 3)
         names = ("x mm", "y mm", "z mm", "alpha deg", "beta deg", "gamma deg")
-        rows = tuple((n, float(v), known(float(s))) for n, v, s in zip(names, values, std, strict=True))
+        rows = tuple((n, float(v), float(s)) for n, v, s in zip(names, values, std, strict=True))
         return [
             f"axis 2 from axis 1, beyond the nominal arm: angle {self.angle / DEG:+.4f} degrees, distance "
             f"{self.distance / MM:+.3f} mm",
@@ -483,7 +482,7 @@ class BaseOfAxes(Speaks):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ToolOfAxes(Speaks):
+class ToolOfAxes(Result):
     """Places of the targets on the tool from the last two axes.
 
     Attributes
@@ -502,10 +501,10 @@ class ToolOfAxes(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Places of the targets."""
-        rows = tuple(
-            (name, *(float(v / MM) for v in xyz), *(known(float(s / MM)) for s in self.std[name]))
+        rows: tuple[tuple[Cell, ...], ...] = tuple(
+            (name, *(float(v / MM) for v in xyz), *(float(s / MM) for s in self.std[name]))
             for name, xyz in self.targets.items()
         )
         columns = ("target", "x mm", "y mm", "z mm", "± x", "± y", "± z")
@@ -514,11 +513,6 @@ class ToolOfAxes(Speaks):
             f"distance {self.distance / MM:+.3f} mm; the nominal length and turn of the last row are taken",
             Table("Targets in the tip link, from the last two axes", columns, rows),
         ]
-
-
-def known(value: float) -> float | None:
-    """A number, or None for what is not known."""
-    return value if np.isfinite(value) else None
 
 
 def base_of_axes(arm: Arm, points: PointSet) -> BaseOfAxes:

@@ -34,7 +34,7 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.table import MeasurementSet, shared_table
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 FACTOR = 5.0
@@ -144,7 +144,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EntryError(Speaks):
+class EntryError(Result):
     """A slip that explains why a file does not fit a robot.
 
     Attributes
@@ -209,7 +209,7 @@ class EntryError(Speaks):
         call = ["irbcal", "import", name, "--as", "irbcal"]
         return f"{first} {shlex.join(call + [word for text in options for word in ('--set', text)])} --out mended.csv"
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """The sentence."""
         text = self.in_words()
         return [text[0].upper() + text[1:]]

@@ -34,7 +34,7 @@ from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.section import Name, Section, Word
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ class TypePriorResult:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class EvidenceFit(Speaks):
+class EvidenceFit(Result):
     """An identified robot as the average of error models, with what the identification knows about itself.
 
     It has the names of `irbcal.identification.fit.Fit` that a saved calibration needs.
@@ -495,7 +495,7 @@ class EvidenceFit(Speaks):
             "--payload.",
         ]
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """The models that were averaged, what the data show of each group of terms, and gears in words."""
         headline = (
             f"{self.nominal.name}, model auto of terms {self.kind}: {self.rank} of {self.parameter_count} parameters "
@@ -675,7 +675,7 @@ SHORTEST = 0.1 * DEG
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Lag(Speaks):
+class Lag(Result):
     """Share of the last move by which readings lag behind the programmed joints.
 
     Attributes
@@ -697,7 +697,7 @@ class Lag(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How much readings lag, and how well that is known."""
         return (
             f"readings lag behind the programmed joints by {np.median(self.shares):.2e} of the last move in the median "

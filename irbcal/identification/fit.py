@@ -49,7 +49,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.options import checked
 from irbcal.section import Name, Section, Sentence, Word
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM, UNIT_OUTSIDE
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class ParameterReport(Section):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(Speaks):
+class Fit(Result):
     """An identified robot and what the identification knows about itself.
 
     Attributes
@@ -194,7 +194,7 @@ class Fit(Speaks):
         through = [f"stiffness_{name} {THROUGH}" for name in ("L_G1", "m") if stiff]
         return [*(sentence for _, sentence in _held_sentences(self)), *through]
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Model, poses and what was reached; every parameter with its standard deviation; what is held and why."""
         headline = (
             f"{self.problem.arm.name}, model {self.level}: {self.rank} independent combinations of "
@@ -746,7 +746,7 @@ class Candidate(Section):
     refused: Sentence = ""
 
 
-class LevelChoice(Speaks, Section):
+class LevelChoice(Result, Section):
     """A chosen level with the comparison that led to it.
 
     Attributes
@@ -762,7 +762,7 @@ class LevelChoice(Speaks, Section):
     table: tuple[Candidate, ...]
     explanation: Sentence
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Which level and why; the levels compared; why some could not be."""
         rows = tuple((row.level, row.mean_mm, row.gain_mm, row.gain_std_mm) for row in self.table)
         columns = ("model", "mean (mm)", "gain (mm)", "±")

@@ -25,7 +25,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification.problem import Problem, State
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, span
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -304,7 +304,7 @@ def rms(distance: FloatArray) -> float:
     return float(np.sqrt(np.mean(distance**2)))
 
 
-class History(Speaks):
+class History(Result):
     """Recorder of iterations (Nubiola 2011, section 7.5).
 
     Parameters
@@ -377,7 +377,7 @@ class History(Speaks):
         self.rows.append(row)
         self._lost += time.perf_counter() - now
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """From where to where the objective went, and what became of the other points."""
         if not self.rows:
             return ("no iteration was recorded",)

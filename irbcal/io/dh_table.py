@@ -17,7 +17,7 @@ from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.names import check_names
 from irbcal.options import checked
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ TYPES = ("revolute", "prismatic", "fixed")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DhRobot(Speaks):
+class DhRobot(Result):
     """A robot made from a Denavit-Hartenberg table.
 
     Attributes
@@ -52,22 +52,15 @@ class DhRobot(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def headline(self) -> str:
-        """What it is."""
-        arm = self.urdf.arm
-        return f"{arm.name}: {arm.joints_in_words} from a {self.convention} Denavit-Hartenberg table"
-
-    def told(self) -> list[Told]:
+    def report(self) -> list[Paragraph]:
         """Joints with their limits, and where the tip is at zero joints: to be compared with the controller."""
-        frame = self.to_frame()
-        rows = tuple(tuple(row) for row in frame.itertuples(index=False, name=None))
         arm = self.urdf.arm
         T = arm.forward(np.zeros((1, len(arm.joint_names))))[0]
         x, y, z = T[:3, 3] / MM
         roll, pitch, yaw = frames.rpy_from_matrix(T[:3, :3]) / DEG
         return [
-            self.headline(),
-            Table("Joints", tuple(frame.columns), rows),
+            f"{arm.name}: {arm.joints_in_words} from a {self.convention} Denavit-Hartenberg table",
+            Table.of("Joints", self.to_frame()),
             f"At zero joints the tip is at {x:.3f}, {y:.3f}, {z:.3f} mm, turned by {roll:.3f}, {pitch:.3f}, {yaw:.3f} "
             "degrees (roll, pitch, yaw): compare this with your controller",
         ]

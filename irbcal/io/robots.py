@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from irbcal.errors import OptionError, RobotError
 from irbcal.options import shown
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,7 +84,7 @@ ROBOTS = {robot.name: robot.file for robot in NAMED if robot.source != EXAMPLES}
 
 
 @dataclass(frozen=True, repr=False)
-class RobotList(Speaks):
+class RobotList(Result):
     """The robots that are known by name: ``robots()["irb1600"]``, ``"ur5" in robots()``, ``for robot in robots()``."""
 
     robots: tuple[NamedRobot, ...]
@@ -104,7 +104,7 @@ class RobotList(Speaks):
                 return robot_item
         raise OptionError.unknown("name", name, [entry.name for entry in self.robots])
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """What ``irbcal robots`` prints."""
         rows = [(robot.name, robot.what, robot.source) for robot in self.robots]
         return [

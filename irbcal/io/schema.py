@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 from pydantic import Field, PrivateAttr, StringConstraints, field_validator, model_validator
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import FloatArray, NameArray, plain
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.identification.evidence_fit import EvidenceFit, FamilyShown, GroupResult, TermSetResult
 from irbcal.identification.explanation import Stage
@@ -497,10 +497,10 @@ class PointTable(Section):
             R = np.concatenate([np.full((len(p), 3, 3), np.nan) if p.rotation is None else p.rotation for p in filled])
             columns |= dict(zip(("x_mm", "y_mm", "z_mm"), np.round(xyz, PLACE_DIGITS).T.tolist(), strict=True))
             if np.isfinite(u95).any():
-                columns["u95_mm"] = _known(np.round(u95, PLACE_DIGITS))
+                columns["u95_mm"] = plain(np.round(u95, PLACE_DIGITS))
             if any(points.oriented().any() for points in sets):
                 quaternions = np.round(frames.quaternion_from_matrix(R), QUATERNION_DIGITS)
-                columns |= {name: _known(q) for name, q in zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True)}
+                columns |= {name: plain(q) for name, q in zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True)}
         return PointTable(**columns)
 
 
@@ -566,9 +566,9 @@ class PoseTable(Section):
             joints=np.round(np.concatenate([points.q for points in sets]) / arm.joint_units, JOINT_DIGITS).T.tolist(),
             number=number.tolist() if len(number) == n else [],
             came_from=[column.tobytes().decode("ascii") for column in signs.T],
-            previous=[_known(column) for column in np.round(np.concatenate(unknown) / arm.joint_units, JOINT_DIGITS).T],
-            payload_kg=[] if kg is None else _known(kg),
-            payload_place_mm=[] if centre is None else [_known(column) for column in centre.T / MM],
+            previous=[plain(column) for column in np.round(np.concatenate(unknown) / arm.joint_units, JOINT_DIGITS).T],
+            payload_kg=[] if kg is None else plain(kg),
+            payload_place_mm=[] if centre is None else [plain(column) for column in centre.T / MM],
             torques_nm=[] if torques is None else torques.T.tolist(),
         )
 
@@ -576,13 +576,6 @@ class PoseTable(Section):
 def texts(names: NameArray) -> NameArray:
     """Names as text."""
     return np.array([str(name) for name in names.tolist()], dtype=object)
-
-
-def _known(values: FloatArray) -> list[float | None]:
-    """Numbers, None where one is not finite."""
-    if np.isfinite(values).all():
-        return values.tolist()
-    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 FileName: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z][0-9A-Za-z._-]{0,99}$")]

@@ -52,7 +52,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def as_dict(result: JointBehaviour) -> dict[str, Any]:
 
 def tables(result: JointBehaviour) -> list[Table]:
     """All tables of a result: errors and terms of one-joint moves, terms of residuals."""
-    mark = "SIMULATED data: " if result.simulated else ""
+    mark = simulated_mark(result.simulated)
     out = []
     if result.moves:
         out.append(errors_table(result.moves, f"{mark}errors of one-joint moves in {result.source}"))
@@ -183,7 +183,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class JointBehaviour(Speaks):
+class JointBehaviour(Result):
     """What each joint does beyond geometry, and which non-geometric terms the robot needs.
 
     Attributes
@@ -226,11 +226,11 @@ class JointBehaviour(Speaks):
         """What payloads add, where the same joint was moved from the same pose with two (Nubiola 2011, Table 4.3)."""
         return payload_effects([series for joint in self.moves for series in joint.series])
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Errors and terms as tables, the verdict in sentences, what was left out, notes, files written."""
         effects = self.payloads()
-        mark = "SIMULATED data: " if self.simulated else ""
-        out: list[Told] = [
+        mark = simulated_mark(self.simulated)
+        out: list[Paragraph] = [
             *tables(self),
             *([payload_table(effects, mark)] if effects else []),
             "± is the half-width of the 95 % interval; backlash is reached from above minus reached from below.",
@@ -240,7 +240,7 @@ class JointBehaviour(Speaks):
         ]
         if self.excluded:
             out += [f"Left out: {len(self.excluded)} points", *left_out(self.excluded)]
-        out += [] if self.reading_lag is None else self.reading_lag.told()
+        out += [] if self.reading_lag is None else self.reading_lag.report()
         out += [f"Note: {note}" for note in self.notes]
         return [*out, *(f"Written to {name}" for name in self.plots)]
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, lock, plain
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.axis_calibration import (
     PARALLEL,
@@ -24,7 +24,6 @@ from irbcal.identification.axis_calibration import (
     ToolOfAxes,
     base_of_axes,
     calibrate_by_axes,
-    known,
     tool_of_axes,
 )
 from irbcal.identification.choices import Parallel
@@ -37,7 +36,7 @@ from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.options import checked, number
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ PARTS: tuple[Part, ...] = get_args(Part)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ByCircles(Speaks):
+class ByCircles(Result):
     """What the circles of one-joint moves tell of a robot; None for parts that were not asked for or not moved.
 
     Attributes
@@ -114,13 +113,13 @@ class ByCircles(Speaks):
             T = self.base.T_world_base
             base = dict(zip(("x_mm", "y_mm", "z_mm"), map(float, T[:3, 3] / MM), strict=True))
             base |= dict(zip(("qw", "qx", "qy", "qz"), frames.quaternion_from_matrix(T[:3, :3]).tolist(), strict=True))
-            base |= {"std_mm": _known(self.base.std[:3] / MM), "std_deg": _known(self.base.std[3:] / DEG)}
+            base |= {"std_mm": plain(self.base.std[:3] / MM), "std_deg": plain(self.base.std[3:] / DEG)}
             base |= {"axis_2_angle_deg": self.base.angle / DEG, "axis_2_distance_mm": self.base.distance / MM}
         if self.tool is not None:
             tool = {
                 "targets": {
                     name: dict(zip(("x_mm", "y_mm", "z_mm"), (xyz / MM).tolist(), strict=True))
-                    | {"std_mm": _known(self.tool.std[name] / MM)}
+                    | {"std_mm": plain(self.tool.std[name] / MM)}
                     for name, xyz in self.tool.targets.items()
                 },
                 "last_axis_angle_deg": self.tool.angle / DEG,
@@ -161,18 +160,18 @@ class ByCircles(Speaks):
             rows += [("links", r.name, r.value, r.std, r.unit) for r in self.links.to_frame().itertuples(index=False)]
         return pd.DataFrame(rows, columns=["part", "name", "value", "std", "unit"])
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Base, tool and links, the tool against its drawing, and what was left out."""
-        start = "SIMULATED data: " if self.simulated else ""
+        start = simulated_mark(self.simulated)
         parts = [name for name in PARTS if getattr(self, name) is not None]
-        out: list[Told] = [f"{start}{self.robot} by the circles of one-joint moves: {', '.join(parts)}"]
+        out: list[Paragraph] = [f"{start}{self.robot} by the circles of one-joint moves: {', '.join(parts)}"]
         for section in (self.base, self.tool, self.links):
-            out += [] if section is None else section.told()
+            out += [] if section is None else section.report()
         compared = self.compared()
         if compared is not None:
             names = ("target", *(f"{kind} {a}" for kind in ("drawn", "measured") for a in "xyz"), "error", "moved")
-            rows = tuple(tuple(row) for row in compared.itertuples(index=False, name=None))
-            out.append(Table(f"{start}The tool as drawn and as measured, mm", names[: compared.shape[1]], rows))
+            title = f"{start}The tool as drawn and as measured, mm"
+            out.append(Table.of(title, compared, names[: compared.shape[1]]))
             if "error_moved_mm" in compared:
                 out.append(
                     "moved: what is left of the error when the whole tool may be moved, as on a flange with play."
@@ -183,10 +182,6 @@ class ByCircles(Speaks):
             *left_out(self.excluded),
             *(f"Note: {note}" for note in self.notes),
         ]
-
-
-def _known(values: FloatArray) -> list[float | None]:
-    return [known(float(value)) for value in values]
 
 
 def circles(

@@ -39,7 +39,7 @@ from irbcal.joint_analysis.terms import (
 )
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms import direction, gain, gravity, harmonics
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
@@ -60,7 +60,7 @@ MANY = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class JointMoves(Speaks):
+class JointMoves(Result):
     """All series of one joint and what they show together.
 
     Attributes
@@ -91,14 +91,11 @@ class JointMoves(Speaks):
         """All terms."""
         return tuple(getattr(self, kind) for kind in KINDS if getattr(self, kind) is not None)
 
-    def told(self) -> Sequence[Told]:
-        """Errors and terms, as tables, and what they mean."""
-        return [errors_table([self]), terms_table(self.terms), *of_moves([self])]
-
-    def headline(self) -> str:
-        """Its joint and what it needs."""
+    def report(self) -> Sequence[Paragraph]:
+        """The joint and what it needs, errors and terms as tables, and what they mean."""
         needed = ", ".join(term.kind for term in self.terms if term.needed) or "nothing"
-        return f"joint {self.joint} moved alone in {len(self.series)} series: needs {needed}"
+        headline = f"joint {self.joint} moved alone in {len(self.series)} series: needs {needed}"
+        return [headline, errors_table([self]), terms_table(self.terms), *of_moves([self])]
 
 
 def has_moves(points: PointSet) -> bool:

@@ -56,7 +56,7 @@ from irbcal.modeling.terms import geometry as geometry_terms
 from irbcal.modeling.terms import move as last_move
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term, own_axis, own_unit
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 FEWEST_POSES = 12
@@ -69,7 +69,7 @@ FEWEST_IN_BIN = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ResidualAnalysis(Speaks):
+class ResidualAnalysis(Result):
     """Which terms each joint needs, and what is left about each joint.
 
     Attributes
@@ -146,13 +146,10 @@ class ResidualAnalysis(Speaks):
                 rows.append((q[here][which == k].mean(), inside.mean(), half))
         return np.array(rows).reshape(-1, 3)
 
-    def told(self) -> Sequence[Told]:
-        """The terms as a table, and what they mean."""
-        return [residual_terms_table(self), *of_residuals(self, None)]
-
-    def headline(self) -> str:
-        """What the robot needs."""
-        return f"{self.robot.arm.name} on {self.points.poses} poses: {needed_by_residuals(self)}"
+    def report(self) -> Sequence[Paragraph]:
+        """What the robot needs, the terms as a table, and what they mean."""
+        headline = f"{self.robot.arm.name} on {self.points.poses} poses: {needed_by_residuals(self)}"
+        return [headline, residual_terms_table(self), *of_residuals(self, None)]
 
 
 class _Candidate(NamedTuple):

@@ -20,7 +20,7 @@ from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
@@ -28,7 +28,7 @@ OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Series(Speaks):
+class Series(Result):
     """One joint moved from one home pose.
 
     Attributes
@@ -95,7 +95,7 @@ class Series(Speaks):
         """Whether the joint came from below and from above."""
         return {-1.0, 1.0} <= set(self.direction.tolist())
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """The sizes of its errors in one sentence."""
         sizes = ", ".join(
             f"{name} {np.sqrt(np.mean(values**2)) / MM:.3f}"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.chance import student_within
 from irbcal.identification.evidence_maximisation import LEAST, NATS
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 CONFIDENCE = 0.95
@@ -27,7 +27,7 @@ Slides: TypeAlias = "BoolArray | Sequence[bool]"
 
 
 @dataclass(frozen=True, repr=False)
-class JointTerm(Speaks):
+class JointTerm(Result):
     """One non-geometric effect: its size, and whether the joint needs it.
 
     Attributes
@@ -87,7 +87,7 @@ class JointTerm(Speaks):
         """Values by name."""
         return dict(zip(self.names, self.values, strict=True))
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Its size and its verdict in one sentence."""
         where = "" if self.joint is None else f" of joint {self.joint}"
         if self.note:

@@ -22,7 +22,7 @@ from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.known_features import filled, given_rows
 from irbcal.names import csv_bytes
 from irbcal.reading import libraries_silent
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 
 IMAGE = "image"
@@ -33,7 +33,7 @@ MARKER = 0.75
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FoundCorners(Speaks):
+class FoundCorners(Result):
     """Corners found in images.
 
     Attributes
@@ -61,7 +61,7 @@ class FoundCorners(Speaks):
         """For JSON."""
         return {"images": self.images, "corners": len(self.table), "left_out": [name for name, _ in self.missed]}
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How many corners in how many images, and which images were left out."""
         return [f"{len(self.table)} corners in {self.images} images", *(f"Note: {note}" for note in self.notes())]
 

@@ -16,7 +16,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.measurement.registration import Registration, register
 from irbcal.measurement.table import MeasurementSet, shared_table
 from irbcal.section import Name, Section, Sentence
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def left_out(excluded: Sequence[LeftOut], limit: int | None = 8) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Cleaned(Speaks):
+class Cleaned(Result):
     """Points fit for use.
 
     Attributes
@@ -120,9 +120,9 @@ class Cleaned(Speaks):
 
         return pd.DataFrame([vars(point) for point in self.excluded], columns=["pose", "target", "reason"])
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Counts and notes; a table of the reasons for which points were left out."""
-        lines: list[Told] = [
+        lines: list[Paragraph] = [
             f"{len(self.points)} points of {self.points.poses} poses can be used, {len(self.excluded)} are left out",
             *self.notes,
         ]

@@ -728,6 +728,11 @@ def joint_units(columns: Iterable[str]) -> FloatArray:
     return np.array([declared(name).unit for name in columns])
 
 
+def distinct(names: NameArray) -> list[str]:
+    """Different names in the order of their first rows."""
+    return [str(name) for name in dict.fromkeys(names)]
+
+
 def lost_points(xyz: FloatArray) -> BoolArray:
     """Which positions, shape (rows, 3), stand for a lost point: those with a gap, and exactly 0,0,0."""
     return np.isnan(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)

@@ -44,7 +44,7 @@ from irbcal.measurement.known_features import (
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 __all__ = ["DISTANCE", "LENGTH_U95", "POINT", "TARGET", "Feature", "FeatureSet", "Length", "read"]
@@ -54,7 +54,7 @@ POINT = "point"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FeatureSet(Speaks):
+class FeatureSet(Result):
     """Measurements at features, row by row.
 
     Attributes
@@ -233,7 +233,7 @@ class FeatureSet(Speaks):
             dtype=object,
         )
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How many rows of which kinds at how many features."""
         rows = ", ".join(f"{count} of kind {kind}" for kind, count in self.kinds().items())
         lengths = f", {len(self.lengths)} known lengths" if self.lengths else ""

@@ -17,7 +17,7 @@ from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 FEWEST = 20
@@ -37,7 +37,7 @@ MOST_POSES = 10_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Moved(Speaks):
+class Moved(Result):
     """A change of tracker and base against each other while it was measured.
 
     Attributes
@@ -67,7 +67,7 @@ class Moved(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> list[Told]:
+    def report(self) -> list[Paragraph]:
         """One sentence."""
         size = float(np.linalg.norm(self.shift)) / MM
         along = f"most of it along {_along(self.shift)} of the measuring frame ({_along(self.shift_base)} of the base)"
@@ -154,7 +154,7 @@ def moved_notes(points: PointSet, robot: Robot, warmth: FloatArray | None = None
     for session in dict.fromkeys(sessions.tolist()):
         of_session = sessions == session
         change = moved(points.select(of_session), residuals[of_session[points.pose]], robot.T_world_base[:3, :3])
-        out += [] if change is None else [str(sentence) for sentence in change.told()]
+        out += [] if change is None else [str(sentence) for sentence in change.report()]
     return out
 
 

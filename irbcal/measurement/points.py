@@ -14,7 +14,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import LOAD
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointSet(Speaks):
+class PointSet(Result):
     """Measured reflector positions and the joints at which they were measured.
 
     Points are sorted by pose, so that a block of poses is a slice of points.
@@ -232,12 +232,12 @@ class PointSet(Speaks):
             columns["payload_kg"] = self.payload_kg[self.pose]
         return pd.DataFrame(columns)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Counts of points, poses and targets; a table of groups, where there are any."""
         counts = np.bincount(self.target, minlength=len(self.target_names))
         targets = ", ".join(f"{name} {count}" for name, count in zip(self.target_names, counts, strict=True))
         turned = f", {int(self.oriented().sum())} of them with orientation" if self.rotation is not None else ""
-        lines: list[Told] = [f"{len(self)} points of {self.poses} poses{turned}; targets: {targets}"]
+        lines: list[Paragraph] = [f"{len(self)} points of {self.poses} poses{turned}; targets: {targets}"]
         groups = [str(name) for name in self.groups]
         if any(groups):
             of_points = [groups[k] for k in self.pose]

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, NameArray, lock, plain
 from irbcal.measurement.columns import joint_units
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,7 +39,7 @@ VERDICT = "the readings were taken before the arm stood still"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ReadingLag(Speaks):
+class ReadingLag(Result):
     """What the last move says about joint readings that are not what was programmed.
 
     The factor s of a pose is the least-squares one of all its joints. It is fitted to what it explains, so one joint
@@ -130,13 +130,13 @@ class ReadingLag(Speaks):
             "columns": list(self.columns),
             "median": np.median(size, axis=0).tolist(),
             "largest": size.max(axis=0).tolist(),
-            "explained": [_known(value) for value in self.explained],
-            "explained_by_move": _known(self.explained_by_move),
-            "foretold": [_known(value) for value in self.foretold],
-            "foretold_by_others": _known(self.foretold_by_others),
-            "slope": [_known(value) for value in self.slope],
-            "slope_interval": [_known(value) for value in self.slope_interval],
-            "median_factor": _known(_median(self.factor)),
+            "explained": plain(self.explained),
+            "explained_by_move": plain(self.explained_by_move),
+            "foretold": plain(self.foretold),
+            "foretold_by_others": plain(self.foretold_by_others),
+            "slope": plain(self.slope),
+            "slope_interval": plain(self.slope_interval),
+            "median_factor": plain(_median(self.factor)),
             "before_standstill": self.before_standstill,
         }
 
@@ -148,7 +148,7 @@ class ReadingLag(Speaks):
         names = [f"q{name[1:]}_minus_command" for name in self.columns]
         return pd.DataFrame({"factor": self.factor} | dict(zip(names, values.T, strict=True)))
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """A table joint by joint, and the verdict."""
         size = np.abs(self.difference) / joint_units(self.columns)
         rows = tuple(
@@ -156,10 +156,10 @@ class ReadingLag(Speaks):
                 name,
                 float(np.median(size[:, j])),
                 float(size[:, j].max()),
-                _known(self.explained[j]),
-                _known(self.foretold[j]),
-                _known(self.slope[j]),
-                _known(self.slope_interval[j]),
+                self.explained[j],
+                self.foretold[j],
+                self.slope[j],
+                self.slope_interval[j],
             )
             for j, name in enumerate(self.columns)
         )
@@ -270,7 +270,3 @@ def _slopes(e: FloatArray, foretold: FloatArray, counts: BoolArray) -> tuple[Flo
 def _median(values: FloatArray) -> float:
     finite = values[np.isfinite(values)]
     return float(np.median(finite)) if len(finite) else float("nan")
-
-
-def _known(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -14,7 +14,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 
@@ -42,7 +42,7 @@ def base_on(robot: Robot, points: PointSet) -> Robot:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Registration(Speaks):
+class Registration(Result):
     """Motion of the measuring frame over the poses.
 
     Attributes
@@ -72,7 +72,7 @@ class Registration(Speaks):
         moved = self.T_frame_pose[:, :3, :3] @ centre + self.T_frame_pose[:, :3, 3]
         return float(np.linalg.norm(moved - centre, axis=1).max())
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How well the references agree, and their places."""
         rows = tuple((name, *(xyz / MM).tolist()) for name, xyz in self.references.items())
         return [

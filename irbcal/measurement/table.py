@@ -38,7 +38,7 @@ from irbcal.measurement.columns import (
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling.arm import Arm
 from irbcal.options import shown
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 REQUIRED = ["pose", ALL_JOINTS, "target", *POSITION]
@@ -86,7 +86,7 @@ def shared_table(holder: ReadOnlyTables, name: str = "table") -> pd.DataFrame:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasurementSet(ReadOnlyTables, Speaks):
+class MeasurementSet(ReadOnlyTables, Result):
     """Measurements as read: one row per asked-for point.
 
     Attributes
@@ -263,7 +263,7 @@ class MeasurementSet(ReadOnlyTables, Speaks):
         others = [name for name in self._rows.columns if name not in (*first, "row", "pose_index")]
         return self._rows[[*first, *others]].copy()
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Counts of rows, poses and lost points; tables of targets, of groups and of programmed joints."""
         lost = np.isnan(self.positions()).any(axis=1)
         counts = f"{len(self)} rows, {self.poses} poses, {int(lost.sum())} lost points"
@@ -273,12 +273,12 @@ class MeasurementSet(ReadOnlyTables, Speaks):
             (str(name), "reference" if group["reference"].any() else "tool", len(group), int(group["lost"].sum()))
             for name, group in rows.groupby("target", sort=True)
         )
-        lines: list[Told] = [text, Table("Targets", ("target", "fixed to", "rows", "lost"), targets)]
+        lines: list[Paragraph] = [text, Table("Targets", ("target", "fixed to", "rows", "lost"), targets)]
         if "group" in self._rows.columns:
             counted = self._rows.groupby("group", sort=False)["pose_index"].nunique()
             lines.append(Table("Groups", ("group", "poses"), tuple((str(name), int(n)) for name, n in counted.items())))
         lag = self.reading_lag()
-        return lines if lag is None else [*lines, *lag.told()]
+        return lines if lag is None else [*lines, *lag.report()]
 
 
 @runtime_checkable

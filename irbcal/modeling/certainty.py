@@ -21,7 +21,7 @@ from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import BLOCK, basis_values, term_columns
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ OUTSIDE = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prediction(Speaks):
+class Prediction(Result):
     """Where a target will be.
 
     Attributes
@@ -60,7 +60,7 @@ class Prediction(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How wide the intervals are, and whether poses are outside the joint ranges of the fit."""
         width = self.interval / MM
         headline = f"{len(width)} predicted positions"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import RobotError
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Lean:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Speaks):
+class Trajectory(Result):
     """Joints over time: commands, or the configurations of a planner.
 
     Between its points it is what a ROS joint trajectory controller makes of them: quintic where accelerations are
@@ -217,7 +217,7 @@ class Trajectory(Speaks):
                 out |= dict(zip(columns, (values / self.units).T, strict=True))
         return pd.DataFrame(out)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How many points in how many seconds, and what is known at them."""
         columns = (
             "positions"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.trajectory import Trajectory
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,7 +83,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Checked(Speaks):
+class Checked(Result):
     """A trajectory, and the limits that it passes between its first and its last point.
 
     Attributes
@@ -127,9 +127,9 @@ class Checked(Speaks):
         names = ["joint", "kind", "time_s", "value", "limit", "start_s", "end_s", "in_words"]
         return pd.DataFrame([tuple(excess) for excess in self.exceeded], columns=names)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """The trajectory, each limit that is passed, and how much slower would hold them."""
-        lines = [*self.trajectory.told()]
+        lines = [*self.trajectory.report()]
         if self.within:
             return [*lines, "all limits hold between its points, too"]
         lines += [excess.in_words for excess in self.exceeded]

@@ -35,7 +35,7 @@ from irbcal.planners import jacobians, paths, payload
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.planners.trajectories import AlongTime
 from irbcal.reading import libraries_silent
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ WITHIN = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CalibratedModel(AlongTime, Speaks):
+class CalibratedModel(AlongTime, Result):
     """A Pinocchio model of the corrected URDF together with the joint map.
 
     Parameters
@@ -127,7 +127,7 @@ class CalibratedModel(AlongTime, Speaks):
         """Pickled as what it was made from: Pinocchio's model is built anew."""
         return CalibratedModel, (self.urdf, self.arm, self.joint_map, self.tip_frames, self.rest)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """The arm, its joint map, the frames on its tool, and the joints' limits."""
         arm, names = self.arm, list(self.tip_frames)
         listed = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")

@@ -21,7 +21,7 @@ from irbcal.options import seed as check_seed
 from irbcal.planning.device_information import DeviceModel
 from irbcal.simulation.devices import DEVICES, placed
 from irbcal.simulation.devices import poses as device_poses
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class RemainingError:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DeviceComparison(Speaks):
+class DeviceComparison(Result):
     """What devices leave of a robot's position error.
 
     Attributes
@@ -78,7 +78,7 @@ class DeviceComparison(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """A row for each device, a column for each number of poses."""
         counts = sorted({row.poses for row in self.rows})
         devices = list(dict.fromkeys((row.device, row.words, row.noise) for row in self.rows))

@@ -29,7 +29,7 @@ from irbcal.planning.information import Candidates
 from irbcal.planning.route import shortest_order
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation.devices import DEVICES, Device, Placed, drawn, placed, rows_table
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ CANDIDATES, APPROACH_LENGTH = 600, 50.0 * MM
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DevicePlan(Speaks):
+class DevicePlan(Result):
     """Poses at a device's features.
 
     Attributes
@@ -301,11 +301,11 @@ class DevicePlan(Speaks):
             "notes": list(self.notes),
         }
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """What to put where, and what every pose meets."""
         device, counts = self.found.device, np.bincount(self.which)
         bar = f", bar of {self.found.bar / MM:.0f} mm" if self.found.bar else ""
-        lines: list[Told] = [f"{self.arm.name}: {len(self.q)} poses at {device.words}{bar}"]
+        lines: list[Paragraph] = [f"{self.arm.name}: {len(self.q)} poses at {device.words}{bar}"]
         for (name, middle), count in zip(self.places().items(), counts, strict=True):
             lines.append(f"  {name} near {', '.join(f'{x:.0f}' for x in middle)} mm in the base link: {count} poses")
         lines.append(f"Every pose meets: {', '.join(self.conditions)}")

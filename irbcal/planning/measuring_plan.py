@@ -29,7 +29,7 @@ from irbcal.planning.timing import stops
 from irbcal.planning.wish import Wish
 from irbcal.simulation.tracker import ACCEPTANCE
 from irbcal.simulation.virtual_cell import WAIT_S
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG
 
 if TYPE_CHECKING:
@@ -227,14 +227,14 @@ _WHERE = {"cube": "in the cube", "range": "in the whole range"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(PlannedPoses, Speaks):
+class Plan(PlannedPoses, Result):
     """Poses to measure, in their order, and what they promise; attributes as `irbcal.planning.made.PlannedPoses`."""
 
-    def told(self) -> list[Told]:
-        """See `Speaks.told`."""
+    def report(self) -> list[Paragraph]:
+        """See `Result.report`."""
         facts = self.to_dict()
         predicted, compared = facts["predicted"], facts["compared_with_random"]
-        lines: list[Told] = [
+        lines: list[Paragraph] = [
             f"{facts['robot']}: {facts['poses']} poses, {facts['points']} points, about "
             f"{facts['duration_s'] / 60:.0f} minutes",
             self._counts(),

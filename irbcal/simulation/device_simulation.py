@@ -37,7 +37,7 @@ from irbcal.simulation.devices import (
 )
 from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
 from irbcal.simulation.virtual_cell import VirtualCell
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import LARGEST_PAYLOAD_KG, MM
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ STREAM = 991
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedDevice(Speaks):
+class SimulatedDevice(Result):
     """Rows at the features of a device in the virtual cell: SIMULATED.
 
     Attributes
@@ -114,8 +114,8 @@ class SimulatedDevice(Speaks):
             "seed": self.cell.seed,
         }
 
-    def told(self) -> list[Told]:
-        """See `Speaks.told`."""
+    def report(self) -> list[Paragraph]:
+        """See `Result.report`."""
         device = self.found.device
         return [
             f"SIMULATED: {len(self.q)} poses of {self.cell.arm.name} at {device.words}, noise {self.noise / MM:g} mm",

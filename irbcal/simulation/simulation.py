@@ -32,7 +32,7 @@ from irbcal.simulation import pose_list, shipped_cells
 from irbcal.simulation.pose_list import PoseList, PosesLike
 from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
 from irbcal.simulation.virtual_cell import WAIT_S, Run, VirtualCell
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 from irbcal.validation.evaluation import statistics_table
 
@@ -128,7 +128,7 @@ MOSTLY_HIDDEN = 0.2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Simulated(Speaks):
+class Simulated(Result):
     """Measurements from the virtual cell: SIMULATED.
 
     Attributes
@@ -153,11 +153,11 @@ class Simulated(Speaks):
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> list[Told]:
-        """See `Speaks.told`."""
+    def report(self) -> list[Paragraph]:
+        """See `Result.report`."""
         run, cell = self.run, self.cell
         minutes = self._duration_s / 60
-        lines: list[Told] = [
+        lines: list[Paragraph] = [
             f"SIMULATED: {len(run.q)} poses of {cell.arm.name} with {run.payload_kg:g} kg, {int(run.asked.sum())} "
             f"points in {minutes:.0f} minutes of the cell's time",
             f"Effects: {', '.join(cell.on) or 'none'}",

@@ -15,7 +15,7 @@ from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.options import length, number, place
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 from irbcal.validation import ballbar_trace
 from irbcal.validation.ballbar_circle import circle
@@ -286,7 +286,7 @@ MOST_ARCS = 512
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BallbarCheck(Speaks):
+class BallbarCheck(Result):
     """What a ballbar is expected to show, and what it showed.
 
     Attributes
@@ -375,8 +375,8 @@ class BallbarCheck(Speaks):
         ]
         return pd.concat(tables, ignore_index=True)
 
-    def told(self) -> Sequence[Told]:
-        """Radial errors of all traces, what the prediction explains, and the joints that turn back."""
+    def report(self) -> Sequence[Paragraph]:
+        """Circularity and radial errors of all traces, what the prediction explains, and the joints that turn back."""
         start = f"{self.mark}: " if self.mark else ""
         rows: list[tuple[Cell, ...]] = []
         for name, trace in self.traces().items():
@@ -384,7 +384,9 @@ class BallbarCheck(Speaks):
             rows.append((name, *(values[key] for key in ("mean_mm", "rms_mm", "max_abs_mm", "circularity_mm"))))
         title = f"{start}radial errors of the circle, ballbar {self.bar / MM:g} mm, centre fitted, mm"
         targets = {"nominal": "nominal", "fake": "calibrated"}[self.run]
-        out: list[Told] = [Table(title, ("", "mean", "rms", "largest", "circularity"), tuple(rows))]
+        circularity = "; ".join(f"{row[0]} {row[-1]:.3f} mm" for row in rows)
+        headline = f"{start}circularity with a bar of {self.bar / MM:g} mm: {circularity}"
+        out: list[Paragraph] = [headline, Table(title, ("", "mean", "rms", "largest", "circularity"), tuple(rows))]
         for name, trace in self.measured.items():
             variation, unexplained = (value / MM for value in explained(trace, self.expected))
             out.append(
@@ -407,12 +409,6 @@ class BallbarCheck(Speaks):
         """What is simulated, in words; empty where nothing is."""
         of_calibration = ["Calibration from SIMULATED data"] if self.simulated else []
         return ", ".join([*of_calibration, *(["SIMULATED readings"] if self.simulated_readings else [])])
-
-    def headline(self) -> str:
-        """Circularity of all traces."""
-        said = (f"{name} {np.ptp(trace.error) / MM:.3f} mm" for name, trace in self.traces().items())
-        start = f"{self.mark}: " if self.mark else ""
-        return f"{start}circularity with a bar of {self.bar / MM:g} mm: {'; '.join(said)}"
 
     def plot(self, magnify: float | None = None) -> Chart:
         """Polar plot of the radial errors (Figures A VI-1, A VI-4 and A VI-7), errors ``magnify`` times enlarged."""

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import InputTable, TableLike
+from irbcal.measurement.columns import InputTable, TableLike, distinct
 from irbcal.units import DEG, MM
 from irbcal.validation.ballbar_circle import TiltedCircle
-from irbcal.validation.tables import in_order
 
 FEWEST_READINGS = 8
 SMALLEST_ARC = 180 * DEG
@@ -158,7 +157,7 @@ def read(source: TableLike, bar: float) -> dict[str, Trace]:
         raise table.fault(sentence, column=column)
     runs = table.texts("run", MEASURED)
     out = {}
-    for name in in_order(runs) or [MEASURED]:
+    for name in distinct(runs) or [MEASURED]:
         rows = runs == name
         try:
             out[name] = centred(angle[rows], error[rows])

@@ -24,7 +24,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.names import check_names
 from irbcal.options import seed as check_seed
 from irbcal.options import shown
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap
 from irbcal.validation.evaluate import carrying, in_frame_of_calibration
@@ -82,7 +82,7 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Compared(Speaks):
+class Compared(Result):
     """Several calibrations on the same points.
 
     Attributes
@@ -148,9 +148,9 @@ class Compared(Speaks):
             text = f"NOT TO BE TRUSTED, see the doubts. {text}"
         return text
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """What ``irbcal compare`` prints."""
-        out: list[Told] = [f"Verdict: {self.verdict()}", *(f"Doubt: {text}" for text in self.doubts), self.table()]
+        out: list[Paragraph] = [f"Verdict: {self.verdict()}", *(f"Doubt: {text}" for text in self.doubts), self.table()]
         if self.counted_out:
             out.append(
                 f"{self.counted_out} poses that were fitted by one or more of these are counted out; --include-fitted "
@@ -160,7 +160,7 @@ class Compared(Speaks):
 
     def table(self) -> Table:
         """A row a calibration."""
-        kind = "SIMULATED data: " if self.simulated else ""
+        kind = simulated_mark(self.simulated)
         smallest = self.error_mm.min(axis=1, keepdims=True) == self.error_mm
         share = smallest.mean(axis=0)
         rows: list[tuple[Cell, ...]] = [("nominal", *(self.statistics["nominal"][key] for _, key in COLUMNS), None)]

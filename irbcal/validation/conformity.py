@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import IntArray, lock
 from irbcal.errors import OptionError
 from irbcal.options import checked, length
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 from irbcal.validation import bootstrap
 from irbcal.validation.region import Region
@@ -37,7 +37,7 @@ LARGEST = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Conformity(Speaks):
+class Conformity(Result):
     """Whether the calibrated robot keeps a tolerance.
 
     Attributes
@@ -121,7 +121,7 @@ class Conformity(Speaks):
             "(ISO 14253-1, JCGM 106), and a verdict that may be trusted."
         )
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Outcome, figures, what speaks against a pass, and the rule."""
         lines = [f"Tolerance: {self.outcome.upper()}. {self.sentence()}"]
         lines += [f"Against a pass: {reason}" for reason in self.against]

@@ -26,7 +26,7 @@ from irbcal.measurement.columns import QUATERNION, InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.overwriting import refuse_overwriting
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ Option = Literal["no sign of it", "seems to be on", "not to be told"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ControllerCheck(Speaks):
+class ControllerCheck(Result):
     """What a controller computes with, against a URDF.
 
     Attributes
@@ -158,10 +158,10 @@ class ControllerCheck(Speaks):
             "notes": list(self.notes),
         }
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How near, with which numbers, whether an option is on, which rows do not count."""
         fit, count = self.fit, len(self.labels)
-        lines: list[Told] = [
+        lines: list[Paragraph] = [
             f"{self.agreeing} of {count} reported poses agree with {self.robot} to {self.median_mm():.3f} mm (median; "
             f"95 % within {np.percentile(fit.before[~fit.moment, 0], 95) / MM:.3f} mm)."
         ]

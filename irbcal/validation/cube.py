@@ -17,7 +17,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.thesis_setup import IRB1600_CUBE
 from irbcal.units import MM
 
@@ -50,7 +50,7 @@ CUBES: dict[str, tuple[ArrayLike, float]] = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FivePoses(Speaks):
+class FivePoses(Result):
     """The five test poses and the joints that reach them.
 
     Attributes
@@ -93,12 +93,10 @@ class FivePoses(Speaks):
         """The robot and the rows of `to_frame`, ready for JSON."""
         return {"robot": self.arm.name, "poses": self.to_frame().to_dict(orient="records")}
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """The poses, one a row."""
-        table = self.to_frame()
-        rows = tuple(tuple(row) for row in table.itertuples(index=False, name=None))
         sentence = f"The five test poses of ISO 9283 for {self.arm.name}, P1 in the centre of its cube."
-        return [sentence, Table("Joints and tip in the base link, degrees and mm", tuple(table.columns), rows)]
+        return [sentence, Table.of("Joints and tip in the base link, degrees and mm", self.to_frame())]
 
 
 def cube_poses(

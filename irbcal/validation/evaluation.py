@@ -13,7 +13,7 @@ from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.plotting import pose_errors
 from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import PoseErrors
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.conformity import Conformity
@@ -37,7 +37,7 @@ ByModel: TypeAlias = Mapping[str, Statistics]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Evaluation(Speaks):
+class Evaluation(Result):
     """Errors of a calibration and of its nominal robot on measurements.
 
     Attributes
@@ -149,11 +149,11 @@ class Evaluation(Speaks):
             f"model {self.model} {self.calibrated['mean_mm']:.3f} mm (largest {self.calibrated['max_mm']:.3f} mm)"
         )
 
-    def told(self, verbose: bool = False) -> Sequence[Told]:
+    def report(self, verbose: bool = False) -> Sequence[Paragraph]:
         """What ``irbcal evaluate`` prints; ``verbose``: every point that was left out."""
         labels = {"nominal": "nominal", "calibrated": f"model {self.model}"}
-        judged = () if self.conformity is None else self.conformity.told()
-        lines: list[Told] = [*judged, *self.verdict.told(), self._error_table(labels)]
+        judged = () if self.conformity is None else self.conformity.report()
+        lines: list[Paragraph] = [*judged, *self.verdict.report(), self._error_table(labels)]
         if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
             lines.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
@@ -183,10 +183,10 @@ class Evaluation(Speaks):
                 entries += [
                     (label, words, errors[name]) for label, errors in by_label.items() for name, words in labels.items()
                 ]
-        kind = "SIMULATED data: " if self.simulated else ""
+        kind = simulated_mark(self.simulated)
         return statistics_table(f"{kind}position errors of model {self.model}, mm", entries, bold={1})
 
-    def _intervals(self, labels: Mapping[str, str]) -> list[Told]:
+    def _intervals(self, labels: Mapping[str, str]) -> list[Paragraph]:
         if self.intervals is None:
             return []
         rows: list[tuple[Cell, ...]] = []
@@ -207,11 +207,11 @@ class Evaluation(Speaks):
             f"With 95 % confidence {self.largest_covers:.1%} of all such poses stay below the largest error seen.",
         ]
 
-    def _coverage(self, labels: Mapping[str, str]) -> list[Told]:
+    def _coverage(self, labels: Mapping[str, str]) -> list[Paragraph]:
         shares = self.coverage
         if shares is None:
             return []
-        lines: list[Told] = [coverage_in_words(shares)]
+        lines: list[Paragraph] = [coverage_in_words(shares)]
         if self.intervals is not None:
             rows = tuple(
                 (name, *(row[key] for key in ("n", "inside", "u95_mm"))) for name, row in shares["parts"].items()
@@ -220,8 +220,8 @@ class Evaluation(Speaks):
             lines.append(Table("Coordinates within the predicted 95 % intervals (share)", columns, rows, 3))
         return lines
 
-    def _flange(self, labels: Mapping[str, str]) -> list[Told]:
-        lines: list[Told] = []
+    def _flange(self, labels: Mapping[str, str]) -> list[Paragraph]:
+        lines: list[Paragraph] = []
         for quantity, unit, digits in (("position", "mm", 3), ("orientation", "deg", 4)) if self.flange else ():
             assert self.flange is not None
             keys = [f"{key}_{unit}" for key in ("mean", "sigma", "max", "mean_plus_3sigma")]
@@ -231,14 +231,14 @@ class Evaluation(Speaks):
             lines.append(Table(title, ("model", "mean", "sigma", "max", "mean+3σ"), rows, digits))
         return lines
 
-    def _relative(self, labels: Mapping[str, str]) -> list[Told]:
+    def _relative(self, labels: Mapping[str, str]) -> list[Paragraph]:
         errors = self.relative
         if errors is None:
             return []
         rows = tuple((label, *(errors[name][key] for key in FOUR)) for name, label in labels.items())
         virtual = errors["kind"] == "virtual"
         how = "from a virtual frame" if virtual else f"in the frame of {', '.join(errors['points'])}"
-        lines: list[Told] = [
+        lines: list[Paragraph] = [
             Table(f"Relative position errors {how}, mm", ("model", "mean", "sigma", "max", "mean+3σ"), rows)
         ]
         if virtual:
@@ -248,7 +248,7 @@ class Evaluation(Speaks):
             )
         return lines
 
-    def _comparison(self, labels: Mapping[str, str]) -> list[Told]:
+    def _comparison(self, labels: Mapping[str, str]) -> list[Paragraph]:
         compared = self.comparison
         if compared is None:
             return []
@@ -263,7 +263,7 @@ class Evaluation(Speaks):
             f"{compared['verdict']} The other has the smaller error in {share} of the poses.",
         ]
 
-    def _verified(self, labels: Mapping[str, str]) -> list[Told]:
+    def _verified(self, labels: Mapping[str, str]) -> list[Paragraph]:
         errors = self.verified
         if errors is None:
             return []
@@ -276,7 +276,7 @@ class Evaluation(Speaks):
                 if values[name]
             ]
         columns = ("", "points", "mean", "sigma", "max", "mean+3σ")
-        lines: list[Told] = [Table("Expected against verified errors, mm", columns, tuple(rows))]
+        lines: list[Paragraph] = [Table("Expected against verified errors, mm", columns, tuple(rows))]
         unlike = errors["poses"]["set_aside"]
         if unlike:
             more = f" … and {len(unlike) - 8} more" if len(unlike) > 8 else ""

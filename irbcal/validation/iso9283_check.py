@@ -23,7 +23,7 @@ from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.options import length, number, place
 from irbcal.plotting.charts import Chart, check_name
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.validation.cube import FRACTION, PLANES, FivePoses, Plane, five_poses
 from irbcal.validation.path_check import PathCheck, path_accuracy
 from irbcal.validation.pose_check import SET_SIZE, PoseCheck, check_poses
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Iso9283(Speaks):
+class Iso9283(Result):
     """What the tests of ISO 9283 came to; None for tests that were not made.
 
     Attributes
@@ -62,9 +62,9 @@ class Iso9283(Speaks):
         checks = (self.poses, self.stabilisation, self.path, self.posing, self.compliance)
         return [check for check in checks if check is not None]
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """What each of the tests has to say."""
-        return [line for check in self._made() for line in check.told()]
+        return [line for check in self._made() for line in check.report()]
 
     def to_dict(self) -> dict[str, Any]:
         """``poses``, ``stabilisation``, ``path``, ``posing`` and ``compliance``; None for what was not made."""

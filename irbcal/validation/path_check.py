@@ -10,14 +10,14 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import DEG, MM
 from irbcal.validation.attained import NO_ORIENTATION
-from irbcal.validation.tables import ANGLES, in_order, start_of
+from irbcal.validation.pose_criteria import ANGLES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -388,7 +388,7 @@ def _overshoot(path: FloatArray, corner: FloatArray, first: FloatArray, second: 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PathCheck(Speaks):
+class PathCheck(Result):
     """Accuracy, repeatability, velocity and corners of sampled paths.
 
     Attributes
@@ -466,11 +466,11 @@ class PathCheck(Speaks):
 
         return pd.DataFrame(self._columns())
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """AT and RT, of orientations too where they were measured; velocities and corners."""
         values = self.to_dict()
-        out: list[Told] = [
-            f"{start_of(self.simulated)}Path: AT {values['AT_mm']:.3f} mm, RT {values['RT_mm']:.3f} mm "
+        out: list[Paragraph] = [
+            f"{simulated_mark(self.simulated)}Path: AT {values['AT_mm']:.3f} mm, RT {values['RT_mm']:.3f} mm "
             f"({values['cycles']} cycles, {values['planes']} of {values['planes_of']} planes)"
         ]
         if "AT_a_deg" in values:
@@ -550,7 +550,7 @@ def path_accuracy(
     if len(commanded) < 3:
         raise commanded.fault(f"a commanded path needs three points or more, found {len(commanded)}")
     position, turn, cycle = table.si(POSITION), table.rotations(), table.filled("cycle")
-    rows = [np.flatnonzero(cycle == name) for name in in_order(cycle)]
+    rows = [np.flatnonzero(cycle == name) for name in distinct(cycle)]
     short = [k for k in rows if len(k) < 2]
     if short:
         raise table.fault("a path needs two samples in each cycle", int(short[0][0]))

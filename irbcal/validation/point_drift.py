@@ -12,9 +12,9 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import HOUR, MM
-from irbcal.validation.tables import AXES
+from irbcal.validation.pose_criteria import AXES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,7 +93,7 @@ FEWEST = 10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointDrift(Speaks):
+class PointDrift(Result):
     """Readings of a fixed target over hours, in order of time.
 
     Attributes
@@ -179,10 +179,10 @@ class PointDrift(Speaks):
         offset = {f"d{axis}_mm": self.offset[:, k] / MM for k, axis in enumerate(AXES)}
         return pd.DataFrame({"hours": self.time / HOUR, "error_mm": self.error / MM, **offset, **self.air})
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Errors, trend, and correlation with the air."""
         stats, rate = statistics(self.error) or {}, self._rate()
-        out: list[Told] = [
+        out: list[Paragraph] = [
             f"{stats['n']} readings over {self.hours:.2f} hours: error mean {stats['mean_mm']:.4f}, sigma "
             f"{stats['sigma_mm']:.4f}, max {stats['max_mm']:.4f} mm",
             f"Trend: x {rate[0]:+.5f}, y {rate[1]:+.5f}, z {rate[2]:+.5f} mm per hour, {np.linalg.norm(rate):.5f} "

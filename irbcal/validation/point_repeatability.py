@@ -9,21 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, lock
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.measurement.statistics import statistics
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 from irbcal.validation.pose_criteria import position_repeatability
 from irbcal.validation.scale_bar import EVERYWHERE
-from irbcal.validation.tables import in_order
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointRepeatability(Speaks):
+class PointRepeatability(Result):
     """Readings of fixed points, and their distances from each point's mean, in the order of the file.
 
     Attributes
@@ -48,7 +47,7 @@ class PointRepeatability(Speaks):
 
     def positions(self) -> list[str]:
         """Names of the points in the order of measurement."""
-        return in_order(self.position)
+        return distinct(self.position)
 
     def statistics(self, position: str) -> dict[str, Any]:
         """STATS of the distances of one point, mm (Table A III-2); ``mean_plus_3sigma_mm`` is RP of ISO 9283."""
@@ -80,14 +79,14 @@ class PointRepeatability(Speaks):
         table.insert(0, "position", self.position)
         return table.assign(error_mm=self.error / MM)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Statistics point by point."""
         keys = ("n", "mean_mm", "max_mm", "sigma_mm", "mean_plus_3sigma_mm")
         rows = tuple((name, *(self.statistics(name)[key] for key in keys)) for name in self.positions())
         columns = ("point", "n", "mean", "max", "sigma", "mean+3σ")
         table = Table("Repeatability, distances from the mean, mm", columns, rows, digits=4)
         worst = max(self.positions(), key=lambda name: float(self.statistics(name)["mean_plus_3sigma_mm"]))
-        out: list[Told] = [
+        out: list[Paragraph] = [
             f"{len(self.error)} readings of {len(rows)} points: mean + 3σ of the distances from the mean "
             f"{self.statistics(worst)['mean_plus_3sigma_mm']:.4f} mm at most ({worst}).",
             table,
@@ -123,7 +122,7 @@ def repeatability(source: TableLike) -> PointRepeatability:
     measured = table.measured()
     position, xyz = measured.texts("position", EVERYWHERE), measured.si(POSITION)
     error = np.empty(len(xyz))
-    for name in in_order(position):
+    for name in distinct(position):
         rows = position == name
         if rows.sum() < 2:
             raise table.fault(f"position {name} has one reading only: repeatability needs two")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import lock
+from irbcal.arrays import lock, plain
 from irbcal.errors import MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
@@ -22,11 +22,11 @@ from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 from irbcal.validation.attained import attained, commanded_poses, measured_whole
+from irbcal.validation.pose_criteria import ANGLES, AXES
 from irbcal.validation.prepared import CleanedPoints, prepare
-from irbcal.validation.tables import ANGLES, AXES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -291,7 +291,7 @@ SET_SIZE = 10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseCheck(Speaks):
+class PoseCheck(Result):
     """Pose accuracy and repeatability, variation, distance and drift.
 
     Attributes
@@ -323,7 +323,7 @@ class PoseCheck(Speaks):
     def to_dict(self) -> dict[str, Any]:
         """The fields by their names, in mm and degrees."""
         models = {
-            name: {field.name: _plain(getattr(model, field.name)) for field in fields(model)}
+            name: {field.name: plain(getattr(model, field.name)) for field in fields(model)}
             for name, model in self.models.items()
         }
         return {
@@ -352,10 +352,10 @@ class PoseCheck(Speaks):
         tables = [pd.DataFrame({"model": name, **m.history}) for name, m in self.models.items() if m.history]
         return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """The criteria pose by pose, over all poses, and what was left out."""
-        start = "SIMULATED data: " if self.simulated else ""
-        out: list[Told] = [f"{start}ISO 9283, {self.subject}: {self._said_shortly()}."]
+        start = simulated_mark(self.simulated)
+        out: list[Paragraph] = [f"{start}ISO 9283, {self.subject}: {self._said_shortly()}."]
         for name, model in self.models.items():
             if model.poses:
                 out += _tables_of_poses(f"{start}ISO 9283, {self.subject}, {name}", model.poses)
@@ -432,20 +432,13 @@ class PoseCheck(Speaks):
         return any(model.drift for model in self.models.values())
 
 
-def _plain(value: Any) -> Any:
-    """Locked dicts and tuples as dicts and lists."""
-    if isinstance(value, Mapping):
-        return {key: _plain(element) for key, element in value.items()}
-    return [_plain(element) for element in value] if isinstance(value, tuple) else value
-
-
-def _tables_of_poses(title: str, poses: Mapping[str, PoseValues]) -> list[Told]:
+def _tables_of_poses(title: str, poses: Mapping[str, PoseValues]) -> list[Paragraph]:
     keys = ["AP_mm", "AP_x_mm", "AP_y_mm", "AP_z_mm", "RP_mm", "l_mean_mm", "l_max_mm"]
     columns = ["AP", "AP x", "AP y", "AP z", "RP", "mean l", "max l"]
     if next(iter(poses.values()))["AP_mm"] is None:
         keys, columns = keys[4:], columns[4:]
     rows = tuple((pose, values["n"], *(values.get(key) for key in keys)) for pose, values in poses.items())
-    out: list[Told] = [Table(f"{title}, mm", ("pose", "n", *columns), rows)]
+    out: list[Paragraph] = [Table(f"{title}, mm", ("pose", "n", *columns), rows)]
     if all("RP_a_deg" in values for values in poses.values()):
         keys = [f"{key}_{a}_deg" for key in ("AP", "RP") for a in ANGLES]
         turned = tuple((pose, *(values.get(key) for key in keys)) for pose, values in poses.items())
@@ -454,7 +447,7 @@ def _tables_of_poses(title: str, poses: Mapping[str, PoseValues]) -> list[Told]:
     return out
 
 
-def _of_distance(name: str, d: Mapping[str, Any]) -> list[Told]:
+def _of_distance(name: str, d: Mapping[str, Any]) -> list[Paragraph]:
     """AD and RD in a sentence, and along and about the axes."""
     accuracy = "–" if d["AD_mm"] is None else f"{d['AD_mm']:.3f}"
     texts = []
@@ -469,7 +462,7 @@ def _of_distance(name: str, d: Mapping[str, Any]) -> list[Told]:
     ]
 
 
-def _table_over_all(models: Mapping[str, ModelCriteria]) -> list[Told]:
+def _table_over_all(models: Mapping[str, ModelCriteria]) -> list[Paragraph]:
     """Errors of all poses and cycles by each model, as Table 7.8 has them."""
     rows: list[tuple[Cell, ...]] = []
     about = ""

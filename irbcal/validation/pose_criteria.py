@@ -19,6 +19,9 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.modeling import frames
 
+AXES, ANGLES = "xyz", "abc"
+"""Endings of names: along the axes of the base link, and about them."""
+
 
 def pose_accuracy(xyz: FloatArray, commanded: ArrayLike) -> tuple[float, FloatArray]:
     """Position accuracy AP: distance of the barycentre of the attained positions from the commanded one.

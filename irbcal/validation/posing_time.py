@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, lock, plain
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.modeling import frames
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import DEG, MM
 from irbcal.validation.settling import stabilisation
-from irbcal.validation.tables import in_order, start_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,7 +58,7 @@ class PosedMove:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PosingTimes(Speaks):
+class PosingTimes(Result):
     """Posing times of several moves.
 
     Attributes
@@ -79,9 +78,8 @@ class PosingTimes(Speaks):
 
     def to_dict(self) -> dict[str, Any]:
         """What the command prints as JSON: ``band_mm``, ``moves`` (as `to_frame`), ``simulated``."""
-        rows = self.to_frame().to_dict("records")
-        plain = [{key: None if value != value else value for key, value in row.items()} for row in rows]
-        return {"band_mm": self.band / MM, "moves": plain, "simulated": self.simulated}
+        rows = plain(self.to_frame().to_dict("records"))
+        return {"band_mm": self.band / MM, "moves": rows, "simulated": self.simulated}
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each move: ``move``, ``distance_mm``, ``angle_deg``, ``cycles``, ``time_s`` (mean) and its ends."""
@@ -102,23 +100,15 @@ class PosingTimes(Speaks):
             ]
         )
 
-    def told(self) -> Sequence[Told]:
-        """Posing times move by move."""
+    def report(self) -> Sequence[Paragraph]:
+        """The shortest and the longest posing time, and those move by move."""
         table = self.to_frame()
         if table["angle_deg"].isna().all():
             table = table.drop(columns="angle_deg")
-        rows = tuple(
-            tuple(None if value != value else value for value in row)
-            for row in table.itertuples(index=False, name=None)
-        )
-        columns = tuple(name.replace("_", " ") for name in table.columns)
-        title = f"{start_of(self.simulated)}Posing time from rest to rest, limit band {self.band / MM:.4g} mm"
-        return [Table(title, columns, rows)]
-
-    def headline(self) -> str:
-        """Shortest and longest."""
-        times = [float(m.times.mean()) for m in self.moves.values()]
-        return f"{start_of(self.simulated)}posing times of {len(times)} moves: {min(times):.3f} to {max(times):.3f} s"
+        times, start = table["time_s"], simulated_mark(self.simulated)
+        headline = f"{start}posing times of {len(times)} moves: {min(times):.3f} to {max(times):.3f} s"
+        title = f"{start}Posing time from rest to rest, limit band {self.band / MM:.4g} mm"
+        return [headline, Table.of(title, table, [name.replace("_", " ") for name in table.columns])]
 
     def plot(self) -> Chart:
         """Posing time over the length of the move."""
@@ -154,8 +144,8 @@ def posing_times(moves: TableLike, band: float) -> PosingTimes:
     table = InputTable.read(moves, ["move", "time_s"]).measured()
     move, cycle, turn = table.filled("move"), table.texts("cycle"), table.rotations()
     out = {}
-    for name in in_order(move):
-        rows = [np.flatnonzero((move == name) & (cycle == c)) for c in in_order(cycle[move == name])]
+    for name in distinct(move):
+        rows = [np.flatnonzero((move == name) & (cycle == c)) for c in distinct(cycle[move == name])]
         moves_found = []
         for k in rows:
             time, xyz = table[k].ascending("time_s"), table[k].si(POSITION)

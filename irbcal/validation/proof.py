@@ -9,7 +9,7 @@ from irbcal.identification.evidence_fit import models_table
 from irbcal.identification.fit import ParameterReport
 from irbcal.io.schema import Errors, EvidenceChoice, Record
 from irbcal.measurement.cleaning import left_out
-from irbcal.summary import Cell, Table, Told
+from irbcal.summary import Cell, Paragraph, Table, simulated_mark
 from irbcal.validation.evaluation import statistics_table
 
 DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
@@ -36,7 +36,7 @@ def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool, ta
         if compared:
             entries.append((name, "nominal", nominal.per_target[name].model_dump()))
         entries.append((name, model, calibrated.per_target[name].model_dump()))
-    kind = "SIMULATED data: " if r.simulated else ""
+    kind = simulated_mark(r.simulated)
     errors = "position errors" if r.features is None else "distances of rows from their features"
     scope = (
         f"{errors} on {r.poses_heldout} poses that the fit never saw"
@@ -80,12 +80,12 @@ def _held(r: Record) -> str:
     return f" and with {', '.join(names)} held" if names else ""
 
 
-def feature_tables(r: Record, verbose: bool) -> list[Told]:
+def feature_tables(r: Record, verbose: bool) -> list[Paragraph]:
     """What was left out in turn and how it agreed with itself, known lengths, and where the scale comes from."""
     section = r.features
     if section is None:
         return []
-    lines: list[Told] = []
+    lines: list[Paragraph] = []
     pair = section.length_error()
     if pair is not None:
         lines.append(
@@ -106,9 +106,9 @@ def feature_tables(r: Record, verbose: bool) -> list[Told]:
     return lines
 
 
-def model_tables(r: Record) -> list[Told]:
+def model_tables(r: Record) -> list[Paragraph]:
     """Why this model, and the error models that were compared."""
-    lines: list[Told] = [r.choice.explanation] if r.choice else []
+    lines: list[Paragraph] = [r.choice.explanation] if r.choice else []
     if isinstance(r.choice, EvidenceChoice):
         rows = [
             (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)

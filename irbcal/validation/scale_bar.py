@@ -10,11 +10,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
-from irbcal.validation.tables import in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,7 +26,7 @@ EVERYWHERE = "all"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ScaleBar(Speaks):
+class ScaleBar(Result):
     """Distance errors of a scale bar: measured minus certified length, in the order of the file.
 
     Attributes
@@ -53,7 +52,7 @@ class ScaleBar(Speaks):
 
     def positions(self) -> list[str]:
         """Positions of the bar in the order of measurement."""
-        return in_order(self.position)
+        return distinct(self.position)
 
     def to_dict(self) -> dict[str, Any]:
         """What the command prints as JSON, mm.
@@ -76,7 +75,7 @@ class ScaleBar(Speaks):
 
         return pd.DataFrame({"position": self.position, "error_mm": self.error / MM})
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Statistics of all distances, and position by position."""
         sets = {"all": self.error}
         if len(self.positions()) > 1:
@@ -151,12 +150,12 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
 
 def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
     end, position, xyz = table.filled("end"), table.texts("position", EVERYWHERE), table.si(POSITION)
-    ends = in_order(end)
+    ends = distinct(end)
     if len(ends) != 2:
         raise table.fault(f"expected two names, found {', '.join(ends[:5])}", column="end")
     where: list[str] = []
     distance = []
-    for name in in_order(position):
+    for name in distinct(position):
         first, second = (np.flatnonzero((position == name) & (end == side)) for side in ends)
         if len(first) != len(second):
             raise table.fault(

@@ -8,22 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, lock, plain
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import settling
 from irbcal.validation.settling import READINGS, REST, Stabilisation
-from irbcal.validation.tables import in_order, start_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Settling(Speaks):
+class Settling(Result):
     """Position stabilisation time and overshoot of several approaches (ISO 9283 asks for three).
 
     Attributes
@@ -67,13 +66,13 @@ class Settling(Speaks):
             "band_mm": self.band / MM,
             "after_s": self.rest,
             "PSt_s": self.time,
-            "overshoot_mm": _mm(self.overshoot),
+            "overshoot_mm": None if self.overshoot is None else self.overshoot / MM,
             "runs": {
                 name: {
-                    "PSt_s": _known(run.time),
-                    "first_entry_s": _known(run.first_entry),
-                    "settled_s": _known(run.settled),
-                    "overshoot_mm": _mm(_known(run.overshoot)),
+                    "PSt_s": plain(run.time),
+                    "first_entry_s": plain(run.first_entry),
+                    "settled_s": plain(run.settled),
+                    "overshoot_mm": plain(run.overshoot / MM),
                     "time_s": run.instant.tolist(),
                     "distance_mm": (run.distance / MM).tolist(),
                 }
@@ -92,31 +91,26 @@ class Settling(Speaks):
         ]
         return pd.concat(tables, ignore_index=True)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Mean time and largest overshoot, and both run by run."""
         rows = tuple(
-            (name, *map(_known, (run.first_entry, run.settled, run.time)), _mm(_known(run.overshoot)))
+            (name, *map(plain, (run.first_entry, run.settled, run.time)), plain(run.overshoot / MM))
             for name, run in self.runs.items()
         )
         columns = ("run", "first in band s", "settled s", "PSt s", "overshoot mm")
         mean = "a run never settled" if self.time is None else f"PSt {self.time:.2f} s (mean)"
         largest = "–" if self.overshoot is None else f"{self.overshoot / MM:.3f}"
         title = f"Position stabilisation, limit band {self.band / MM:.4g} mm"
-        return [f"{start_of(self.simulated)}{mean}, overshoot {largest} mm (largest)", Table(title, columns, rows)]
+        return [
+            f"{simulated_mark(self.simulated)}{mean}, overshoot {largest} mm (largest)",
+            Table(title, columns, rows),
+        ]
 
     def plot(self) -> Chart:
         """Distance from the final position over time, with the limit band (Figure A V-1)."""
         from irbcal.validation import plots
 
         return plots.approaches(self)
-
-
-def _known(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _mm(value: float | None) -> float | None:
-    return None if value is None else value / MM
 
 
 def read_approaches(source: TableLike) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -141,7 +135,7 @@ def read_approaches(source: TableLike) -> dict[str, tuple[FloatArray, FloatArray
 
 def _approaches(table: InputTable) -> dict[str, tuple[FloatArray, FloatArray]]:
     runs = table.texts("run", "1")
-    by_name = {name: table[runs == name] for name in in_order(runs)}
+    by_name = {name: table[runs == name] for name in distinct(runs)}
     return {name: (rows.ascending("time_s"), rows.si(POSITION)) for name, rows in by_name.items()}
 
 

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.plotting.charts import Chart
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
-from irbcal.validation.tables import AXES, in_order, start_of
+from irbcal.validation.pose_criteria import AXES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,7 +74,7 @@ class Compliance:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StaticCompliance(Speaks):
+class StaticCompliance(Result):
     """Compliance along and against the axes of a frame.
 
     Attributes
@@ -124,17 +124,14 @@ class StaticCompliance(Speaks):
             ]
         )
 
-    def told(self) -> Sequence[Told]:
-        """Compliance direction by direction."""
+    def report(self) -> Sequence[Paragraph]:
+        """The softest direction, and the compliance direction by direction."""
         columns = ("force", "cycles", "along mm/N", "±", "across mm/N", "largest N", "moves mm")
-        rows = tuple(tuple(row) for row in self.to_frame().itertuples(index=False, name=None))
-        title = f"{start_of(self.simulated)}Static compliance, axes of the {self.frame}"
-        return [Table(title, columns, rows, 5)]
-
-    def headline(self) -> str:
-        """The softest direction."""
         name, worst = max(self.directions.items(), key=lambda entry: entry[1].along)
-        return f"{start_of(self.simulated)}static compliance up to {worst.along / MM:.5f} mm/N ({name})"
+        start = simulated_mark(self.simulated)
+        title = f"{start}Static compliance, axes of the {self.frame}"
+        headline = f"{start}static compliance up to {worst.along / MM:.5f} mm/N ({name})"
+        return [headline, Table.of(title, self.to_frame(), columns, 5)]
 
     def plot(self) -> Chart:
         """Displacement along the force over the force."""
@@ -169,9 +166,9 @@ def static_compliance(forces: TableLike, R_frame_world: FloatArray | None = None
     directions, cycle = table.choice("direction", DIRECTIONS), table.texts("cycle")
     table.refuse(force < 0, "force_n", "a force that is not negative: the direction has the sign")
     out = {}
-    for name in in_order(directions):
+    for name in distinct(directions):
         slopes, loads, moved = [], [], []
-        for c in in_order(cycle[directions == name]):
+        for c in distinct(cycle[directions == name]):
             rows = (directions == name) & (cycle == c)
             f, p = force[rows], xyz[rows]
             if np.ptp(f) == 0:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.io.schema import FeaturesSection, Record
 from irbcal.measurement.cleaning import LeftOut
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 
 Outcome = Literal["better", "no better", "worse"]
 MOST_LEFT_OUT = 0.15
@@ -25,7 +25,7 @@ CLEAR = 2.0
 
 
 @dataclass(frozen=True, repr=False)
-class Verdict(Speaks):
+class Verdict(Result):
     """Whether a calibration serves these measurements.
 
     Attributes
@@ -61,7 +61,7 @@ class Verdict(Speaks):
             "doubts": list(self.doubts),
         }
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """The words, and what speaks against it."""
         return [f"Verdict: {self.sentence()}", *(f"Doubt: {doubt}" for doubt in self.doubts)]
 

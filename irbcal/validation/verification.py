@@ -17,7 +17,7 @@ from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import relative_difference
 from irbcal.reading import read_bytes
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 SAME, ROUNDED = 1e-9, 5e-6
@@ -27,7 +27,7 @@ POSES = 1000
 
 
 @dataclass(frozen=True, repr=False)
-class Verification(Speaks):
+class Verification(Result):
     """Whether a URDF is the one of a calibration; true where it is.
 
     Attributes
@@ -64,13 +64,13 @@ class Verification(Speaks):
         """What ``irbcal verify --json`` prints."""
         return asdict(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """One sentence."""
         return [self.explanation]
 
 
 @dataclass(frozen=True, repr=False)
-class ProgramVerification(Speaks):
+class ProgramVerification(Result):
     """Whether a program bears the mark of a calibration; true where it does.
 
     Attributes
@@ -93,13 +93,13 @@ class ProgramVerification(Speaks):
         """What ``irbcal verify --json`` prints."""
         return asdict(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """One sentence."""
         return [self.explanation]
 
 
 @dataclass(frozen=True, repr=False)
-class FolderVerification(Speaks):
+class FolderVerification(Result):
     """Whether a calibration folder is as it was sealed; true where it is, and where the asked signature is good.
 
     Attributes
@@ -138,7 +138,7 @@ class FolderVerification(Speaks):
         """What ``irbcal verify --json`` prints."""
         return asdict(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """One sentence, what was not checked, and the deliberate changes."""
         unlisted = f"Not checked, for the seal does not list it: {', '.join(self.unlisted)}"
         of_signature = {
@@ -154,7 +154,7 @@ class FolderVerification(Speaks):
 
 
 @dataclass(frozen=True, repr=False)
-class FileVerification(Speaks):
+class FileVerification(Result):
     """Whether a file, such as a certificate, is as it was signed; true where it is.
 
     Attributes
@@ -174,7 +174,7 @@ class FileVerification(Speaks):
         """What ``irbcal verify --json`` prints."""
         return asdict(self)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """One sentence."""
         return [self.explanation]
 

@@ -19,7 +19,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ setattr(view, "show", view)  # noqa: B010 - `irbcal.view.show` is what the funct
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class View(Speaks):
+class View(Result):
     """A scene and its page.
 
     Parameters
@@ -141,7 +141,7 @@ class View(Speaks):
 
         return page.render(self.scene)
 
-    def told(self) -> list[Told]:
+    def report(self) -> list[Paragraph]:
         """What there is to see, how large the errors are, and what the user should know."""
         scene = self.scene
         title = f"{scene.title}{', SIMULATED' if scene.simulated else ''}: "
@@ -150,7 +150,7 @@ class View(Speaks):
         else:
             kind = "poses of a plan" if scene.mode == "plan" else "measured poses"
             title += f"{len(scene.q)} {kind}, {len(scene.points.pose)} points of {', '.join(scene.targets)}"
-        lines: list[Told] = [title]
+        lines: list[Paragraph] = [title]
         if scene.features:
             lines.append(f"{len(scene.features)} features and known lengths stand at their fitted places")
         if scene.cell:
@@ -262,7 +262,7 @@ class View(Speaks):
                 say("")
 
 
-def _errors(scene: PageScene) -> list[Told]:
+def _errors(scene: PageScene) -> list[Paragraph]:
     """Errors of both models, of held-out and of fitted poses apart where these are known."""
     points = scene.points
     models: tuple[Model, ...] = ("nominal", "calibrated")
@@ -275,7 +275,7 @@ def _errors(scene: PageScene) -> list[Told]:
         fitted = scene.fitted[points.pose]
         kinds = {" of held-out poses": ~fitted, " of fitted poses": fitted}
     title = "Distances of rows from their features" if scene.at_features else "Errors"
-    lines: list[Told] = []
+    lines: list[Paragraph] = []
     for kind, rows in kinds.items():
         figures = [
             f"{model} {error[rows].mean() / MM:.3f} mm on average and at most {error[rows].max() / MM:.3f} mm"

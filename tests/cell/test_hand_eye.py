@@ -88,7 +88,7 @@ def test_a_robot_that_errs_is_told_from_noise_of_corners():
     assert result.within_pixels == pytest.approx(NOISE_PX, rel=0.15)
     assert result.rms_pixels > 5 * result.within_pixels
     assert 0.2 < np.sqrt(np.mean(result.size_mm**2)) < 1.5
-    assert any("robot or lens limit it" in str(line) for line in result.told())
+    assert any("robot or lens limit it" in str(line) for line in result.report())
 
 
 def test_it_is_never_worse_than_opencv():

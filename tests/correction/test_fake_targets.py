@@ -73,7 +73,7 @@ def test_targets_out_of_reach_are_left_with_a_reason():
     assert "does not reach" in found.reason[1]
     assert 0 < found.shift[0] < 0.02
     assert np.isnan(found.shift[1])
-    assert found.told()[0].startswith("1 of 2 targets corrected")
+    assert found.report()[0].startswith("1 of 2 targets corrected")
     assert "1 not corrected: the nominal robot does not reach it" in found.summary()
     assert found.to_frame()["ok"].tolist() == [True, False]
     home = correct_joints(robot, nominal, np.zeros((1, 6)))

@@ -196,7 +196,7 @@ def test_taught_frames_make_a_corrected_part_worse_and_the_cell_makes_it_right(t
     size = np.linalg.norm(apart[:, :3], axis=1)
     assert unaware.unknown_frames.mean == pytest.approx(size.mean(), rel=1e-6)
     assert unaware.unknown_frames.largest == pytest.approx(size.max(), rel=1e-6)
-    assert unaware.told()[0].startswith("WARNING: tool tgrip and work object wpart are of unknown origin")
+    assert unaware.report()[0].startswith("WARNING: tool tgrip and work object wpart are of unknown origin")
     assert set(same.to_frame()["frames"]) == {"cell"}
     measured = taught.filtered(data, measured=True)
     assert measured.unknown_frames is None
@@ -232,7 +232,7 @@ def test_taught_points_stay_and_can_be_re_expressed(taught):
     P = np.array([target.value for target in rapid.parse(expressed.data).targets])
     assert np.abs(P - taught.wanted).max() < 1e-6
     assert rapid.parse(expressed.data).fingerprint is None, "offline points are no fake targets"
-    assert expressed.told()[0].startswith("18 taught points are re-expressed")
+    assert expressed.report()[0].startswith("18 taught points are re-expressed")
     again = taught.filtered(expressed.data, cell=taught.cell)
     assert np.abs(again.q - q).max() < 1e-5, "corrected as offline points they are where they were taught"
     half = taught.filtered(data, cell=taught.cell, points=PointOrigin("P1?"))

@@ -24,7 +24,7 @@ def test_an_export_names_its_calibration_and_is_the_same_every_time(folder, tmp_
 def test_simulated_measurements_are_named(demo_calibration, tmp_path):
     for target in ("cpp", "python"):
         found = irbcal.export(demo_calibration, target, tmp_path)
-        assert "SIMULATED" in found.told()[0]
+        assert "SIMULATED" in found.report()[0]
         assert "SIMULATED" in (tmp_path / found.files[0]).read_text()
 
 

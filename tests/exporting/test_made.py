@@ -22,7 +22,7 @@ def test_meshes_and_textures_that_are_not_taken_are_told(described, tmp_path, ta
     assert "only STL and OBJ" in meshes
     assert all(f"{link}.dae" in meshes for link in ("base", "shoulder", "upperarm", "forearm", "wrist1"))
     assert textures == "textures are left out: steel.png"
-    told = Exported("any", tmp_path, tuple(made.files), "", False, 0.0, "", made.notes).told()
+    told = Exported("any", tmp_path, tuple(made.files), "", False, 0.0, "", made.notes).report()
     assert f"Note: {textures}" in told
     assert f"Note: {meshes}" in told
 

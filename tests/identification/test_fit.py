@@ -291,7 +291,7 @@ def test_one_unobservable_direction_leaves_all_other_error_bars_as_they_are():
 
 
 def test_it_tells_what_was_fitted_and_every_parameter(fit):
-    told = fit.told()
+    told = fit.report()
     assert told[0] == fit.headline()
     assert told[0].startswith(f"{fit.robot.arm.name}, model 34: 38 independent combinations of 43 parameters")
     assert f"60 poses (fitted rms {1e3 * fit.rms:.3f} mm)" in told[0]
@@ -383,7 +383,7 @@ def test_the_choice_speaks_and_can_be_pickled():
     rng = np.random.default_rng(9)
     points = measured(random_robot(nominal, "11", rng), nominal.random_joints(9, 1), 5e-5, rng)
     choice = choose_level(nominal, points, levels=("nominal", "11", "34"))
-    assert choice.told()[0] == choice.explanation == choice.headline()
+    assert choice.report()[0] == choice.explanation == choice.headline()
     assert repr(choice) == f"<LevelChoice: {choice.explanation}>"
     shown = [line.split() for line in choice.summary().splitlines()]
     for row in choice.table:
@@ -400,7 +400,7 @@ def test_refused_levels_say_why():
     rng = np.random.default_rng(9)
     points = measured(random_robot(nominal, "11", rng), nominal.random_joints(5, 1), 5e-5, rng)
     choice = choose_level(nominal, points, levels=("nominal", "34"))
-    assert choice.table[1].refused in choice.told()[-1]
+    assert choice.table[1].refused in choice.report()[-1]
     with pytest.raises(IdentificationError):
         choose_level(nominal, points, levels=("34", "nominal"))
     with pytest.raises(OptionError, match=r"levels: expected nominal, 11, .* found '12'"):

@@ -86,7 +86,7 @@ def test_the_calibration_is_whole(written):
     assert record.calibrated_urdf_sha256 == hashlib.sha256(content).hexdigest()
     assert irbcal.verify(written)
     assert irbcal.verify(written, written / "calibrated.urdf").same_file
-    assert not any("mesh" in str(said) for said in irbcal.view(written).told())  # the view finds the meshes, too
+    assert not any("mesh" in str(said) for said in irbcal.view(written).report())  # the view finds the meshes, too
     other = written.parent / "whole"
     again = irbcal.load(written).save(other, mesh_paths="absolute")  # of one that was loaded
     assert again.fingerprint == record.fingerprint

@@ -119,7 +119,7 @@ def test_frame_and_words(points):
     assert repr(points).startswith(
         f"<PointSet: 19 points of 8 poses, {points.oriented().sum()} of them with orientation"
     )
-    assert points.told()[1].rows == (("a", 5, 10), ("", 3, 9))
+    assert points.report()[1].rows == (("a", 5, 10), ("", 3, 9))
     again = pickle.loads(pickle.dumps(points))
     assert np.array_equal(again.xyz, points.xyz)
 

@@ -90,7 +90,7 @@ def test_a_registration_is_locked_and_speaks():
         found.references["ref1"] = np.zeros(3)
     assert "60 of 60 poses saw three of 4 references" in repr(found)
     assert len(repr(found)) < 2000
-    name, *place = found.told()[1].rows[0]
+    name, *place = found.report()[1].rows[0]
     assert name == "ref1"
     assert place == pytest.approx([2400, 500, -560], abs=1e-9)
     assert replace(pickle.loads(pickle.dumps(found)), residual=1.0).own.all()

@@ -274,7 +274,7 @@ def test_measurements_travel_and_speak(tmp_path):
     assert again.table.equals(seen.table)
     assert (again.source, again.sha256) == (seen.source, seen.sha256)
     assert repr(seen) == f"<MeasurementSet: {seen.source}: 3 rows, 2 poses, 1 lost points, SIMULATED>"
-    targets, groups = seen.told()[1:]
+    targets, groups = seen.report()[1:]
     assert targets.rows == (("ref1", "reference", 1, 1), ("smr1", "tool", 2, 0))
     assert groups.rows == (("iso", 1), ("", 1))
     assert "SIMULATED" in seen.summary()

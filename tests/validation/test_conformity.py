@@ -134,8 +134,8 @@ def test_an_evaluation_judges_by_a_tolerance(record):
     found = irbcal.evaluate(record, proof, tolerance=0.95 * MM)
     assert found.conformity.outcome == "pass"
     assert found.conformity.value_mm == pytest.approx(found.calibrated["mean_plus_3sigma_mm"], abs=1e-12)
-    assert found.told()[0].startswith("Tolerance: PASS.")
-    assert "SIMULATED" in found.told()[0]
+    assert found.report()[0].startswith("Tolerance: PASS.")
+    assert "SIMULATED" in found.report()[0]
     assert found.to_dict()["conformity"]["outcome"] == "pass"
     assert irbcal.evaluate(record, proof, tolerance=0.95 * MM, tracker_u95=0.3 * MM).conformity.outcome == "not proven"
     fitted = robots.demo_file("demo_identification.csv")

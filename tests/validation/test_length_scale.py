@@ -51,7 +51,7 @@ def test_the_certificate_says_that_the_scale_is_not_proven(record):
     judged = irbcal.evaluate(record, proof, tolerance=0.95 * MM)
     (words,) = [words for words in judged.origin.scope if "scale" in words]
     assert "not proven" in words
-    assert f"Note: {words}" in judged.told()
+    assert f"Note: {words}" in judged.report()
     stated = irbcal.evaluate(record, proof, tolerance=0.95 * MM, info={"scale_bar": "1001.2 mm, no. 7"})
     assert any("1001.2 mm, no. 7" in words for words in stated.origin.scope)
     assert not any("not proven" in words for words in stated.origin.scope)

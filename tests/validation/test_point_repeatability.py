@@ -29,7 +29,7 @@ def test_what_repeatability_tells(tmp_path):
     assert (
         found.headline() == "4 readings of 2 points: mean + 3σ of the distances from the mean 2.0000 mm at most (P2)."
     )
-    assert found.told()[-1] == "Left out: 1 lost points"
+    assert found.report()[-1] == "Left out: 1 lost points"
     table = found.to_frame()
     assert table.columns.tolist() == ["position", "x_mm", "y_mm", "z_mm", "error_mm"]
     assert table["error_mm"].tolist() == pytest.approx([1, 1, 2, 2])

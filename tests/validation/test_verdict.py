@@ -54,7 +54,7 @@ def test_doubts_are_part_of_it():
     assert found.outcome == "better"
     assert not found
     assert found.sentence().startswith("NOT TO BE TRUSTED, though better than")
-    assert found.told()[1] == "Doubt: The tracker moved."
+    assert found.report()[1] == "Doubt: The tracker moved."
     assert found.to_dict()["doubts"] == ["The tracker moved."]
 
 

@@ -85,7 +85,7 @@ def test_rows_miss_their_features_by_what_the_calibration_says(touched):
     for model in ("calibrated", "nominal"):
         said = np.array(getattr(found.record.points, f"{model}_mm"))
         assert np.abs(scene.points.distance(model) / MM - said).max() < 1e-6
-    words = " ".join(str(part) for part in view.told())
+    words = " ".join(str(part) for part in view.report())
     assert "Distances of rows from their features" in words
     assert "SIMULATED" in words
     assert "not its accuracy in a measuring frame" in words

@@ -28,7 +28,7 @@ from irbcal.measurement.imports.map_file import Changes
 from irbcal.measurement.imports.part import ALWAYS_LOST, ANGLE_DEG, LENGTH_MM, ROW, SOURCE, joint_values, undeclared
 from irbcal.measurement.imports.poses import joint_rules_applied
 from irbcal.names import csv_bytes
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 
 NAME = "features"
 """What ``irbcal import --as`` calls it."""
@@ -118,7 +118,7 @@ class FeatureMap(_RowsModel):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImportedRows(Speaks):
+class ImportedRows(Result):
     """What was understood.
 
     Attributes
@@ -163,7 +163,7 @@ class ImportedRows(Speaks):
             "map": self.map.model_dump(exclude_defaults=True),
         }
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Counts; what was not written yet is shown."""
         names = ", ".join(f"{name} {count}" for name, count in self.counts.items())
         poses = self.table["pose"].nunique()

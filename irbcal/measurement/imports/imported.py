@@ -19,7 +19,7 @@ from irbcal.measurement.imports.poses import pose_keys
 from irbcal.measurement.table import MeasurementSet, ReadOnlyTables
 from irbcal.names import csv_bytes
 from irbcal.overwriting import refuse_overwriting
-from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.summary import Cell, Paragraph, Result, Table
 
 SHOWN = 5
 """Rows that are shown of a table: as many as fit beside one another."""
@@ -27,7 +27,7 @@ LONGEST_CELL = 24
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Imported(ReadOnlyTables, Speaks):
+class Imported(ReadOnlyTables, Result):
     """What was understood.
 
     Attributes
@@ -156,12 +156,12 @@ class Imported(ReadOnlyTables, Speaks):
         """The table as a measurement file has it: degrees and millimetres."""
         return self.table
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Counts and warnings; what was not written yet is shown: its first rows and the map in use."""
         targets = ", ".join(
             f"{name} {count}" + (f" (and {lost} lost)" if lost else "") for name, (count, lost) in self.targets.items()
         )
-        lines: list[Told] = [
+        lines: list[Paragraph] = [
             f"{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost points; points: {targets}",
             *(f"Note: {text}." for text in self.warnings),
         ]

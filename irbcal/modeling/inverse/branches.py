@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 
 if TYPE_CHECKING:
     from irbcal.modeling.inverse.orthoparallel import OrthoParallel
@@ -44,7 +44,7 @@ def branch_signs(branch: IntArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Branches(Speaks):
+class Branches(Result):
     """The inverse kinematics of a batch of poses.
 
     Attributes
@@ -76,7 +76,7 @@ class Branches(Speaks):
     def __len__(self) -> int:
         return len(self.joints)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """How many branches reach their poses, joint limits not regarded."""
         reached = int(self.valid.any(axis=1).sum())
         return [f"{len(self)} poses of {self.arm.name}, {reached} of them reached, by {int(self.valid.sum())} branches"]

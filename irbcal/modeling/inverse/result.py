@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,7 +49,7 @@ _WORDS = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class InverseResult(Speaks):
+class InverseResult(Result):
     """Joints of a calibrated robot for a batch of n poses.
 
     Attributes
@@ -103,7 +103,7 @@ class InverseResult(Speaks):
         changed["iterations"][rows] = self.iterations[rows] + second.iterations
         return InverseResult(**changed)
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """Number of poses for each method and each reason."""
         names = {Method.FIXED_POINT: "the fixed point", Method.NEWTON: "Newton's steps"}
         texts = [f"{len(self)} poses", *(f"{(self.method == m).sum()} by {name}" for m, name in names.items())]

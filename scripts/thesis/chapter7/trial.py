@@ -45,7 +45,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.options import checked
 from irbcal.simulation import pose_list, simulation
 from irbcal.simulation.virtual_cell import VirtualCell
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy
 from irbcal.validation.comparison import replace_geometry
@@ -61,7 +61,7 @@ SPHERE_TURN = 20.0 * DEG
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Stage(Speaks):
+class Stage(Result):
     """What all repetitions of a study share (Nubiola 2011, sections 7.1, 7.2 and 7.7, Figure 7.1).
 
     Attributes
@@ -133,7 +133,7 @@ class Stage(Speaks):
             sphere_poses(cell.arm, settings.seed),
         )
 
-    def told(self) -> Sequence[Told]:
+    def report(self) -> Sequence[Paragraph]:
         """What was measured, in a sentence."""
         seen = ", ".join(f"{points.poses} in {area}" for area, points in self.identification.items())
         return (

@@ -835,7 +835,7 @@ def test_the_true_tool_keeps_to_the_wanted_path(robots):
     # all else is as it was
     kept = [line for line in lines if line.startswith("  Move") and not line.startswith(("  MoveL [", "  MoveC"))]
     assert kept == [f"  {PATH_MOVES[0]}", f"  {PATH_MOVES[1]}", f"  {PATH_MOVES[3]}"]
-    assert "joints that turn back" in "\n".join(map(str, found.told()))
+    assert "joints that turn back" in "\n".join(map(str, found.report()))
     assert found.to_dict()["paths"][0]["pieces"] == found.paths[0].pieces
 
 

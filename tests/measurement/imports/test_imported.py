@@ -41,7 +41,7 @@ def test_import_measurements_writes_what_it_returns(robodk, tmp_path):
     assert seen.source == str(robodk)
     assert np.array_equal(seen.positions(), written.positions(), equal_nan=True)
     assert np.array_equal(seen.joints(), written.joints())
-    assert found.told()[-1] == f"Written to {out}"
+    assert found.report()[-1] == f"Written to {out}"
 
 
 def test_nothing_is_written_without_out_and_in_a_dry_run(robodk, tmp_path):
@@ -50,8 +50,8 @@ def test_nothing_is_written_without_out_and_in_a_dry_run(robodk, tmp_path):
     assert found.out is None
     import_measurements(str(robodk), as_="robodk")
     assert sorted(path.name for path in tmp_path.iterdir()) == before
-    assert found.told()[0] == "3 rows, 2 poses, 1 lost points; points: ref1 1, smr1 1 (and 1 lost)"
-    shown = found.told()[1]
+    assert found.report()[0] == "3 rows, 2 poses, 1 lost points; points: ref1 1, smr1 1 (and 1 lost)"
+    shown = found.report()[1]
     assert shown.columns == ("row of file", "2", "3", "4")
     assert ("x_mm", 1200.5, 1210.5, "") in shown.rows
 
