@@ -922,7 +922,7 @@ def fit_features(inputs: Inputs, say: Progress) -> Doubted:
     assert rows is not None
     options = inputs.options
     feature_fit, left_out, doubt = identify_without_gross_errors(inputs.urdf.arm, rows, options.terms, progress=say)
-    remaining = feature_fit.problem.seen
+    remaining = feature_fit.problem.rows
     points = as_points(remaining)
     motion = Motion(points.q)
     nobody = np.zeros(points.poses, dtype=bool)
@@ -961,7 +961,7 @@ def prove_features(done: Doubted, say: Progress) -> Proven:
     section = _features_section(fit, proof)
     against = (*done.doubts, *_feature_doubts(section), *fit.doubts())
     order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")
-    calibrated, nominal = (fit.problem.residuals(state)[order] for state in (fit.state, fit.nominal_state))
+    calibrated, nominal = (fit.problem.distances(state)[order] for state in (fit.state, fit.nominal_state))
     heldout, left_out = done.heldout_points, (np.zeros(0), np.zeros(0))
     if proof is not None:
         missed = [proof.of_rows(len(rows), calibrated)[order] for calibrated in (True, False)]
@@ -1017,7 +1017,7 @@ def _feature_notes(section: FeaturesSection) -> list[str]:
 
 def _features_section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
     """What is known of the features, of each place while it was left out, and of lengths."""
-    problem, rows = fit.problem, fit.problem.seen
+    problem, rows = fit.problem, fit.problem.rows
     before_mm, std_after = fit.left_open()
     lengths = {} if proof is None else proof.lengths
     return FeaturesSection(
@@ -1058,20 +1058,20 @@ def _features_section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSe
 
 
 def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
-    problem, rows = feature_fit.problem, feature_fit.problem.seen
+    problem, rows = feature_fit.problem, feature_fit.problem.rows
     labels = rows.places("place") if "place" in rows.cells.columns else rows.places()
-    residuals = [problem.residuals(state) for state in (feature_fit.nominal_state, feature_fit.state)]
+    residuals = [problem.distances(state) for state in (feature_fit.nominal_state, feature_fit.state)]
     tool = np.zeros((len(rows), 3))
     stated: dict[str, dict[str, list[float]]] = {}
     in_base: dict[Key, FloatArray] = {}
-    for miss in problem.misses(feature_fit.state):
+    for miss in problem.group_residuals(feature_fit.state):
         tool[miss.group.rows] = miss.p
         unknown, given = miss.group.keys(), stated.setdefault(miss.group.feature.name, {})
         for name, value in miss.in_base.items():
             if name in unknown:
                 in_base[unknown[name]] = value
             if name not in unknown:
-                given[name] = (np.ravel(value) / SHOWN[miss.group.kind.own[name].unit]).tolist()
+                given[name] = (np.ravel(value) / SHOWN[miss.group.kind.unknowns[name].unit]).tolist()
     out = []
     for name, feature in rows.features.items():
         of_feature = rows.feature == name
@@ -1112,7 +1112,7 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
 def _unknowns(problem: FeatureProblem, feature: str) -> dict[Key, float]:
     """What was unknown of a feature, and numbers of what looked at it, with the units they are shown in."""
     owns = {
-        key: group.kind.own[name]
+        key: group.kind.unknowns[name]
         for group in problem.groups
         if group.feature.name == feature
         for name, key in group.keys().items()

@@ -63,8 +63,8 @@ def unknowns(kind, rng):
         return {"line": np.column_stack([turn, centre])}
     if kind in ("plane", "gauge"):
         return {"normal": turn, "height": np.array([turn[:, 2] @ centre])}
-    own = {"centre": centre} if "centre" in KINDS[kind].own else {}
-    own |= {"axes": turn} if "axes" in KINDS[kind].own else {}
+    own = {"centre": centre} if "centre" in KINDS[kind].unknowns else {}
+    own |= {"axes": turn} if "axes" in KINDS[kind].unknowns else {}
     own |= {"radius": np.array([0.03])} if kind == "sphere" else {}
     own |= (
         {"offset": np.array([0.05]), "centre": np.array([1.8, 1.0, 0.2]) * rng.uniform(0.7, 1.0, 3)}
@@ -149,7 +149,7 @@ def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
     off = noise * rng.standard_normal((len(q), KINDS[kind].size))
     for _ in range(25):
         p, R = tip(one, q)
-        found = KINDS[kind].misses(Observed(Feature("", kind), p, R, v, places, EMPTY), own)
+        found = KINDS[kind].residuals(Observed(Feature("", kind), p, R, v, places, EMPTY), own)
         path = chain.walk(nominal, q)
         moves = chain.point_columns(path, p.T, np.arange(len(q)))[:, 2].transpose(2, 1, 0)
         J = found.point @ moves
@@ -158,7 +158,7 @@ def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
         step = np.linalg.pinv(J, rcond=1e-3) @ (found.r - off)[..., None]
         q = q - np.clip(step[..., 0], -0.3, 0.3)
     p, R = tip(one, q)
-    r = KINDS[kind].misses(Observed(Feature("", kind), p, R, v, places, EMPTY), own).r
+    r = KINDS[kind].residuals(Observed(Feature("", kind), p, R, v, places, EMPTY), own).r
     good = (np.abs(r - off).max(axis=1) < 1e-13) & (q > nominal.lower).all(axis=1) & (q < nominal.upper).all(axis=1)
     out = np.flatnonzero(good)[:n]
     assert len(out) == n, (kind, len(out))
@@ -247,7 +247,7 @@ def held(kind, seed, count=120):
     fit = identify_features(nominal, all_rows.select(~fresh), choices=[()])
     there = FeatureProblem(nominal, all_rows.select(fresh), fit.problem.terms)
     assert list(there.layout) == list(fit.problem.layout)
-    misses = {id(one.group): one.found.r for one in there.misses(fit.state)}
+    misses = {id(one.group): one.residuals.r for one in there.group_residuals(fit.state)}
     r = np.concatenate([one.ravel() for one in misses.values()])
     blocks = list(there.dense(fit.state))
     J = np.concatenate([b.J for b in blocks], axis=1)

@@ -112,9 +112,9 @@ def test_planes_alone_are_refused_and_make_a_robot_worse():
     with pytest.raises(IdentificationError, match="may make the robot worse"):
         irbcal.calibrate(table, "irb1600", features=known)
     found = identify_features(nominal, features.read(table, known, nominal))
-    flat = [np.sqrt(np.mean(found.problem.residuals(state) ** 2)) for state in (found.nominal_state, found.state)]
+    flat = [np.sqrt(np.mean(found.problem.distances(state) ** 2)) for state in (found.nominal_state, found.state)]
     q = nominal.random_joints(200, 5) * 0.8
-    tools = [state.own["tool", "ball"] for state in (found.nominal_state, found.state)]
+    tools = [state.values["tool", "ball"] for state in (found.nominal_state, found.state)]
     arms = nominal, found.arm
     tracker = [cases.apart(truth, arm, q, tool).mean() for arm, tool in zip(arms, tools, strict=True)]
     assert flat[1] < 0.5 * flat[0]

@@ -34,7 +34,7 @@ from irbcal.arrays import FloatArray, IntArray
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch, frames_by_name
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.identification import feature_problem
-from irbcal.identification.feature_problem import BASE, FRAME, FeatureProblem, FeatureState, Missed
+from irbcal.identification.feature_problem import BASE, FRAME, FeatureProblem, FeatureState, GroupResiduals
 from irbcal.identification.observation_kind import with_third
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
@@ -88,9 +88,9 @@ class Adjusted:
     state: FeatureState
 
     @cached_property
-    def missed(self) -> list[Missed]:
+    def by_group(self) -> list[GroupResiduals]:
         """What touches miss, group by group."""
-        return list(self.problem.misses(self.state))
+        return list(self.problem.group_residuals(self.state))
 
     @cached_property
     def rows(self) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -117,9 +117,9 @@ class Adjusted:
 
     def frame(self, kind: str, name: str) -> FloatArray:
         """A tool in the tip link or a work object in the base link, shape (4, 4); a tip alone with the link's axes."""
-        tip = self.state.own.get((feature_problem.TOOL, name))
+        tip = self.state.values.get((feature_problem.TOOL, name))
         alone = kind == TOOL and tip is not None
-        return frames.transform(np.eye(3), tip) if alone else self.state.own[FRAME, frame_name(kind, name)]
+        return frames.transform(np.eye(3), tip) if alone else self.state.values[FRAME, frame_name(kind, name)]
 
     def motions(self, kind: str, name: str, R: FloatArray) -> FloatArray:
         """Small motion of a frame in its own axes by the unknowns, shape (6, unknowns); R: axes of a tip alone."""
@@ -136,11 +136,11 @@ class Adjusted:
     @cached_property
     def residual(self) -> FloatArray:
         """In the base link, shape (touches, 3), metres; zero in directions in which a touch says nothing."""
-        out = np.zeros((len(self.problem.seen), 3))
-        for missed in self.missed:
-            along = np.einsum("nki,nk->ni", missed.found.point, missed.found.r)
-            R = missed.view.frames[cell_graph.BASE][:, :3, :3]
-            out[missed.group.rows] = np.einsum("nji,nj->ni", R, along)
+        out = np.zeros((len(self.problem.rows), 3))
+        for of_group in self.by_group:
+            along = np.einsum("nki,nk->ni", of_group.residuals.point, of_group.residuals.r)
+            R = of_group.view.frames[cell_graph.BASE][:, :3, :3]
+            out[of_group.group.rows] = np.einsum("nji,nj->ni", R, along)
         return out
 
     def by_robot(self, certainty: Certainty) -> tuple[FloatArray, FloatArray]:
@@ -154,17 +154,17 @@ class Adjusted:
             Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, and terms of the
             last move, m^2.
         """
-        parts, variance = [], np.zeros(len(self.problem.seen))
+        parts, variance = [], np.zeros(len(self.problem.rows))
         unit = COVERAGE / self.problem.typical
-        for missed in self.missed:
-            group = missed.group
+        for of_group in self.by_group:
+            group = of_group.group
             motion = self.problem.motion.select(group.rows)
             J: FloatArray = np.zeros((len(certainty.covariance), 3, len(motion)))
-            if FLANGE in missed.view.signs:
-                J, variance[group.rows] = robot_derivatives(certainty, missed.path, missed.p.T, motion)
-            out = self.problem.by_arm(missed, J, None)
-            if cell_graph.BASE in missed.view.signs and group.frame == WORLD:
-                out[:6] += self.problem.by_edge(missed, cell_graph.BASE)
+            if FLANGE in of_group.view.signs:
+                J, variance[group.rows] = robot_derivatives(certainty, of_group.path, of_group.p.T, motion)
+            out = self.problem.by_arm(of_group, J, None)
+            if cell_graph.BASE in of_group.view.signs and group.frame == WORLD:
+                out[:6] += self.problem.by_edge(of_group, cell_graph.BASE)
             parts.append((out * self.problem.weights[group.rows][:, None] * unit).reshape(len(out), -1).T)
         return np.concatenate(parts), variance
 
@@ -207,8 +207,8 @@ def adjust(touches: Sequence[Touch], robot: Robot, sigma: FloatArray, source: st
         adjusted = Adjusted(problem, feature_problem.start(problem))
     except IdentificationError as error:
         raise MeasurementError(str(error), file=source) from None
-    for missed in adjusted.missed:
-        for row, p in zip(missed.group.rows, missed.seen.p, strict=True):
+    for of_group in adjusted.by_group:
+        for row, p in zip(of_group.group.rows, of_group.observed.p, strict=True):
             touch = touches[row]
             if touch.point in SIDES and touch.xyz is None and p[SIDES[touch.point][2]] <= 0.0:
                 raise MeasurementError(
@@ -518,7 +518,7 @@ def cell_frames(
             if not name:
                 continue
             T_controller = of_controller[kind].get(name)
-            alone = (feature_problem.TOOL, name) in adjusted.state.own and kind == TOOL
+            alone = (feature_problem.TOOL, name) in adjusted.state.values and kind == TOOL
             axes = frames.transform(T_controller[:3, :3]) if alone and T_controller is not None else np.eye(4)
             T_true, T_nominal = (each.frame(kind, name) @ axes for each in (adjusted, by_nominal))
             frames_of_kind[name] = FrameInCell(name, T_true, T_nominal, T_controller, position_only=alone)

@@ -312,7 +312,7 @@ def _read(cells: pd.DataFrame, camera_file: TableLike, arm: Any, posed: bool) ->
 
 def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye:
     """Frames, intervals and errors at the solution, with each part of the pictures left out in turn."""
-    rows = problem.seen
+    rows = problem.rows
     assert rows.corners is not None
     u95 = _half_widths(problem, state)
 
@@ -326,29 +326,29 @@ def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye
     pixels, size, within = (np.zeros(len(rows)) for _ in range(3))
     scale = imaging.per_pixel(rows.corners)
     doubts = []
-    for missed in problem.misses(state):
-        group, target = missed.group, missed.group.target
+    for of_group in problem.group_residuals(state):
+        group, target = of_group.group, of_group.group.target
         on_flange = imaging.TARGETS[group.kind.name]
         in_cell = "camera" if on_flange == "board" else "board"
         tool, axes = (TOOL, target), ("axes", target)
-        T = frames.transform(state.own[axes], state.own[tool])
+        T = frames.transform(state.values[axes], state.values[tool])
         devices["flange", target] = DeviceFrame(target, on_flange, "flange", T, half_width(tool), half_width(axes))
         name = group.feature.name
-        T = frames.transform(state.own["attitude", name], state.own["centre", name])
+        T = frames.transform(state.values["attitude", name], state.values["centre", name])
         u = half_width(("centre", name)), half_width(("attitude", name))
         devices["base", name] = DeviceFrame(name, in_cell, "base", T, *u)
         camera = target if on_flange == "camera" else name
         for number, key in group.keys().items():
             if number in imaging.FITTED and key in problem.layout:
-                lens.setdefault(camera, {})[number] = float(state.own[key][0]), half_width(key)
-        assert missed.found.size is not None
+                lens.setdefault(camera, {})[number] = float(state.values[key][0]), half_width(key)
+        assert of_group.residuals.size is not None
         of = group.rows
-        size[of] = missed.found.size
+        size[of] = of_group.residuals.size
         pixels[of] = size[of] / scale[of]
-        spare = np.maximum(2 * count[of] - missed.found.r.shape[1], 1)
-        scatter = np.maximum(size[of] ** 2 - (missed.found.r**2).sum(axis=1), 0.0)
+        spare = np.maximum(2 * count[of] - of_group.residuals.r.shape[1], 1)
+        scatter = np.maximum(size[of] ** 2 - (of_group.residuals.r**2).sum(axis=1), 0.0)
         within[of] = scatter * count[of] / spare / scale[of] ** 2
-        doubts.append(group.kind.doubt(missed.seen, missed.found))
+        doubts.append(group.kind.doubt(of_group.observed, of_group.residuals))
     return HandEye(
         robot,
         tuple(devices.values()),
@@ -390,23 +390,23 @@ def _half_widths(problem: FeatureProblem, state: FeatureState) -> FloatArray:
 
 def _left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray) -> FloatArray:
     """Pixels by which pictures miss while they are left out; NaN where the others do not show their camera or board."""
-    rows = problem.seen
+    rows = problem.rows
     out = np.full(len(rows), np.nan)
     part = rows.pose_index % min(PARTS, rows.poses)
     for k in np.unique(part):
         rest = part != k
-        others = FeatureProblem(problem.arm, rows.select(rest), [], problem.held, robot=problem.robot)
+        others = FeatureProblem(problem.arm, rows.select(rest), [], problem.known, robot=problem.robot)
         if rest.sum() < LEAST or set(rows.feature[~rest]) - set(rows.feature[rest]):
             continue
-        values = {key: value for key, value in state.own.items() if key in others.layout or key in problem.held}
+        values = {key: value for key, value in state.values.items() if key in others.layout or key in problem.known}
         try:
             fitted = feature_problem.settle(others, FeatureState(values, np.zeros(0)))
             feature_problem.refuse_undetermined(others, others.sums(fitted, np.zeros(0, dtype=int)))
         except IdentificationError:
             continue
-        aside = FeatureProblem(problem.arm, rows.select(~rest), [], dict(fitted.own), robot=problem.robot)
-        for missed in aside.misses(fitted):
-            assert missed.found.size is not None
-            at = np.flatnonzero(~rest)[missed.group.rows]
-            out[at] = missed.found.size / scale[at]
+        aside = FeatureProblem(problem.arm, rows.select(~rest), [], dict(fitted.values), robot=problem.robot)
+        for of_group in aside.group_residuals(fitted):
+            assert of_group.residuals.size is not None
+            at = np.flatnonzero(~rest)[of_group.group.rows]
+            out[at] = of_group.residuals.size / scale[at]
     return out

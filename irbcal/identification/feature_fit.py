@@ -90,13 +90,13 @@ class FeatureModel(LinearModel):
         self.flat, self.terms = problem.flat, [problem.terms[k] for k in self.chosen]
         self.sizes = np.concatenate([problem.sizes[: self.flat], problem.sizes[self.flat + self.chosen]])
         self.per_pose, self.noise = problem.per_pose / 3.0, problem.noise
-        names, self.target = np.unique(problem.seen.target.astype(str), return_inverse=True)
+        names, self.target = np.unique(problem.rows.target.astype(str), return_inverse=True)
         self.target_names = tuple(str(name) for name in names)
 
     @property
     def place(self) -> IntArray:
         """Each pose by itself, and what is known besides as one each."""
-        return np.arange(self.problem.seen.poses + len(self.problem.lengths) + len(self.problem.expected))
+        return np.arange(self.problem.rows.poses + len(self.problem.lengths) + len(self.problem.expected))
 
     @cached_property
     def _rows(self) -> Rows:
@@ -158,12 +158,12 @@ class FeatureFit(EvidenceFit):
     @property
     def rms(self) -> float:
         """Root mean square of what the rows miss, metres."""
-        return float(np.sqrt(np.mean(self.problem.residuals(self.state) ** 2)))
+        return float(np.sqrt(np.mean(self.problem.distances(self.state) ** 2)))
 
     @property
     def nominal_robot(self) -> Robot:
         """The nominal robot with base and tool from the same rows."""
-        own, base = self.nominal_state.own, self.nominal_state.T_world_base
+        own, base = self.nominal_state.values, self.nominal_state.T_world_base
         rotations = {name: own["axes", name] for name in self.target_rotations}
         targets = {name: own[TOOL, name] for name in self.targets}
         return Robot(self.nominal, T_world_base=base, targets=targets, target_rotations=rotations)
@@ -192,7 +192,7 @@ class FeatureFit(EvidenceFit):
         """Whether some row or feature tells a length of the size of the arm."""
         problem = self.problem
         known = [group for group in problem.groups if group.feature.centre is not None or group.measured]
-        return bool(problem.seen.lengths or known or any(group.kind.metric for group in problem.groups))
+        return bool(problem.rows.lengths or known or any(group.kind.metric for group in problem.groups))
 
     @property
     def scale_from(self) -> str:
@@ -201,14 +201,14 @@ class FeatureFit(EvidenceFit):
         metric = [group for group in problem.groups if group.kind.metric]
         words = list(dict.fromkeys(group.kind.scale_of(group.feature) for group in metric))
         others = [group for group in problem.groups if group.feature.centre is not None or group.measured]
-        return "" if problem.seen.lengths or others or "" in words else " and ".join(words)
+        return "" if problem.rows.lengths or others or "" in words else " and ".join(words)
 
     def doubts(self) -> list[str]:
         """What speaks against what was known beforehand of features: their own doubts, and fitted numbers far away."""
         problem, state = self.problem, self.state
-        found = [one.group.kind.doubt(one.seen, one.found) for one in problem.misses(state)]
+        found = [one.group.kind.doubt(one.observed, one.residuals) for one in problem.group_residuals(state)]
         for (name, of), known in problem.expected.items():
-            value = float(state.own[name, of][0])
+            value = float(state.values[name, of][0])
             if abs(value - known.value[0]) > 2.0 * known.u95:
                 found.append(
                     f"{name} of {of} comes out at {value:.6g}, {known.value[0]:.6g} was said: images and poses that "
@@ -236,7 +236,7 @@ class FeatureFit(EvidenceFit):
         At joints between those of the rows: from the variances that the data gave the terms, and from what is left of
         them. How the arm as a whole stands does not count, nor before the rows where the point is on the tool.
         """
-        motion = self.motion_at(_between(self.problem.seen.q))
+        motion = self.motion_at(_between(self.problem.rows.q))
         path = chain.walk(self.nominal, motion.q)
         sizes = {group.name: group.size for group in self.groups}
         flat = len(self.covariance) - len(self.terms)
@@ -351,10 +351,10 @@ def identify_features(
         coefficients=state.coefficients,
         covariance=_of_robot(smaller, state, covariance, names, framed, follow=not bare),
         T_world_base=state.T_world_base,
-        targets={name: state.own[TOOL, name] for name in names},
+        targets={name: state.values[TOOL, name] for name in names},
         free_targets=tuple(names),
         framed_targets=tuple(framed),
-        target_rotations={name: state.own["axes", name] for name in framed},
+        target_rotations={name: state.values["axes", name] for name in framed},
         joint_ranges=np.array([seen.q.min(axis=0), seen.q.max(axis=0)]),
         kind=terms,
         poses=seen.poses,
@@ -389,7 +389,7 @@ def identify_without_gross_errors(
     Returns
     -------
     fit : FeatureFit
-        Of ``fit.problem.seen``: all rows where more than `MOST_GROSS` contradict the others, or the rest is too little.
+        Of ``fit.problem.rows``: all rows where more than `MOST_GROSS` contradict the others, or the rest is too little.
     left_out : dict of int to float
         How far each row that was left out is from its feature, by its row in the file, metres.
     doubt : str
@@ -403,7 +403,7 @@ def identify_without_gross_errors(
     fit_of_all = fit = identify_features(arm, rows, terms, progress=progress)
     left_out: dict[int, float] = {}
     while True:
-        remaining, distance = fit.problem.seen, fit.problem.residuals(fit.state)
+        remaining, distance = fit.problem.rows, fit.problem.distances(fit.state)
         limits = {kind: limit(distance[remaining.kind == kind]) for kind in set(remaining.kind)}
         gross = distance > np.array([limits[kind] for kind in remaining.kind])
         if not gross.any():
@@ -482,13 +482,13 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
     Places are then those among the features: how the arm as a whole stands on its base link (its height along axis 1,
     its zero of joint 1) cannot be seen, and does not count as uncertainty of points.
     """
-    flat, seen = len(C) - len(problem.terms), problem.seen
+    flat, seen = len(C) - len(problem.terms), problem.rows
     q, usual = _between(seen.q), usual_load(seen.payload_kg)
     motion = Motion(q, payload_kg=None if usual is None else np.full(len(q), usual))
     path = chain.walk(problem.arm_of(state), *problem.term_map(state).split(motion))
     B, J = [], []
     for k, name in enumerate(names):
-        p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], state.own[TOOL, name])
+        p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], state.values[TOOL, name])
         here = np.zeros((len(C), JOINTS, 3))
         here[6 + 3 * k : 9 + 3 * k] = path.tip[:3].transpose(0, 2, 1)
         here[flat:] = problem.points_by_terms(path, p.T, motion).transpose(0, 2, 1)
@@ -526,21 +526,21 @@ def held_out(
         If their tool is not that of the fit.
     """
     state = fit.state if calibrated else fit.nominal_state
-    stay = {*fit.problem.seen.target, *fit.problem.seen.features}
-    mine = {key: value for key, value in state.own.items() if key[0] == TOOL or key[1] in stay}
+    stay = {*fit.problem.rows.target, *fit.problem.rows.features}
+    mine = {key: value for key, value in state.values.items() if key[0] == TOOL or key[1] in stay}
     strange = sorted(set(rows.target.astype(str)) - {key[1] for key in mine})
     if strange:
         raise IdentificationError(f"target {strange[0]} is measured in the left-out rows only: its place is not known")
     problem = FeatureProblem(fit.problem.arm, rows, fit.problem.terms, {**mine, BASE: state.T_world_base})
     there = feature_problem.start_of_features(problem, state)
-    centres = {key[1]: value for key, value in {**state.own, **there.own}.items() if key[0] == "centre"}
+    centres = {key[1]: value for key, value in {**state.values, **there.values}.items() if key[0] == "centre"}
     mine_too = [one for one in lengths if {one.first, one.second} & set(rows.features)]
     errors = {
         one.name: length_misses(centres[one.first], centres[one.second], one.length)[0]
         for one in mine_too
         if one.first in centres and one.second in centres
     }
-    return problem.residuals(there), errors
+    return problem.distances(there), errors
 
 
 def as_points(seen: FeatureSet) -> PointSet:

@@ -21,7 +21,7 @@ from irbcal.identification import observations
 from irbcal.identification.evidence_maximisation import NormalEquations
 from irbcal.identification.initial_guess import first_state
 from irbcal.identification.linear_model import Rows
-from irbcal.identification.observations import KINDS, Kind, Misses, Observed, Shape
+from irbcal.identification.observations import KINDS, Kind, Observed, Residuals, Shape
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.points import PointSet
@@ -64,19 +64,19 @@ class FeatureState:
 
     Attributes
     ----------
-    own : dict
+    values : dict
         Unknowns of frames, tool and features by their key.
     coefficients : ndarray, shape (terms,)
         SI units.
     """
 
-    own: Mapping[Key, FloatArray]
+    values: Mapping[Key, FloatArray]
     coefficients: FloatArray
 
     @property
     def T_world_base(self) -> FloatArray:
         """The robot base in the measuring frame, shape (4, 4); the identity where nothing ties them."""
-        return self.own.get(BASE, np.eye(4))
+        return self.values.get(BASE, np.eye(4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ class Group:
     def keys(self) -> dict[str, Key]:
         """Its unknowns by their name in the kind."""
         out = {}
-        for name, unknown in self.kind.own.items():
+        for name, unknown in self.kind.unknowns.items():
             if name == "centre" and (self.measured or self.feature.centre is not None):
                 continue
             if name not in self.kind.fixed(self.feature):
@@ -123,14 +123,14 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Missed:
+class GroupResiduals:
     """What a group misses at one state."""
 
     group: Group
-    seen: Observed
-    own: Mapping[str, FloatArray]
+    observed: Observed
+    values: Mapping[str, FloatArray]
     path: chain.Walk
-    found: Misses
+    residuals: Residuals
     view: RelativeFrame
     p: FloatArray
     """The point in the base link, shape (m, 3)."""
@@ -139,9 +139,9 @@ class Missed:
     def in_base(self) -> dict[str, FloatArray]:
         """Places and turns of the feature brought to the base link; all else as it is."""
         T = frames.inverse(self.view.frames[cell_graph.BASE][0])
-        out = dict(self.own)
-        for name, value in self.own.items():
-            unknown = self.group.kind.own.get(name)
+        out = dict(self.values)
+        for name, value in self.values.items():
+            unknown = self.group.kind.unknowns.get(name)
             if name == "centre":
                 out[name] = frames.apply(T, np.atleast_2d(value)).reshape(value.shape)
             elif unknown is not None and (unknown.shape, unknown.of) == ("turn", "feature"):
@@ -189,8 +189,8 @@ class FeatureProblem:
         edges: Sequence[Edge] = (),
         robot: Robot | None = None,
     ) -> None:
-        self.arm, self.seen, self.terms, self.robot = arm, rows, list(terms), robot
-        self.held = dict(fixed or {})
+        self.arm, self.rows, self.terms, self.robot = arm, rows, list(terms), robot
+        self.known = dict(fixed or {})
         self.groups = _groups(rows)
         self.edges = [ARM if rows.flange is None else Edge(cell_graph.BASE, FLANGE, rows.flange), *edges]
         named = dict.fromkeys(name for group in self.groups for name in (group.frame, group.carrier))
@@ -206,13 +206,13 @@ class FeatureProblem:
             if group.kind.pointed and group.carrier in (FLANGE, cell_graph.BASE):
                 shapes.setdefault(group.point, ("place", "m"))
             for name, key in group.keys().items():
-                unknown = group.kind.own[name]
+                unknown = group.kind.unknowns[name]
                 shapes.setdefault(key, (unknown.shape, unknown.unit))
         order = {"base": 0, FRAME: 1, TOOL: 2, "axes": 3}
         self.layout: dict[Key, tuple[Shape, int]] = {}
         units: list[FloatArray] = []
         for key in sorted(shapes, key=lambda key: order.get(key[0], 4)):
-            if key in self.held:
+            if key in self.known:
                 continue
             shape, unit = shapes[key]
             self.layout[key] = shape, int(sum(map(len, units)))
@@ -253,7 +253,7 @@ class FeatureProblem:
     @property
     def per_pose(self) -> float:
         """Equations in a pose, on average."""
-        return self.scalars / self.seen.poses
+        return self.scalars / self.rows.poses
 
     # ---------------------------------------------------------------- states
 
@@ -276,11 +276,11 @@ class FeatureProblem:
     def moved(self, state: FeatureState, step: FloatArray) -> FeatureState:
         """A state after a step of the flat columns, in their units; coefficients stay unless the step has them, too."""
         si = step[: self.flat] * self.sizes[: self.flat]
-        values = dict(state.own)
+        values = dict(state.values)
         for key, (shape, at) in self.layout.items():
             values[key] = observations.moved(shape, values[key], si[at : at + observations.DIMENSIONS[shape]])
         if len(step) == self.flat:
-            return replace(state, own=values)
+            return replace(state, values=values)
         return FeatureState(values, step[self.flat :] * self.sizes[self.flat :])
 
     # ---------------------------------------------------------------- predictions
@@ -303,14 +303,14 @@ class FeatureProblem:
         transforms = {FLANGE: chain.poses(path)}
         for edge in self.edges:
             if edge is not ARM:
-                T = state.own.get(edge_key(edge.child), np.eye(4)) if edge.T is None else edge.T
+                T = state.values.get(edge_key(edge.child), np.eye(4)) if edge.T is None else edge.T
                 transforms[edge.child] = T if T.ndim == 2 else T[group.rows]
         return cell_graph.view(self.edges, transforms, group.frame, group.carrier, len(group.rows))
 
-    def seen_of(self, state: FeatureState, group: Group, view: RelativeFrame) -> Observed:
+    def observed(self, state: FeatureState, group: Group, view: RelativeFrame) -> Observed:
         """Where the point is at a group's rows; at the carrier's origin where its place is not known yet."""
         R = view.T[:, :3, :3]
-        rows, features = group.rows, self.seen
+        rows, features = group.rows, self.rows
         return Observed(
             group.feature,
             view.T[:, :3, 3] + np.einsum("nij,nj->ni", R, self.point_of(state, group)),
@@ -319,58 +319,58 @@ class FeatureProblem:
             features.xyz[rows],
             features.rotation[rows],
             None if features.corners is None else features.corners[rows],
-            {name: state.own[key] for name, key in group.keys().items() if key in state.own},
+            {name: state.values[key] for name, key in group.keys().items() if key in state.values},
         )
 
     def point_of(self, state: FeatureState, group: Group) -> FloatArray:
         """The point in its carrier, shape (m, 3)."""
         shape = len(group.rows), 3
         if group.carrier in (FLANGE, cell_graph.BASE):
-            return np.broadcast_to(state.own.get(group.point, np.zeros(3)), shape)
-        return np.zeros(shape) if self.seen.point is None else self.seen.point[group.rows]
+            return np.broadcast_to(state.values.get(group.point, np.zeros(3)), shape)
+        return np.zeros(shape) if self.rows.point is None else self.rows.point[group.rows]
 
-    def own_of(self, state: FeatureState, group: Group) -> dict[str, FloatArray]:
+    def values_of(self, state: FeatureState, group: Group) -> dict[str, FloatArray]:
         """The unknowns of a group's kind, in the axes of its frame."""
         values = dict(group.kind.fixed(group.feature))
-        values |= {name: state.own[key] for name, key in group.keys().items()}
-        if "centre" in group.kind.own and "centre" not in values:
-            known = self.seen.xyz[group.rows] if group.measured else group.feature.centre
+        values |= {name: state.values[key] for name, key in group.keys().items()}
+        if "centre" in group.kind.unknowns and "centre" not in values:
+            known = self.rows.xyz[group.rows] if group.measured else group.feature.centre
             assert known is not None
             values["centre"] = known
         return values
 
-    def missed(self, state: FeatureState, group: Group, path: chain.Walk) -> Missed:
+    def residuals_of(self, state: FeatureState, group: Group, path: chain.Walk) -> GroupResiduals:
         """What a group misses on a chain."""
         view = self.view(state, group, path)
-        obs, values = self.seen_of(state, group, view), self.own_of(state, group)
+        obs, values = self.observed(state, group, view), self.values_of(state, group)
         p, T = obs.p, view.frames.get(cell_graph.BASE)
         if T is not None and group.frame != cell_graph.BASE:
             p = np.einsum("nji,nj->ni", T[:, :3, :3], p - T[:, :3, 3])
-        return Missed(group, obs, values, path, group.kind.misses(obs, values), view, p)
+        return GroupResiduals(group, obs, values, path, group.kind.residuals(obs, values), view, p)
 
-    def misses(self, state: FeatureState) -> Iterator[Missed]:
+    def group_residuals(self, state: FeatureState) -> Iterator[GroupResiduals]:
         """What every group misses."""
         arm = self.arm_of(state)
         for group in self.groups:
-            yield self.missed(state, group, self.walk(state, group, arm))
+            yield self.residuals_of(state, group, self.walk(state, group, arm))
 
-    def residuals(self, state: FeatureState) -> FloatArray:
+    def distances(self, state: FeatureState) -> FloatArray:
         """Size of what each row misses, metres, shape (rows,): the distance of places; turns are left out."""
-        out = np.full(len(self.seen), np.nan)
-        for missed in self.misses(state):
-            size = missed.found.size
-            out[missed.group.rows] = np.linalg.norm(missed.found.r[:, :3], axis=1) if size is None else size
+        out = np.full(len(self.rows), np.nan)
+        for of_group in self.group_residuals(state):
+            size = of_group.residuals.size
+            out[of_group.group.rows] = np.linalg.norm(of_group.residuals.r[:, :3], axis=1) if size is None else size
         return out
 
     def length_errors(self, state: FeatureState) -> FloatArray:
         """Found minus known length of each pair of features that are both unknown, metres."""
-        values = state.own
+        values = state.values
         return np.array(
             [
                 observations.length_misses(
                     values["centre", length.first], values["centre", length.second], length.length
                 )[0]
-                for length in self.seen.lengths
+                for length in self.rows.lengths
                 if ("centre", length.first) in values and ("centre", length.second) in values
             ]
         )
@@ -390,12 +390,12 @@ class FeatureProblem:
         width = self.flat + len(chosen)
         sizes = np.concatenate([self.sizes[: self.flat], self.sizes[self.flat + chosen]])
         values = state.coefficients[chosen] / sizes[self.flat :]
-        for missed in self.misses(state):
-            rows, r = missed.group.rows, missed.found.r
+        for of_group in self.group_residuals(state):
+            rows, r = of_group.group.rows, of_group.residuals.r
             J = np.zeros((width, *r.shape))
             if len(chosen):
-                J[self.flat :] = self._by_terms(missed, chosen)
-            self._flat_columns(J, missed)
+                J[self.flat :] = self._by_terms(of_group, chosen)
+            self._flat_columns(J, of_group)
             w = self.weights[rows][:, None] / MM
             J *= w
             J *= sizes[:, None, None]
@@ -418,20 +418,20 @@ class FeatureProblem:
             equations += len(block.y)
         return NormalEquations(H, g, yy, equations)
 
-    def _by_terms(self, missed: Missed, chosen: IntArray) -> FloatArray:
+    def _by_terms(self, of_group: GroupResiduals, chosen: IntArray) -> FloatArray:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
         terms = [self.terms[k] for k in chosen]
-        values = basis_values(terms, Situation(self.arm, self.motion.select(missed.group.rows)))
-        points = term_columns(terms, missed.path, values, missed.p.T) if missed.group.kind.pointed else None
-        turns = None if missed.found.turn is None else term_columns(terms, missed.path, values)
-        return self.by_arm(missed, points, turns)
+        values = basis_values(terms, Situation(self.arm, self.motion.select(of_group.group.rows)))
+        points = term_columns(terms, of_group.path, values, of_group.p.T) if of_group.group.kind.pointed else None
+        turns = None if of_group.residuals.turn is None else term_columns(terms, of_group.path, values)
+        return self.by_arm(of_group, points, turns)
 
-    def by_arm(self, missed: Missed, points: FloatArray | None, turns: FloatArray | None) -> FloatArray:
+    def by_arm(self, of_group: GroupResiduals, points: FloatArray | None, turns: FloatArray | None) -> FloatArray:
         """Derivatives of a group's residuals by what changes the arm.
 
         Parameters
         ----------
-        missed : Missed
+        of_group : GroupResiduals
         points : ndarray, shape (count, 3, m), or None
             Derivatives of the points as if fixed to the flange, in the base link; None where points do not matter.
         turns : ndarray, shape (count, 3, m), or None
@@ -442,7 +442,7 @@ class FeatureProblem:
         ndarray, shape (count, m, k)
             SI units; zero where the arm is not on the group's path.
         """
-        misses, view = missed.found, missed.view
+        misses, view = of_group.residuals, of_group.view
         pairs = [(by, moves) for by, moves in ((misses.point, points), (misses.turn, turns)) if moves is not None]
         out = np.zeros((len(pairs[0][1]), *misses.r.shape))
         if FLANGE in view.signs:
@@ -456,27 +456,27 @@ class FeatureProblem:
         """Derivative of points p (m, 3) at some joints by all terms, shape (terms, 3, m), SI units."""
         return term_columns(self.terms, path, basis_values(self.terms, Situation(self.arm, motion)), p.T)
 
-    def _flat_columns(self, J: FloatArray, missed: Missed) -> None:
+    def _flat_columns(self, J: FloatArray, of_group: GroupResiduals) -> None:
         """Derivatives by frames, tool and features into (columns, m, k), SI units."""
-        group, misses, view = missed.group, missed.found, missed.view
+        group, misses, view = of_group.group, of_group.residuals, of_group.view
         if group.kind.pointed and group.point in self.layout:
             at = self.layout[group.point][1]
             J[at : at + 3] += np.einsum("mki,mia->amk", misses.point, view.T[:, :3, :3])
         for name, key in group.keys().items():
             if key in self.layout:
                 shape, at = self.layout[key]
-                J[at : at + observations.DIMENSIONS[shape]] += misses.own[name].transpose(2, 0, 1)
+                J[at : at + observations.DIMENSIONS[shape]] += misses.by_unknown[name].transpose(2, 0, 1)
         for child in view.signs:
             if child != FLANGE and edge_key(child) in self.layout:
                 at = self.layout[edge_key(child)][1]
-                J[at : at + 6] += self.by_edge(missed, child)
+                J[at : at + 6] += self.by_edge(of_group, child)
 
-    def by_edge(self, missed: Missed, child: str) -> FloatArray:
+    def by_edge(self, of_group: GroupResiduals, child: str) -> FloatArray:
         """Derivatives of a group's residuals by a small motion of an edge on its path, shape (6, m, k)."""
-        shift, turn = missed.view.moved_by(child, missed.seen.p)
-        by = missed.found.point @ shift
-        if missed.found.turn is not None:
-            by = by + missed.found.turn @ turn
+        shift, turn = of_group.view.moved_by(child, of_group.observed.p)
+        by = of_group.residuals.point @ shift
+        if of_group.residuals.turn is not None:
+            by = by + of_group.residuals.turn @ turn
         return by.transpose(2, 0, 1)
 
     def _of_lengths(self, state: FeatureState, width: int) -> Rows:
@@ -484,7 +484,7 @@ class FeatureProblem:
         J, y = np.zeros((width, len(self.lengths))), np.zeros(len(self.lengths))
         for k, length in enumerate(self.lengths):
             keys = ("centre", length.first), ("centre", length.second)
-            miss, by = observations.length_misses(state.own[keys[0]], state.own[keys[1]], length.length)
+            miss, by = observations.length_misses(state.values[keys[0]], state.values[keys[1]], length.length)
             w = np.clip(self.typical / max(length.u95, 1e-9), 0.01, 100.0) / MM
             for key, sign in zip(keys, (1.0, -1.0), strict=True):
                 at = self.layout[key][1]
@@ -494,7 +494,7 @@ class FeatureProblem:
 
     def _beside(self, J: FloatArray, y: FloatArray, count: int) -> Rows:
         """Rows of no measurement, each as if of a pose of its own."""
-        return Rows(J, y, self.seen.poses + count + np.arange(len(y)), np.full(len(y), -1))
+        return Rows(J, y, self.rows.poses + count + np.arange(len(y)), np.full(len(y), -1))
 
     def _of_expected(self, state: FeatureState, width: int) -> Rows:
         """What is known of unknowns beforehand as rows."""
@@ -502,7 +502,7 @@ class FeatureProblem:
         for k, (key, prior) in enumerate(self.expected.items()):
             at, w = self.layout[key][1], self.typical / MM / prior.u95
             J[at, k] = w * self.sizes[at]
-            y[k] = w * float(prior.value[0] - state.own[key][0])
+            y[k] = w * float(prior.value[0] - state.values[key][0])
         return self._beside(J, y, len(self.lengths))
 
 
@@ -529,7 +529,7 @@ def _groups(seen: FeatureSet) -> list[Group]:
             rows = np.array(row_numbers)
             _check(seen, kind, feature, rows)
             known = seen.features.get(feature, Feature(feature, kind.name, target))
-            measured = not feature and "centre" in kind.own
+            measured = not feature and "centre" in kind.unknowns
             in_world = measured or known.centre is not None or "rotation" in kind.needs
             out += [
                 Group(
@@ -548,8 +548,8 @@ def _groups(seen: FeatureSet) -> list[Group]:
 
 def _check(measured: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> None:
     """Whether rows have what their kind needs."""
-    has_feature = any(unknown.of == "feature" for unknown in kind.own.values())
-    needs = (*kind.needs, *(("xyz",) if not feature and "centre" in kind.own else ()))
+    has_feature = any(unknown.of == "feature" for unknown in kind.unknowns.values())
+    needs = (*kind.needs, *(("xyz",) if not feature and "centre" in kind.unknowns else ()))
     if not feature and has_feature and kind.name != "point":
         raise MeasurementError(
             f"a row of kind {kind.name} needs its feature",
@@ -616,7 +616,7 @@ def start(problem: FeatureProblem) -> FeatureState:
     IdentificationError
         If the rows leave base, tool or features open.
     """
-    zero = FeatureState(dict(problem.held), np.zeros(len(problem.terms)))
+    zero = FeatureState(dict(problem.known), np.zeros(len(problem.terms)))
     candidates = [_tools(problem, zero), {}]
     best, smallest, reason = None, np.inf, "no place of tool and features was found that these rows fit"
     for tools in candidates:
@@ -646,15 +646,15 @@ def start_of_features(problem: FeatureProblem, state: FeatureState) -> FeatureSt
     IdentificationError
         If the rows leave a feature open.
     """
-    values = dict(problem.held)
+    values = dict(problem.known)
     for group in problem.groups:
         if group.measured:
             continue
-        current = replace(state, own=values)
+        current = replace(state, values=values)
         obs = _observed(problem, current, group, group.frame)
         for name, key in group.keys().items():
             values.setdefault(key, group.kind.start(obs)[name])
-    settled = settle(problem, replace(state, own=values))
+    settled = settle(problem, replace(state, values=values))
     refuse_undetermined(problem, problem.sums(settled, np.zeros(0, dtype=int)))
     return settled
 
@@ -691,7 +691,7 @@ def tracked(problem: FeatureProblem) -> PointSet | None:
         for group in problem.groups
         if group.frame == WORLD and group.carrier == FLANGE and (group.measured or "rotation" in group.kind.needs)
     ]
-    return points_of(problem.seen, np.concatenate(rows)) if rows else None
+    return points_of(problem.rows, np.concatenate(rows)) if rows else None
 
 
 def points_of(measured: FeatureSet, rows: IntArray) -> PointSet:
@@ -716,7 +716,7 @@ def points_of(measured: FeatureSet, rows: IntArray) -> PointSet:
 def _observed(problem: FeatureProblem, state: FeatureState, group: Group, frame: str) -> Observed:
     """A group's rows in the axes of another frame than its own."""
     moved = replace(group, frame=frame)
-    return problem.seen_of(state, moved, problem.view(state, moved, problem.walk(state, group)))
+    return problem.observed(state, moved, problem.view(state, moved, problem.walk(state, group)))
 
 
 def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]:
@@ -725,9 +725,9 @@ def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]
     for group in problem.groups:
         on_flange = group.carrier in (FLANGE, *(edge.child for edge in problem.edges if edge.parent == FLANGE))
         tracked_rows = group.measured and group.frame == WORLD
-        if not group.kind.pointed or group.point in problem.held or not on_flange or tracked_rows:
+        if not group.kind.pointed or group.point in problem.known or not on_flange or tracked_rows:
             continue
-        obs = _observed(problem, replace(zero, own={}), replace(group, carrier=FLANGE), cell_graph.BASE)
+        obs = _observed(problem, replace(zero, values={}), replace(group, carrier=FLANGE), cell_graph.BASE)
         # places that are known in a frame whose place is not: as if each was measured in the axes of that frame
         kind = KINDS["offset"] if group.measured else group.kind
         estimate = kind.tool(obs)
@@ -741,9 +741,9 @@ def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]
 
 def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, FloatArray]) -> FeatureState:
     """All unknowns from the tool's places: first what a tracker saw, then features in closed form, then frames."""
-    values = dict(zero.own)
+    values = dict(zero.values)
     points = tracked(problem)
-    if points is not None and BASE not in problem.held:
+    if points is not None and BASE not in problem.known:
         solution = first_state(Problem(problem.arm, points, ()))
         values[BASE] = solution.T_world_base
         for k, name in enumerate(points.target_names):
@@ -756,7 +756,7 @@ def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, Floa
         if edge.parent == FLANGE and edge_key(edge.child) in problem.layout:
             of = next(group.target for group in problem.groups if group.carrier == edge.child)
             values.setdefault(edge_key(edge.child), frames.transform(np.eye(3), tools.get(of, np.zeros(3))))
-    state = replace(zero, own=values)
+    state = replace(zero, values=values)
 
     def start_features(in_frames: Callable[[str], bool]) -> None:
         for group in problem.groups:
@@ -798,14 +798,14 @@ def _placed(
         if group.carrier == frame and group.measured:
             moved = replace(group, frame=parent, carrier=group.frame)
             T = problem.view(state, moved, problem.walk(state, group)).T
-            measured = np.einsum("nij,nj->ni", T[:, :3, :3], problem.seen.xyz[group.rows]) + T[:, :3, 3]
+            measured = np.einsum("nij,nj->ni", T[:, :3, :3], problem.rows.xyz[group.rows]) + T[:, :3, 3]
             places += zip(measured, problem.point_of(state, group), strict=True)
         if group.frame != frame:
             continue
         obs = _observed(problem, state, group, parent)
         if group.measured:
             places += zip(obs.p, obs.xyz, strict=True)
-        elif group.feature.centre is not None and "centre" in group.kind.own:
+        elif group.feature.centre is not None and "centre" in group.kind.unknowns:
             places.append((group.kind.start(obs)["centre"], group.feature.centre))
         elif group.feature.axes is not None:
             sides.setdefault(group.kind.name, (obs.p[0], group.feature.axes[:, 2]))

@@ -19,7 +19,16 @@ from typing import ClassVar
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.identification.observation_kind import Kind, Misses, Observed, PriorValue, Unknown, cross, eliminated, ones
+from irbcal.identification.observation_kind import (
+    Kind,
+    Observed,
+    PriorValue,
+    Residuals,
+    Unknown,
+    cross,
+    eliminated,
+    ones,
+)
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel
 from irbcal.modeling import frames
@@ -192,7 +201,7 @@ class Image(Kind):
 
     name, size, shown_as = "image", 6, "camera"
     needs, metric, spread = ("corners",), True, True
-    own: ClassVar[Mapping[str, Unknown]] = {
+    unknowns: ClassVar[Mapping[str, Unknown]] = {
         "centre": Unknown("place"),
         "attitude": Unknown("turn", unit="rad"),
         "axes": Unknown("turn", of="target", unit="rad"),
@@ -225,7 +234,7 @@ class Image(Kind):
         square = _view(feature).square
         return f"squares of {square / MM:.6g} mm" if square else "places of the corners on the board"
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """What corners miss, image by image; see the module."""
         view, corners = _view(obs.feature), _corners(obs)
         lens = view.lens.copy()
@@ -260,9 +269,9 @@ class Image(Kind):
         }
         by |= {FITTED[at]: A[:, :, [6 + column]] for column, at in enumerate(fitted)}
         size = pixel * np.sqrt((e**2).sum(axis=(1, 2)) / count)
-        return Misses(r, point, by, turn, size)
+        return Residuals(r, point, by, turn, size)
 
-    def doubt(self, obs: Observed, misses: Misses) -> str:
+    def doubt(self, obs: Observed, misses: Residuals) -> str:
         """Corners that no place of camera and board explains, or no robot: a lens or a board that is another."""
         assert misses.size is not None
         corners = _corners(obs)
@@ -329,9 +338,9 @@ class ImageOnTool(Image):
     """Corners of a board in the hall, seen by a camera on the tool; the tool's point is the camera's centre."""
 
     name, shown_as = "image-on-tool", "board"
-    own: ClassVar[Mapping[str, Unknown]] = {
+    unknowns: ClassVar[Mapping[str, Unknown]] = {
         name: Unknown(item.shape, "target" if name in FITTED else item.of, item.unit)
-        for name, item in Image.own.items()
+        for name, item in Image.unknowns.items()
     }
 
     def _seen(

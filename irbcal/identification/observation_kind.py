@@ -91,7 +91,7 @@ class PriorValue:
 
 
 @dataclass(frozen=True, eq=False)
-class Misses:
+class Residuals:
     """Residuals of some rows and their derivatives; those that are NaN were not measured.
 
     Attributes
@@ -100,7 +100,7 @@ class Misses:
         Metres, predicted minus known.
     point : ndarray, shape (m, k, 3)
         By the tool's point.
-    own : dict of str to ndarray, shape (m, k, d)
+    by_unknown : dict of str to ndarray, shape (m, k, d)
         By the kind's unknowns.
     turn : ndarray, shape (m, k, 3), optional
         By a turn of the tool about its point.
@@ -110,7 +110,7 @@ class Misses:
 
     r: FloatArray
     point: FloatArray
-    own: Mapping[str, FloatArray]
+    by_unknown: Mapping[str, FloatArray]
     turn: FloatArray | None = None
     size: FloatArray | None = None
 
@@ -125,7 +125,7 @@ class Kind(ABC):
         What is drawn of its features, as a label says it; its name unless given.
     size : int
         Residuals of a row.
-    own : dict of str to Unknown
+    unknowns : dict of str to Unknown
         Its unknowns; ``centre`` may be known instead, in the measuring frame.
     needs : tuple of str
         What each row must have: ``value``, ``xyz``, ``rotation``, ``corners``.
@@ -142,7 +142,7 @@ class Kind(ABC):
     name: ClassVar[str]
     shown_as: ClassVar[str] = ""
     size: ClassVar[int]
-    own: ClassVar[Mapping[str, Unknown]]
+    unknowns: ClassVar[Mapping[str, Unknown]]
     needs: ClassVar[tuple[str, ...]] = ()
     metric: ClassVar[bool] = False
     shape_only: ClassVar[bool] = False
@@ -161,12 +161,12 @@ class Kind(ABC):
         """The known length that gives the robot its scale, where it is a part of the feature."""
         return ""
 
-    def doubt(self, obs: Observed, misses: Misses) -> str:
+    def doubt(self, obs: Observed, misses: Residuals) -> str:
         """What speaks against what is known of the feature, in a sentence; nothing where nothing does."""
         return ""
 
     @abstractmethod
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """Residuals and derivatives at values of the kind's unknowns."""
 
     @abstractmethod

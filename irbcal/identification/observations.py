@@ -2,8 +2,8 @@ r"""What a measurement at a feature says of the tool: one small class a kind.
 
 A row is a pose of the robot at which something is known of a point ``p`` of the tool (or of the tool's attitude ``R``):
 it touches a ball, lies in a plane, is so far from a point. Each kind has residuals, their derivatives by the point, by
-the tool's rotation and by unknowns of its own, and a start of these in closed form. All places are in the base link;
-what is known in the measuring frame comes with its derivative by the base.
+the tool's rotation and by unknowns of its own, and a start of these in closed form. Point and attitude are seen in the
+frame in which the feature is known or sought: kinds know nothing of the frames of a cell.
 
 A kind is added by a class here, or in a file of its own, and its name in `KINDS`: rows of it are then read, fitted,
 judged and drawn. Kinds are named elsewhere only where a device is of them (`irbcal.simulation.devices`,
@@ -25,8 +25,8 @@ from irbcal.identification.observation_kind import (
     LEVER,
     STEPS,
     Kind,
-    Misses,
     Observed,
+    Residuals,
     Shape,
     Unknown,
     ball,
@@ -45,18 +45,18 @@ from irbcal.identification.observation_kind import (
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
 
-__all__ = ["DIMENSIONS", "KINDS", "STEPS", "Kind", "Misses", "Observed", "Shape", "cross", "length_misses", "moved"]
+__all__ = ["DIMENSIONS", "KINDS", "STEPS", "Kind", "Observed", "Residuals", "Shape", "cross", "length_misses", "moved"]
 
 
 class Point(Kind):
     """The tool's point is at one place: a ball in a socket, a pointer at a tip; or where a tracker saw it."""
 
-    name, size, own, shown_as = "point", 3, {"centre": Unknown("place")}, "socket"
+    name, size, unknowns, shown_as = "point", 3, {"centre": Unknown("place")}, "socket"
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``p - c``."""
         eye = ones(len(obs.p))
-        return Misses(obs.p - values["centre"], eye, {"centre": -eye})
+        return Residuals(obs.p - values["centre"], eye, {"centre": -eye})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The mean."""
@@ -70,16 +70,16 @@ class Point(Kind):
 class Sphere(Kind):
     """The tool's point is on a sphere: a probe touches a ball; the radius is that of ball and probe together."""
 
-    name, size, own = "sphere", 1, {"centre": Unknown("place"), "radius": Unknown("number")}
+    name, size, unknowns = "sphere", 1, {"centre": Unknown("place"), "radius": Unknown("number")}
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """The radius, where it is known."""
         return {} if feature.radius is None else {"radius": np.array([feature.radius])}
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``|p - c| - R``."""
         d, n = distance(obs.p, values["centre"])
-        return Misses((d - values["radius"])[:, None], n, {"centre": -n, "radius": -np.ones((len(d), 1, 1))})
+        return Residuals((d - values["radius"])[:, None], n, {"centre": -n, "radius": -np.ones((len(d), 1, 1))})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """From ``|p|^2 - 2 p.c + |c|^2 - R^2 = 0``, which is linear in c and a constant."""
@@ -94,18 +94,18 @@ class Sphere(Kind):
 class Radius(Sphere):
     """The tool's point is ``value + offset`` from a place: string encoders, laser distances, ballbars."""
 
-    name, own, shown_as = "radius", {"centre": Unknown("place"), "offset": Unknown("number")}, "anchor"
+    name, unknowns, shown_as = "radius", {"centre": Unknown("place"), "offset": Unknown("number")}, "anchor"
     needs, metric, spread = ("value",), True, True
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """The offset, where it is known."""
         return {} if feature.offset is None else {"offset": np.array([feature.offset])}
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``|p - c| - value - offset``."""
         d, n = distance(obs.p, values["centre"])
         r = (d - obs.value - values["offset"])[:, None]
-        return Misses(r, n, {"centre": -n, "offset": -np.ones((len(d), 1, 1))})
+        return Residuals(r, n, {"centre": -n, "offset": -np.ones((len(d), 1, 1))})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """As of a sphere, with ``(value + offset)^2`` in place of its radius; the offset as on the mean."""
@@ -128,7 +128,7 @@ class Plane(Kind):
     """The tool's point is in a plane: a probe touches a table, the side of a cube."""
 
     name, size = "plane", 1
-    own: ClassVar[Mapping[str, Unknown]] = {"normal": Unknown("axis", unit="rad"), "height": Unknown("number")}
+    unknowns: ClassVar[Mapping[str, Unknown]] = {"normal": Unknown("axis", unit="rad"), "height": Unknown("number")}
     shape_only, spread = True, True
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
@@ -137,13 +137,13 @@ class Plane(Kind):
             return {}
         return {"normal": feature.axes, "height": np.array([feature.axes[:, 2] @ feature.centre])}
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``n.p - d``."""
         Q = values["normal"]
         point = np.broadcast_to(Q[:, 2], (len(obs.p), 1, 3)).copy()
         local = obs.p @ Q
         by_axis = np.stack([-local[:, 1], local[:, 0]], axis=1)[:, None]
-        return Misses(
+        return Residuals(
             (local[:, 2] - values["height"])[:, None],
             point,
             {"normal": by_axis, "height": -np.ones((len(local), 1, 1))},
@@ -169,7 +169,7 @@ class Plane(Kind):
 class Line(Kind):
     """The tool's point is on a straight line: a wire, an edge, the beam of a laser."""
 
-    name, size, own = "line", 2, {"line": Unknown("line")}
+    name, size, unknowns = "line", 2, {"line": Unknown("line")}
     shape_only, spread = True, True
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
@@ -178,7 +178,7 @@ class Line(Kind):
             return {}
         return {"line": np.column_stack([feature.axes, feature.centre])}
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """The two coordinates across the line."""
         Q, a = values["line"][:, :3], values["line"][:, 3]
         m = len(obs.p)
@@ -186,7 +186,7 @@ class Line(Kind):
         by_line = np.zeros((m, 2, 4))
         by_line[:, 0, 1], by_line[:, 1, 0] = -local[:, 2], local[:, 2]
         by_line[:, 0, 2] = by_line[:, 1, 3] = -1.0
-        return Misses(local[:, :2], np.broadcast_to(Q[:, :2].T, (m, 2, 3)).copy(), {"line": by_line})
+        return Residuals(local[:, :2], np.broadcast_to(Q[:, :2].T, (m, 2, 3)).copy(), {"line": by_line})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Through the mean, along the direction in which the points scatter most."""
@@ -224,10 +224,10 @@ class Gauge(Plane):
 
     name, needs, shape_only = "gauge", ("value",), False
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``n.p - d - value``."""
-        planar = super().misses(obs, values)
-        return Misses(planar.r - obs.value[:, None], planar.point, planar.own)
+        planar = super().residuals(obs, values)
+        return Residuals(planar.r - obs.value[:, None], planar.point, planar.by_unknown)
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Linear in the direction and the zero."""
@@ -251,14 +251,14 @@ class Offset(Kind):
     """A ball on the tool, seen in the axes of a sensor in the hall: laser fans, three dial gauges in a nest."""
 
     name, size, shown_as = "offset", 3, "sensor"
-    own: ClassVar[Mapping[str, Unknown]] = {"centre": Unknown("place"), "axes": Unknown("turn", unit="rad")}
+    unknowns: ClassVar[Mapping[str, Unknown]] = {"centre": Unknown("place"), "axes": Unknown("turn", unit="rad")}
     needs = ("xyz",)
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``p - c - F v``."""
         turned = obs.xyz @ values["axes"].T
         eye = ones(len(turned))
-        return Misses(obs.p - values["centre"] - turned, eye, {"centre": -eye, "axes": cross(turned)})
+        return Residuals(obs.p - values["centre"] - turned, eye, {"centre": -eye, "axes": cross(turned)})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Linear in c and F."""
@@ -276,18 +276,18 @@ class OffsetOnTool(Kind):
     """A ball in the hall, seen in the axes of a sensor on the tool: cameras or laser fans that the arm carries."""
 
     name, size, shown_as = "offset-on-tool", 3, "ball"
-    own: ClassVar[Mapping[str, Unknown]] = {
+    unknowns: ClassVar[Mapping[str, Unknown]] = {
         "centre": Unknown("place"),
         "axes": Unknown("turn", of="target", unit="rad"),
     }
     needs = ("xyz",)
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``p + R X v - c``."""
         local = obs.xyz @ values["axes"].T
         turned = np.einsum("mij,mj->mi", obs.R, local)
         eye = ones(len(turned))
-        return Misses(
+        return Residuals(
             obs.p + turned - values["centre"], eye, {"centre": -eye, "axes": -obs.R @ cross(local)}, -cross(turned)
         )
 
@@ -309,17 +309,17 @@ class Pose(Kind):
     """The tool's place and attitude are measured: a tracker with a probe of six degrees of freedom, a camera."""
 
     name, size = "pose", 6
-    own: ClassVar[Mapping[str, Unknown]] = {"axes": Unknown("turn", of="target", unit="rad")}
+    unknowns: ClassVar[Mapping[str, Unknown]] = {"axes": Unknown("turn", of="target", unit="rad")}
     needs, metric, spread = ("xyz", "rotation"), True, True
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``p - x``, and the rotation vector from measured to predicted axes times `LEVER`."""
         m = len(obs.p)
         e = vectors(obs.R @ values["axes"] @ obs.rotation.transpose(0, 2, 1))
         left = LEVER * left_inverse(e)
         point, turn, axes = np.zeros((3, m, 6, 3))
         point[:, :3], turn[:, 3:], axes[:, 3:] = np.eye(3), left, left @ obs.R
-        return Misses(np.hstack([obs.p - obs.xyz, LEVER * e]), point, {"axes": axes}, turn)
+        return Residuals(np.hstack([obs.p - obs.xyz, LEVER * e]), point, {"axes": axes}, turn)
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The mean of what the axes on the tool must be."""
@@ -330,13 +330,13 @@ class Angle(Kind):
     """An axis of the tool against the horizontal: an inclinometer; the feature is what is level."""
 
     name, size, shown_as = "angle", 1, "level"
-    own: ClassVar[Mapping[str, Unknown]] = {
+    unknowns: ClassVar[Mapping[str, Unknown]] = {
         "axis": Unknown("axis", of="target", unit="rad"),
         "up": Unknown("axis", unit="rad"),
     }
     needs, spread, pointed = ("value",), True, False
 
-    def misses(self, obs: Observed, values: Mapping[str, FloatArray]) -> Misses:
+    def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``asin(a.u) - value`` times `LEVER`, with a the axis of the tool and u upwards."""
         A, U = values["axis"], values["up"]
         axes = obs.R @ A  # columns: the axis and two across it
@@ -346,7 +346,7 @@ class Angle(Kind):
         by_axis = np.stack([-axes[:, :, 1] @ u, axes[:, :, 0] @ u], axis=1)[:, None]
         by_up = np.stack([-a @ U[:, 1], a @ U[:, 0]], axis=1)[:, None]
         turn = np.cross(a, u)[:, None]
-        return Misses(
+        return Residuals(
             (LEVER * (np.arcsin(s) - obs.value))[:, None],
             np.zeros((len(s), 1, 3)),
             {"axis": slope * by_axis, "up": slope * by_up},

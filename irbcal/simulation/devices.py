@@ -383,7 +383,7 @@ def _missed(
     nothing = np.full((n, 3), np.nan)
     value = np.full(n, features.bar)
     view = Observed(Feature(feature, features.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
-    miss = KINDS[features.device.kind].misses(view, features.own[feature])
+    miss = KINDS[features.device.kind].residuals(view, features.own[feature])
     pose = np.arange(n)
     along = np.where(arm.table.prismatic, 5, 2)
     moves = chain.point_columns(path, p.T, pose)[np.arange(len(along)), along].transpose(2, 1, 0)

@@ -251,7 +251,7 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
     _refuse_strangers(features, section, calibrated)
     fitted: dict[Key, FloatArray] = {}
     for row in section.features:
-        of_target = {name for name, unknown in KINDS[row.kind].own.items() if unknown.of == "target"}
+        of_target = {name for name, unknown in KINDS[row.kind].unknowns.items() if unknown.of == "target"}
         for name, value in _unknowns(row).items():
             fitted[name, row.target if name in of_target else row.name] = value
     state = FeatureState(_tools(calibrated) | fitted, np.zeros(0))
@@ -337,14 +337,16 @@ def _problem(robot: Robot, features: FeatureSet) -> FeatureProblem:
 
 def _missed(problem: FeatureProblem, state: FeatureState) -> tuple[FloatArray, FloatArray]:
     """Ways (m, 3) from the model's points to their features, and these points, in the base link; NaN for angles."""
-    shift, origin = np.full((2, len(problem.seen), 3), np.nan)
-    for missed in problem.misses(state):
-        group, R = missed.group, missed.view.frames[cell_graph.BASE][:, :3, :3]
+    shift, origin = np.full((2, len(problem.rows), 3), np.nan)
+    for of_group in problem.group_residuals(state):
+        group, R = of_group.group, of_group.view.frames[cell_graph.BASE][:, :3, :3]
         if not group.kind.pointed:
             continue
-        across = np.linalg.pinv(missed.found.point @ R, rcond=0.3)  # along the view images tell little: it is left out
-        shift[group.rows] = -np.einsum("mik,mk->mi", across, missed.found.r)
-        origin[group.rows] = missed.p
+        across = np.linalg.pinv(
+            of_group.residuals.point @ R, rcond=0.3
+        )  # along the view images tell little: it is left out
+        shift[group.rows] = -np.einsum("mik,mk->mi", across, of_group.residuals.r)
+        origin[group.rows] = of_group.p
         if group.kind.name == "offset-on-tool":  # where the sensor says that the ball is
-            origin[group.rows] = missed.own["centre"] - shift[group.rows]
+            origin[group.rows] = of_group.values["centre"] - shift[group.rows]
     return shift, origin

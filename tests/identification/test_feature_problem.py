@@ -43,7 +43,7 @@ def test_the_linear_model_is_that_of_central_differences(mixed):
     flat, width = mixed.flat, mixed.flat + len(mixed.terms)
     assert BASE in mixed.layout
     assert len(mixed.lengths) == 1
-    state = FeatureState(state.own, 0.3 * mixed.sizes[flat:] * rng.standard_normal(len(mixed.terms)))
+    state = FeatureState(state.values, 0.3 * mixed.sizes[flat:] * rng.standard_normal(len(mixed.terms)))
 
     def model(one):
         blocks = list(mixed.dense(one))
@@ -94,12 +94,12 @@ def test_known_places_tie_the_base_to_their_frame():
     found = start(free)
     assert BASE not in free.layout
     for k in range(3):
-        centre = T[:3, :3] @ found.own["centre", f"point {k}"] + T[:3, 3]
+        centre = T[:3, :3] @ found.values["centre", f"point {k}"] + T[:3, 3]
         known.loc[k, ["x_mm", "y_mm", "z_mm"]] = centre * 1e3
     problem = FeatureProblem(nominal, features.read(table, known.fillna(""), nominal), [])
     state = start(problem)
     np.testing.assert_allclose(state.T_world_base, T, atol=1e-9)
-    np.testing.assert_allclose(state.own["tool", "ball"], cases.TOOL, atol=1e-9)
+    np.testing.assert_allclose(state.values["tool", "ball"], cases.TOOL, atol=1e-9)
 
 
 def test_a_tracker_and_a_ball_share_the_tool():
@@ -112,4 +112,4 @@ def test_a_tracker_and_a_ball_share_the_tool():
     seen = features.read(rows.where(rows.notna(), ""), known.fillna(""), nominal)
     state = start(FeatureProblem(nominal, seen, []))
     np.testing.assert_allclose(state.T_world_base, T, atol=1e-8)
-    np.testing.assert_allclose(state.own["tool", "ball"], cases.TOOL, atol=1e-8)
+    np.testing.assert_allclose(state.values["tool", "ball"], cases.TOOL, atol=1e-8)

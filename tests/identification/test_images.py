@@ -25,11 +25,11 @@ def fitted():
 
 def whole(problem, state):
     """Every corner's miss in the unit of residuals, image by image, by plain projection."""
-    for one in problem.misses(state):
+    for one in problem.group_residuals(state):
         uv = cases.in_image(
-            cases.LENS_OF, cases.before_camera(one.group.kind.name, one.seen.p, one.seen.R, dict(one.own))
+            cases.LENS_OF, cases.before_camera(one.group.kind.name, one.observed.p, one.observed.R, dict(one.values))
         )
-        seen = one.seen.corners
+        seen = one.observed.corners
         pixel = np.sqrt(seen[..., :2].var(axis=1).sum(axis=1) / seen[..., 2:4].var(axis=1).sum(axis=1))
         yield one, (uv - seen[..., 2:4]) * pixel[:, None, None]
 
@@ -41,26 +41,28 @@ def test_reduced_residuals_tell_what_all_corners_tell(kind):
     state = start(problem)
     h = 1e-6
     for one, miss in whole(problem, state):
-        np.testing.assert_allclose(one.found.size, np.sqrt((miss**2).sum(axis=(1, 2)) / miss.shape[1]), rtol=1e-9)
-        assert one.found.size.max() > 1e-4
+        np.testing.assert_allclose(one.residuals.size, np.sqrt((miss**2).sum(axis=(1, 2)) / miss.shape[1]), rtol=1e-9)
+        assert one.residuals.size.max() > 1e-4
         slopes = []
         for k in range(3):
             ends = []
             for sign in (1, -1):
-                p = one.seen.p + sign * h * np.eye(3)[k]
-                uv = cases.in_image(cases.LENS_OF, cases.before_camera(kind, p, one.seen.R, dict(one.own)))
+                p = one.observed.p + sign * h * np.eye(3)[k]
+                uv = cases.in_image(cases.LENS_OF, cases.before_camera(kind, p, one.observed.R, dict(one.values)))
                 pixel = np.sqrt(
-                    one.seen.corners[..., :2].var(axis=1).sum(axis=1)
-                    / one.seen.corners[..., 2:4].var(axis=1).sum(axis=1)
+                    one.observed.corners[..., :2].var(axis=1).sum(axis=1)
+                    / one.observed.corners[..., 2:4].var(axis=1).sum(axis=1)
                 )
-                ends.append((uv - one.seen.corners[..., 2:4]) * pixel[:, None, None])
+                ends.append((uv - one.observed.corners[..., 2:4]) * pixel[:, None, None])
             slopes.append((ends[0] - ends[1]) / (2 * h))
         J = np.stack(slopes, axis=-1) / np.sqrt(miss.shape[1])
         np.testing.assert_allclose(
-            np.einsum("mki,mkj->mij", one.found.point, one.found.point), np.einsum("mnai,mnaj->mij", J, J), atol=1e-6
+            np.einsum("mki,mkj->mij", one.residuals.point, one.residuals.point),
+            np.einsum("mnai,mnaj->mij", J, J),
+            atol=1e-6,
         )
         np.testing.assert_allclose(
-            np.einsum("mki,mk->mi", one.found.point, one.found.r),
+            np.einsum("mki,mk->mi", one.residuals.point, one.residuals.r),
             np.einsum("mnai,mna->mi", J, miss) / np.sqrt(miss.shape[1]),
             atol=1e-9,
         )
@@ -70,11 +72,11 @@ def test_a_lens_is_fitted_within_its_interval(fitted):
     found = fitted
     for name, true in zip(FITTED, cases.LENS_OF, strict=False):
         key = (name, "ball")
-        assert abs(found.state.own[key][0] - true) < 4.0 * found.std_of(key)[0]
+        assert abs(found.state.values[key][0] - true) < 4.0 * found.std_of(key)[0]
         assert found.std_of(key)[0] < 0.1 * found.problem.expected[key].u95
     q = cases.arm().random_joints(100, 5) * 0.7
     before, after = (
-        cases.apart(TRUTH, arm, q, s.own["tool", "ball"]).mean()
+        cases.apart(TRUTH, arm, q, s.values["tool", "ball"]).mean()
         for arm, s in ((cases.arm(), found.nominal_state), (found.arm, found.state))
     )
     assert after < 0.15e-3 < 1e-3 < before
@@ -90,9 +92,9 @@ def test_a_lens_without_noise_is_exact():
         blocks = list(problem.dense(state))
         J, y = np.concatenate([b.J for b in blocks], axis=1), np.concatenate([b.y for b in blocks])
         state = problem.moved(state, np.linalg.lstsq(J.T, y, rcond=1e-11)[0])
-    assert problem.residuals(state).max() < 1e-9
+    assert problem.distances(state).max() < 1e-9
     q = nominal.random_joints(50, 5) * 0.8
-    assert cases.apart(TRUTH, problem.arm_of(state), q, state.own["tool", "ball"]).max() < 1e-9
+    assert cases.apart(TRUTH, problem.arm_of(state), q, state.values["tool", "ball"]).max() < 1e-9
 
 
 def test_intervals_hold_fresh_images():
@@ -101,7 +103,7 @@ def test_intervals_hold_fresh_images():
     fresh = np.array([str(name).startswith("fresh") for name in seen.pose])
     fit = identify_features(cases.arm(), seen.select(~fresh), choices=[()])
     there = FeatureProblem(cases.arm(), seen.select(fresh), fit.problem.terms)
-    r = np.concatenate([one.found.r.ravel() for one in there.misses(fit.state)])
+    r = np.concatenate([one.residuals.r.ravel() for one in there.group_residuals(fit.state)])
     blocks = list(there.dense(fit.state))
     J = np.concatenate([b.J for b in blocks], axis=1) * 1e-3 / there.sizes[:, None]
     std = (

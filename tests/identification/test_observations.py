@@ -29,7 +29,6 @@ def some(kind, seed=0):
         rng.uniform(0.1, 0.4, 4),
         rng.standard_normal((4, 3)),
         np.array([frames.rotation_from_vector(w) for w in rng.standard_normal((4, 3))]),
-        cases.world(),
     )
     own = cases.unknowns(kind, rng)
     if kind not in TARGETS:
@@ -49,12 +48,9 @@ def some(kind, seed=0):
     return replace(seen, feature=feature, p=np.array(before), R=R, corners=corners), own
 
 
-def moved(seen, p=0.0, turn=None, base=None):
+def moved(seen, p=0.0, turn=None):
     R = seen.R if turn is None else frames.rotation_from_vector(turn) @ seen.R
-    T = seen.T_world_base
-    if base is not None:
-        T = T @ frames.transform(frames.rotation_from_vector(base[:3]), base[3:])
-    return replace(seen, p=seen.p + p, R=R, T_world_base=T)
+    return replace(seen, p=seen.p + p, R=R)
 
 
 def slope(function, size):
@@ -64,21 +60,18 @@ def slope(function, size):
 @pytest.mark.parametrize("name", KINDS)
 def test_derivatives_are_those_of_central_differences(name):
     kind, (seen, own) = KINDS[name], some(name)
-    found = kind.misses(seen, own)
+    found = kind.residuals(seen, own)
     size = kind.size + len(kind.expected(seen.feature))
     assert found.r.shape == (4, size)
-    np.testing.assert_allclose(found.point, slope(lambda h: kind.misses(moved(seen, h), own).r, 3), atol=1e-8)
+    np.testing.assert_allclose(found.point, slope(lambda h: kind.residuals(moved(seen, h), own).r, 3), atol=1e-8)
     turn = np.zeros((4, size, 3)) if found.turn is None else found.turn
-    np.testing.assert_allclose(turn, slope(lambda h: kind.misses(moved(seen, turn=h), own).r, 3), atol=1e-8)
-    for key, item in kind.own.items():
+    np.testing.assert_allclose(turn, slope(lambda h: kind.residuals(moved(seen, turn=h), own).r, 3), atol=1e-8)
+    for key, item in kind.unknowns.items():
 
         def after(h, key=key, item=item):
-            return kind.misses(seen, own | {key: observations.moved(item.shape, own[key], h)}).r
+            return kind.residuals(seen, own | {key: observations.moved(item.shape, own[key], h)}).r
 
-        np.testing.assert_allclose(found.own[key], slope(after, DIMENSIONS[item.shape]), atol=1e-8, err_msg=key)
-    if "base" in found.own:
-        by_base = slope(lambda h: kind.misses(moved(seen, base=h), own).r, 6)
-        np.testing.assert_allclose(found.own["base"], by_base, atol=1e-8)
+        np.testing.assert_allclose(found.by_unknown[key], slope(after, DIMENSIONS[item.shape]), atol=1e-8, err_msg=key)
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -89,21 +82,21 @@ def test_truth_without_noise_is_found_without_a_guess(name):
     terms = [term for term in GEOMETRY.terms(nominal) if metric or term.axis[0] == "r"]
     problem = FeatureProblem(nominal, cases.seen(name, truth, 20 if name in TARGETS else 60), terms)
     state = start(problem)
-    assert problem.residuals(state).max() > 0.5e-3  # of the nominal robot
+    assert problem.distances(state).max() > 0.5e-3  # of the nominal robot
     for _ in range(12):
         blocks = list(problem.dense(state))
         J, y = np.concatenate([b.J for b in blocks], axis=1), np.concatenate([b.y for b in blocks])
         state = problem.moved(state, np.linalg.lstsq(J.T, y, rcond=1e-10)[0])
-    assert problem.residuals(state).max() < 1e-9
+    assert problem.distances(state).max() < 1e-9
     q = nominal.random_joints(100, 5) * 0.8
     if KINDS[name].pointed:
-        assert cases.apart(truth, problem.arm_of(state), q, state.own["tool", "ball"]).max() < 1e-9
+        assert cases.apart(truth, problem.arm_of(state), q, state.values["tool", "ball"]).max() < 1e-9
         assert cases.apart(truth, nominal, q).max() > 1e-3
         return
     axis = cases.unknowns(name, np.random.default_rng(0))
     true = np.einsum("mij,j,i->m", cases.tip(truth, q)[1], axis["axis"][:, 2], axis["up"][:, 2])
     R = cases.tip(problem.arm_of(state), q)[1]
-    found = np.einsum("mij,j,i->m", R, state.own["axis", "ball"][:, 2], state.own["up", "angle 0"][:, 2])
+    found = np.einsum("mij,j,i->m", R, state.values["axis", "ball"][:, 2], state.values["up", "angle 0"][:, 2])
     np.testing.assert_allclose(np.arcsin(found), np.arcsin(true), atol=1e-9)
 
 
