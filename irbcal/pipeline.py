@@ -515,6 +515,10 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
     goal = None if measurements.programmed else commanded_poses.goals(measurements)
     if goal is None:
         return inputs
+    if inputs.earlier is not None:
+        return replace(
+            inputs, notes=(*inputs.notes, "Commanded poses are not taken where an earlier calibration is added to.")
+        )
     q = measurements.joints()
     commands = commanded_poses.commands(arm, q, goal)
     if commands is None or commands.misfit > commanded_poses.LARGEST_MISFIT:
@@ -554,9 +558,9 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
         f"{int(commands.solved.sum())} of {len(q)} commanded poses give programmed joints, "
         f"{np.median(difference):.2g} degrees or mm from the readings in the median"
     )
-    if best < commanded_poses.LEAST:
-        return replace(inputs, notes=(*inputs.notes, f"{about}; the evidence is for the readings, which are taken."))
     gain = max(evidence) - evidence[0]
+    if best < commanded_poses.LEAST or gain < commanded_poses.LEAST_GAIN:
+        return replace(inputs, notes=(*inputs.notes, f"{about}; the evidence is not for them: the readings are taken."))
     return replace(
         sets(best),
         notes=(

@@ -15,7 +15,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.identification.images import hand_eye
-from irbcal.measurement.table import GOAL_ANGLES, GOAL_POSITION, GOAL_QUATERNION, MeasurementSet
+from irbcal.measurement.table import GOAL_ANGLES, GOAL_POSITIONS, GOAL_QUATERNION, MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
@@ -32,8 +32,8 @@ SINGULAR = 0.03
 taken: near a singularity a pose hardly tells the joints."""
 SHARES = (0.0, 0.5, 1.0)
 """Shares of the way from readings to commands whose evidence is computed; a parabola gives the best one."""
-LEAST = 0.05
-"""A smaller share of the commands is none."""
+LEAST, LEAST_GAIN = 0.05, 3.0
+"""A smaller share of the commands is none, and one that raises the log evidence by less than that is not taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +74,17 @@ def goals(measurements: MeasurementSet) -> FloatArray | None:
     if not present:
         return None
     turns = next((names for names in (GOAL_QUATERNION, *GOAL_ANGLES) if names[0] in present), GOAL_ANGLES[0])
-    missing = [name for name in (*GOAL_POSITION, *turns) if name not in present]
+    place = next((names for names in GOAL_POSITIONS if names[0] in present), GOAL_POSITIONS[0])
+    missing = [name for name in (*place, *turns) if name not in present]
     if missing:
         raise MeasurementError(
-            f"a commanded pose has {', '.join(GOAL_POSITION)} and {', '.join(turns)}: {missing[0]} is missing",
+            f"a commanded pose has {', '.join(place)} and {', '.join(turns)}: {missing[0]} is missing",
             file=measurements.source,
             row=1,
         )
-    first = table.groupby("pose_index", sort=True)[["row", *GOAL_POSITION, *turns]].first()
-    xyz, turn = first[list(GOAL_POSITION)].to_numpy(dtype=float) * MM, first[list(turns)].to_numpy(dtype=float)
+    first = table.groupby("pose_index", sort=True)[["row", *place, *turns]].first()
+    unit = MM if place is GOAL_POSITIONS[0] else 1.0
+    xyz, turn = first[list(place)].to_numpy(dtype=float) * unit, first[list(turns)].to_numpy(dtype=float)
     if turns is GOAL_QUATERNION:
         length = np.linalg.norm(turn, axis=1)
         bad = np.flatnonzero(np.abs(np.nan_to_num(length, nan=1.0) - 1.0) > 1e-3)

@@ -42,11 +42,11 @@ from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 REQUIRED = ["pose", ALL_JOINTS, "target", *POSITION]
-GOAL_POSITION = ("goal_x_mm", "goal_y_mm", "goal_z_mm")
+GOAL_POSITIONS = tuple(tuple(f"goal_{axis}_{unit}" for axis in "xyz") for unit in ("mm", "m"))
 GOAL_ANGLES = tuple(tuple(f"goal_{name}_{unit}" for name in ("roll", "pitch", "yaw")) for unit in ("rad", "deg"))
 GOAL_QUATERNION = tuple(f"goal_{name}" for name in QUATERNION)
 """Columns of the pose that the controller was sent to: angles about the fixed axes x, y, z, or a quaternion."""
-GOALS = (*GOAL_POSITION, *GOAL_ANGLES[0], *GOAL_ANGLES[1], *GOAL_QUATERNION)
+GOALS = (*GOAL_POSITIONS[0], *GOAL_POSITIONS[1], *GOAL_ANGLES[0], *GOAL_ANGLES[1], *GOAL_QUATERNION)
 NUMERIC_EXTRAS = [PAYLOAD, *PAYLOAD_CENTRE, "time_s", "u95_mm", *QUATERNION, *GOALS]
 REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""

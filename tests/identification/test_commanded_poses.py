@@ -9,7 +9,7 @@ from irbcal.errors import MeasurementError
 from irbcal.identification import commanded_poses
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import table
-from irbcal.measurement.table import GOAL_ANGLES, GOAL_POSITION, GOAL_QUATERNION
+from irbcal.measurement.table import GOAL_ANGLES, GOAL_POSITIONS, GOAL_QUATERNION
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
 
@@ -38,7 +38,7 @@ def simulated(arm, poses=60, reading=READING, command=0.0, seed=0):
     data = pd.DataFrame(q / DEG, columns=[f"q{k}_deg" for k in range(1, 7)])
     data = data.assign(pose=np.arange(poses).astype(str), target="smr", simulated="yes")
     data[["x_mm", "y_mm", "z_mm"]] = xyz / MM
-    data[list(GOAL_POSITION)] = goal[:, :3, 3] / MM
+    data[list(GOAL_POSITIONS[0])] = goal[:, :3, 3] / MM
     data[list(GOAL_QUATERNION)] = frames.quaternion_from_matrix(goal[:, :3, :3])
     return data, programmed, goal
 
@@ -88,7 +88,7 @@ def test_the_evidence_chooses(arm, reading, command, shares):
         data.drop(columns=[name for name in data if name.startswith("goal_")]), "irb1600", model="11"
     )
     note = next(note for note in with_goals.record.notes if "commanded poses give" in note)
-    share = 0.0 if "readings, which are taken" in note else float(note.split("%")[0].split()[-1]) / 100
+    share = 0.0 if "the readings are taken" in note else float(note.split("%")[0].split()[-1]) / 100
     assert shares[0] <= share <= shares[1]
     mean, mean_without = (result.record.heldout.all.mean_mm for result in (with_goals, without))
     assert mean <= mean_without * 1.05
@@ -99,7 +99,7 @@ def test_the_evidence_chooses(arm, reading, command, shares):
 def test_poses_of_another_file_are_not_taken(arm):
     data, _, _ = simulated(arm, 40)
     shuffled = data.copy()
-    columns = [*GOAL_POSITION, *GOAL_QUATERNION]
+    columns = [*GOAL_POSITIONS[0], *GOAL_QUATERNION]
     shuffled[columns] = data[columns].sample(frac=1.0, random_state=1).to_numpy()
     result = irbcal.calibrate(shuffled, "irb1600", model="11")
     assert any("Commanded poses do not belong to these joints" in note for note in result.record.notes)
