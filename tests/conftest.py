@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import pickle
+import shutil
 from pathlib import Path
 
 import new_family
@@ -16,6 +17,7 @@ import typer.testing
 from hypothesis import settings
 from support import arm, measured, random_robot, write_measurements
 from typer.testing import CliRunner
+from viewer_page import ARGUMENTS
 
 import irbcal
 from irbcal import calibration
@@ -56,6 +58,19 @@ LONG = (
 def pytest_collection_modifyitems(items):
     """Long files come first, so that no core waits for another one at the end."""
     items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """The one browser of a process: playwright starts no second."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        pytest.skip("no chromium on this computer")
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as started:
+        opened = started.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+        yield opened
+        opened.close()
 
 
 @pytest.fixture(scope="session")

@@ -85,7 +85,7 @@ def test_repeats_of_a_place_are_left_out_together(monkeypatch):
     prior = np.r_[np.zeros(linear.flat), 1.0 / found.variances[chosen.group]]
     place = np.arange(30)
     place[[9, 21]] = 2
-    monkeypatch.setattr(linear_model, "places", lambda points: place)
+    monkeypatch.setattr(linear_model, "repeat_groups", lambda points: place)
     u, pose, _ = leave_one_out.residuals(linear, columns, found)
     order = np.argsort(pose[::3], kind="stable")
     u, pose = u.reshape(-1, 3)[order], pose[::3][order]

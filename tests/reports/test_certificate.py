@@ -3,7 +3,6 @@
 import html
 import json
 import re
-import shutil
 from datetime import datetime, timezone
 
 import pandas as pd
@@ -137,18 +136,12 @@ def test_wrong_options_write_nothing(demo_calibration, tmp_path, monkeypatch, op
 
 
 @pytest.mark.parametrize("which", ["passed", "moved"])
-def test_it_is_two_pages_at_most(which, request, tmp_path):
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        pytest.skip("no chromium on this computer")
-    playwright = pytest.importorskip("playwright.sync_api")
+def test_it_is_two_pages_at_most(which, request, browser, tmp_path):
     irbcal.certificate(request.getfixturevalue(which), tmp_path / "c.html")
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 400, "height": 900})
-        page.goto((tmp_path / "c.html").as_uri())
-        assert page.evaluate("window.hacked") is None
-        assert page.evaluate("document.documentElement.scrollWidth") <= 400
-        sheets = len(re.findall(rb"/Type\s*/Page[^s]", page.pdf(prefer_css_page_size=True)))
-        browser.close()
+    page = browser.new_page(viewport={"width": 400, "height": 900})
+    page.goto((tmp_path / "c.html").as_uri())
+    assert page.evaluate("window.hacked") is None
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    sheets = len(re.findall(rb"/Type\s*/Page[^s]", page.pdf(prefer_css_page_size=True)))
+    page.close()
     assert 1 <= sheets <= 2

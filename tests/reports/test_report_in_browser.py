@@ -1,26 +1,12 @@
 """The report in a real browser (headless chromium), opened from a file."""
 
-import shutil
-
 import numpy as np
 import pytest
 from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 HOSTILE = "</title><script>window.hacked=1</script><img src=x onerror=window.hacked=2>"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this computer")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as started:
-        found = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield found
-        found.close()
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,9 @@
 """A small calibration with groups, and measurements of a thousand poses of the same (simulated) robot."""
 
-import shutil
-
 import numpy as np
 import pandas as pd
 import pytest
 from support import arm, measured, random_robot, write_measurements
-from viewer_page import ARGUMENTS
 from viewer_urdf import write_stl
 
 import irbcal
@@ -43,15 +40,3 @@ def packages(tmp_path):
     write_stl(tmp_path / "ws" / "my_robot" / "meshes" / "part.stl", shapes.box([1, 1, 1]))
     write_stl(tmp_path / "secret.stl", shapes.box([1, 1, 1]))
     return tmp_path / "ws"
-
-
-@pytest.fixture(scope="session")
-def browser():
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        pytest.skip("no chromium on this computer")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as started:
-        found = started.chromium.launch(executable_path=chromium, args=ARGUMENTS)
-        yield found
-        found.close()

@@ -159,7 +159,9 @@ def test_lab_export_by_hand(tmp_path):
         "Goal x;Goal y;Goal z;Goal roll;Goal pitch;Goal yaw"
     )
     pi = "3,14159265358979"
-    path = write(tmp_path / "lab.csv", header, f"{pi};-{pi};0;0;0;1,5E-1;21,5;1,5;-2,5;1E+03;90;0;90;-0,5;1E-1;0;1,5;0;0")
+    path = write(
+        tmp_path / "lab.csv", header, f"{pi};-{pi};0;0;0;1,5E-1;21,5;1,5;-2,5;1E+03;90;0;90;-0,5;1E-1;0;1,5;0;0"
+    )
     found = understood(path, "ur10-lab")
     assert np.allclose(found.table[JOINTS], [[180, -180, 0, 0, 0, np.degrees(0.15)]], rtol=0, atol=1e-9)
     assert found.table[XYZ].iloc[0].tolist() == [1.5, -2.5, 1000]
