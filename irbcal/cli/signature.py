@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from rich.markup import escape
 
 from irbcal.errors import OptionError
 from irbcal.units import DEG as DEG_PER_RAD
@@ -320,7 +321,7 @@ def command(
             kind = kinds[name]
             needed = item.default is REQUIRED and name not in optional
             default = None if item.default in (REQUIRED, None, (), False) else kind.shown(item.default)
-            text = (texts or {}).get(name) or _in_units(item.text, kind)
+            text = escape((texts or {}).get(name) or _in_units(item.text, kind))
             panel = panel_of.get(name, EXPERT if panels else None)
             if name in arguments:
                 info: Any = typer.Argument(help=text, show_default=default is not None, metavar=None)
@@ -369,7 +370,7 @@ def command(
 
         call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
         call.__annotations__ = {item.name: item.annotation for item in every}
-        call.__doc__ = function.__doc__ or for_shells(first, list(parameters))
+        call.__doc__ = escape(function.__doc__ or for_shells(first, list(parameters)))  # help reads [x] as a style
         del call.__wrapped__  # typer would read the function within
         return call
 

@@ -32,6 +32,8 @@ def test_an_explanation_comes_from_the_docstring_even_where_that_names_another_f
     assert compared["refit_from"] == texts["refit_from"]
     assert "--refit-tool" in texts["refit_from"]
     assert "`" not in "".join(texts.values())
+    for command in ("corners", "hand-eye"):
+        assert "pip install 'irbcal[camera]'" in shown(command, "--help")
 
 
 def test_options_for_experts_are_shown_on_request():
