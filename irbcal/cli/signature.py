@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.markup import escape
 
 from irbcal.errors import OptionError
 from irbcal.units import DEG as DEG_PER_RAD
@@ -370,11 +369,16 @@ def command(
 
         call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
         call.__annotations__ = {item.name: item.annotation for item in every}
-        call.__doc__ = escape(function.__doc__ or for_shells(first, list(parameters)))  # help reads [x] as a style
+        call.__doc__ = escape(function.__doc__ or for_shells(first, list(parameters)))
         del call.__wrapped__  # typer would read the function within
         return call
 
     return decorate
+
+
+def escape(text: str) -> str:
+    """A text as help shows it, which reads [x] as a style."""
+    return re.sub(r"\[(?=[a-z#/@])", r"\\[", text)
 
 
 def _help_all(ctx: typer.Context, wanted: bool) -> None:

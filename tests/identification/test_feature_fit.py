@@ -123,7 +123,7 @@ def test_a_base_that_nothing_shows_is_held_and_not_counted(fit):
 
 def test_rms_is_that_of_the_rows(fit):
     found = fit
-    assert fit.rms == pytest.approx(np.sqrt(np.mean(found.problem.residuals(found.state) ** 2)))
+    assert fit.rms == pytest.approx(np.sqrt(np.mean(found.problem.distances(found.state) ** 2)))
     assert fit.rms < 0.01e-3
 
 

@@ -33,7 +33,7 @@ def test_poses_are_at_the_features(name):
     np.testing.assert_allclose(seen.q, q, atol=1e-8)
     if name == "camera":  # the kind itself, written by other hands, sees nothing missed
         problem = FeatureProblem(arm, seen, [])
-        assert problem.residuals(FeatureState(found.unknowns(), np.zeros(0))).max() < 1e-6
+        assert problem.distances(FeatureState(found.unknowns(), np.zeros(0))).max() < 1e-6
         assert ((seen.corners[..., 2:4] > 0) & (seen.corners[..., 2:4] < [1920, 1200])).all()
     assert len(seen.lengths) == (len(found.own) * (len(found.own) - 1) // 2 if DEVICES[name].lengths else 0)
 

@@ -155,18 +155,14 @@ def test_per_target_logs(tmp_path):
 def test_lab_export_by_hand(tmp_path):
     header = (
         "shoulder_pan_joint;shoulder_lift_joint;elbow_joint;wrist_1_joint;wrist_2_joint;wrist_3_joint;"
-        "measurement_temperature;measurement_x;measurement_y;measurement_z;measurement_rx;measurement_ry;measurement_rz;"
-        "Goal x;Goal y;Goal z;Goal roll;Goal pitch;Goal yaw"
+        "measurement_temperature;measurement_x;measurement_y;measurement_z;measurement_rx;measurement_ry;measurement_rz"
     )
     pi = "3,14159265358979"
-    path = write(
-        tmp_path / "lab.csv", header, f"{pi};-{pi};0;0;0;1,5E-1;21,5;1,5;-2,5;1E+03;90;0;90;-0,5;1E-1;0;1,5;0;0"
-    )
+    path = write(tmp_path / "lab.csv", header, f"{pi};-{pi};0;0;0;1,5E-1;21,5;1,5;-2,5;1E+03;90;0;90")
     found = understood(path, "ur10-lab")
     assert np.allclose(found.table[JOINTS], [[180, -180, 0, 0, 0, np.degrees(0.15)]], rtol=0, atol=1e-9)
     assert found.table[XYZ].iloc[0].tolist() == [1.5, -2.5, 1000]
     assert found.table["temperature_c"].tolist() == [21.5]
-    assert found.table[["goal_x_m", "goal_y_m", "goal_roll_rad"]].astype(float).iloc[0].tolist() == [-0.5, 0.1, 1.5]
     # 90 degrees about x, then 90 about the new z (the old -y)
     R = Rotation.from_quat(np.roll(found.table[QUATERNION].to_numpy(), -1, axis=1)).as_matrix()[0]
     assert np.allclose(R, [[0, -1, 0], [0, 0, -1], [1, 0, 0]], rtol=0, atol=1e-12)
