@@ -264,7 +264,7 @@ def hand_eye(
     IdentificationError
         If the pictures leave a camera or a board open.
     OptionError
-        If there are joints but no robot, or OpenCV is needed and not installed.
+        If there are joints but no robot, or a robot beside poses of the flange, or OpenCV is needed and not installed.
     CalibrationError
         If the file cannot be written.
     """
@@ -277,6 +277,10 @@ def hand_eye(
         pictures = charuco.corners(images, cells, features, legacy=legacy)
         cells, notes = pictures.to_frame(), pictures.notes()
     posed = set(FLANGE) <= set(map(str, cells.columns))
+    if posed and robot is not None:
+        raise OptionError(
+            "robot: the rows have poses of the flange: leave out these columns, or the robot", parameter="robot"
+        )
     if not posed and robot is None:
         raise OptionError(
             f"robot: name the robot whose joints these are, or give columns {', '.join(FLANGE)}", parameter="robot"

@@ -209,6 +209,25 @@ def test_the_gain_is_how_frames_follow_the_robot(record, robot, rows):
         np.testing.assert_allclose(gain, np.concatenate(expected), rtol=0, atol=2e-4)
 
 
+def test_what_a_tracker_measured_follows_the_base(robot, every_kind):
+    """The base moved in the measuring frame, and everything adjusted anew."""
+    sigma = np.array([touch.u95 / 1.96 for touch in every_kind])
+    gain = _covariance(adjust(every_kind, robot, sigma, ""), robot.certainty)[1]
+    for k, step in enumerate(1e-5 * np.eye(6)):
+        ends = []
+        for sign in (1, -1):
+            motion = frames.transform(frames.rotation_from_vector(sign * step[:3]), sign * step[3:])
+            moved = robot.replace(T_world_base=robot.T_world_base @ motion)
+            adjusted = adjust(every_kind, moved, sigma, "")
+            ends.append([adjusted.frame(*name) for name in ((WORK_OBJECT, "cast"), (TOOL, "grip"))])
+        for (after, before), name in zip(zip(*ends, strict=True), ((WORK_OBJECT, "cast"), (TOOL, "grip")), strict=True):
+            turned = frames.inverse(before) @ after
+            expected = np.r_[frames.vector_from_rotation(turned[:3, :3]), turned[:3, 3]] / 2e-5
+            by_motion = adjusted.motions(*name, np.eye(3)) @ gain[:, k]
+            np.testing.assert_allclose(by_motion, expected, rtol=0, atol=2e-3)
+            assert np.abs(expected).max() > 1e-3
+
+
 @pytest.mark.parametrize("with_robot", [False, True])
 def test_intervals_hold(robot, rows, with_robot):
     """Touches, and parameters of the robot, drawn again and again: 95 % of the errors are within 1.96 deviations."""
