@@ -162,6 +162,8 @@ def test_bad_input_is_refused():
     with pytest.raises(OptionError, match="name the robot whose joints these are"):
         hand_eye(rows, known)
     poses = as_flange_poses(rows, T)
+    with pytest.raises(OptionError, match="leave out these columns, or the robot"):
+        hand_eye(poses, known, robot="irb1600")
     with pytest.raises(
         MeasurementError, match=r"flange_qw, .*flange_qz: expected a unit quaternion or nothing, found 1\.5"
     ):
