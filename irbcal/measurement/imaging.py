@@ -39,6 +39,9 @@ FITTED = ("fx", "fy", "cx", "cy", "k1")
 PIXEL_U95 = 0.2
 """Uncertainty of a corner that tells none, pixels."""
 
+MOST_SQUARES = 200
+"""Of a board along one side: its corners are looked for one by one."""
+
 FEWEST = 4
 """Corners that an image needs: fewer do not tell where the board is."""
 
@@ -165,8 +168,8 @@ def imaging_of(row: Mapping[str, str]) -> Imaging:
     if strange:
         raise refuse(f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted", FIT)
     for name in BOARD[:2]:
-        if name in value and (value[name] < 3 or value[name] != int(value[name])):
-            raise refuse(f"a board has 3 squares or more along each side, found {value[name]:g}", name)
+        if name in value and not (3 <= value[name] <= MOST_SQUARES and value[name] == int(value[name])):
+            raise refuse(f"a board has 3 to {MOST_SQUARES} squares along each side, found {value[name]:g}", name)
     return Imaging(
         np.array([value.get(name, 0.0) for name in LENS]),
         tuple(name for name in FITTED if name in fit),
