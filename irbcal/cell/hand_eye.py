@@ -28,6 +28,7 @@ from irbcal.measurement import charuco, features, imaging
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.modeling.robot import Robot
 from irbcal.overwriting import refuse_overwriting
@@ -302,7 +303,7 @@ def hand_eye(
     return result
 
 
-def _read(cells: pd.DataFrame, camera_file: TableLike, arm: Any, posed: bool) -> FeatureSet:
+def _read(cells: pd.DataFrame, camera_file: TableLike, arm: Arm, posed: bool) -> FeatureSet:
     """Pictures as rows; with the poses of the flange where these are given."""
     rows = features.read(cells, camera_file, arm)
     if rows.corners is None or not np.isfinite(rows.corners[:, 0, 2]).all():
