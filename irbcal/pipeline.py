@@ -89,7 +89,7 @@ from irbcal.measurement.table import MeasurementSet, MeasurementsLike, shared_ta
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
-from irbcal.modeling.parameters import default_level, selected_parameters
+from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
 from irbcal.names import check_names
@@ -111,7 +111,7 @@ LARGEST_TURN = 3 * DEG
 OPEN = 0.5
 """Share of what was not known of the tool's position that rows at features may leave open without a doubt."""
 LINKS = ("base_link", "tip_link", "coupling")
-FEATURE_OPTIONS = ("model", "terms", "seed", *LINKS, "features", "leave_out", "payload_place")
+FEATURE_OPTIONS = ("model", "free", "hold", "terms", "seed", *LINKS, "features", "leave_out", "payload_place")
 """Options that rows at features take."""
 
 Progress: TypeAlias = Callable[[str], Any]
@@ -877,11 +877,9 @@ def _read_features(measurements: MeasurementsLike, robot: str | Path | None, opt
     for name, value in vars(options).items():
         if name not in FEATURE_OPTIONS and value != getattr(Options(), name):
             raise OptionError(f"{name.rstrip('_')}: rows at features do not take it, leave it out", parameter=name)
-    if options.model not in (None, "auto"):
+    if options.model in ("best-level", "nominal"):
         raise OptionError(
-            f"model: rows at features leave directions open, which model auto keeps near nominal; leave out "
-            f"model {options.model}",
-            parameter="model",
+            f"model: rows at features take auto or a level of error parameters, not {options.model}", parameter="model"
         )
     if robot is None or calibration_at(robot) is not None:
         raise OptionError(
@@ -920,12 +918,21 @@ def _read_features(measurements: MeasurementsLike, robot: str | Path | None, opt
     )
 
 
+def _feature_terms(options: Options, arm: Arm) -> tuple[str, str | tuple[Parameter, ...]]:
+    """The model for rows at features, and its terms: those that are averaged, or the error parameters of a level."""
+    if options.model in (None, "auto") and not options.of_a_level:
+        return "auto", options.terms
+    level = default_level(arm) if options.model is None else str(options.model)
+    return level, selected_parameters(level, options.free, options.hold, arm)
+
+
 def fit_features(inputs: Inputs, say: Progress) -> Doubted:
     """Identify from all rows at features but for gross errors; `prove_features` leaves places out."""
-    rows = inputs.feature_rows
+    rows, arm = inputs.feature_rows, inputs.urdf.arm
     assert rows is not None
-    options = inputs.options
-    feature_fit, left_out, doubt = identify_without_gross_errors(inputs.urdf.arm, rows, options.terms, progress=say)
+    level, terms = _feature_terms(inputs.options, arm)
+    feature_fit, left_out, doubt = identify_without_gross_errors(arm, rows, terms, progress=say)
+    feature_fit = replace(feature_fit, level=level)
     remaining = feature_fit.problem.rows
     points = as_points(remaining)
     motion = Motion(points.q)
@@ -961,7 +968,8 @@ def prove_features(done: Doubted, say: Progress) -> Proven:
     options, rows, fit, points = done.options, done.feature_rows, done.fit, done.fit_points
     assert rows is not None
     assert isinstance(fit, FeatureFit)
-    proof = prove_places(done.urdf.arm, rows, options.leave_out, options.terms, options.seed, say)
+    terms = _feature_terms(options, done.urdf.arm)[1]
+    proof = prove_places(done.urdf.arm, rows, options.leave_out, terms, options.seed, say)
     section = _features_section(fit, proof)
     against = (*done.doubts, *_feature_doubts(section), *fit.doubts())
     order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")

@@ -10,6 +10,7 @@ from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification.feature_fit import identify_features
 from irbcal.measurement import features
 from irbcal.modeling import frames
+from irbcal.modeling.parameters import level_parameters
 
 KNOWN = pd.DataFrame([{"feature": f"point {k}", "kind": "point"} for k in range(3)])
 
@@ -143,7 +144,26 @@ def test_a_tracker_and_sockets_in_one_fit():
 def test_options_of_other_ways_are_refused(contacts):
     with pytest.raises(OptionError, match="verify: rows at features do not take it"):
         irbcal.calibrate(contacts, "irb1600", features=KNOWN, verify="other.csv")
-    with pytest.raises(OptionError, match="model auto keeps near nominal; leave out model 34"):
-        irbcal.calibrate(contacts, "irb1600", "34", features=KNOWN)
+    with pytest.raises(OptionError, match="take auto or a level of error parameters, not best-level"):
+        irbcal.calibrate(contacts, "irb1600", "best-level", features=KNOWN)
+    with pytest.raises(OptionError, match="loss: rows at features do not take it"):
+        irbcal.calibrate(contacts, "irb1600", "34", features=KNOWN, loss="huber")
     with pytest.raises(OptionError, match="only rows at features have places"):
         irbcal.calibrate(contacts, "irb1600", leave_out="place")
+
+
+def test_a_level_at_features_fits_its_error_parameters_and_no_others(tmp_path):
+    """The oracle is an arm with errors of those parameters alone, between poses that were not touched."""
+    nominal, truth = cases.arm(), cases.true_arm(cases.arm(), 7, lengths=False)
+    table, known = cases.rows("point", truth, 25, 4, 1e-5)
+    result = irbcal.calibrate(table, "irb1600", "26", features=known, hold=["delta_d3"], leave_out="none")
+    assert result.record.model == "26"
+    names = {row.name for row in result.record.parameters if not row.name.startswith(("base", "target"))}
+    assert names == {p.name for p in level_parameters("26")} - {"delta_d3"}
+    assert not result.robot_calibrated().joint_map.terms.terms
+    result.save(tmp_path / "robot")
+    assert irbcal.load(tmp_path / "robot").record.choice.level == "26"
+    q = nominal.random_joints(50, 1) * 0.5
+    target = result.robot_calibrated().targets["ball"]
+    left = cases.apart(truth, result.robot_calibrated().arm, q, target).mean()
+    assert left < 0.2 * cases.apart(truth, nominal, q, target).mean()

@@ -26,6 +26,7 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.levels import Level
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.gear import gear_terms, in_words
@@ -315,7 +316,7 @@ class EvidenceFit(Result):
     spectrum: GearSpectrum | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
     type_prior: TypePriorResult | None = None
-    level: Literal["auto"] = "auto"
+    level: Level | Literal["auto"] = "auto"
     method: Literal["evidence"] = "evidence"
     objective: Literal["rms"] = "rms"
     value: None = None
@@ -426,6 +427,11 @@ class EvidenceFit(Result):
     def explanation(self) -> str:
         """Why these error models, in two sentences."""
         rows = self.term_sets
+        if self.level != "auto":
+            return (
+                f"The error parameters of model {self.level} were fitted, and no others; each family has the spread "
+                "that the rows give it, so that what they leave open stays near nominal."
+            )
         kept = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
         first = kept[0]
         told = (
@@ -498,8 +504,8 @@ class EvidenceFit(Result):
     def report(self) -> Sequence[Paragraph]:
         """The models that were averaged, what the data show of each group of terms, and gears in words."""
         headline = (
-            f"{self.nominal.name}, model auto of terms {self.kind}: {self.rank} of {self.parameter_count} parameters "
-            f"determined by {self.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
+            f"{self.nominal.name}, model {self.level} of terms {self.kind}: {self.rank} of {self.parameter_count} "
+            f"parameters determined by {self.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
         )
         models = [(r.name, r.terms, r.log_evidence, r.weight, r.sigma_mm, r.leave_one_out_mm) for r in self.term_sets]
         groups = [(g.name, g.terms, g.seen, g.size) for g in self.groups]

@@ -43,6 +43,7 @@ from irbcal.measurement.motions import usual_load, usual_place
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.parameters import Parameter, term_of
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.harmonics import LOW, order
@@ -273,7 +274,7 @@ def _whole(p: FloatArray) -> FloatArray:
 def identify_features(
     arm: Arm,
     seen: FeatureSet,
-    terms: str = term_sets.JOINT_MAP,
+    terms: str | Sequence[Parameter] = term_sets.JOINT_MAP,
     choices: Sequence[Sequence[str]] | None = None,
     progress: Progress | None = None,
     start: FeatureState | None = None,
@@ -286,8 +287,9 @@ def identify_features(
     arm : Arm
         Nominal arm.
     seen : FeatureSet
-    terms : str
-        ``joint-map`` or ``all``, see `irbcal.identification.term_sets`.
+    terms : str or sequence of Parameter
+        ``joint-map`` or ``all``, see `irbcal.identification.term_sets`; or the error parameters of a level, which are
+        fitted without others. They have the priors of model ``auto``, for rows at features leave directions open.
     choices : sequence of sequence of str, optional
         Families beside the geometry in each term set; those of model ``auto`` unless given.
     progress : callable, optional
@@ -317,9 +319,13 @@ def identify_features(
     load = seen.payload_kg
     several = load is not None and len(np.unique(load)) > 1
     place = usual_place(load, seen.payload_place, usual_load(load)) if load is not None and several else None
-    superset = term_sets.superset(arm, terms, elapsed is not None, place, taus, end=end)
-    if not seen.programmed:
-        superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
+    if isinstance(terms, str):
+        superset = term_sets.superset(arm, terms, elapsed is not None, place, taus, end=end)
+        if not seen.programmed:
+            superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
+    else:
+        superset = sorted((term_of(item, arm) for item in terms), key=lambda term: term.family != "geometry")
+        terms, choices = term_sets.JOINT_MAP, [list({term.family for term in superset})]
     problem = FeatureProblem(arm, seen, superset)
     say(f"placing tool and features of {seen.poses} poses")
     nominal = feature_problem.start(problem) if start is None else feature_problem.settle(problem, start)
@@ -369,7 +375,10 @@ def identify_features(
 
 
 def identify_without_gross_errors(
-    arm: Arm, rows: FeatureSet, terms: str = term_sets.JOINT_MAP, progress: Progress | None = None
+    arm: Arm,
+    rows: FeatureSet,
+    terms: str | Sequence[Parameter] = term_sets.JOINT_MAP,
+    progress: Progress | None = None,
 ) -> tuple[FeatureFit, dict[int, float], str]:
     """Identify from the rows that do not contradict all others by far: a wrong feature, a slip, a mistyped joint.
 
@@ -382,9 +391,8 @@ def identify_without_gross_errors(
     arm : Arm
         Nominal.
     rows : FeatureSet
-    terms : str
+    terms, progress
         As of `identify_features`.
-    progress : callable, optional
 
     Returns
     -------

@@ -28,6 +28,7 @@ from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.elsewhere import Elsewhere
 from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import all_names, parameter, term_of
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import bases
@@ -130,14 +131,14 @@ PLACE_DIGITS, JOINT_DIGITS, QUATERNION_DIGITS = 6, 9, 12
 class EvidenceChoice(Section):
     """Which error models were averaged."""
 
-    level: Literal["auto"]
+    level: Level | Literal["auto"]
     table: list[TermSetResult]
     explanation: Sentence
 
     @staticmethod
     def of(fit: EvidenceFit) -> EvidenceChoice:
         """The comparison of a fit."""
-        return EvidenceChoice(level="auto", table=fit.term_sets, explanation=fit.explanation())
+        return EvidenceChoice(level=fit.level, table=fit.term_sets, explanation=fit.explanation())
 
 
 class GearSection(Section):

@@ -5,7 +5,7 @@ Never single rows: the other rows at a feature would tell its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from irbcal.identification.feature_fit import held_out, identify_features
 from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.parameters import Parameter
 
 PLACE = "place"
 """The column that names places unless another is named."""
@@ -146,7 +147,7 @@ def prove(
     arm: Arm,
     rows: FeatureSet,
     leave_out: str | None = None,
-    terms: str = "joint-map",
+    terms: str | Sequence[Parameter] = "joint-map",
     seed: int = 0,
     progress: Callable[[str], object] | None = None,
 ) -> FeatureProof | None:
