@@ -15,7 +15,7 @@ from datetime import datetime, timezone
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -89,6 +89,7 @@ from irbcal.measurement.table import MeasurementSet, MeasurementsLike, shared_ta
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
+from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
@@ -918,11 +919,11 @@ def _read_features(measurements: MeasurementsLike, robot: str | Path | None, opt
     )
 
 
-def _feature_terms(options: Options, arm: Arm) -> tuple[str, str | tuple[Parameter, ...]]:
+def _feature_terms(options: Options, arm: Arm) -> tuple[Level | Literal["auto"], str | tuple[Parameter, ...]]:
     """The model for rows at features, and its terms: those that are averaged, or the error parameters of a level."""
     if options.model in (None, "auto") and not options.of_a_level:
         return "auto", options.terms
-    level = default_level(arm) if options.model is None else str(options.model)
+    level = default_level(arm) if options.model is None else checked("model", str(options.model), LEVELS)
     return level, selected_parameters(level, options.free, options.hold, arm)
 
 
