@@ -451,7 +451,7 @@ def read(measurements: MeasurementsLike, robot: str | Path | None, options: Opti
     say("reading and cleaning the measurements")
     points = table.read(measurements).of_arm(nominal.arm)
     file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
-    source = _source(file) if saved is None else (saved.record.robot.urdf, saved.record.robot.urdf_sha256)
+    source = _source(robot) if saved is None else (saved.record.robot.urdf, saved.record.robot.urdf_sha256)
     return Inputs(
         options=options,
         urdf=nominal,
@@ -484,9 +484,9 @@ def _as_earlier(options: Options, record: Record) -> Options:
     return replace(options, **changes)
 
 
-def _source(file: Path) -> tuple[str, str]:
-    """Name and SHA-256 of a file."""
-    return file.name, hashlib.sha256(file.read_bytes()).hexdigest()
+def _source(robot: str | Path) -> tuple[str, str]:
+    """Name of a nominal robot's file, and SHA-256 of its URDF."""
+    return robots.robot_file(robot).name, hashlib.sha256(urdf.source_bytes(robot)).hexdigest()
 
 
 def _robot_notes(file: Path, saved: Saved | None) -> list[str]:
@@ -912,7 +912,7 @@ def _read_features(measurements: MeasurementsLike, robot: str | Path | None, opt
         options=options,
         urdf=nominal,
         robot_file=file,
-        nominal_source=_source(file),
+        nominal_source=_source(robot),
         measurements=rows.as_measurements(),
         feature_rows=rows,
         notes=tuple(_robot_notes(file, None)),

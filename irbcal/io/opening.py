@@ -220,7 +220,7 @@ def open_robot(
     if path is not None and not path.is_dir():
         read = urdf.read(path, base_link, tip_link, coupling)
         file = robots.robot_file(path)
-        return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, file.read_bytes())
+        return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, urdf.source_bytes(path))
     folder: Path | None
     text: bytes | None
     if path is not None:

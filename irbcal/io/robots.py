@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,7 +110,7 @@ class RobotList(Result):
         rows = [(robot.name, robot.what, robot.source) for robot in self.robots]
         return [
             Table(f"{len(rows)} robots by name (--robot NAME)", ("name", "robot", "from"), tuple(rows)),
-            "Any other robot: --robot FILE.urdf",
+            "Any other robot: --robot FILE.urdf, or --robot 'FILE.xacro ARGUMENT:=VALUE'",
         ]
 
     def headline(self) -> str:
@@ -164,7 +165,7 @@ def named(robot: str | Path) -> NamedRobot | None:
     """The robot of a name (shipped ones also with their variant and ending), unless there is a file of that name."""
     if not isinstance(robot, (str, os.PathLike)):
         raise RobotError(f"expected the path of a URDF or a robot's name, found {shown(robot)}", parameter="robot")
-    if Path(robot).is_file():
+    if Path(xacro_arguments(robot)[0]).is_file():
         return None
     name = str(robot).lower()
     for entry in (*NAMED, *(_descriptions() if name.endswith("_description") else ())):
@@ -175,13 +176,23 @@ def named(robot: str | Path) -> NamedRobot | None:
     return None
 
 
+_ARGUMENT = re.compile(r"\s+(\w+):=(\S*)")
+
+
+def xacro_arguments(robot: str | Path) -> tuple[str | Path, dict[str, str]]:
+    """A robot without the arguments of its xacro file, and these: ``ur.urdf.xacro ur_type:=ur5e name:=ur``."""
+    if ":=" not in str(robot):
+        return robot, {}
+    return _ARGUMENT.sub("", str(robot)), dict(_ARGUMENT.findall(str(robot)))
+
+
 def robot_file(robot: str | Path) -> Path:
     """Path of a robot file.
 
     Parameters
     ----------
     robot : str or Path
-        A path to a URDF, or a robot's name, see `robots`.
+        A path to a URDF or a xacro file, arguments of which may follow, or a robot's name, see `robots`.
 
     Returns
     -------
@@ -192,6 +203,7 @@ def robot_file(robot: str | Path) -> Path:
     RobotError
         If there is no such file; the sentence lists the names.
     """
+    robot = xacro_arguments(robot)[0]
     path = Path(robot)
     if path.is_file():
         return path

@@ -22,7 +22,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import OptionError, RobotError
-from irbcal.io import robots, urdf_xml
+from irbcal.io import robots, urdf_xml, xacro_file
 from irbcal.io.urdf_xml import XmlElement, XmlTree
 from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
@@ -226,12 +226,12 @@ class _Joint:
 
 
 def read(path: str | Path, base: str | None = None, tip: str | None = None, coupling: str | None = None) -> UrdfArm:
-    """Read a robot from a URDF file.
+    """Read a robot from a URDF or xacro file.
 
     Parameters
     ----------
     path : str or Path
-        A file, or a robot's name, see `irbcal.io.robots.robots`.
+        A file, or a robot's name, see `irbcal.io.robots.robots`; of a xacro file with arguments ``FILE NAME:=VALUE``.
     base, tip : str, optional
         Link names; by default ``base_link`` (or the root) and ``tool0``, ``flange``, ``ee_link`` or the last link.
     coupling : str, optional
@@ -250,11 +250,28 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None, coup
     if entry is not None:
         base, tip = base or entry.base_link, tip or entry.tip_link
     file = robots.robot_file(path)
-    robot_read = from_bytes(read_bytes(file, RobotError), str(file), base, tip)
+    robot_read = from_bytes(source_bytes(path), str(file), base, tip)
     return with_coupling(robot_read, declared_coupling(file, len(robot_read.arm.joint_names), coupling))
 
 
 read_urdf = read
+
+
+def source_bytes(robot: str | Path) -> bytes:
+    """The URDF of a file or a robot's name; a xacro file is expanded.
+
+    Raises
+    ------
+    RobotError
+        If the file cannot be read, or expanded safely.
+    """
+    file, arguments = robots.robot_file(robot), robots.xacro_arguments(robot)[1]
+    data = read_bytes(file, RobotError)
+    if xacro_file.is_xacro(data):
+        return xacro_file.expanded(file, arguments)
+    if arguments:
+        raise RobotError(f"a URDF takes no arguments: leave out {next(iter(arguments))}:=", file=file)
+    return data
 
 
 def with_coupling(urdf: UrdfArm, coupling: FloatArray | None) -> UrdfArm:
