@@ -12,14 +12,15 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import ValidationError, model_validator
+from pydantic import Field, StringConstraints, ValidationError, model_validator
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.atomic import write_set
+from irbcal.cell.external_axes import COLUMN, ExternalAxis
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
 from irbcal.io.schema import PoseSection
@@ -32,7 +33,7 @@ from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 SCHEMA = "irbcal-cell-1"
-TOOL, WORK_OBJECT = "tool", "work_object"
+TOOL, WORK_OBJECT, AXIS = "tool", "work_object", "axis"
 RESIDUALS = ("residual", "residual_nominal")
 QUATERNION_TOLERANCE = 1e-9
 """How far the length of a quaternion of the file may be from one."""
@@ -120,6 +121,8 @@ class Touch:
         The point as a tracker measured it, in the measuring frame of the calibration, metres.
     residual, residual_nominal : ndarray, shape (3,)
         In the base link, metres: the tip by the calibrated (nominal) robot less where it should be.
+    e : ndarray, shape (axes,)
+        Positions of the external axes, radians (metres).
     """
 
     row: int
@@ -135,6 +138,7 @@ class Touch:
     tracker: FloatArray | None = None
     residual: FloatArray = field(default_factory=lambda: np.zeros(3))
     residual_nominal: FloatArray = field(default_factory=lambda: np.zeros(3))
+    e: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         lock(self)
@@ -157,9 +161,11 @@ class CellFile(Result):
     simulated : bool
     tools, work_objects : dict of str to FrameInCell
     touch_covariance, covariance : ndarray, shape (6 k, 6 k)
-        Of the small motions of all tools, then all work objects, in order: by touching alone, and with the robot's.
+        Of the small motions of all tools, then all work objects, then of the screws of all external axes, in order: by
+        touching alone, and with the robot's.
     robot_gain : ndarray, shape (6 k, p)
         Derivative of the small motions by the parameters of the robot.
+    axes : tuple of ExternalAxis
     touches : tuple of Touch
     left_out : tuple of str
         Touches that were left out of the adjustment, and why.
@@ -176,6 +182,7 @@ class CellFile(Result):
     touch_covariance: FloatArray
     covariance: FloatArray
     robot_gain: FloatArray
+    axes: tuple[ExternalAxis, ...] = ()
     touches: tuple[Touch, ...] = ()
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -205,7 +212,12 @@ class CellFile(Result):
             rows.append((word, *other, None, None, away, None if one.position_only else turned))
         heads = ("frame", *notation.names, "u95 mm", "deg", "off mm", "deg")
         table = Table(f"Frames {notation.words}", heads, tuple(rows), digits=notation.digits)
-        return [headline, table, *(f"Note: {text}" for text in (*self.left_out, self._whole_in_words(), *self.notes))]
+        return [
+            headline,
+            table,
+            *self._axes_in_words(),
+            *(f"Note: {text}" for text in (*self.left_out, self._whole_in_words(), *self.notes)),
+        ]
 
     def _whole_in_words(self) -> str:
         """The intervals with the robot's own errors."""
@@ -214,6 +226,23 @@ class CellFile(Result):
             "u95 is that of touching; with what is unknown of the robot, which programs share and irbcal filter --cell "
             f"reckons with, {', '.join(f'{size:.2f}' for size in sizes)} mm"
         )
+
+    def _axes_in_words(self) -> list[str]:
+        """How far external axes are from where the controller has them, at the touches."""
+        out = []
+        for k, axis in enumerate(self.axes):
+            e = np.array([touch.e[k] for touch in self.touches])
+            rows = self.rows(AXIS, axis.column)
+            std = np.sqrt(np.maximum(np.diagonal(self.covariance)[rows], 0.0))
+            points = [one.T_true[:3, 3] for name, one in self.work_objects.items() if name.lower() in axis.carries]
+            turn, shift = axis.departure(e, (points or [np.zeros(3)])[0])
+            direction = COVERAGE * std[3:].max() if axis.slides else COVERAGE * std[:3].max()
+            out.append(
+                f"External axis {axis.column} from {e.min() / axis.unit:g} to {e.max() / axis.unit:g}: it carries "
+                f"{' and '.join(axis.carries)} up to {shift / MM:.3f} mm and {turn / DEG:.4f} deg beside where the "
+                f"controller has it; u95 of its direction {direction / DEG:.4f} deg"
+            )
+        return out
 
     def u95(self, frame: str, name: str, covariance: FloatArray) -> tuple[float, float]:
         """Half-widths that hold 95 % of a coordinate's errors (metres) and an angle's (radians), largest of three."""
@@ -229,9 +258,9 @@ class CellFile(Result):
         return self._document().model_dump(mode="json", exclude={KEY})
 
     def rows(self, frame: str, name: str) -> slice:
-        """Rows of a frame in the covariances; ``frame`` is ``tool`` or ``work_object``."""
-        before = list(self.tools) if frame == TOOL else list(self.work_objects)
-        start = 6 * (before.index(name) + (0 if frame == TOOL else len(self.tools)))
+        """Rows of a frame in the covariances; ``frame`` is ``tool``, ``work_object`` or ``axis`` (by its column)."""
+        pairs = [(TOOL, key) for key in self.tools] + [(WORK_OBJECT, key) for key in self.work_objects]
+        start = 6 * [*pairs, *((AXIS, axis.column) for axis in self.axes)].index((frame, name))
         return slice(start, start + 6)
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -259,6 +288,15 @@ class CellFile(Result):
             covariance_rad_m=self.covariance.tolist(),
             touch_covariance_rad_m=self.touch_covariance.tolist(),
             robot_gain_rad_m=self.robot_gain.tolist(),
+            axes=[
+                _AxisSection(
+                    axis=axis.column,
+                    carries=list(axis.carries),
+                    screw_rad_m=axis.screw.tolist(),
+                    nominal_rad_m=axis.nominal.tolist(),
+                )
+                for axis in self.axes
+            ],
             touches=[_TouchSection.of(one) for one in self.touches],
             left_out=list(self.left_out),
             notes=list(self.notes),
@@ -292,6 +330,15 @@ class _FrameSection(Section):
         return FrameInCell(self.name, _transform(self.true), _transform(self.nominal), there, self.position_only)
 
 
+class _AxisSection(Section):
+    """An external axis, in the file."""
+
+    axis: Annotated[str, StringConstraints(pattern=COLUMN.pattern)]
+    carries: list[Name]
+    screw_rad_m: list[float] = Field(min_length=6, max_length=6)
+    nominal_rad_m: list[float] = Field(min_length=6, max_length=6)
+
+
 class _TouchSection(Section):
     """A touch, in the file; joints in radians (metres)."""
 
@@ -308,6 +355,7 @@ class _TouchSection(Section):
     tracker_mm: list[float] | None
     residual_mm: list[float]
     residual_nominal_mm: list[float]
+    axes: list[float]
 
     @staticmethod
     def of(one: Touch) -> _TouchSection:
@@ -326,6 +374,7 @@ class _TouchSection(Section):
             tracker_mm=None if one.tracker is None else (one.tracker / MM).tolist(),
             residual_mm=(one.residual / MM).tolist(),
             residual_nominal_mm=(one.residual_nominal / MM).tolist(),
+            axes=one.e.tolist(),
         )
 
     def touch(self) -> Touch:
@@ -344,6 +393,7 @@ class _TouchSection(Section):
             None if self.tracker_mm is None else np.array(self.tracker_mm) * MM,
             np.array(self.residual_mm) * MM,
             np.array(self.residual_nominal_mm) * MM,
+            np.array(self.axes),
         )
 
 
@@ -360,6 +410,7 @@ class _Document(Section):
     covariance_rad_m: list[list[float]]
     touch_covariance_rad_m: list[list[float]]
     robot_gain_rad_m: list[list[float]]
+    axes: list[_AxisSection]
     touches: list[_TouchSection]
     left_out: list[Sentence]
     notes: list[Sentence]
@@ -367,7 +418,7 @@ class _Document(Section):
 
     @model_validator(mode="after")
     def _fits(self) -> _Document:
-        size = 6 * (len(self.tools) + len(self.work_objects))
+        size = 6 * (len(self.tools) + len(self.work_objects) + len(self.axes))
         for name in ("covariance_rad_m", "touch_covariance_rad_m"):
             matrix = getattr(self, name)
             if len(matrix) != size or any(len(row) != size for row in matrix):
@@ -439,7 +490,7 @@ def read_cell(path: str | PathLike[str]) -> CellFile:
         where = ".".join(str(part) for part in first["loc"]) or "the file"
         raise CalibrationError(f"{where}: {first['msg']}", file=path, parameter=where) from None
     refuse_absurd(content, Path(path))
-    size = 6 * (len(found.tools) + len(found.work_objects))
+    size = len(found.covariance_rad_m)
     return CellFile(
         found.fingerprint,
         found.robot,
@@ -449,6 +500,10 @@ def read_cell(path: str | PathLike[str]) -> CellFile:
         np.array(found.touch_covariance_rad_m).reshape(size, size),
         np.array(found.covariance_rad_m).reshape(size, size),
         np.array(found.robot_gain_rad_m).reshape(size, -1) if size else np.zeros((0, 0)),
+        tuple(
+            ExternalAxis(one.axis, tuple(one.carries), np.array(one.screw_rad_m), np.array(one.nominal_rad_m))
+            for one in found.axes
+        ),
         tuple(one.touch() for one in found.touches),
         tuple(found.left_out),
         tuple(found.notes),

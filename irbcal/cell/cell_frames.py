@@ -16,6 +16,10 @@ Unknown are the tip of each tool in the tip link, or its frame ``T_f_t``, each p
 link, and each work object ``T_b_o``. Each touch is an observation (`irbcal.identification.observations`) along the
 cell's graph of frames (`irbcal.modeling.cell_graph`), all are adjusted together by least squares, so that an error of a
 tool goes on into the work objects touched with it.
+
+External axes (`irbcal.cell.external_axes`) are edges of that graph whose screws are unknown, too: columns ``e1_mm``,
+``e2_deg`` … say where they were. Places of tools stand on the floor; on a work object that an axis carries any point
+without coordinates may be touched at several positions of the axis.
 """
 
 from __future__ import annotations
@@ -31,10 +35,20 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray
-from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch, frames_by_name
+from irbcal.cell import external_axes
+from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch, frames_by_name
+from irbcal.cell.external_axes import ExternalAxis
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.identification import feature_problem
-from irbcal.identification.feature_problem import BASE, FRAME, FeatureProblem, FeatureState, GroupResiduals
+from irbcal.identification.feature_problem import (
+    BASE,
+    FRAME,
+    SCREW,
+    FeatureProblem,
+    FeatureState,
+    GroupResiduals,
+    edge_key,
+)
 from irbcal.identification.observation_kind import with_third
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
@@ -75,17 +89,20 @@ SIDES: Mapping[str, tuple[str, FloatArray, int]] = {
 
 @dataclass(frozen=True, eq=False)
 class Adjusted:
-    """Tools and work objects by one robot.
+    """Tools, work objects and external axes by one robot.
 
     Attributes
     ----------
     problem : FeatureProblem
         A row of its rows for each touch.
     state : FeatureState
+    root : str
+        The frame that stands still.
     """
 
     problem: FeatureProblem
     state: FeatureState
+    root: str = cell_graph.BASE
 
     @cached_property
     def by_group(self) -> list[GroupResiduals]:
@@ -122,24 +139,27 @@ class Adjusted:
         return frames.transform(np.eye(3), tip) if alone else self.state.values[FRAME, frame_name(kind, name)]
 
     def motions(self, kind: str, name: str, R: FloatArray) -> FloatArray:
-        """Small motion of a frame in its own axes by the unknowns, shape (6, unknowns); R: axes of a tip alone."""
+        """Small motion of a frame in its own axes by the unknowns, shape (6, unknowns); R: axes of a tip alone.
+
+        Of an external axis the change of its screw; ``name`` is the frame that it moves.
+        """
         out = np.zeros((6, self.problem.flat))
         key = feature_problem.TOOL, name
         if kind == TOOL and key in self.problem.layout:
             at = self.problem.layout[key][1]
             out[3:, at : at + 3] = R.T
         else:
-            at = self.problem.layout[FRAME, frame_name(kind, name)][1]
+            at = self.problem.layout[(SCREW, name) if kind == AXIS else (FRAME, frame_name(kind, name))][1]
             out[:, at : at + 6] = np.eye(6)
         return out
 
     @cached_property
     def residual(self) -> FloatArray:
-        """In the base link, shape (touches, 3), metres; zero in directions in which a touch says nothing."""
+        """In the axes of the root, shape (touches, 3), metres; zero in directions in which a touch says nothing."""
         out = np.zeros((len(self.problem.rows), 3))
         for of_group in self.by_group:
             along = np.einsum("nki,nk->ni", of_group.residuals.point, of_group.residuals.r)
-            R = of_group.view.frames[cell_graph.BASE][:, :3, :3]
+            R = of_group.view.frames[self.root][:, :3, :3]
             out[of_group.group.rows] = np.einsum("nji,nj->ni", R, along)
         return out
 
@@ -163,10 +183,11 @@ class Adjusted:
             if FLANGE in of_group.view.signs:
                 J, variance[group.rows] = robot_derivatives(certainty, of_group.path, of_group.p.T, motion)
             out = self.problem.by_arm(of_group, J, None)
-            if cell_graph.BASE in of_group.view.signs and group.frame == WORLD:
-                out[:6] += self.problem.by_edge(of_group, cell_graph.BASE)
+            if self.root in of_group.view.signs and group.frame == WORLD:
+                out[:6] += self.problem.by_edge(of_group, self.root)
             parts.append((out * self.problem.weights[group.rows][:, None] * unit).reshape(len(out), -1).T)
-        return np.concatenate(parts), variance
+        derivative = np.concatenate(parts)
+        return np.vstack([derivative, np.zeros((len(self.rows[0]) - len(derivative), derivative.shape[1]))]), variance
 
 
 def frame_name(kind: str, name: str) -> str:
@@ -174,7 +195,14 @@ def frame_name(kind: str, name: str) -> str:
     return f"{kind.replace('_', ' ')} {name}"
 
 
-def adjust(touches: Sequence[Touch], robot: Robot, sigma: FloatArray, source: str) -> Adjusted:
+def adjust(
+    touches: Sequence[Touch],
+    robot: Robot,
+    sigma: FloatArray,
+    source: str,
+    axes: Sequence[ExternalAxis] = (),
+    nominal: bool = False,
+) -> Adjusted:
     """Adjust tools and work objects to touches.
 
     Parameters
@@ -186,6 +214,9 @@ def adjust(touches: Sequence[Touch], robot: Robot, sigma: FloatArray, source: st
         Standard deviation of each touch in each direction, metres.
     source : str
         Name of the table, for messages.
+    axes : sequence of ExternalAxis, optional
+    nominal : bool
+        Whether the axes are as the controller has them; else they are adjusted, too.
 
     Returns
     -------
@@ -197,14 +228,23 @@ def adjust(touches: Sequence[Touch], robot: Robot, sigma: FloatArray, source: st
         If the touches do not determine a tool or a work object: the sentence says what is missing.
     """
     framed = {t.name for t in touches if t.frame == TOOL and t.point in SIDES}
-    rows = _feature_rows(touches, framed, COVERAGE * sigma, robot.arm, source)
+    root = external_axes.root(axes)
+    rows = _feature_rows(touches, framed, COVERAGE * sigma, robot.arm, source, root)
     load = robot.joint_map.load(len(rows))
     rows = replace(rows, payload_kg=load["payload_kg"], payload_place=load["payload_place"])
     edges = [Edge(FLANGE, frame_name(TOOL, name)) for name in sorted(framed)]
-    problem = FeatureProblem(robot.arm, rows, [], {BASE: robot.T_world_base}, edges, robot)
+    moving = external_axes.edges(axes, np.array([touch.e for touch in touches]))
+    known = {BASE: robot.T_world_base} | {
+        edge_key(edge): edge.screw for edge in moving if nominal and edge.screw is not None
+    }
+    if axes:
+        objects = dict.fromkeys(t.name for t in touches if t.frame == WORK_OBJECT)
+        edges += [Edge(external_axes.stand(axes, name), frame_name(WORK_OBJECT, name)) for name in objects]
+        edges += [*moving, Edge(WORLD, root, robot.T_world_base)]
+    problem = FeatureProblem(robot.arm, rows, [], known, edges, robot)
     _refuse_too_few(touches, problem, source)
     try:
-        adjusted = Adjusted(problem, feature_problem.start(problem))
+        adjusted = Adjusted(problem, feature_problem.start(problem), root)
     except IdentificationError as error:
         raise MeasurementError(str(error), file=source) from None
     for of_group in adjusted.by_group:
@@ -221,7 +261,9 @@ def adjust(touches: Sequence[Touch], robot: Robot, sigma: FloatArray, source: st
     return adjusted
 
 
-def _feature_rows(touches: Sequence[Touch], framed: set[str], u95: FloatArray, arm: Arm, source: str) -> FeatureSet:
+def _feature_rows(
+    touches: Sequence[Touch], framed: set[str], u95: FloatArray, arm: Arm, source: str, root: str
+) -> FeatureSet:
     """Touches as rows at features: frames in which these are known, and carriers whose points touch them."""
     n = len(touches)
     features: dict[str, Feature] = {}
@@ -257,14 +299,18 @@ def _feature_rows(touches: Sequence[Touch], framed: set[str], u95: FloatArray, a
                         row=touch.row,
                         column="point",
                     )
-                row(kind, feature.name, f"{places.pop()} of {of}", of, cell_graph.BASE)
+                row(kind, feature.name, f"{places.pop()} of {of}", of, root)
+        elif touch.frame == WORK_OBJECT and touch.xyz is None and touch.point != TAUGHT[0]:
+            name = f"{touch.point} of {of}"
+            features[name] = Feature(name, "point", touch.tool)
+            row("point", name, touch.tool, of, tip)
         elif touch.frame == WORK_OBJECT:
             xyz[k] = np.zeros(3) if touch.xyz is None else touch.xyz
             row("point", "", touch.tool, of, tip)
         else:
             name = f"{touch.point} of {of}"
             features[name] = Feature(name, touch.kind, touch.tool, touch.radius)
-            row(touch.kind, name, touch.tool, "", tip)
+            row(touch.kind, name, touch.tool, root, tip)
     columns_of = {name: np.array(values, dtype=object) for name, values in text.items()}
     names = np.array([str(k) for k in range(n)], dtype=object)
     return FeatureSet(
@@ -353,7 +399,7 @@ def _refuse_too_few(touches: Sequence[Touch], problem: FeatureProblem, source: s
             )
 
 
-def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
+def read_touches(table: TableLike, arm: Arm, axes: Sequence[ExternalAxis] = ()) -> tuple[list[Touch], str]:
     """Read touches.
 
     Parameters
@@ -361,6 +407,8 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
     table : str, Path or DataFrame
     arm : Arm
         Whose joints they are.
+    axes : sequence of ExternalAxis, optional
+        Whose columns every row has.
 
     Returns
     -------
@@ -377,8 +425,10 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
     if isinstance(table, pd.DataFrame) and "tool" in table.columns:
         # pandas reads numbers beside empty cells as 3.0
         table = table.assign(tool=table["tool"].convert_dtypes())
-    known = (*TEXT, *joints, *POSITION, "u95_mm", "kind", "radius_mm", *TRACKER)
-    rows = InputTable.read(table, ["frame", "name", "point", *joints], known)
+    external = [axis.column for axis in axes]
+    known = (*TEXT, *joints, *external, *POSITION, "u95_mm", "kind", "radius_mm", *TRACKER)
+    rows = InputTable.read(table, ["frame", "name", "point", *joints, *external], known)
+    e = rows.si(external) if axes else np.zeros((len(rows), 0))
     positions, tracked = (np.column_stack([rows.optional(name) for name in names]) for names in (POSITION, TRACKER))
     u95s, radii, texts = rows.optional("u95_mm"), rows.optional("radius_mm"), [rows.filled(name) for name in TEXT[:3]]
     tools, kinds = rows.texts("tool"), rows.texts("kind")
@@ -392,7 +442,8 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
         tool, kind = tools[k], kinds[k] or "point"
         counts = int(np.isfinite(positions[k]).sum()), int(np.isfinite(tracked[k]).sum())
         point = point[1:] if frame == TOOL and point == "+x" else point
-        fault = _fault(frame, name, point, tool, kind, counts, bool(at_rest[k]))
+        carried = any(name.lower() in axis.carries for axis in axes)
+        fault = _fault(frame, name, point, tool, kind, counts, bool(at_rest[k]), carried)
         if fault is not None:
             raise rows.fault(fault[1], k, fault[0])
         touches.append(
@@ -408,15 +459,19 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
                 kind=kind,
                 radius=None if np.isnan(radii[k]) else float(radii[k]),
                 tracker=tracked[k] if counts[1] else None,
+                e=e[k],
             )
         )
     return touches, rows.source
 
 
 def _fault(
-    frame: str, name: str, point: str, tool: str, kind: str, counts: tuple[int, int], at_rest: bool
+    frame: str, name: str, point: str, tool: str, kind: str, counts: tuple[int, int], at_rest: bool, carried: bool
 ) -> tuple[str | list[str], str] | None:
-    """Column and sentence where a row is no touch; ``counts`` of coordinates known in the work object, and measured."""
+    """Column and sentence where a row is no touch; ``counts`` of coordinates known in the work object, and measured.
+
+    ``carried``: whether an external axis carries the work object.
+    """
     known, tracked = counts
     if frame not in (TOOL, WORK_OBJECT):
         return "frame", f"expected {TOOL} or {WORK_OBJECT}, found {frame!r}"
@@ -440,7 +495,7 @@ def _fault(
         return None
     if frame == WORK_OBJECT and not tool:
         return "tool", f"expected the tool that touched work object {name}, found nothing"
-    if frame == WORK_OBJECT and not known and point not in TAUGHT:
+    if frame == WORK_OBJECT and not known and point not in TAUGHT and not carried:
         return "point", f"expected {', '.join(TAUGHT)}, or x_mm, y_mm and z_mm of the point, found {point!r} without"
     return None
 
@@ -462,6 +517,7 @@ def cell_frames(
     *,
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
+    axes: TableLike | None = None,
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
 ) -> CellFile:
@@ -477,6 +533,8 @@ def cell_frames(
     tool, wobj : dict of str to array_like, shape (4, 4), optional
         What the controller has, metres: a tool in the tip link, a work object in the base link. A tool that is taught
         by its tip alone has the axes that the controller has.
+    axes : str, Path or DataFrame, optional
+        External axes as the controller has them, see `irbcal.cell.external_axes.read_axes`.
     payload : float, optional
         Mass carried at the touches, kg.
     payload_place : array_like, shape (3,), optional
@@ -497,19 +555,27 @@ def cell_frames(
     RobotError
         If nothing is known of the robot's certainty, or of the payload.
     """
-    refuse_overwriting({"out": out}, [touches] if isinstance(touches, (str, PathLike)) else [], calibration)
+    inputs = [table for table in (touches, axes) if isinstance(table, (str, PathLike))]
+    refuse_overwriting({"out": out}, inputs, calibration)
     record = open_calibration(calibration)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     certainty = robot.certainty
     if certainty is None:
         raise RobotError(f"nothing is known of how certain {robot.arm.name} is: calibrate it", parameter="calibration")
-    all_rows, source = read_touches(touches, robot.arm)
+    axes_before = () if axes is None else external_axes.read_axes(axes)
+    all_rows, source = read_touches(touches, robot.arm, axes_before)
+    for axis in axes_before:
+        touched = {t.name.lower() for t in all_rows if t.frame == WORK_OBJECT}
+        unknown = sorted({*axis.carries} - touched - {external_axes.ROBOT})
+        if unknown:
+            message = f"axes: {axis.column} carries {unknown[0]}, which is neither robot nor a touched work object"
+            raise OptionError(message, parameter="axes")
     of_controller = {
         kind: _of_controller(frames_given, parameter, kind, all_rows)
         for kind, frames_given, parameter in ((TOOL, tool, "tool"), (WORK_OBJECT, wobj, "wobj"))
     }
-    rows, sigma, adjusted, left_out = _without_outliers(all_rows, robot, certainty, source)
-    by_nominal = adjust(rows, record.robot_nominal(), sigma, source)
+    rows, sigma, adjusted, left_out = _without_outliers(all_rows, robot, certainty, source, axes_before)
+    by_nominal = adjust(rows, record.robot_nominal(), sigma, source, axes_before, nominal=True)
     C, G, doubt = _covariance(adjusted, certainty)
     of_cell: dict[str, dict[str, FrameInCell]] = {TOOL: {}, WORK_OBJECT: {}}
     M = []
@@ -523,6 +589,10 @@ def cell_frames(
             T_true, T_nominal = (each.frame(kind, name) @ axes for each in (adjusted, by_nominal))
             frames_of_kind[name] = FrameInCell(name, T_true, T_nominal, T_controller, position_only=alone)
             M.append(adjusted.motions(kind, name, axes[:3, :3]))
+    axes_of_cell = []
+    for axis, edge in zip(axes_before, external_axes.edges(axes_before, np.zeros((1, len(axes_before)))), strict=True):
+        axes_of_cell.append(replace(axis, screw=adjusted.state.values[edge_key(edge)]))
+        M.append(adjusted.motions(AXIS, edge.child, np.eye(3)))
     motions = np.concatenate(M)
     touching, gain = motions @ C @ motions.T, motions @ G
     cell = CellFile(
@@ -534,6 +604,7 @@ def cell_frames(
         touching,
         touching + gain @ certainty.covariance @ gain.T,
         gain,
+        tuple(axes_of_cell),
         touches=tuple(
             replace(touch, residual=adjusted.residual[k], residual_nominal=by_nominal.residual[k])
             for k, touch in enumerate(rows)
@@ -621,15 +692,15 @@ def point_derivatives(
 
 
 def _without_outliers(
-    rows: list[Touch], robot: Robot, certainty: Certainty, source: str
+    rows: list[Touch], robot: Robot, certainty: Certainty, source: str, axes: Sequence[ExternalAxis]
 ) -> tuple[list[Touch], FloatArray, Adjusted, list[str]]:
     """Adjust, leave out the worst touch, and again, as long as one is far out and the others are enough without it."""
     left_out: list[str] = []
     u95 = np.array([touch.u95 for touch in rows])
-    variance = adjust(rows, robot, u95 / COVERAGE, source).by_robot(certainty)[1]
+    variance = adjust(rows, robot, u95 / COVERAGE, source, axes).by_robot(certainty)[1]
     sigma = np.sqrt((u95 / COVERAGE) ** 2 + variance)
     most = len(rows) // MOST_OUTLIERS
-    adjusted = adjust(rows, robot, sigma, source)
+    adjusted = adjust(rows, robot, sigma, source, axes)
     while True:
         worst, chance, distance = _worst(adjusted, sigma)
         if chance > OUTLIER:
@@ -643,7 +714,7 @@ def _without_outliers(
         if len(left_out) >= most:
             break
         try:
-            again = adjust(rest, robot, sigma[keep], source)
+            again = adjust(rest, robot, sigma[keep], source, axes)
         except MeasurementError:
             break
         if not again.redundancy:

@@ -130,7 +130,7 @@ def as_written(
 ) -> Corrected:
     """Fake targets in the numbers that the controller will have: ``P' = On^-1 N(q) Tn``.
 
-    Programs write ``Oc^-1 T Tc`` for a pose ``T``, so with numbers from the cell ``T = Oc Ot^-1 N(q) Tt Tc^-1``. Taught
+    Programs write ``Oc^-1 T Tc`` for a pose ``T``, so with numbers from the cell ``T = Oc On^-1 N(q) Tt Tc^-1``. Taught
     poses keep their joints, so these change as well.
     """
     if CELL not in at.origins and not true_frames.points.re_express:
@@ -142,7 +142,7 @@ def as_written(
         ok, reason = ok | stays, np.where(stays, "", reason)
         q = np.where(stays[:, None], plain.q_nominal, q)
         T_fake = np.where(stays[:, None, None], plain.T_fake, T_fake)
-        T_fake = frames.inverse(at.T_left) @ T_fake @ frames.inverse(at.T_right)
+        T_fake = at.T_numbers @ T_fake @ frames.inverse(at.T_right)
     return replace(fake, T_wanted=plain.T_wanted, T_fake=T_fake, q=q, ok=ok, reason=reason)
 
 

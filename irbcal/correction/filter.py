@@ -29,6 +29,7 @@ from irbcal.correction.program import (
     read_bytes,
     refuse_filtered,
 )
+from irbcal.correction.text_program import TextProgram
 from irbcal.correction.trajectories import Timed, follow
 from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, cell_of, point_origin
 from irbcal.errors import OptionError, ProgramError
@@ -186,6 +187,9 @@ def correct(
         cell_of(cell, record.fingerprint), frames_measured, controller_frames, origin, setup.controller
     )
     true_frames.check(path_tolerance is not None)
+    if true_frames.cell is not None and true_frames.cell.axes:
+        axes = true_frames.cell.axes
+        programs = [program.on_axes(axes) if isinstance(program, TextProgram) else program for program in programs]
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
     if tolerance is not None and not all(isinstance(program_read, Cuttable) for program_read in programs):

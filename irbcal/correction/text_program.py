@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock, locked
+from irbcal.cell.external_axes import ExternalAxis, carried, moving
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
@@ -93,6 +94,8 @@ class Target:
         Where the configuration stands in the text.
     external : str
         External axes as they stand in the file.
+    e : dict of str to float
+        Their positions by number, as written (mm or degrees): ``e1`` ….
     uses : list of Use
         Direct uses in moves.
     conflicts : list of str
@@ -115,6 +118,7 @@ class Target:
     configuration: Configuration | None = None
     configuration_spans: tuple[Span, ...] = ()
     external: str = ""
+    e: Mapping[str, float] = field(default_factory=dict)
     uses: list[Use] = field(default_factory=list)
     conflicts: list[str] = field(default_factory=list)
     near: FloatArray | None = None
@@ -139,6 +143,7 @@ class Target:
         return tuple(number.value for number in self.numbers)
 
 
+EXTERNAL_AXES = "has external axes: where they carry the robot or the work, its place is another"
 UNSET = "active"
 """Name of the tool and frame that hold before the program sets any."""
 
@@ -236,8 +241,7 @@ class ControlFlow:
     def external_axes(self, targets: Iterable[Target]) -> list[Note]:
         """A note if targets of moves have external axes."""
         moved = next((target for target in targets if target.external and target.uses), None)
-        text = "has external axes: where they carry the robot or the work, its place is another"
-        return [] if moved is None else [Note(self.listing.line(moved.start), f"{moved.name} {text}")]
+        return [] if moved is None else [Note(self.listing.line(moved.start), f"{moved.name} {EXTERNAL_AXES}")]
 
     def open(self, loop: bool = False) -> None:
         """A branch or loop begins."""
@@ -310,6 +314,8 @@ class TextProgram(Program):
         Of the calibration that this program was already corrected with; empty where the mark does not say.
     mark_at : int
         Where the mark goes.
+    axes : tuple of ExternalAxis
+        External axes of the cell, where they are known.
     """
 
     source: str
@@ -323,9 +329,21 @@ class TextProgram(Program):
     notes: tuple[Note, ...]
     fingerprint: str | None
     mark_at: int
+    axes: tuple[ExternalAxis, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def on_axes(self, axes: Sequence[ExternalAxis]) -> Self:
+        """The program in a cell with external axes: targets that do not say where these are stay as they are."""
+        for target in self.targets:
+            for use in target.uses:
+                missing = [axis.name for axis in moving(axes, use.work_object) if axis.name not in target.e]
+                if missing:
+                    target.conflicts.append(f"it has no position of external axis {missing[0]}")
+            target.conflicts = list(dict.fromkeys(target.conflicts))
+        notes = tuple(note for note in self.notes if not note.text.endswith(EXTERNAL_AXES))
+        return replace(self, axes=tuple(axes), notes=notes)
 
     @abstractmethod
     def mark(self, fingerprint: str) -> Edit:
@@ -485,6 +503,11 @@ class TextProgram(Program):
     def _frames_of(self, indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         uses = [self.targets[k].uses[0] for k in indices]  # a correctable target is used with one tool and work object
         work_objects = [self.work_objects[use.work_object or ""] for use in uses]
+        if self.axes:
+            moves = zip(indices, uses, work_objects, strict=True)
+            work_objects = [
+                carried(self.axes, use.work_object or "", self.targets[k].e, nominal=True) @ T for k, use, T in moves
+            ]
         tools = [self.tools[use.tool or ""] for use in uses]
         return np.array(work_objects).reshape(-1, 4, 4), np.array(tools).reshape(-1, 4, 4)
 

@@ -31,14 +31,17 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
-from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, read_cell
+from irbcal.cell import external_axes
+from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile, read_cell
 from irbcal.cell.cell_frames import point_derivatives
+from irbcal.cell.external_axes import carried
 from irbcal.correction.program import Corrections, Program, WantedTargets
 from irbcal.correction.text_program import TextProgram
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.controller_model import ControllerFrames, unknown_frames
-from irbcal.modeling import frames
+from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.cell_graph import BASE, Edge
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Paragraph
@@ -178,6 +181,10 @@ class TargetFrames:
         Tool centre point of the controller's tool in the tip link, metres.
     T_tool, T_object : ndarray, shape (n, 4, 4)
         ``Tt`` and ``Ot``, as far as they are known.
+    T_numbers : ndarray, shape (n, 4, 4)
+        ``Oc On^-1``: from the true work object, as the controller moves it with its external axes, to its own.
+    e : ndarray, shape (n, axes)
+        Positions of the cell's external axes, radians (metres).
     points : ndarray of str, shape (n,)
         ``offline`` or ``taught``; this and what follows of corrected targets.
     at_stake : ndarray, shape (n,)
@@ -199,6 +206,8 @@ class TargetFrames:
     tcp: FloatArray
     T_tool: FloatArray
     T_object: FloatArray
+    T_numbers: FloatArray
+    e: FloatArray
     points: NameArray = field(default_factory=lambda: np.zeros(0, dtype=object))
     at_stake: FloatArray = field(default_factory=lambda: np.zeros(0))
     part_error: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -306,7 +315,7 @@ class TargetFrames:
         return sentences
 
 
-_OF_FRAMES = tuple(column.name for column in fields(TargetFrames))[:9]
+_OF_FRAMES = tuple(column.name for column in fields(TargetFrames))[:11]
 """Arrays that tell of tools and work objects."""
 
 
@@ -361,7 +370,9 @@ class TrueFrames:
         """Tools and work objects of the goals of a program."""
         n = len(batch.names)
         tools, work_objects, tool_origins, object_origins = (np.full(n, "", dtype=object) for _ in range(4))
-        T_left, T_right, T_tool, T_object = np.tile(np.eye(4), (4, n, 1, 1))
+        T_left, T_right, T_tool, T_object, T_numbers = np.tile(np.eye(4), (5, n, 1, 1))
+        axes = () if self.cell is None else self.cell.axes
+        e = np.zeros((n, len(axes)))
         tcp = np.zeros((n, 3))
         for k, number in enumerate(batch.numbers.tolist()):
             names = _names_of(program, number) if isinstance(program, TextProgram) else None
@@ -373,9 +384,16 @@ class TrueFrames:
             Ot, object_origin = self._true("work_objects", names[1], Oc, self.ends.T_base_world)
             if batch.kind == "pose" or CELL in (tool_origin, object_origin):
                 tool_origins[k], object_origins[k] = tool_origin, object_origin
+            On = Ot
+            if axes:
+                positions = program.targets[number].e
+                T_controller = carried(axes, names[1], positions, nominal=True)
+                Oc, On, Ot = T_controller @ Oc, T_controller @ Ot, carried(axes, names[1], positions) @ Ot
+                e[k] = [positions.get(axis.name, 0.0) * axis.unit for axis in axes]
             T_left[k], T_right[k], tcp[k] = Ot @ frames.inverse(Oc), Tc @ frames.inverse(Tt), Tc[:3, 3]
-            T_tool[k], T_object[k] = Tt, Ot
-        return TargetFrames(tools, work_objects, tool_origins, object_origins, T_left, T_right, tcp, T_tool, T_object)
+            T_tool[k], T_object[k], T_numbers[k] = Tt, Ot, Oc @ frames.inverse(On)
+        of_frames = tools, work_objects, tool_origins, object_origins, T_left, T_right, tcp, T_tool, T_object
+        return TargetFrames(*of_frames, T_numbers, e)
 
     def _true(self, kind: str, name: str, T: FloatArray, T_null: FloatArray) -> tuple[FloatArray, str]:
         """The true frame of a name, and its origin; ``T`` is what the controller has."""
@@ -468,11 +486,18 @@ def _derivatives(
             columns = cell.rows(TOOL, name)
             R = cell.tools[name].T_true[:3, :3]
             F[n, :, columns.start + 3 : columns.stop] = to_object[n] @ T[n, :3, :3] @ R
-        if at.object_origins[row] == CELL:
-            columns = cell.rows(WORK_OBJECT, work_objects[at.work_objects[row]])
-            x, y, z = p[n]
-            F[n, :, columns.start : columns.start + 3] = np.array(
-                [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-            )  # -(w x p) = p x w
-            F[n, :, columns.start + 3 : columns.stop] = -np.eye(3)
+    for name in dict.fromkeys(at.work_objects[rows]):
+        chosen = np.flatnonzero(at.work_objects[rows] == name)
+        moved = external_axes.edges(cell.axes, at.e[rows[chosen]])
+        stand = external_axes.stand(cell.axes, name)
+        transforms = {edge.child: edge.at(None) for edge in moved}
+        T_stand = cell_graph.view(moved, transforms, BASE, stand, len(chosen)).T
+        transforms[WORK_OBJECT] = frames.inverse(T_stand) @ at.T_object[rows[chosen]]
+        view = cell_graph.view([*moved, Edge(stand, WORK_OBJECT)], transforms, WORK_OBJECT, BASE, len(chosen))
+        if at.object_origins[rows[chosen[0]]] == CELL:
+            F[chosen, :, cell.rows(WORK_OBJECT, work_objects[name])] = view.moved_by(WORK_OBJECT, p[chosen])[0]
+        for k, (axis, edge) in enumerate(zip(cell.axes, moved, strict=True)):
+            if edge.child in view.signs:
+                D = cell_graph.screw_derivative(axis.screw, at.e[rows[chosen], k])
+                F[chosen, :, cell.rows(AXIS, axis.column)] = view.moved_by(edge.child, p[chosen])[0] @ D
     return to_object @ J, F, left_over

@@ -50,12 +50,14 @@ Key: TypeAlias = tuple[str, str]
 
 BASE: Key = ("base", "")
 """The robot base in the measuring frame."""
-TOOL, FRAME = "tool", "frame"
+STANDING = (cell_graph.BASE, cell_graph.FLOOR)
+"""Frames whose points are places of features."""
+TOOL, FRAME, SCREW = "tool", "frame", "screw"
 
 
-def edge_key(child: str) -> Key:
-    """Key of the unknown edge of a frame."""
-    return BASE if child == cell_graph.BASE else (FRAME, child)
+def edge_key(edge: Edge) -> Key:
+    """Key of an unknown edge."""
+    return (SCREW, edge.child) if edge.e is not None else BASE if edge.child == cell_graph.BASE else (FRAME, edge.child)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +111,7 @@ class Group:
     @property
     def point(self) -> Key:
         """Key of the point that is looked at."""
-        return ("centre" if self.carrier == cell_graph.BASE else TOOL, self.target)
+        return ("centre" if self.carrier in STANDING else TOOL, self.target)
 
     def keys(self) -> dict[str, Key]:
         """Its unknowns by their name in the kind."""
@@ -201,9 +203,9 @@ class FeatureProblem:
         shapes: dict[Key, tuple[Shape, str]] = {}
         for edge in self.edges:
             if edge is not ARM and edge.T is None:
-                shapes[edge_key(edge.child)] = "frame", "m"
+                shapes[edge_key(edge)] = "frame" if edge.e is None else "screw", "m"
         for group in self.groups:
-            if group.kind.pointed and group.carrier in (FLANGE, cell_graph.BASE):
+            if group.kind.pointed and group.carrier in (FLANGE, *STANDING):
                 shapes.setdefault(group.point, ("place", "m"))
             for name, key in group.keys().items():
                 unknown = group.kind.unknowns[name]
@@ -217,7 +219,7 @@ class FeatureProblem:
             shape, unit = shapes[key]
             self.layout[key] = shape, int(sum(map(len, units)))
             size = np.full(observations.DIMENSIONS[shape], observations.STEPS[unit])
-            size[: {"line": 2, "frame": 3}.get(shape, 0)] = RAD
+            size[: {"line": 2, "frame": 3, "screw": 3}.get(shape, 0)] = RAD
             units.append(size)
         self.flat = int(sum(map(len, units)))
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
@@ -303,7 +305,7 @@ class FeatureProblem:
         transforms = {FLANGE: chain.poses(path)}
         for edge in self.edges:
             if edge is not ARM:
-                T = state.values.get(edge_key(edge.child), np.eye(4)) if edge.T is None else edge.T
+                T = edge.at(state.values.get(edge_key(edge)))
                 transforms[edge.child] = T if T.ndim == 2 else T[group.rows]
         return cell_graph.view(self.edges, transforms, group.frame, group.carrier, len(group.rows))
 
@@ -325,7 +327,7 @@ class FeatureProblem:
     def point_of(self, state: FeatureState, group: Group) -> FloatArray:
         """The point in its carrier, shape (m, 3)."""
         shape = len(group.rows), 3
-        if group.carrier in (FLANGE, cell_graph.BASE):
+        if group.carrier in (FLANGE, *STANDING):
             return np.broadcast_to(state.values.get(group.point, np.zeros(3)), shape)
         return np.zeros(shape) if self.rows.point is None else self.rows.point[group.rows]
 
@@ -395,7 +397,7 @@ class FeatureProblem:
             J = np.zeros((width, *r.shape))
             if len(chosen):
                 J[self.flat :] = self._by_terms(of_group, chosen)
-            self._flat_columns(J, of_group)
+            self._flat_columns(J, of_group, state)
             w = self.weights[rows][:, None] / MM
             J *= w
             J *= sizes[:, None, None]
@@ -406,6 +408,8 @@ class FeatureProblem:
             yield self._of_lengths(state, width)
         if self.expected:
             yield self._of_expected(state, width)
+        if any(key[0] == SCREW for key in self.layout):
+            yield self._of_screws(state, width)
 
     def sums(self, state: FeatureState, columns: IntArray | None = None) -> NormalEquations:
         """Normal equations of the linear model; columns as `dense`."""
@@ -456,7 +460,7 @@ class FeatureProblem:
         """Derivative of points p (m, 3) at some joints by all terms, shape (terms, 3, m), SI units."""
         return term_columns(self.terms, path, basis_values(self.terms, Situation(self.arm, motion)), p.T)
 
-    def _flat_columns(self, J: FloatArray, of_group: GroupResiduals) -> None:
+    def _flat_columns(self, J: FloatArray, of_group: GroupResiduals, state: FeatureState) -> None:
         """Derivatives by frames, tool and features into (columns, m, k), SI units."""
         group, misses, view = of_group.group, of_group.residuals, of_group.view
         if group.kind.pointed and group.point in self.layout:
@@ -466,10 +470,14 @@ class FeatureProblem:
             if key in self.layout:
                 shape, at = self.layout[key]
                 J[at : at + observations.DIMENSIONS[shape]] += misses.by_unknown[name].transpose(2, 0, 1)
-        for child in view.signs:
-            if child != FLANGE and edge_key(child) in self.layout:
-                at = self.layout[edge_key(child)][1]
-                J[at : at + 6] += self.by_edge(of_group, child)
+        for edge in self.edges:
+            if edge is not ARM and edge.child in view.signs and edge_key(edge) in self.layout:
+                at = self.layout[edge_key(edge)][1]
+                by = self.by_edge(of_group, edge.child)
+                if edge.e is not None:
+                    D = cell_graph.screw_derivative(state.values[edge_key(edge)], edge.e[group.rows])
+                    by = np.einsum("amk,mab->bmk", by, D)
+                J[at : at + 6] += by
 
     def by_edge(self, of_group: GroupResiduals, child: str) -> FloatArray:
         """Derivatives of a group's residuals by a small motion of an edge on its path, shape (6, m, k)."""
@@ -504,6 +512,21 @@ class FeatureProblem:
             J[at, k] = w * self.sizes[at]
             y[k] = w * float(prior.value[0] - state.values[key][0])
         return self._beside(J, y, len(self.lengths))
+
+    def _of_screws(self, state: FeatureState, width: int) -> Rows:
+        """What is known of external axes beforehand, as rows."""
+        parts: list[FloatArray] = []
+        y: list[FloatArray] = []
+        for edge in self.edges:
+            if edge.screw is not None and edge_key(edge) in self.layout:
+                at = self.layout[edge_key(edge)][1]
+                r, by, u95 = cell_graph.screw_prior(state.values[edge_key(edge)], not edge.screw[:3].any())
+                w = self.typical / MM / u95
+                J = np.zeros((width, len(r)))
+                J[at : at + 6] = by.T * w * self.sizes[at : at + 6, None]
+                parts.append(J)
+                y.append(-r * w)
+        return self._beside(np.concatenate(parts, axis=1), np.concatenate(y), len(self.lengths) + len(self.expected))
 
 
 def _groups(seen: FeatureSet) -> list[Group]:
@@ -592,6 +615,7 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
         "tool": f"the place of {name_of_unknown} on the tool",
         "base": "the base in the measuring frame",
         FRAME: f"where {name_of_unknown} is",
+        SCREW: f"how {name_of_unknown} moves",
     }.get(name, f"{name} of {name_of_unknown}")
     raise IdentificationError(
         f"these rows do not tell {subject}: turn the tool about more axes there, touch more of it, or say what is known"
@@ -727,7 +751,9 @@ def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]
         tracked_rows = group.measured and group.frame == WORLD
         if not group.kind.pointed or group.point in problem.known or not on_flange or tracked_rows:
             continue
-        obs = _observed(problem, replace(zero, values={}), replace(group, carrier=FLANGE), cell_graph.BASE)
+        rest = next((edge.parent for edge in problem.edges if edge_key(edge) == (FRAME, group.frame)), group.frame)
+        rest = cell_graph.BASE if rest == WORLD else rest
+        obs = _observed(problem, replace(zero, values={}), replace(group, carrier=FLANGE), rest)
         # places that are known in a frame whose place is not: as if each was measured in the axes of that frame
         kind = KINDS["offset"] if group.measured else group.kind
         estimate = kind.tool(obs)
@@ -742,6 +768,9 @@ def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]
 def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, FloatArray]) -> FeatureState:
     """All unknowns from the tool's places: first what a tracker saw, then features in closed form, then frames."""
     values = dict(zero.values)
+    for edge in problem.edges:
+        if edge.screw is not None:
+            values.setdefault(edge_key(edge), edge.screw)
     points = tracked(problem)
     if points is not None and BASE not in problem.known:
         solution = first_state(Problem(problem.arm, points, ()))
@@ -753,9 +782,9 @@ def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, Floa
         if key[0] == TOOL:
             values.setdefault(key, tools.get(key[1], np.zeros(3)))
     for edge in problem.edges:
-        if edge.parent == FLANGE and edge_key(edge.child) in problem.layout:
+        if edge.parent == FLANGE and edge_key(edge) in problem.layout:
             of = next(group.target for group in problem.groups if group.carrier == edge.child)
-            values.setdefault(edge_key(edge.child), frames.transform(np.eye(3), tools.get(of, np.zeros(3))))
+            values.setdefault(edge_key(edge), frames.transform(np.eye(3), tools.get(of, np.zeros(3))))
     state = replace(zero, values=values)
 
     def start_features(in_frames: Callable[[str], bool]) -> None:
@@ -765,7 +794,7 @@ def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, Floa
                 for name, key in group.keys().items():
                     values.setdefault(key, estimate[name])
 
-    unknown = [edge for edge in problem.edges if edge_key(edge.child) in problem.layout]
+    unknown = [edge for edge in problem.edges if edge_key(edge) in problem.layout and edge.e is None]
     turned = {edge.child for edge in unknown if edge.parent == FLANGE}
     later = {edge.parent if edge.child == cell_graph.BASE else edge.child for edge in unknown} - turned
     if BASE in values:
@@ -774,8 +803,8 @@ def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, Floa
     for edge in unknown:
         frame, parent = (edge.parent, edge.child) if edge.child == cell_graph.BASE else (edge.child, edge.parent)
         if frame in later | turned:
-            T = _placed(problem, state, frame, parent, values.get(edge_key(frame)))
-            values[edge_key(edge.child)] = frames.inverse(T) if frame == WORLD else T
+            T = _placed(problem, state, frame, parent, values.get((FRAME, frame)))
+            values[edge_key(edge)] = frames.inverse(T) if frame == WORLD else T
     start_features(lambda frame: frame in later)
     return state
 
@@ -809,7 +838,7 @@ def _placed(
             places.append((group.kind.start(obs)["centre"], group.feature.centre))
         elif group.feature.axes is not None:
             sides.setdefault(group.kind.name, (obs.p[0], group.feature.axes[:, 2]))
-    if len(places) == 1 and set(sides) == {"line", "plane"}:
+    if len({tuple(local) for _, local in places}) == 1 and set(sides) == {"line", "plane"}:
         (origin, local), (along, u), (over, n) = places[0], sides["line"], sides["plane"]
         length = max(float(np.linalg.norm(along - origin)), 1e-12)
         forward = float((over - origin) @ (along - origin)) / length

@@ -294,7 +294,8 @@ def situation(gain):
         *names,
         *np.tile(np.eye(4), (2, n, 1, 1)),
         np.zeros((n, 3)),
-        *(np.tile(T, (n, 1, 1)) for T in (TOOL, WORK_OBJECT)),
+        *(np.tile(T, (n, 1, 1)) for T in (TOOL, WORK_OBJECT, np.eye(4))),
+        np.zeros((n, 0)),
     )
     return nominal, robot, cell, at
 

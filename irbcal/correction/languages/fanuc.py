@@ -191,6 +191,8 @@ def _point(listing: Listing, match: re.Match[str]) -> ProgramPoint:
         target.conflicts.append("it names no user frame or tool by number")
     if target is not None and len(groups) > 1:
         target.external = "other groups"
+        others = sorted(_positions(listing, groups[first + 1].end(), match.end(2), "J").items())
+        target.e = {**target.e, **{f"e{k}": value for k, (_, value) in enumerate(others, len(target.e) + 1)}}
     return ProgramPoint(number, target, reason, *frames, match.start())
 
 
@@ -211,6 +213,7 @@ def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple
     numbers = [Number(float(fields[key][2]), fields[key].start(2), fields[key].end(2)) for key in names]
     target = Target(name, "joint" if names is JOINTS else "pose", at, numbers)
     target.external = ", ".join(key for key in fields if (key[0] == "E" and key[1:].isdecimal()) or key == "J7")
+    target.e = {key.lower(): value for key, value in _positions(listing, begin, end, "E").items()}
     if target.kind == "pose":
         quoted = _QUOTED.search(listing.text, begin, end)
         if quoted is None:
@@ -219,6 +222,12 @@ def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple
             target.configuration, target.configuration_spans, reason = config(quoted[1], quoted.start(1))
             target.conflicts += [reason] if reason else []
     return target, ""
+
+
+def _positions(listing: Listing, begin: int, end: int, letter: str) -> dict[str, float]:
+    """Values of ``E1`` or ``J1`` and so on in a part of the text, mm or degrees; of several groups in order."""
+    fields = [field for field in _FIELD.finditer(listing.text, begin, end) if field[1][0] == letter]
+    return {field[1]: float(field[2]) for field in fields if field[1][1:].isdecimal() and field[2][0] != "*"}
 
 
 _MOVE = re.compile(r"\s*([JLCAS])[ \t]+(?=P|PR\[)")

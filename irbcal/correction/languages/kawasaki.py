@@ -212,6 +212,7 @@ def _location(out: Sections, text: str, start: int, section: str) -> None:
         target.conflicts.append("its six numbers are not understood")
     if len(numbers) > 6:
         target.external = "JT7"
+        target.e = {f"e{k}": number.value for k, number in enumerate(numbers[6:], 1)}
     if key in out.locations:
         for target_of_name in (target, out.locations[key]):
             target_of_name.conflicts.append("there are two of this name")
@@ -402,6 +403,7 @@ class _Reader:
             return [], "its target is computed"
         target = Target(name, "joint" if joint else "pose", tokens[0].start, values[:6])
         target.external = "JT7" if len(values) > 6 else ""
+        target.e = {f"e{k}": number.value for k, number in enumerate(values[6:], 1)}
         self.literals.append(target)
         return [target], ""
 

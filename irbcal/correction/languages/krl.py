@@ -337,8 +337,9 @@ def target(name: str, type_name: str, braces: Aggregate, listing: Listing) -> tu
     if len(plain) < 6:
         return None, "some of its numbers are computed"
     parsed = Target(name, "joint" if joint else "pose", braces.start, plain)
-    external = [value for key, value in braces.values.items() if key[0] == "e" and key[1:].isdecimal()]
-    parsed.external = ", ".join(value.text for value in external if re.search(r"[1-9]", value.text))
+    external = {key: value for key, value in braces.values.items() if key[0] == "e" and key[1:].isdecimal()}
+    parsed.external = ", ".join(value.text for value in external.values() if re.search(r"[1-9]", value.text))
+    parsed.e = {key: value.number.value for key, value in external.items() if value.number is not None}
     if not joint and "s" in braces.values and "t" in braces.values:
         status, turn = integer(braces.values["s"].text), integer(braces.values["t"].text)
         if status is None or turn is None:

@@ -31,6 +31,7 @@ from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_tex
 from irbcal.correction.paths import CutPath, PathMove
 from irbcal.correction.program import ControllerSetup, Kind, Note, read_bytes
 from irbcal.correction.text_program import (
+    EXTERNAL_AXES,
     Configuration,
     ControlFlow,
     Role,
@@ -131,13 +132,10 @@ class Literal(Target):
 
     Attributes
     ----------
-    axes : Node
-        The external axes.
     mentioned : list of int
         Where its variable is used in another way than as the target of a move.
     """
 
-    axes: Node = field(default_factory=lambda: Node([], None, 0, 0))
     mentioned: list[int] = field(default_factory=list)
 
     @property
@@ -778,7 +776,11 @@ class Literals:
             ConfData(*(int(leaf.number or 0) for leaf in leaves)) if leaves else None,
             tuple((leaf.start, leaf.end) for leaf in leaves),
             self.reader.text[axes.start : axes.end],
-            axes=axes,
+            {
+                f"e{k}": leaf.number
+                for k, leaf in enumerate(axes.items or (), 1)
+                if leaf.number is not None and abs(leaf.number) < ABSENT
+            },
         )
         absent = [k for k, value in enumerate(literal.written, start=1) if abs(value) >= ABSENT]
         if kind == "joint" and absent and literal.problem is None:
@@ -1612,10 +1614,8 @@ def _notes(reader: Reader, targets: list[Literal]) -> tuple[Note, ...]:
         if mention.name in _NOTES:
             noted.setdefault(mention.name, Note(reader.line(mention.start), _NOTES[mention.name]))
     for literal in targets:
-        axes = literal.axes.items or ()
-        if literal.uses and any(leaf.number is not None and abs(leaf.number) < ABSENT for leaf in axes):
-            text = f"{literal.name} has external axes: where they carry the robot or the work, its place is another"
-            noted.setdefault("external", Note(reader.line(literal.start), text))
+        if literal.uses and literal.e:
+            noted.setdefault("external", Note(reader.line(literal.start), f"{literal.name} {EXTERNAL_AXES}"))
     return tuple(sorted(noted.values(), key=lambda note: note.line))
 
 

@@ -284,6 +284,9 @@ P[1:"a b"]{
 \tX =   -.070  mm,\tY = 2 mm,\tZ =  3  mm,
 \tW = 1 deg,\tP = 2 deg,\tR = 3 deg,
 \tE1=  5.000  mm
+   GP2:
+\tUF : 0, UT : 1,
+\tJ1 =  -7.500  deg,\tJ2 = 12 deg
 };
 P[3]{
    GP2:
@@ -303,7 +306,8 @@ def test_everything_is_found_in_its_place():
     assert "P[2] 5mm/sec" in listing.text[steps[1].start : steps[1].end]
     one, other = points(listing, *places["POS"])
     assert [number.value for number in one.target.numbers] == [-0.07, 2, 3, 1, 2, 3]
-    assert (one.user_frame, one.tool, one.target.external) == ("0", "1", "E1")
+    assert (one.user_frame, one.tool, one.target.external) == ("0", "1", "other groups")
+    assert one.target.e == {"e1": 5.0, "e2": -7.5, "e3": 12.0}
     assert [listing.text[slice(*span)] for span in one.target.configuration_spans] == ["0", "-1", "1"]
     assert other.reason == "it is of another motion group"
 

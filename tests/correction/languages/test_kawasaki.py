@@ -225,7 +225,7 @@ def test_only_programs_and_locations_are_read():
     shelf = found.locations["shelf.open[1,1]"]
     assert [number.value for number in shelf.numbers] == [1.0, -2.0, 0.5, 10.0, 0.0, 0.0]
     assert [TEXT[number.start : number.end] for number in shelf.numbers] == ["1.000000", "-2", ".5", "1e1", "0", "0"]
-    assert (shelf.external, shelf.conflicts) == ("JT7", [])
+    assert (shelf.external, shelf.e, shelf.conflicts) == ("JT7", {"e1": -300.0}, [])
     assert found.locations["short"].conflicts == ["its six numbers are not understood"]
     assert found.locations["#p[1,2]"].conflicts == ["there are two of this name"]
     assert [found.locations[key].conflicts for key in found.numbered["#p[1,2]"]] == [["there are two of this name"]] * 2

@@ -390,6 +390,13 @@ def test_components_keep_their_places():
     assert target("p", "", one, listing) == (None, "it has no A, so that the value before stays")
 
 
+def test_positions_of_external_axes():
+    """All that stand there, zero, too; where a component is missing, the value before stays."""
+    data, _ = read("DECL E6POS p={X 1,Y 2,Z 3,A 4,B 5,C 6,S 2,T 2,E1 0.0,E2 -12.5}")
+    (found,) = data.lookup(0, "p").targets.values()
+    assert (found.e, found.external) == ({"e1": 0.0, "e2": -12.5}, "-12.5")
+
+
 @pytest.mark.parametrize(
     ("status", "turn", "reason"), [("x", "2", "no number"), ("2", "16", "contradict"), ("6", "16", "")]
 )

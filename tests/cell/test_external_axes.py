@@ -1,0 +1,276 @@
+"""Tracks and positioners from touches: SIMULATED axes with errors come back, and programs with external axes are right.
+
+The truth is composed here by rotations about lines and shifts along directions, without screws.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+from support import assert_derivative
+
+from irbcal.cell.cell_file import AXIS, read_cell
+from irbcal.cell.cell_frames import Adjusted, adjust, cell_frames, read_touches
+from irbcal.cell.external_axes import carried, read_axes
+from irbcal.correction.declarations import declared
+from irbcal.correction.filter import correct
+from irbcal.correction.languages import rapid
+from irbcal.correction.maker import configuration_of
+from irbcal.correction.notation import numbers_from_poses
+from irbcal.correction.true_frames import CELL, TargetFrames, _derivatives
+from irbcal.errors import MeasurementError, OptionError, ProgramError
+from irbcal.io import calibration_folder
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import closed_form
+from irbcal.units import DEG, MM
+
+START = np.radians([0.0, 20.0, 15.0, 10.0, 40.0, 0.0])
+TIP = np.array([0.012, -0.03, 0.21])
+SOCKET = np.array([0.85, 0.1, 0.5])
+T_OBJECT = frames.transform(frames.rotation_from_vector([0.02, -0.05, 0.6]), [0.9, -0.2, 0.55])
+NOMINAL = pd.DataFrame(
+    {
+        "axis": ["e1_mm", "e2_deg", "e3_deg"],
+        "carries": ["robot", "fixture", "fixture"],
+        "dx": [0, 0, 0],
+        "dy": [1, 1, 0],
+        "dz": [0, 0, 1],
+        "x_mm": ["", 900, 900],
+        "y_mm": ["", 0, 0],
+        "z_mm": ["", 400, 450],
+    }
+)
+"""A track along y under the robot, a table that tilts about y and turns about z before it."""
+DIRECTIONS = np.array([[3e-4, 1.0003, -2e-4], [2e-4, 1.0, 4e-4], [-3e-4, 3e-4, 1.0]])
+POINTS = np.array([[0.9003, 0.0, 0.3997], [0.9002, 0.0003, 0.45]])
+"""The true axes: 0.3 mm and 0.3 mm per metre beside the nominal ones, the track 0.03 % too long."""
+
+
+def about(point, direction, angle):
+    """Turn about a line."""
+    R = Rotation.from_rotvec(angle * direction / np.linalg.norm(direction)).as_matrix()
+    return frames.transform(R, point - R @ point)
+
+
+def true_object(e):
+    """The true work object in the base link at positions e (m, rad, rad)."""
+    T = about(POINTS[0], DIRECTIONS[1], e[1]) @ about(POINTS[1], DIRECTIONS[2], e[2]) @ T_OBJECT
+    return frames.transform(None, -e[0] * DIRECTIONS[0]) @ T
+
+
+def joints_at(robot, place, rng):
+    """Joints that bring the tip to a place in the base link, from a side of their own: Newton's method."""
+    q = START + rng.uniform(-0.5, 0.5, 6)
+    steps = np.vstack([np.zeros(6), 1e-6 * np.eye(6)])
+    for _ in range(40):
+        T = robot.poses(q + steps)
+        tips = T[:, :3, :3] @ TIP + T[:, :3, 3]
+        q = q + np.linalg.lstsq((tips[1:] - tips[0]).T / 1e-6, place - tips[0], rcond=1e-9)[0]
+    assert np.abs(tips[0] - place).max() < 1e-9
+    return q
+
+
+def touches_of(robot, noise=0.0, seed=1, marks=True):
+    """A table of touches at several positions of all axes."""
+    rng = np.random.default_rng(seed)
+    rows = []
+
+    def add(frame, name, point, place, e):
+        q = joints_at(robot, place + rng.normal(scale=noise, size=3) * (noise > 0), rng)
+        rows.append([frame, name, point, "grip", *np.degrees(q), e[0] / MM, *np.degrees(e[1:])])
+
+    for track in (0.0, 0.0, 0.0, 0.0, 0.3, -0.3):
+        add("tool", "grip", "socket", SOCKET - track * DIRECTIONS[0], [track, 0.0, 0.0])
+    points = {"origin": [0, 0, 0], "x": [0.2, 0, 0], "xy": [0.05, 0.15, 0]}
+    points |= {"mark": [0.17, 0.12, 0.03]} if marks else {}
+    for e in ([0, 0, 0], [0.2, 0.5, 0], [-0.2, 0, 1.5], [0.1, -0.5, -1.2]):
+        for point, xyz in points.items():
+            add("work_object", "fixture", point, frames.apply(true_object(e), np.array([xyz], dtype=float))[0], e)
+    columns = ["frame", "name", "point", "tool", *(f"q{k}_deg" for k in range(1, 7)), *NOMINAL["axis"]]
+    return pd.DataFrame(rows, columns=columns)
+
+
+@pytest.fixture(scope="module")
+def record(demo_calibration):
+    return calibration_folder.read(demo_calibration).record
+
+
+@pytest.fixture(scope="module")
+def robot(record):
+    return record.robot_calibrated()
+
+
+@pytest.fixture(scope="module")
+def touches(robot):
+    return touches_of(robot)
+
+
+def test_without_noise_the_true_axes_come_back(record, touches, tmp_path):
+    cell = cell_frames(record, touches, tmp_path / "cell.json", axes=NOMINAL)
+    np.testing.assert_allclose(cell.tools["grip"].T_true[:3, 3], TIP, rtol=0, atol=1e-5)
+    for e in ([0, 0, 0], [0.3, 0.5, 1.0], [-0.3, -0.4, -1.5]):
+        by_name = {"e1": e[0] / MM, "e2": e[1] / DEG, "e3": e[2] / DEG}
+        T = carried(cell.axes, "Fixture", by_name) @ cell.work_objects["fixture"].T_true
+        np.testing.assert_allclose(T, true_object(e), rtol=0, atol=2e-5)
+        nominal = carried(cell.axes, "fixture", by_name, nominal=True) @ T_OBJECT
+        assert np.abs(nominal - true_object(e)).max() > 1e-4 or not any(e)
+    again = read_cell(tmp_path / "cell.json")
+    np.testing.assert_array_equal([axis.screw for axis in again.axes], [axis.screw for axis in cell.axes])
+    assert again.rows(AXIS, "e3_deg") == slice(24, 30)
+    text = "\n".join(map(str, cell.report()))
+    assert "External axis e1_mm from -300 to 300: it carries robot up to 0.1" in text
+
+
+def test_residuals_have_their_derivatives(robot, touches):
+    axes = read_axes(NOMINAL)
+    rows, source = read_touches(touches, robot.arm, axes)
+    adjusted = adjust(rows, robot, np.full(len(rows), 1e-4), source, axes)
+    problem, state = adjusted.problem, adjusted.state
+
+    def residuals(u):
+        return Adjusted(problem, problem.moved(state, u / problem.sizes), adjusted.root).rows[1]
+
+    assert_derivative(residuals, np.zeros(problem.flat), adjusted.rows[0], 1e-3, 1e-5)
+    assert {key[1] for key in problem.layout if key[0] == "screw"} == {"base", "e2_deg", "e3_deg"}
+
+
+# ---------------------------------------------------------------- programs
+
+FIXTURE_CONTROLLER = T_OBJECT @ frames.from_xyz_angles([0.0004, -0.0006, 0.0003, 0.0, 0.0005, 0.0])
+TOOL_CONTROLLER = frames.transform(None, TIP + np.array([0.0003, 0.0002, -0.0004]))
+POSITIONS = np.array([[0.0, 0.0, 0.0], [0.25, 0.4, 0.8], [-0.25, -0.4, -0.8], [0.1, 0.3, -1.2]])
+
+
+def controller_object(e):
+    """The controller's work object in the base link at positions e: nominal axes."""
+    T = about(np.array([0.9, 0.0, 0.4]), np.array([0.0, 1.0, 0.0]), e[1])
+    T = T @ about(np.array([0.9, 0.0, 0.45]), np.array([0.0, 0.0, 1.0]), e[2])
+    return frames.transform(None, [0.0, -e[0], 0.0]) @ T @ FIXTURE_CONTROLLER
+
+
+def wanted(robot):
+    """Poses of the tool in the work object, with positions of the axes."""
+    down, rng = robot.poses(START[None])[0][:3, :3], np.random.default_rng(2)
+    for e in POSITIONS:
+        for xyz in ([0, 0, 0], [0.2, 0, 0.02], [0.2, 0.15, 0], [0.0, 0.15, 0.05]):
+            R = true_object(e)[:3, :3].T @ down @ frames.rotation_from_vector(rng.uniform(-0.1, 0.1, 3))
+            yield e, frames.transform(R, xyz)
+
+
+def rapid_module(nominal, robot, no_track=False):
+    """A module for a controller with nominal robot and axes, which has taught tool and work object."""
+    frames_of_controller = {"tGrip": TOOL_CONTROLLER}, {"fixture": FIXTURE_CONTROLLER}
+    lines, moves = [declared("abb", *frames_of_controller).removesuffix("ENDMODULE\n")], []
+    for k, (e, P) in enumerate(wanted(robot)):
+        T = controller_object(e) @ P @ np.linalg.inv(TOOL_CONTROLLER)
+        q, _ = closed_form.nearest(nominal, closed_form.branches(nominal, T[None]), START)
+        conf = configuration_of(q[0], int(closed_form.configuration(nominal, q)[0]))
+        row = numbers_from_poses(P[None])[0]
+        pose = "[{:.6f},{:.6f},{:.6f}],[{:.10f},{:.10f},{:.10f},{:.10f}]".format(*row)
+        first = "9E9" if no_track else f"{e[0] / MM:.4f}"
+        axes = f"[{first},{e[1] / DEG:.6f},{e[2] / DEG:.6f},9E9,9E9,9E9]"
+        lines.append(f"  CONST robtarget p{k}:=[{pose},[{','.join(map(str, conf))}],{axes}];")
+        moves.append(f"    MoveJ p{k},v100,fine,tGrip\\WObj:=fixture;")
+    return "\n".join([*lines, "  PROC main()", *moves, "  ENDPROC", "ENDMODULE", ""])
+
+
+@pytest.mark.parametrize("numbers", ["same", "from-cell"])
+def test_the_part_on_the_positioner_is_right(record, robot, tmp_path, numbers):
+    """Axes that are 0.3 mm beside the nominal ones, touches with 0.02 mm noise: the part within 0.05 mm."""
+    nominal = record.arm(calibrated=False)
+    touches = touches_of(robot, 2e-5).replace({"grip": "tGrip"})
+    cell = cell_frames(record, touches, axes=NOMINAL, tool={"tgrip": TOOL_CONTROLLER})
+    (tmp_path / "job.mod").write_text(rapid_module(nominal, robot))
+    found = correct(record, tmp_path / "job.mod", cell=cell, controller_frames=numbers)
+    assert len(found.targets) == len([*wanted(robot)])
+    assert not any("external axes" in note.text for note in found.notes)
+    tool, fixture = TOOL_CONTROLLER, FIXTURE_CONTROLLER
+    if numbers == "from-cell":
+        tool, fixture = cell.tools["tGrip"].T_true, cell.work_objects["fixture"].T_true
+    before, after = (rapid.parse(data).targets for data in ((tmp_path / "job.mod").read_bytes(), found.data))
+    errors = {"before": [], "after": []}
+    for (e, P), old, new in zip(wanted(robot), before, after, strict=True):
+        assert old.external == new.external
+        for name, target, Tc, Oc in (
+            ("before", old, TOOL_CONTROLLER, FIXTURE_CONTROLLER),
+            ("after", new, tool, fixture),
+        ):
+            T = controller_object(e) @ np.linalg.inv(FIXTURE_CONTROLLER) @ Oc @ target.value @ np.linalg.inv(Tc)
+            q, _ = closed_form.nearest(nominal, closed_form.branches(nominal, T[None]), START)
+            reached = np.linalg.inv(true_object(e)) @ robot.poses(q)[0] @ frames.transform(None, TIP)
+            errors[name].append(np.linalg.norm(reached[:3, 3] - P[:3, 3]) / MM)
+    assert max(errors["after"]) < 0.05
+    assert np.mean(errors["before"]) > 0.5
+    assert (found.frames.part_error[:, 1] > 0).all()
+
+
+def test_a_target_without_the_position_of_the_track_is_left(record, robot, tmp_path):
+    cell = cell_frames(record, touches_of(robot), axes=NOMINAL)
+    (tmp_path / "job.mod").write_text(rapid_module(record.arm(calibrated=False), robot, no_track=True))
+    with pytest.raises(ProgramError, match="no target could be corrected"):
+        correct(record, tmp_path / "job.mod", out=tmp_path / "out.mod", cell=cell)
+    found = correct(record, tmp_path / "job.mod", cell=cell)
+    assert {left.reason for left in found.left} == {"it has no position of external axis e1"}
+
+
+def test_the_error_of_the_part_follows_the_axes(record, robot, touches):
+    """The screws drawn from their covariance: the error of a part at the far end is as large as expected."""
+    cell = cell_frames(record, touches.assign(u95_mm=0.2), axes=NOMINAL)
+    rng, e = np.random.default_rng(0), POSITIONS[1]
+    by_name = {"e1": e[0] / MM, "e2": e[1] / DEG, "e3": e[2] / DEG}
+    C = cell.touch_covariance
+    draws = rng.multivariate_normal(np.zeros(len(C)), C, size=4000, method="eigh")
+    P = np.array([0.2, 0.15, 0.0, 1.0])
+    T_now = carried(cell.axes, "fixture", by_name) @ cell.work_objects["fixture"].T_true
+    at = TargetFrames(
+        *(np.array([name], dtype=object) for name in ("grip", "fixture", CELL, CELL)),
+        *(np.eye(4)[None] for _ in range(2)),
+        np.zeros((1, 3)),
+        cell.tools["grip"].T_true[None],
+        T_now[None],
+        np.eye(4)[None],
+        e[None],
+    )
+    q = joints_at(robot, (T_now @ P)[:3], rng)[None]
+    errors = []
+    for u in draws[:400]:
+        axes = [replace(axis, screw=axis.screw + u[cell.rows(AXIS, axis.column)]) for axis in cell.axes]
+        m = u[cell.rows("work_object", "fixture")]
+        T_object = cell.work_objects["fixture"].T_true @ frames.transform(frames.rotation_from_vector(m[:3]), m[3:])
+        tip = cell.tools["grip"].T_true[:3, 3] + u[cell.rows("tool", "grip")][3:]
+        reached = robot.poses(q)[0] @ np.append(tip, 1.0)
+        errors.append((np.linalg.inv(carried(axes, "fixture", by_name) @ T_object) @ reached - P)[:3])
+    exact = robot.replace(certainty=replace(robot.certainty, covariance=0.0 * robot.certainty.covariance))
+    _, by_frames, _ = _derivatives(exact, exact.certainty, cell, q, at, np.array([0]))
+    expected = by_frames[0] @ C @ by_frames[0].T
+    linear = draws[:400] @ by_frames[0].T
+    np.testing.assert_allclose(np.array(errors), linear, rtol=0, atol=2e-5)
+    assert np.cov(np.array(errors).T) == pytest.approx(expected, rel=0.2, abs=0.1 * np.abs(expected).max())
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"axis": ["e1", "e2_deg", "e3_deg"]}, "expected e1_mm"),
+        ({"dy": [0, 1, 0]}, "a length of zero"),
+        ({"x_mm": ["", "", 900]}, "e2_deg turns: expected a point on it"),
+        ({"axis": ["e2_deg", "e2_deg", "e3_deg"]}, "e2_deg"),
+    ],
+)
+def test_axes_that_are_none_are_refused(change, message):
+    with pytest.raises(MeasurementError, match=message):
+        read_axes(NOMINAL.assign(**change))
+
+
+def test_touches_that_do_not_show_an_axis_are_refused(record, touches):
+    with pytest.raises(MeasurementError, match=r"how e[23]_deg moves"):
+        cell_frames(record, touches.assign(e3_deg=0.0), axes=NOMINAL)
+    with pytest.raises(MeasurementError, match="e2_deg"):
+        cell_frames(record, touches.drop(columns="e2_deg"), axes=NOMINAL)
+    with pytest.raises(OptionError, match="carries jig, which is neither"):
+        cell_frames(record, touches[touches["point"] != "mark"], axes=NOMINAL.assign(carries=["robot", "jig", "jig"]))
