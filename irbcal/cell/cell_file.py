@@ -511,6 +511,24 @@ def read_cell(path: str | PathLike[str]) -> CellFile:
     )
 
 
+def cell_of(cell: CellFile | str | Path, fingerprint: str) -> CellFile:
+    """A cell, from its file where that is named.
+
+    Raises
+    ------
+    CalibrationError
+        If it cannot be read, or was computed with another calibration than that of the fingerprint.
+    """
+    cell_file = cell if isinstance(cell, CellFile) else read_cell(cell)
+    if cell_file.fingerprint != fingerprint:
+        raise CalibrationError(
+            f"its tools and work objects are by calibration {cell_file.fingerprint}, this one is {fingerprint}: call "
+            "irbcal cell with this calibration and the same touches",
+            file=None if isinstance(cell, CellFile) else cell,
+        )
+    return cell_file
+
+
 def _by_name(sections: Sequence[_FrameSection]) -> dict[str, FrameInCell]:
     return {one.name: one.frame() for one in sections}
 

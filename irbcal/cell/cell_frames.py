@@ -28,7 +28,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -37,7 +37,9 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.cell import external_axes
 from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch, frames_by_name
+from irbcal.cell.contacts import Contacts, with_contacts
 from irbcal.cell.external_axes import ExternalAxis
+from irbcal.cell.robot_derivatives import own_ends_in_words, robot_derivatives
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import (
@@ -56,10 +58,9 @@ from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.cell_graph import FLANGE, WORLD, Edge
-from irbcal.modeling.certainty import COVERAGE, HISTORY, Certainty
+from irbcal.modeling.certainty import COVERAGE, Certainty
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.modeling.terms import chain
-from irbcal.modeling.terms.situation import Motion
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
@@ -518,6 +519,8 @@ def cell_frames(
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
     axes: TableLike | None = None,
+    other: CalibrationLike | None = None,
+    other_cell: CellFile | str | Path | None = None,
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
 ) -> CellFile:
@@ -535,6 +538,10 @@ def cell_frames(
         by its tip alone has the axes that the controller has.
     axes : str, Path or DataFrame, optional
         External axes as the controller has them, see `irbcal.cell.external_axes.read_axes`.
+    other : str, Path, Record or a result that holds one, optional
+        Calibration of another robot whose tools were touched, see `irbcal.cell.contacts`.
+    other_cell : CellFile, str or Path, optional
+        Cell of the other robot, with its tools.
     payload : float, optional
         Mass carried at the touches, kg.
     payload_place : array_like, shape (3,), optional
@@ -555,13 +562,19 @@ def cell_frames(
     RobotError
         If nothing is known of the robot's certainty, or of the payload.
     """
-    inputs = [table for table in (touches, axes) if isinstance(table, (str, PathLike))]
+    inputs = [table for table in (touches, axes, other_cell) if isinstance(table, (str, PathLike))]
     refuse_overwriting({"out": out}, inputs, calibration)
     record = open_calibration(calibration)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     certainty = robot.certainty
     if certainty is None:
         raise RobotError(f"nothing is known of how certain {robot.arm.name} is: calibrate it", parameter="calibration")
+    contacts = None
+    if (other is None) != (other_cell is None):
+        raise OptionError("other: contacts take the calibration of the other robot and its cell", parameter="other")
+    if other is not None and other_cell is not None:
+        contacts = with_contacts(touches, other, other_cell)
+        touches = contacts.table
     axes_before = () if axes is None else external_axes.read_axes(axes)
     all_rows, source = read_touches(touches, robot.arm, axes_before)
     for axis in axes_before:
@@ -576,7 +589,9 @@ def cell_frames(
     }
     rows, sigma, adjusted, left_out = _without_outliers(all_rows, robot, certainty, source, axes_before)
     by_nominal = adjust(rows, record.robot_nominal(), sigma, source, axes_before, nominal=True)
-    C, G, doubt = _covariance(adjusted, certainty)
+    if contacts is not None:
+        contacts = replace(contacts, rows=np.array([all_rows[k].row for k in contacts.rows]))
+    C, G, doubt = _covariance(adjusted, certainty, [touch.row for touch in rows], contacts)
     of_cell: dict[str, dict[str, FrameInCell]] = {TOOL: {}, WORK_OBJECT: {}}
     M = []
     for kind, frames_of_kind in of_cell.items():
@@ -628,67 +643,6 @@ def _of_controller(
         if name not in names:
             raise OptionError(f"{parameter}: no touch is of {kind.replace('_', ' ')} {name}", parameter=parameter)
     return {names[name]: T for name, T in by_name.items()}
-
-
-def robot_derivatives(
-    certainty: Certainty, path: chain.Walk, p: FloatArray, motion: Motion
-) -> tuple[FloatArray, FloatArray]:
-    """How points of the tip link depend on the parameters of the calibrated robot.
-
-    Parameters
-    ----------
-    certainty : Certainty
-    path : Walk
-        The calibrated arm at the motion.
-    p : ndarray, shape (3, n)
-        In the base link, metres.
-    motion : Motion
-
-    Returns
-    -------
-    J : ndarray, shape (parameters, 3, n)
-        In the base link, SI units; zero of terms of the last move, which is not known.
-    variance : ndarray, shape (n,)
-        Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, and terms of the last
-        move, m^2.
-    """
-    J = certainty.jacobian(path, p, motion, np.zeros(len(motion), dtype=bool), None)
-    history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + len(J) - len(certainty.terms)
-    size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - len(J)] ** 2
-    variance = (size @ np.sum(J[history] ** 2, axis=1) + certainty.determined_left_out(None) ** 2) / 3.0
-    J[history] = 0.0
-    return J, variance
-
-
-def point_derivatives(
-    robot: Robot, certainty: Certainty, q: FloatArray, place: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points of the tip link in the base link, and how they depend on the robot's parameters.
-
-    Parameters
-    ----------
-    robot : Robot
-        Calibrated.
-    certainty : Certainty
-        Of its parameters.
-    q : ndarray, shape (n, joints)
-        Commanded, radians (metres).
-    place : ndarray, shape (n, 3)
-        In the tip link, metres.
-
-    Returns
-    -------
-    points : ndarray, shape (n, 3)
-    jacobian : ndarray, shape (n, 3, parameters)
-    variance : ndarray, shape (n,)
-        Both as of `robot_derivatives`.
-    """
-    load: dict[str, Any] = {**robot.joint_map.load(len(q))}
-    motion = replace(Motion(q), **load)
-    path = robot.walk(motion)
-    points = path.tip[3] + np.einsum("acn,na->cn", path.tip[:3], place)
-    J, variance = robot_derivatives(certainty, path, points, motion)
-    return points.T, J.transpose(2, 1, 0), variance
 
 
 def _without_outliers(
@@ -743,21 +697,32 @@ def _worst(adjusted: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:
     return worst
 
 
-def _covariance(adjusted: Adjusted, certainty: Certainty) -> tuple[FloatArray, FloatArray, str]:
+def _covariance(
+    adjusted: Adjusted, certainty: Certainty, rows: Sequence[int] = (), contacts: Contacts | None = None
+) -> tuple[FloatArray, FloatArray, str]:
     """Covariance of the unknowns by touching, their derivative by the robot's parameters, and what is to be doubted.
 
-    ``u = -(A'A)^-1 A' r`` of residuals r and their derivative A, both in standard deviations.
+    ``u = -(A'A)^-1 A' r`` of residuals r and their derivative A, both in standard deviations. Errors of the points of
+    another robot that were touched (``rows`` are the numbers of the touches) count as errors of touching.
     """
     from scipy.stats import chi2
 
-    A, residual, _ = adjusted.rows
+    A, residual, touch = adjusted.rows
     pseudo = np.asarray(np.linalg.pinv(A), dtype=float)
     square = float(residual @ residual)
     factor, doubt = 1.0, ""
     if adjusted.redundancy and chi2.sf(square, adjusted.redundancy) < DOUBTFUL:
         factor = square / adjusted.redundancy
         doubt = f"the touches scatter {np.sqrt(factor):.1f} times as much as u95_mm says: the intervals are widened"
-    return factor * (pseudo @ pseudo.T), -pseudo @ adjusted.by_robot(certainty)[0], doubt
+    C = factor * (pseudo @ pseudo.T)
+    if contacts is not None:
+        kept = [k for k, row in enumerate(contacts.rows) if row in rows]
+        equations = np.concatenate([np.flatnonzero(touch == rows.index(contacts.rows[k])) for k in kept])
+        weight = adjusted.problem.weights[touch[equations]] * COVERAGE / adjusted.problem.typical
+        moved = pseudo[:, equations] * weight
+        points = (3 * np.array(kept)[:, None] + np.arange(3)).ravel()
+        C = C + moved @ contacts.covariance[np.ix_(points, points)] @ moved.T
+    return C, -pseudo @ adjusted.by_robot(certainty)[0], doubt
 
 
 def _notes(tip: str, rows: Sequence[Touch], tools: Mapping[str, FrameInCell], certainty: Certainty) -> list[str]:
@@ -770,8 +735,4 @@ def _notes(tip: str, rows: Sequence[Touch], tools: Mapping[str, FrameInCell], ce
         notes.append(f"a tip alone tells no axes: tool {', '.join(alone)} has those of {tip}")
     if any(touch.u95 == U95_BY_EYE for touch in rows):
         notes.append(f"touches without u95_mm count as made by eye, u95 {U95_BY_EYE / MM:.1f} mm")
-    if certainty.free_targets:
-        notes.append(
-            "base and flange of a calibration by unknown reflectors are its own: use these frames with this calibration"
-        )
-    return notes
+    return [*notes, *filter(None, [own_ends_in_words(certainty)])]

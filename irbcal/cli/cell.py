@@ -62,6 +62,10 @@ def cell(
             "… to load, of fanuc and yaskawa a list to type in.",
         ),
     ] = None,
+    urdf: Annotated[
+        Path | None,
+        typer.Option(help="File for the URDF of the whole cell: calibrated robot, axes, tools, work objects."),
+    ] = None,
     touch: Annotated[
         list[str] | None,
         typer.Option(
@@ -74,6 +78,7 @@ def cell(
 ) -> None:
     """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
     from irbcal.atomic import write_set
+    from irbcal.cell.cell_urdf import with_cell
     from irbcal.correction import languages
     from irbcal.correction.declarations import DECLARATIONS, declared
     from irbcal.io.calibration_folder import read
@@ -90,7 +95,7 @@ def cell(
     for name in () if programs else sorted(FOR_PROGRAMS & options.keys()):
         raise typer.BadParameter("it goes with --program", param_hint=f"--{name.replace('_', '-')}")
     touches = _touches(options.pop("touches", None), touch, bool(programs))
-    refuse_overwriting({"out": out, "declare": declare}, [touches], programs, calibration)
+    refuse_overwriting({"out": out, "declare": declare, "urdf": urdf}, [touches], programs, calibration)
     maker = None if as_ is None else languages.by_name()[DECLARATIONS[as_].language].MAKER
     program_maker = languages.files_of(programs)[0].MAKER if programs else maker
     tools, work_objects = (program_words.frames(options.pop(name, None), f"--{name}", program_maker) for name in NAMES)
@@ -108,13 +113,16 @@ def cell(
         work_objects = {name: ends.T_base_world @ T for name, T in work_objects.items()}
     cell_file = public("cell_frames")(calibration, touches, tool=tools, wobj=work_objects, **options)
     to_controller = frames.inverse(ends.T_tip_flange), frames.inverse(ends.T_base_world)
+    contents: dict[Path, bytes] = {}
     if declare is not None and as_ is not None:
         true = [
             {name: T @ one.T_true for name, one in named.items()}
             for T, named in zip(to_controller, (cell_file.tools, cell_file.work_objects), strict=True)
         ]
-        content = declared(as_, *true).encode()
-        write_set({declare: content})
+        contents[declare] = declared(as_, *true).encode()
+    if urdf is not None:
+        contents[urdf] = with_cell(saved.urdf, saved.record.arm(), cell_file)
+    write_set(contents)
     cell_file.save(out)
     if json:
         show.print_json(cell_file.to_dict())
@@ -123,6 +131,8 @@ def cell(
     show.say(f"Written to {out}: irbcal filter {calibration} PROGRAM --cell {out}")
     if declare is not None:
         show.say(f"Written to {declare}: frames of the controller, for irbcal filter --controller-frames from-cell")
+    if urdf is not None:
+        show.say(f"Written to {urdf}: the whole cell, joints of external axes within the touches")
 
 
 def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> Any:

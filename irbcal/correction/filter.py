@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
-from irbcal.cell.cell_file import CellFile, frames_by_name
+from irbcal.cell.cell_file import CellFile, cell_of, frames_by_name
+from irbcal.cell.robot_derivatives import own_ends_in_words
 from irbcal.correction import languages
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, writable
 from irbcal.correction.filtered import Filtered, together
@@ -31,7 +32,7 @@ from irbcal.correction.program import (
 )
 from irbcal.correction.text_program import TextProgram
 from irbcal.correction.trajectories import Timed, follow
-from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, cell_of, point_origin
+from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, point_origin
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.calibration_folder import read
 from irbcal.io.controller_model import (
@@ -184,7 +185,11 @@ def correct(
     tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
     origin = point_origin(points, re_express)
     true_frames = TrueFrames(
-        cell_of(cell, record.fingerprint), frames_measured, controller_frames, origin, setup.controller
+        None if cell is None else cell_of(cell, record.fingerprint),
+        frames_measured,
+        controller_frames,
+        origin,
+        setup.controller,
     )
     true_frames.check(path_tolerance is not None)
     if true_frames.cell is not None and true_frames.cell.axes:
@@ -205,6 +210,8 @@ def correct(
     )
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(filtered.q_before, "targets")):
         filtered = replace(filtered, cautions=(outside,))
+    if robot.certainty is not None and frames_measured and (own := own_ends_in_words(robot.certainty)):
+        filtered = replace(filtered, cautions=(*filtered.cautions, own))
     if model is not None:
         filtered = replace(filtered, cautions=(model.in_words(robot, filtered.q_before), *filtered.cautions))
     if record.heldout is not None and record.features is None:  # rows at features tell no accuracy

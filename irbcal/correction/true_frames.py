@@ -25,19 +25,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.cell import external_axes
-from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile, read_cell
-from irbcal.cell.cell_frames import point_derivatives
+from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile
 from irbcal.cell.external_axes import carried
+from irbcal.cell.robot_derivatives import point_derivatives
 from irbcal.correction.program import Corrections, Program, WantedTargets
 from irbcal.correction.text_program import TextProgram
-from irbcal.errors import CalibrationError, OptionError
+from irbcal.errors import OptionError
 from irbcal.io.controller_model import ControllerFrames, unknown_frames
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
@@ -82,24 +81,6 @@ class PointOrigin:
             [pattern is not None and (n.lower() == pattern or fnmatchcase(n.lower(), pattern)) for n in names],
             dtype=bool,
         )
-
-
-def cell_of(cell: CellFile | str | Path | None, fingerprint: str) -> CellFile | None:
-    """A cell, from its file where that is named.
-
-    Raises
-    ------
-    CalibrationError
-        If it cannot be read, or was computed with another calibration than that of the fingerprint.
-    """
-    cell_file = cell if isinstance(cell, CellFile) or cell is None else read_cell(cell)
-    if cell_file is not None and cell_file.fingerprint != fingerprint:
-        raise CalibrationError(
-            f"its tools and work objects are by calibration {cell_file.fingerprint}, this one is {fingerprint}: call "
-            "irbcal cell with this calibration and the same touches",
-            file=cell if isinstance(cell, (str, Path)) else None,
-        )
-    return cell_file
 
 
 def point_origin(points: str | None, re_express: bool) -> PointOrigin:

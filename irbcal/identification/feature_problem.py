@@ -615,7 +615,7 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
         "tool": f"the place of {name_of_unknown} on the tool",
         "base": "the base in the measuring frame",
         FRAME: f"where {name_of_unknown} is",
-        SCREW: f"how {name_of_unknown} moves",
+        SCREW: f"how the external axis of {name_of_unknown} moves",
     }.get(name, f"{name} of {name_of_unknown}")
     raise IdentificationError(
         f"these rows do not tell {subject}: turn the tool about more axes there, touch more of it, or say what is known"

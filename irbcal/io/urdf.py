@@ -622,11 +622,12 @@ def with_links(
     names = {element.get("name") for element in root.iter("link", "joint")}
     if T_world_base is not None:
         world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
-        urdf_xml.add_fixed(root, world, urdf.root_link, world, T_world_base @ frames.inverse(urdf.T_root_base))
+        T = T_world_base @ frames.inverse(urdf.T_root_base)
+        urdf_xml.add_joint(root, world, urdf.root_link, T, new_link=world)
     for name, xyz in (targets or {}).items():
         link = f"target_{name}"
         if link not in names:
-            urdf_xml.add_fixed(root, arm.tip_link, link, link, frames.transform(None, xyz))
+            urdf_xml.add_joint(root, arm.tip_link, link, frames.transform(None, xyz))
     return urdf_xml.serialised(urdf.tree)
 
 

@@ -115,18 +115,23 @@ def set_origin(joint: XmlElement, T: FloatArray) -> None:
     origin.set("rpy", text_of(frames.rpy_from_matrix(T[:3, :3])))
 
 
-def add_fixed(root: XmlElement, parent: str, child: str, new_link: str, T: FloatArray) -> None:
-    """Add a link and a fixed joint at a place ``T``, shape (4, 4), in the parent link."""
+def add_joint(
+    root: XmlElement, parent: str, child: str, T: FloatArray, name: str | None = None, new_link: str | None = ""
+) -> XmlElement:
+    """Add a fixed joint at a place ``T``, shape (4, 4), in the parent link, and a link: the child unless given."""
     from lxml import etree
 
-    link = etree.SubElement(root, "link", name=new_link)
-    joint = etree.SubElement(root, "joint", name=f"{parent}-{child}", type="fixed")
+    if new_link is not None:
+        link = etree.SubElement(root, "link", name=new_link or child)
+        link.getprevious().tail = "\n  "
+    joint = etree.SubElement(root, "joint", name=name or f"{parent}-{child}", type="fixed")
     etree.SubElement(joint, "parent", link=parent)
     etree.SubElement(joint, "child", link=child)
     set_origin(joint, T)
     etree.indent(joint, level=1)
-    link.getprevious().tail = link.tail = "\n  "
+    joint.getprevious().tail = "\n  "
     joint.tail = "\n"
+    return joint
 
 
 def first_node(root: XmlElement) -> XmlElement:

@@ -12,8 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray
-from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile
-from irbcal.correction.true_frames import cell_of
+from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, cell_of
 from irbcal.errors import CalibrationError, MeasurementError, OptionError, RobotError
 from irbcal.io import robots
 from irbcal.io.opening import Opened, RobotLike, open_robot

@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pinocchio
 import pytest
 from scipy.spatial.transform import Rotation
 from support import assert_derivative
+from touching import SOCKET, START, TIP, reach
 
 from irbcal.cell.cell_file import AXIS, read_cell
 from irbcal.cell.cell_frames import Adjusted, adjust, cell_frames, read_touches
+from irbcal.cell.cell_urdf import with_cell
 from irbcal.cell.external_axes import carried, read_axes
 from irbcal.correction.declarations import declared
 from irbcal.correction.filter import correct
@@ -26,9 +29,6 @@ from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
 from irbcal.units import DEG, MM
 
-START = np.radians([0.0, 20.0, 15.0, 10.0, 40.0, 0.0])
-TIP = np.array([0.012, -0.03, 0.21])
-SOCKET = np.array([0.85, 0.1, 0.5])
 T_OBJECT = frames.transform(frames.rotation_from_vector([0.02, -0.05, 0.6]), [0.9, -0.2, 0.55])
 NOMINAL = pd.DataFrame(
     {
@@ -60,25 +60,13 @@ def true_object(e):
     return frames.transform(None, -e[0] * DIRECTIONS[0]) @ T
 
 
-def joints_at(robot, place, rng):
-    """Joints that bring the tip to a place in the base link, from a side of their own: Newton's method."""
-    q = START + rng.uniform(-0.5, 0.5, 6)
-    steps = np.vstack([np.zeros(6), 1e-6 * np.eye(6)])
-    for _ in range(40):
-        T = robot.poses(q + steps)
-        tips = T[:, :3, :3] @ TIP + T[:, :3, 3]
-        q = q + np.linalg.lstsq((tips[1:] - tips[0]).T / 1e-6, place - tips[0], rcond=1e-9)[0]
-    assert np.abs(tips[0] - place).max() < 1e-9
-    return q
-
-
 def touches_of(robot, noise=0.0, seed=1, marks=True):
     """A table of touches at several positions of all axes."""
     rng = np.random.default_rng(seed)
     rows = []
 
     def add(frame, name, point, place, e):
-        q = joints_at(robot, place + rng.normal(scale=noise, size=3) * (noise > 0), rng)
+        q = reach(robot, place + rng.normal(scale=noise, size=3) * (noise > 0), rng)
         rows.append([frame, name, point, "grip", *np.degrees(q), e[0] / MM, *np.degrees(e[1:])])
 
     for track in (0.0, 0.0, 0.0, 0.0, 0.3, -0.3):
@@ -233,7 +221,7 @@ def test_the_error_of_the_part_follows_the_axes(record, robot, touches):
         np.eye(4)[None],
         e[None],
     )
-    q = joints_at(robot, (T_now @ P)[:3], rng)[None]
+    q = reach(robot, (T_now @ P)[:3], rng)[None]
     errors = []
     for u in draws[:400]:
         axes = [replace(axis, screw=axis.screw + u[cell.rows(AXIS, axis.column)]) for axis in cell.axes]
@@ -248,6 +236,26 @@ def test_the_error_of_the_part_follows_the_axes(record, robot, touches):
     linear = draws[:400] @ by_frames[0].T
     np.testing.assert_allclose(np.array(errors), linear, rtol=0, atol=2e-5)
     assert np.cov(np.array(errors).T) == pytest.approx(expected, rel=0.2, abs=0.1 * np.abs(expected).max())
+
+
+def test_the_urdf_of_the_cell_by_pinocchio(demo_calibration, record, robot, tmp_path):
+    """Tip of the tool in the work object at positions of all joints, by another library."""
+    cell = cell_frames(record, touches_of(robot), axes=NOMINAL)
+    (tmp_path / "cell.urdf").write_bytes(with_cell(calibration_folder.read(demo_calibration).urdf, record.arm(), cell))
+    model = pinocchio.buildModelFromUrdf(str(tmp_path / "cell.urdf"))
+    data = model.createData()
+    assert [*model.names][1:] == ["e1", *record.arm().joint_names, "e2", "e3"]
+    for e in POSITIONS:
+        scales = [np.linalg.norm(axis.screw[3:] if axis.slides else axis.screw[:3]) for axis in cell.axes]
+        along = e * scales
+        q = np.concatenate([along[:1], START, along[1:]])
+        pinocchio.forwardKinematics(model, data, q)
+        pinocchio.updateFramePlacements(model, data)
+        tool, fixture = (data.oMf[model.getFrameId(name)] for name in ("tool_grip", "work_object_fixture"))
+        by_name = {"e1": e[0] / MM, "e2": e[1] / DEG, "e3": e[2] / DEG}
+        T_object = carried(cell.axes, "fixture", by_name) @ cell.work_objects["fixture"].T_true
+        T = np.linalg.inv(T_object) @ record.arm().forward(START[None])[0] @ cell.tools["grip"].T_true
+        np.testing.assert_allclose((fixture.inverse() * tool).homogeneous, T, rtol=0, atol=3e-5)
 
 
 # ---------------------------------------------------------------- what is refused
@@ -268,7 +276,7 @@ def test_axes_that_are_none_are_refused(change, message):
 
 
 def test_touches_that_do_not_show_an_axis_are_refused(record, touches):
-    with pytest.raises(MeasurementError, match=r"how e[23]_deg moves"):
+    with pytest.raises(MeasurementError, match=r"how the external axis of e[23]_deg moves"):
         cell_frames(record, touches.assign(e3_deg=0.0), axes=NOMINAL)
     with pytest.raises(MeasurementError, match="e2_deg"):
         cell_frames(record, touches.drop(columns="e2_deg"), axes=NOMINAL)

@@ -7,9 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from support import Posed, assert_derivative, assert_same_poses
+from touching import SOCKET, START, TIP, reach
 
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
-from irbcal.cell.cell_frames import Adjusted, _covariance, adjust, cell_frames, point_derivatives
+from irbcal.cell.cell_frames import Adjusted, _covariance, adjust, cell_frames
+from irbcal.cell.robot_derivatives import point_derivatives
 from irbcal.correction.languages import krl
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io import calibration_folder
@@ -17,11 +19,8 @@ from irbcal.modeling import frames
 from irbcal.modeling.dhm import DHMTable
 from irbcal.units import DEG, MM
 
-TIP = np.array([0.012, -0.03, 0.21])
 T_OBJECT = frames.transform(frames.rotation_from_vector([0.02, -0.05, 0.6]), [0.9, -0.3, 0.55])
-SOCKET = np.array([0.85, 0.1, 0.5])
 CAD = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.3, 0.2, 0.0], [0.0, 0.2, 0.05], [0.15, 0.1, 0.1]])
-START = np.radians([0.0, 20.0, 15.0, 10.0, 40.0, 0.0])
 
 
 @pytest.fixture(scope="module")
@@ -32,17 +31,6 @@ def record(demo_calibration):
 @pytest.fixture(scope="module")
 def robot(record):
     return record.robot_calibrated()
-
-
-def reach(robot, place, rng, local=TIP):
-    """Joints that bring a point of the tool to a place, from a side of their own: Newton's method with differences."""
-    q = START + rng.uniform(-0.5, 0.5, 6)
-    steps = np.vstack([np.zeros(6), 1e-6 * np.eye(6)])
-    for _ in range(30):
-        T = robot.poses(q + steps)
-        tips = T[:, :3, :3] @ local + T[:, :3, 3]
-        q = q + np.linalg.lstsq((tips[1:] - tips[0]).T / 1e-6, place - tips[0], rcond=1e-9)[0]
-    return q
 
 
 def rows_of(robot, sides=6, cad=CAD, taught=True, seed=1):

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -109,6 +110,31 @@ def test_the_declared_frames_are_those_that_the_controller_then_has(example, tmp
     program = ["filter", example / "cal", *PROGRAM[:2], config, "--cell", tmp_path / "cell.json"]
     assert run(*program, "--out", tmp_path / "new").exit_code == 0
     assert max(part_errors(example, tmp_path / "new" / "part.dat", CALIBRATED)) < 6e-3
+
+
+def test_ends_that_reflectors_do_not_show_are_told(example):
+    """In the example the flange lies 0.17 mm beside the true one; links err by 0.3 mm a coordinate."""
+    (note,) = (note for note in read_cell(example / "cell.json").notes if note.startswith("base and flange"))
+    assert 0.1 < float(re.search(r"about ([\d.]+) mm", note)[1]) < 0.6
+    measured = irbcal.correct(example / "cal", PROGRAM, frames_measured=True)
+    assert note in measured.cautions
+    assert note not in irbcal.correct(example / "cal", PROGRAM, cell=example / "cell.json").cautions
+
+
+def test_the_command_takes_axes_and_writes_the_whole_cell(example, tmp_path):
+    """A track that did not move in these touches is refused; a cell without axes has its tools and objects as links."""
+    axes, whole, out = (tmp_path / name for name in ("axes.csv", "whole.urdf", "cell.json"))
+    axes.write_text("axis,carries,dx,dy,dz\ne1_mm,robot,0,1,0\n")
+    touches = pd.read_csv(FOLDER / "touches.csv", comment="#", dtype=str).assign(e1_mm="0")
+    touches.to_csv(tmp_path / "touches.csv", index=False)
+    done = run("cell", example / "cal", tmp_path / "touches.csv", "--axes", axes, "--out", out, "--urdf", whole)
+    assert (done.exit_code, out.exists(), whole.exists()) == (1, False, False)
+    assert "how the external axis of base moves" in str(done.exception)
+    done = run("cell", example / "cal", FOLDER / "touches.csv", "--out", out, "--urdf", whole)
+    assert done.exit_code == 0
+    assert {'<link name="tool_3"/>', '<link name="work_object_1"/>'} <= {
+        *map(str.strip, whole.read_text().splitlines())
+    }
 
 
 def test_strict_writes_nothing_and_ends_with_3(example, tmp_path):
