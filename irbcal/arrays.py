@@ -120,8 +120,17 @@ def _is_locked(array: NDArray[Any]) -> bool:
     return owner is None
 
 
+class Locked:
+    """Base of frozen dataclasses whose arrays, dicts and lists nobody can change: see `locked`."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
 def lock(instance: Any) -> None:
-    """Lock all fields of a frozen dataclass: to be called at the end of its ``__post_init__``."""
+    """Lock all fields of a frozen dataclass: to be called at the end of its ``__post_init__``, where it has one."""
     for name in _names(type(instance)):  # type: ignore[arg-type]
         value = getattr(instance, name)
         new = locked(value)

@@ -104,10 +104,6 @@ class Calibration(Result):
         what : {"parameters", "points"}
             Parameters: name, value, unit, std, low, high, state, reason. Points: pose, group, target, heldout,
             nominal_mm, calibrated_mm, and the measured places where they were saved.
-
-        Returns
-        -------
-        DataFrame
         """
         import pandas as pd
 
@@ -343,10 +339,6 @@ def calibrate(
     progress : callable, optional
         Called with a short text at each step.
 
-    Returns
-    -------
-    Calibration
-
     Raises
     ------
     IrbcalError
@@ -390,10 +382,6 @@ def save(
     mesh_paths : {"package", "relative", "absolute"}
         How mesh files stand in the URDF: as they were, or as paths (from the folder, or whole) that readers without
         package folders open, such as MuJoCo, urchin and yourdfpy.
-
-    Returns
-    -------
-    Record
 
     Raises
     ------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock, plain
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, plain
 from irbcal.modeling import frames
 from irbcal.modeling.inverse.along_path import SingularPlace
 from irbcal.summary import Paragraph, Result, Table
@@ -62,9 +62,6 @@ class ForwardResult(Result):
     outside: BoolArray | None = None
     note: str = ""
     given: pd.DataFrame | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __len__(self) -> int:
         return len(self.T_base_tip)
@@ -156,9 +153,6 @@ class InverseJoints(Result):
     coupling: FloatArray | None = None
     given: pd.DataFrame | None = None
     singular: tuple[SingularPlace, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __len__(self) -> int:
         return len(self.joints)

@@ -74,10 +74,6 @@ def forward_kinematics(
     coupling : str, optional
         Of a URDF: how its controller counts joints in tables, such as ``3+2``, see `irbcal.modeling.coupling`.
 
-    Returns
-    -------
-    ForwardResult
-
     Raises
     ------
     RobotError
@@ -181,10 +177,6 @@ def inverse_kinematics(
         See `forward_kinematics`.
     jobs : int, optional
         Threads for large problems; as many as there are cores unless given. The result does not depend on it.
-
-    Returns
-    -------
-    InverseJoints
 
     Raises
     ------

@@ -59,10 +59,6 @@ def number(
     whole : bool
         Whether only whole numbers do.
 
-    Returns
-    -------
-    float or int
-
     Raises
     ------
     OptionError

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal import __version__
-from irbcal.arrays import BoolArray, FloatArray, lock, locked
+from irbcal.arrays import BoolArray, FloatArray, Locked, locked
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses
 from irbcal.identification.axes import GROUPS
@@ -239,7 +239,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Inputs:
+class Inputs(Locked):
     """What is read.
 
     Attributes
@@ -276,9 +276,6 @@ class Inputs:
     prior: TypePrior | None = None
     feature_rows: FeatureSet | None = None
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -35,10 +35,6 @@ def read_bytes(
     prefix : str
         Put before the reason, such as "not a calibration folder: ".
 
-    Returns
-    -------
-    bytes
-
     Raises
     ------
     IrbcalError

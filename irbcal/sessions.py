@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.identification import data_entry_errors, outliers
 from irbcal.identification.axes import GROUPS
@@ -99,10 +99,6 @@ def clean_sessions(
         As `irbcal.calibrate` has ``session_by``, ``frame`` and ``as_poses``.
     several_allowed : bool
         Whether the method takes several sessions.
-
-    Returns
-    -------
-    SessionPoints
 
     Raises
     ------
@@ -278,7 +274,7 @@ def joined_motions(motions: Sequence[Motion]) -> Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class Earlier:
+class Earlier(Locked):
     """What an earlier calibration gives to a new one.
 
     Attributes
@@ -293,9 +289,6 @@ class Earlier:
     record: Record
     sessions: tuple[tuple[str, PointSet, Motion], ...]
     folder: Path | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def poses(self) -> int:
@@ -359,10 +352,6 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
     Parameters
     ----------
     calibration : str, Path, Record or a result that holds one
-
-    Returns
-    -------
-    Earlier
 
     Raises
     ------

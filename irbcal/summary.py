@@ -9,6 +9,7 @@ from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, TypeAlias
 
+from irbcal.arrays import Locked
 from irbcal.literals import terminal
 
 if TYPE_CHECKING:
@@ -179,7 +180,7 @@ def as_text(paragraphs: Sequence[Paragraph], width: int = WIDTH) -> str:
     return "\n".join(text_line.rstrip() for text_line in out.getvalue().splitlines()).rstrip()
 
 
-class Result(ABC):
+class Result(Locked, ABC):
     """A result that says what it is: in the interpreter, in a notebook, and in full on request."""
 
     @abstractmethod

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.atomic import write_set
 from irbcal.cell.external_axes import COLUMN, ExternalAxis
 from irbcal.errors import CalibrationError, OptionError
@@ -70,7 +70,7 @@ AS_URDF = Notation(
 
 
 @dataclass(frozen=True, eq=False)
-class FrameInCell:
+class FrameInCell(Locked):
     """A tool or a work object.
 
     Attributes
@@ -93,12 +93,9 @@ class FrameInCell:
     T_controller: FloatArray | None = None
     position_only: bool = False
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 @dataclass(frozen=True, eq=False)
-class Touch:
+class Touch(Locked):
     """A touch and what is left of it.
 
     Attributes
@@ -139,9 +136,6 @@ class Touch:
     residual: FloatArray = field(default_factory=lambda: np.zeros(3))
     residual_nominal: FloatArray = field(default_factory=lambda: np.zeros(3))
     e: FloatArray = field(default_factory=lambda: np.zeros(0))
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -187,9 +181,6 @@ class CellFile(Result):
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     created: str = field(default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds"))
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def report(self, notation: Notation = AS_URDF) -> list[Paragraph]:
         """The frames with their intervals, and by how much the controller's differ; see `Result.report`."""

@@ -219,10 +219,6 @@ def adjust(
     nominal : bool
         Whether the axes are as the controller has them; else they are adjusted, too.
 
-    Returns
-    -------
-    Adjusted
-
     Raises
     ------
     MeasurementError
@@ -546,10 +542,6 @@ def cell_frames(
         Mass carried at the touches, kg.
     payload_place : array_like, shape (3,), optional
         Its centre in the tip link, metres.
-
-    Returns
-    -------
-    CellFile
 
     Raises
     ------

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.cell_graph import BASE, FLOOR, Edge
@@ -25,7 +25,7 @@ COLUMN = re.compile(r"e[1-6]_(mm|deg)")
 
 
 @dataclass(frozen=True, eq=False)
-class ExternalAxis:
+class ExternalAxis(Locked):
     """An external axis.
 
     Attributes
@@ -44,9 +44,6 @@ class ExternalAxis:
     carries: tuple[str, ...]
     screw: FloatArray
     nominal: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def name(self) -> str:

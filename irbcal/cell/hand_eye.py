@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
 from irbcal.atomic import write_set
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_problem
@@ -50,7 +50,7 @@ TOO_FAR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class DeviceFrame:
+class DeviceFrame(Locked):
     """A camera or a board.
 
     Attributes
@@ -74,9 +74,6 @@ class DeviceFrame:
     T: FloatArray
     u95_m: float
     u95_rad: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,9 +116,6 @@ class HandEye(Result):
     doubts: tuple[str, ...] = ()
     simulated: bool = False
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def rms_pixels(self) -> float:
@@ -253,10 +247,6 @@ def hand_eye(
         Folder of pictures.
     legacy : bool
         The board is of the pattern that OpenCV drew before version 4.6.
-
-    Returns
-    -------
-    HandEye
 
     Raises
     ------

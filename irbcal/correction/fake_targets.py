@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -63,9 +63,6 @@ class Corrected(Result):
     ok: BoolArray
     reason: NameArray
     residual: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def shift(self) -> FloatArray:
@@ -133,10 +130,6 @@ def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike, controller: Arm | N
     controller : Arm, optional
         What the controller computes with where that is not the nominal arm: only a little another one.
 
-    Returns
-    -------
-    Corrected
-
     Raises
     ------
     RobotError
@@ -176,10 +169,6 @@ def correct_poses(
         zero joints.
     controller : Arm, optional
         As for `correct_joints`.
-
-    Returns
-    -------
-    Corrected
 
     Raises
     ------

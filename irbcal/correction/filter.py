@@ -151,10 +151,6 @@ def correct(
     strict : bool
         Write nothing where tools or work objects are of unknown origin.
 
-    Returns
-    -------
-    Filtered
-
     Raises
     ------
     NotWritten
@@ -384,10 +380,6 @@ def filter_program(
         Largest speeds of the joints, which trajectories must keep to, rad/s (m/s).
     true_frames : TrueFrames, optional
         What is known of tools and work objects; without it nothing is.
-
-    Returns
-    -------
-    Filtered
 
     Raises
     ------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.correction.fake_targets import corrected_in_words
 from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
@@ -99,9 +99,6 @@ class Filtered(Result):
     paths: tuple[CutPath, ...] | None = None
     frames: TargetFrames | None = None
     unchanged: int = 0
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def data(self) -> bytes:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.correction.program import Corrections, Note, Stop
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse.closed_form import LIMIT_TOLERANCE
@@ -26,7 +26,7 @@ MOST = 10
 
 
 @dataclass(frozen=True, eq=False)
-class LastMoves:
+class LastMoves(Locked):
     """What is known of the last moves of a program whose robot depends on them.
 
     Attributes
@@ -44,9 +44,6 @@ class LastMoves:
     stops: int
     known: int
     notes: tuple[Note, ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def with_last_moves(

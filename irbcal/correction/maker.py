@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.correction.notation import Orientation
 from irbcal.errors import ProgramError
 from irbcal.modeling import dhm
@@ -64,7 +64,7 @@ class Posture(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Maker:
+class Maker(Locked):
     """A maker's way to write targets.
 
     Attributes
@@ -111,9 +111,6 @@ class Maker:
     pulses: bool = False
     asks_where: bool = False
     largest: float = 1e6
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def check(self, arm: Arm, source: str) -> None:
         """Refuse arms whose joints need not be those of this maker's controllers.

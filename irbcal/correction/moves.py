@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.correction.maker import Maker
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import DECIMALS
@@ -42,7 +42,7 @@ class JointMove(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Moves:
+class Moves(Locked):
     """Joint moves of an arm in their order.
 
     Attributes
@@ -66,9 +66,6 @@ class Moves:
     head: tuple[str, ...] = ()
     tip_speed: float = 0.5
     pulses: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def degrees(self, maker: Maker | None = None) -> FloatArray:
         """Joints as the controller counts them, degrees, rounded to `DECIMALS`, shape (n, 6)."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeAlias, runt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.correction.fake_targets import Corrected, correct_meant
 from irbcal.correction.program import Program
 from irbcal.errors import RobotError
@@ -48,7 +48,7 @@ INSIDE = 16
 
 
 @dataclass(frozen=True, eq=False)
-class StraightMove:
+class StraightMove(Locked):
     """Straight move between two poses; orientation turns evenly about one axis.
 
     Parameters
@@ -59,9 +59,6 @@ class StraightMove:
 
     T_start: FloatArray
     T_end: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def length(self) -> float:
@@ -77,7 +74,7 @@ class StraightMove:
 
 
 @dataclass(frozen=True, eq=False)
-class Circle:
+class Circle(Locked):
     """Move along a circular arc; orientation turns evenly about one axis.
 
     Parameters
@@ -95,9 +92,6 @@ class Circle:
     center: FloatArray
     normal: FloatArray
     angle: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @staticmethod
     def through(T_start: FloatArray, p_via: ArrayLike, T_end: FloatArray) -> Circle:
@@ -288,7 +282,7 @@ def reversals(q: FloatArray, s: FloatArray, smallest: float = 1e-4) -> list[Reve
 
 
 @dataclass(frozen=True, eq=False)
-class PathMove:
+class PathMove(Locked):
     """A straight or circular move of a program.
 
     Attributes
@@ -315,9 +309,6 @@ class PathMove:
     zones: tuple[float, float] = (0.0, 0.0)
     why: str = ""
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 class Ends(NamedTuple):
     """What is known of a corrected target: wanted tip pose, joints to command, and the fake tip pose."""
@@ -329,7 +320,7 @@ class Ends(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class CutPath:
+class CutPath(Locked):
     """A move with the points that were put into it.
 
     Attributes
@@ -358,9 +349,6 @@ class CutPath:
     uncut: float = np.nan
     turns: tuple[Reversal, ...] = ()
     why: str = ""
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def pieces(self) -> int:
@@ -575,9 +563,6 @@ class Subdivision(Result):
     deviation: float
     uncut: float
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def report(self) -> list[Paragraph]:
         """How many targets there are, how far the true path leaves the wanted one, and what cutting gained."""
         return [
@@ -626,10 +611,6 @@ def subdivide(
         The tool; identity unless given.
     most_pieces : int
         Refuse more moves than this.
-
-    Returns
-    -------
-    Subdivision
 
     Raises
     ------

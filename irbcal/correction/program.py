@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 from irbcal import reading
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.correction.fake_targets import Corrected
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import ControllerFrames
@@ -64,7 +64,7 @@ class Stop(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WantedTargets:
+class WantedTargets(Locked):
     """The n targets of one kind that may be corrected.
 
     Attributes
@@ -95,9 +95,6 @@ class WantedTargets:
     configurations: tuple[object, ...] | None = None
     joints: FloatArray | None = None
     unknown: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 Corrections: TypeAlias = Sequence[tuple[WantedTargets, Corrected]]

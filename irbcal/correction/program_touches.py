@@ -89,10 +89,6 @@ def program_touches(
     where : tuple, optional
         See `irbcal.correct`.
 
-    Returns
-    -------
-    ProgramTouches
-
     Raises
     ------
     MeasurementError

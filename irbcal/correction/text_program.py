@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock, locked
+from irbcal.arrays import FloatArray, locked
 from irbcal.cell.external_axes import ExternalAxis, carried, moving
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
@@ -288,7 +288,7 @@ class ControlFlow:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TextProgram(Program):
+class TextProgram(Locked, Program):
     """A program as read: its text and what was understood of it; a language says how it is marked.
 
     Attributes
@@ -330,9 +330,6 @@ class TextProgram(Program):
     fingerprint: str | None
     mark_at: int
     axes: tuple[ExternalAxis, ...] = field(default=(), kw_only=True)
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def on_axes(self, axes: Sequence[ExternalAxis]) -> Self:
         """The program in a cell with external axes: targets that do not say where these are stay as they are."""

@@ -205,10 +205,6 @@ def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
     trajectory : Trajectory
     path : str or Path
         Ending with .yaml, .yml or .csv.
-
-    Returns
-    -------
-    Path
     """
     path = Path(path)
     if path.suffix.lower() in ros.ENDINGS:

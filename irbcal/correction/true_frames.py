@@ -29,7 +29,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.cell import external_axes
 from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile
 from irbcal.cell.external_axes import carried
@@ -146,7 +146,7 @@ class UnknownFrames:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TargetFrames:
+class TargetFrames(Locked):
     """Tools and work objects of n targets, and what is at stake at those that were corrected.
 
     Attributes
@@ -194,9 +194,6 @@ class TargetFrames:
     part_error: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     numbers: str = "same"
     re_expressed: bool = False
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @staticmethod
     def of(

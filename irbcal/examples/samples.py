@@ -50,10 +50,6 @@ def samples(folder: str | Path = "irbcal-samples") -> Samples:
     folder : str or Path
         New or empty.
 
-    Returns
-    -------
-    Samples
-
     Raises
     ------
     CalibrationError

@@ -12,7 +12,6 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import lock
 from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError
 from irbcal.exporting.made import ExportFiles
@@ -82,9 +81,6 @@ class Exported(Result):
     next: str
     notes: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def report(self) -> Sequence[Paragraph]:
         """Files and what to do with them."""
         simulated = ", from SIMULATED measurements" if self.simulated else ""
@@ -140,10 +136,6 @@ def export(
         How meshes stand in a URDF.
     without_frame_terms : bool
         Export URDF and joint map alone where the calibration has more.
-
-    Returns
-    -------
-    Exported
 
     Raises
     ------

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from irbcal.arrays import lock
+from irbcal.arrays import Locked
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.exporting import python
 from irbcal.exporting.source import Source
@@ -20,7 +20,7 @@ Convert = Callable[[Path], tuple[str, bytes] | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Gathered:
+class Gathered(Locked):
     """A URDF whose meshes lie in a folder beside it.
 
     Attributes
@@ -39,9 +39,6 @@ class Gathered:
     meshes: dict[str, bytes]
     left_out: tuple[str, ...]
     textures: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def notes(self) -> tuple[str, ...]:

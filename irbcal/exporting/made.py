@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from irbcal.arrays import lock
+from irbcal.arrays import Locked
 
 
 @dataclass(frozen=True, eq=False)
-class ExportFiles:
+class ExportFiles(Locked):
     """The files of an export.
 
     Attributes
@@ -22,6 +22,3 @@ class ExportFiles:
 
     files: Mapping[str, bytes]
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)

@@ -198,10 +198,6 @@ class LimitedMotion:
             Radians (sliding: metres).
         moving : bool
             Whether the goal goes on as it came.
-
-        Returns
-        -------
-        list of float
         """
         if t - self.times[0] > GAP_S:
             self.times = _stood(t - GAP_S)

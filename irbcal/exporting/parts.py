@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from irbcal import __version__
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
@@ -36,7 +36,7 @@ TESTS = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class Chain(Locked):
     """A chain of joints: before each joint turns (slides) about its z, its frame is placed by a constant.
 
     Attributes
@@ -54,9 +54,6 @@ class Chain:
     places: FloatArray
     tip_rotation: FloatArray
     tip_place: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @staticmethod
     def of(arm: Arm) -> Chain:
@@ -101,7 +98,7 @@ class Lever:
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class Parts(Locked):
     """A calibrated robot as numbers.
 
     Attributes
@@ -176,9 +173,6 @@ class Parts:
     fingerprint: str = ""
     simulated: bool = False
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def identifier(self) -> str:
@@ -363,7 +357,7 @@ def _unknown(term: Term) -> CalibrationError:
 
 
 @dataclass(frozen=True, eq=False)
-class Vectors:
+class Vectors(Locked):
     """Test vectors of an export, n rows each.
 
     Attributes
@@ -384,9 +378,6 @@ class Vectors:
     effective: FloatArray
     tip: FloatArray
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def __len__(self) -> int:
         return len(self.q)
 
@@ -401,10 +392,6 @@ def vectors_of(robot: Robot, parts: Parts, n: int = TESTS, seed: int = 1) -> Vec
         Of this robot.
     n : int
     seed : int
-
-    Returns
-    -------
-    Vectors
     """
     rng = np.random.default_rng(seed)
     q, previous = robot.arm.random_joints(n, seed), robot.arm.random_joints(n, seed + 1)

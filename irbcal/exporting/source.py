@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
@@ -27,7 +27,7 @@ EXACT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class Source(Locked):
     """A calibrated robot, ready to be exported.
 
     Attributes
@@ -58,9 +58,6 @@ class Source:
     folder: Path | None = None
     out: Path = Path()
     mesh_paths: MeshPaths = "relative"
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @staticmethod
     def of(

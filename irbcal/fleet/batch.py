@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from irbcal import parallel
-from irbcal.arrays import lock
 from irbcal.atomic import check_writable, write_together
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
 from irbcal.io.schema import Record
@@ -112,10 +111,6 @@ def read_manifest(manifest: str | Path) -> list[Entry]:
     manifest : str or Path
         CSV with the columns ``id``, ``measurements`` and ``robot``, and, where wanted, ``serial``, ``date``
         (2026-03-17) and ``options`` (``model=34 holdout=0.2``). Paths are counted from its folder.
-
-    Returns
-    -------
-    list of Entry
 
     Raises
     ------
@@ -300,9 +295,6 @@ class CalibratedFleet(Result):
     kept: int
     seconds: float
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     @property
     def failures(self) -> tuple[RobotOutcome, ...]:
         """Robots that could not be calibrated."""
@@ -374,10 +366,6 @@ def fleet_calibrate(
         ``dask://HOST:PORT``: the workers of a Dask cluster, see `irbcal.parallel.using`; they need the same paths.
     progress : callable, optional
         Called with a short text after each robot.
-
-    Returns
-    -------
-    CalibratedFleet
 
     Raises
     ------

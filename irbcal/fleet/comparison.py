@@ -194,10 +194,6 @@ def change(first: Stored, second: Stored, fleet: Sequence[Stored] = ()) -> Chang
     first, second : Stored
     fleet : sequence of Stored
         Calibrations among which those of other robots of the type are looked for.
-
-    Returns
-    -------
-    Change
     """
     dates = first.measured, second.measured
     if first.level is None or second.level is None:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import lock
 from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, OptionError
 from irbcal.fleet import batch
@@ -215,9 +214,6 @@ class Added(Result):
     added: tuple[str, ...]
     there: tuple[str, ...]
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def report(self) -> Sequence[Paragraph]:
         """How many."""
         return [f"{len(self.added)} calibrations added to {self.store}, {len(self.there)} were there"]
@@ -249,10 +245,6 @@ def fleet_add(
         a fleet know that; else they are the folder's name, the same, and when it was calibrated.
     progress : callable, optional
         Called with a short text after each.
-
-    Returns
-    -------
-    Added
 
     Raises
     ------
@@ -381,10 +373,6 @@ def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: st
     report : str or Path, optional
         Page to write it to, HTML.
 
-    Returns
-    -------
-    Overview
-
     Raises
     ------
     CalibrationError
@@ -468,10 +456,6 @@ def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:
         Its id.
     store : str or Path
         See `fleet_add`.
-
-    Returns
-    -------
-    Drift
 
     Raises
     ------

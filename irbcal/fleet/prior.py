@@ -88,10 +88,6 @@ def fleet_prior(
     progress : callable, optional
         Called with a short text at each step.
 
-    Returns
-    -------
-    FleetPrior
-
     Raises
     ------
     CalibrationError

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import IdentificationError
 from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
@@ -43,7 +43,7 @@ TRIPLE_POINTS = 300
 
 
 @dataclass(frozen=True, eq=False)
-class AxisFit:
+class AxisFit(Locked):
     """A joint axis fitted to circles, in the measuring frame.
 
     Attributes
@@ -83,9 +83,6 @@ class AxisFit:
     basis: FloatArray
     covariance: FloatArray
     arc: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def rms(self) -> float:
@@ -178,10 +175,6 @@ def fit_axis(xyz: ArrayLike, target: ArrayLike, angle: ArrayLike, name: str = "a
         the arc only, not for the fit.
     name : str
         For messages: the group.
-
-    Returns
-    -------
-    AxisFit
 
     Raises
     ------
@@ -363,7 +356,7 @@ GROUPS = tuple(f"axis{k}" for k in range(1, 7))
 
 
 @dataclass(frozen=True, eq=False)
-class OneAxis:
+class OneAxis(Locked):
     """One measured joint axis, in the measuring frame.
 
     Attributes
@@ -379,12 +372,9 @@ class OneAxis:
     home: FloatArray
     moves: PointSet
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 @dataclass(frozen=True, eq=False)
-class MeasuredAxes:
+class MeasuredAxes(Locked):
     """Six measured joint axes, in the measuring frame ("world").
 
     Attributes
@@ -405,9 +395,6 @@ class MeasuredAxes:
     directions: FloatArray
     moves: PointSet
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def as_measured(self) -> tuple[FloatArray, FloatArray]:
         """Points and directions (6, 3), each axis at its own home pose."""
         return np.array([fit.point for fit in self.fits]), np.array([fit.direction for fit in self.fits])
@@ -424,10 +411,6 @@ def measure_axes(points: PointSet) -> MeasuredAxes:
     Parameters
     ----------
     points : PointSet
-
-    Returns
-    -------
-    MeasuredAxes
 
     Raises
     ------
@@ -456,10 +439,6 @@ def one_axis(points: PointSet, k: int) -> OneAxis:
     points : PointSet
     k : int
         Joint, counted from 0.
-
-    Returns
-    -------
-    OneAxis
 
     Raises
     ------

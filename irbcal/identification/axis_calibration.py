@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.identification.axes import MeasuredAxes, OneAxis, at_zero_joints, measure_axes, one_axis
 from irbcal.identification.choices import Parallel
@@ -78,10 +78,6 @@ def link_geometry(axes: MeasuredAxes, parallel: Parallel = "hayati", tolerance: 
     axes : MeasuredAxes
     parallel, tolerance
         As `irbcal.identification.axis_calibration.calibrate_by_axes`.
-
-    Returns
-    -------
-    LinkGeometry
     """
     chain = AxisChain(axes, parallel, tolerance)
     table = chain.table(*axes.as_measured())[1]
@@ -191,10 +187,6 @@ def standard_deviations(axes: MeasuredAxes, values: Callable[[FloatArray, FloatA
     axes : MeasuredAxes
     values : callable
         Table of points and directions (6, 3) as measured.
-
-    Returns
-    -------
-    DHMTable
     """
     p, z = axes.as_measured()
     variance = np.zeros((len(COLUMNS), 6))
@@ -303,10 +295,6 @@ def calibrate_by_axes(
         Radians; for ``forced``.
     known_targets : dict of str to array_like, shape (3,), optional
         Known places of some or all measured targets in the tip link, metres.
-
-    Returns
-    -------
-    AxisCalibration
 
     Raises
     ------
@@ -465,9 +453,6 @@ class BaseOfAxes(Result):
     angle: float
     distance: float
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def report(self) -> Sequence[Paragraph]:
         """Place and turn of the base link in the measuring frame."""
         values = frames.to_xyz_angles(self.T_world_base) / ([MM] * 3 + [DEG] * 3)
@@ -498,9 +483,6 @@ class ToolOfAxes(Result):
     angle: float
     distance: float
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def report(self) -> Sequence[Paragraph]:
         """Places of the targets."""
         rows: tuple[tuple[Cell, ...], ...] = tuple(
@@ -527,10 +509,6 @@ def base_of_axes(arm: Arm, points: PointSet) -> BaseOfAxes:
         Nominal arm.
     points : PointSet
         With the groups ``axis1`` and ``axis2``.
-
-    Returns
-    -------
-    BaseOfAxes
 
     Raises
     ------
@@ -569,10 +547,6 @@ def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
         Nominal arm.
     points : PointSet
         With groups for the last two joints, ``axis5`` and ``axis6`` of six, moved with all joints before at one place.
-
-    Returns
-    -------
-    ToolOfAxes
 
     Raises
     ------

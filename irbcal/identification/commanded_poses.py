@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import MeasurementError
 from irbcal.identification.images import hand_eye
 from irbcal.measurement.table import GOAL_ANGLES, GOAL_POSITIONS, GOAL_QUATERNION, MeasurementSet
@@ -37,7 +37,7 @@ LEAST, LEAST_GAIN = 0.05, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Commands:
+class Commands(Locked):
     """What commanded poses say of the joints.
 
     Attributes
@@ -56,9 +56,6 @@ class Commands:
     misfit: float
     difference: FloatArray
     solved: BoolArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def goals(measurements: MeasurementSet) -> FloatArray | None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.fit import identify
@@ -54,7 +54,7 @@ TOOL = ("tool_x", "tool_y", "tool_z", "tool_rx", "tool_ry", "tool_rz")
 
 
 @dataclass(frozen=True, eq=False)
-class ControllerFit:
+class ControllerFit(Locked):
     """Numbers of a controller's model beside those of an arm.
 
     Attributes
@@ -91,9 +91,6 @@ class ControllerFit:
     moment: BoolArray
     frames_differ: bool
     many: bool
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +149,6 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
         Poses that the controller reports for them, metres.
     source : str
         File name for messages.
-
-    Returns
-    -------
-    ControllerFit
 
     Raises
     ------

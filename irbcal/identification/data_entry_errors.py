@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError
 from irbcal.identification import initial_guess, least_squares
 from irbcal.identification.problem import Problem, State
@@ -91,7 +91,7 @@ CHUNK = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
+class Hypothesis(Locked):
     """Another way to read the joints and points of a file.
 
     Attributes
@@ -117,9 +117,6 @@ class Hypothesis:
     late: int = 0
     scale: float = 1.0
     mirrored: bool = False
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def joints(self, q: FloatArray) -> FloatArray:
         """Joints of all rows, (n, joints); of rows without one so many before them, those of the nearest row."""
@@ -165,9 +162,6 @@ class EntryError(Result):
     also: tuple[Hypothesis, ...] = ()
     joint_columns: tuple[str, ...] = ()
     oriented: bool = False
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def looks_like(self) -> str:
@@ -610,10 +604,6 @@ def lost_row_of_robot(robot: Robot, points: PointSet) -> LostRow | None:
     robot : Robot
     points : PointSet
         All poses in the order of the file.
-
-    Returns
-    -------
-    LostRow or None
     """
     if points.session is not None or points.poses < ROWS_FEWEST_POSES:
         return None

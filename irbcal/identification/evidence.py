@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError
 from irbcal.identification import gear_scan as gears
 from irbcal.identification import leave_one_out, linear_model, term_sets
@@ -466,10 +466,6 @@ def identify_evidence(
     progress : callable, optional
         Called with a short text at each step.
 
-    Returns
-    -------
-    EvidenceFit
-
     Raises
     ------
     IdentificationError
@@ -605,7 +601,7 @@ def check_averaging(arm: Arm, poses: int) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class TypeTerms:
+class TypeTerms(Locked):
     """What one robot's measurements show of the terms.
 
     Attributes
@@ -619,9 +615,6 @@ class TypeTerms:
     values: FloatArray
     covariance: FloatArray
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     """What measurements show of a type's terms; base, tool and warm-up are left free, a pose counts as one vector.
@@ -633,10 +626,6 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     points : PointSet
     motion : Motion
         Of its poses.
-
-    Returns
-    -------
-    TypeTerms
 
     Raises
     ------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.identification.evidence_maximisation import (
     LEAST,
@@ -324,9 +324,6 @@ class EvidenceFit(Result):
     least_squares: None = None
     history: None = None
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     @cached_property
     def robot(self) -> Robot:
         """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
@@ -605,10 +602,6 @@ class EvidenceFit(Result):
         load
             Where it is not the usual one, see `motion_at`.
 
-        Returns
-        -------
-        Prediction
-
         Raises
         ------
         IdentificationError
@@ -699,9 +692,6 @@ class Lag(Result):
     scale: FloatArray
     shares: FloatArray
     sigma: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def report(self) -> Sequence[Paragraph]:
         """How much readings lag, and how well that is known."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError
 from irbcal.units import MM
 
@@ -110,7 +110,7 @@ KNOWN_COUNT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class CoefficientPrior:
+class CoefficientPrior(Locked):
     """What was known of coefficients before, from elsewhere: normal, each by itself.
 
     Attributes
@@ -124,9 +124,6 @@ class CoefficientPrior:
     mean: FloatArray
     std: FloatArray
     known: BoolArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def part(self, chosen: BoolArray | IntArray) -> CoefficientPrior:
         """Of some of the coefficients."""
@@ -221,10 +218,6 @@ def maximise_evidence(
         Standard deviation of a coordinate that is plausible before anything is measured, mm.
     expected : CoefficientPrior, optional
         Means and standard deviations of the coefficients; the variances of the groups are then counted in theirs.
-
-    Returns
-    -------
-    Posterior
 
     Raises
     ------

@@ -87,10 +87,6 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
         May be empty.
     elapsed : ndarray, shape (n,), optional
         Time of the held-out poses, that of the fit's motion; unless given nothing is known of their warmth.
-
-    Returns
-    -------
-    tuple of Stage
     """
     found = fit
     points, stops = average_repeats(replace(fit.points, q=np.array(fit.motion.q)), fit.motion)

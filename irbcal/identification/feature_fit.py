@@ -298,10 +298,6 @@ def identify_features(
     bare : bool
         Leave out what only a report asks for: leave-one-out errors and what the rows show.
 
-    Returns
-    -------
-    FeatureFit
-
     Raises
     ------
     IdentificationError

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import parallel
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError, OptionError, RobotError
 from irbcal.identification import least_squares, leave_one_out, minimax, robust
 from irbcal.identification.axis_calibration import calibrate_by_axes
@@ -139,9 +139,6 @@ class Fit(Result):
     least_squares: Fit | None = None
     history: History | None = None
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     @property
     def value(self) -> float | None:
         """The objective reached, metres; None for the root mean square, see `rms`."""
@@ -178,10 +175,6 @@ class Fit(Result):
 
         Standard deviations of the base's angles are those of small turns about the base's own axes, those of a
         target frame's angles of small turns about the tip link's.
-
-        Returns
-        -------
-        list of ParameterReport
         """
         return _report(self)
 
@@ -298,10 +291,6 @@ def outer_reports(
         Of base (turn, shift in the base link), places, frames (turns in the tip link), other bases, then others; SI.
     null : ndarray, shape (outer unknowns, k), optional
         Directions that no pose of the arm can show, unit vectors.
-
-    Returns
-    -------
-    list of ParameterReport
     """
     out: list[ParameterReport] = []
     reason = "base and tool cannot be told apart in all ways: all axes of this arm are parallel"
@@ -404,10 +393,6 @@ def identify(
         Targets whose places in the tip link are known (from a CMM), metres.
     parameters : sequence of Parameter, optional
         Error parameters in place of the level's own.
-
-    Returns
-    -------
-    Fit
 
     Raises
     ------
@@ -519,10 +504,6 @@ def identify_by(
     parallel : str
         With method ``circles``: ``hayati`` keeps the tilt of nearly parallel axes, ``forced`` gives them one direction
         (section 3.1.3).
-
-    Returns
-    -------
-    Fit
 
     Raises
     ------
@@ -649,10 +630,6 @@ def certainty_of(fit: Fit) -> Certainty:
     Parameters
     ----------
     fit : Fit
-
-    Returns
-    -------
-    Certainty
     """
     problem, points = fit.problem, fit.problem.points
     covariance = fit.solution.information.covariance()
@@ -827,10 +804,6 @@ def choose_level(
         Called with a text for each level.
     known_targets : dict of str to array_like, shape (3,), optional
         See `irbcal.identification.fit.identify`.
-
-    Returns
-    -------
-    LevelChoice
 
     Raises
     ------

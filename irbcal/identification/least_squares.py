@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError
 from irbcal.identification.problem import Problem, State
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, span
@@ -41,7 +41,7 @@ HELD, TIED = 0.99, 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class Information(Locked):
     """Information about the error parameters after base and targets are eliminated.
 
     Attributes
@@ -73,9 +73,6 @@ class Information:
     follow: FloatArray
     sigma: float
     outer_null: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def rank(self) -> int:
@@ -214,10 +211,6 @@ def information_of(problem: Problem, H: FloatArray, rss: float, fixed: FloatArra
     fixed : ndarray, shape (k, h), optional
         Orthonormal directions in plausible sizes that are held whatever the data say; unless given, the residuals
         decide.
-
-    Returns
-    -------
-    Information
 
     Raises
     ------
@@ -468,7 +461,7 @@ Record = Callable[[int, State], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Locked):
     """Outcome of a fit, by whatever solver.
 
     Attributes
@@ -506,9 +499,6 @@ class Solution:
     lower_bound: float | None = None
     multipliers: FloatArray | None = None
     evaluations: int | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def gap(self) -> float:
@@ -553,10 +543,6 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
         Start; its errors are normally zero.
     record : callable, optional
         Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
-
-    Returns
-    -------
-    Solution
 
     Raises
     ------

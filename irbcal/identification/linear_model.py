@@ -310,12 +310,7 @@ def geometry_problem(
 
 
 def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term], project: bool = False) -> State:
-    """Base, targets and constants by a few Gauss-Newton steps with their prior, its variance by evidence.
-
-    Returns
-    -------
-    State
-    """
+    """Base, targets and constants by a few Gauss-Newton steps with their prior, its variance by evidence."""
     state = first_state(problem)
     group = np.zeros(len(geometry), dtype=int)
     caps = np.array([GEOMETRY_CAP])

@@ -260,10 +260,6 @@ def solve(
     record : callable, optional
         Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
 
-    Returns
-    -------
-    Solution
-
     Raises
     ------
     IdentificationError
@@ -439,10 +435,6 @@ def nelder_mead(
     record : callable, optional
         Called with (iteration, state) for the start and every ten iterations, see
         `irbcal.identification.least_squares`.
-
-    Returns
-    -------
-    Solution
     """
     from scipy.optimize import minimize
 

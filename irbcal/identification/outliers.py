@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.choices import Level
@@ -52,7 +52,7 @@ def spread(points: PointSet) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class GrossErrors:
+class GrossErrors(Locked):
     """Points that no robot of this kind could have reached.
 
     Attributes
@@ -70,9 +70,6 @@ class GrossErrors:
     distance: FloatArray
     robot: Robot
     level: Level
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def find_gross_errors(
@@ -94,10 +91,6 @@ def find_gross_errors(
         File name for messages.
     measurements : MeasurementSet, optional
         The file, for the number of a row in messages.
-
-    Returns
-    -------
-    GrossErrors
 
     Raises
     ------

@@ -66,10 +66,6 @@ def solve_p_norm(
     record : callable, optional
         Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
 
-    Returns
-    -------
-    Solution
-
     Raises
     ------
     OptionError
@@ -194,10 +190,6 @@ def solve_loss(
     start : State, optional
     record : callable, optional
         Called with (iteration, state) for the start and after each step.
-
-    Returns
-    -------
-    Solution
 
     Raises
     ------

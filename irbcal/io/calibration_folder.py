@@ -67,10 +67,6 @@ def with_tables(document: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
         As JSON has it.
     folder : Path
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     CalibrationError
@@ -266,10 +262,6 @@ def read(folder: str | Path) -> Saved:
     folder : str or Path
         The folder, or the ``calibration.json`` in it.
 
-    Returns
-    -------
-    Saved
-
     Raises
     ------
     CalibrationError
@@ -327,10 +319,6 @@ def checked(folder: str | Path) -> FolderCheck:
     Parameters
     ----------
     folder : str or Path
-
-    Returns
-    -------
-    FolderCheck
 
     Raises
     ------

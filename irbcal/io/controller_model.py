@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import RobotError
 from irbcal.io import joint_origins, urdf, urdf_xml
 from irbcal.io.schema import Record
@@ -115,7 +115,7 @@ ITSELF = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class ControllerModel:
+class ControllerModel(Locked):
     """What a controller computes with.
 
     Attributes
@@ -134,9 +134,6 @@ class ControllerModel:
     nominal: Arm
     T_own_base: FloatArray
     T_tip_own: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def seen_by_it(self, robot: Robot) -> Robot:
         """A calibrated robot whose poses are counted from the controller's base to its flange."""
@@ -179,10 +176,6 @@ def controller_kinematics(path: str | Path, record: Record, calibrated_urdf: byt
         The calibration, for the nominal robot and the names of its links.
     calibrated_urdf : bytes or None
         Its URDF, into which joint origins are put; None where it is not at hand.
-
-    Returns
-    -------
-    ControllerModel
 
     Raises
     ------

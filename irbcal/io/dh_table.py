@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 import numpy as np
 
 from irbcal import atomic
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.io import urdf
 from irbcal.io.urdf import UrdfArm
@@ -48,9 +48,6 @@ class DhRobot(Result):
     urdf: UrdfArm
     data: bytes
     convention: str
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def report(self) -> list[Paragraph]:
         """Joints with their limits, and where the tip is at zero joints: to be compared with the controller."""
@@ -96,10 +93,6 @@ def urdf_from_dh(dh: TableLike, convention: Convention, *, name: str = "robot") 
         ``standard``: ``Rot(z, theta) Trans(z, d) Trans(x, a) Rot(x, alpha)``. It cannot be told from the numbers.
     name : str
         Of the robot.
-
-    Returns
-    -------
-    DhRobot
 
     Raises
     ------

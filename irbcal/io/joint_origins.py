@@ -28,10 +28,6 @@ def to_yaml(calibration: Record) -> str:
     Parameters
     ----------
     calibration : Record
-
-    Returns
-    -------
-    str
     """
     import yaml
 

@@ -71,10 +71,6 @@ class MeshFolders:
         endings : sequence of str
             That it may have.
 
-        Returns
-        -------
-        Path
-
         Raises
         ------
         Problem
@@ -130,10 +126,6 @@ def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: Mes
         Where files are looked for.
     source : str
         Its name, for messages.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------

@@ -12,7 +12,7 @@ from typing import Protocol, TypeAlias, Union
 
 import numpy as np
 
-from irbcal.arrays import lock
+from irbcal.arrays import Locked
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.io import calibration_folder, robots, urdf
 from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, Saved
@@ -46,10 +46,6 @@ def open_calibration(calibration: CalibrationLike) -> Record:
     Parameters
     ----------
     calibration : str, Path, Record or a result with an attribute ``record``
-
-    Returns
-    -------
-    Record
 
     Raises
     ------
@@ -96,10 +92,6 @@ def open_nominal(
     base_link, tip_link, coupling : str, optional
         As `irbcal.io.urdf.read` takes them; a calibration has its own.
 
-    Returns
-    -------
-    UrdfArm
-
     Raises
     ------
     RobotError
@@ -133,7 +125,7 @@ RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Opened:
+class Opened(Locked):
     """A robot, and what it was opened from.
 
     Attributes
@@ -164,9 +156,6 @@ class Opened:
     folder: Path | None
     urdf: UrdfArm | None
     urdf_bytes: bytes | None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __repr__(self) -> str:
         return f"<Opened {self.name}: {'URDF' if self.record is None else 'calibration'}, {self.robot!r}>"
@@ -200,10 +189,6 @@ def open_robot(
         Links of a URDF; by default as `irbcal.io.urdf.read` chooses them.
     coupling : str, optional
         Of a URDF, see `irbcal.io.urdf.declared_coupling`.
-
-    Returns
-    -------
-    Opened
 
     Raises
     ------

@@ -194,10 +194,6 @@ def robot_file(robot: str | Path) -> Path:
     robot : str or Path
         A path to a URDF or a xacro file, arguments of which may follow, or a robot's name, see `robots`.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     RobotError

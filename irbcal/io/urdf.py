@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import robots, urdf_xml, xacro_file
 from irbcal.io.urdf_xml import XmlElement, XmlTree
@@ -50,10 +50,6 @@ def choose_tip(links: Sequence[str], above: Mapping[str, str], moved: Collection
         The links whose joint moves.
     source : str
         File name for messages.
-
-    Returns
-    -------
-    str
 
     Raises
     ------
@@ -170,7 +166,7 @@ FINGERPRINT_TAG = "irbcal_calibration"
 
 
 @dataclass(frozen=True, eq=False)
-class UrdfArm:
+class UrdfArm(Locked):
     """A parsed URDF and the arm found in it.
 
     Attributes
@@ -198,9 +194,6 @@ class UrdfArm:
     child_links: tuple[str, ...]
     root_link: str
     T_root_base: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __getstate__(self) -> dict[str, Any]:
         """For pickle: the document as bytes."""
@@ -236,10 +229,6 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None, coup
         Link names; by default ``base_link`` (or the root) and ``tool0``, ``flange``, ``ee_link`` or the last link.
     coupling : str, optional
         As `irbcal.io.urdf.declared_coupling` takes it.
-
-    Returns
-    -------
-    UrdfArm
 
     Raises
     ------
@@ -492,10 +481,6 @@ def with_joint_origins(data: bytes, origins: Mapping[str, FloatArray]) -> bytes:
         The URDF.
     origins : dict of str to ndarray, shape (4, 4)
         Joint name -> joint frame in its parent link; joints not named stay as they are.
-
-    Returns
-    -------
-    bytes
     """
     tree = urdf_xml.parse(data, "URDF")
     for element in tree.getroot().findall("joint"):
@@ -561,10 +546,6 @@ def to_bytes(
         Fingerprint of the calibration, written into an element that readers of URDF pass over.
     comment : str, optional
         What the file is, written as its first comment in place of that of an earlier calibration.
-
-    Returns
-    -------
-    bytes
     """
     from lxml import etree
 
@@ -610,10 +591,6 @@ def with_links(
         Adds a link ``world`` (the measuring frame) and a fixed joint to the root.
     targets : dict of str to ndarray, shape (3,), optional
         Adds a link ``target_NAME`` for each reflector, fixed to the tip; metres.
-
-    Returns
-    -------
-    bytes
     """
     if T_world_base is None and not targets:
         return data
@@ -640,10 +617,6 @@ def largest_link_shift(urdf: UrdfArm, arm: Arm) -> float:
         As read.
     arm : Arm
         The corrected arm.
-
-    Returns
-    -------
-    float
     """
     old = new = urdf.arm.T_base_0
     largest = 0.0

@@ -73,10 +73,6 @@ def expanded(file: Path, arguments: Mapping[str, str]) -> bytes:
     arguments : dict of str to str
         Values of its ``xacro:arg``.
 
-    Returns
-    -------
-    bytes
-
     Raises
     ------
     RobotError

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from irbcal.arrays import FloatArray, NameArray, lock
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.joint_analysis.moves import (
     JointMoves,
@@ -71,10 +71,6 @@ def verdict(result: JointBehaviour) -> list[str]:
     Parameters
     ----------
     result : JointBehaviour
-
-    Returns
-    -------
-    list of str
     """
     residuals = result.residuals
     out = of_moves(result.moves, only_moves=residuals is None)
@@ -215,9 +211,6 @@ class JointBehaviour(Result):
     plots: tuple[str, ...] = ()
     reading_lag: ReadingLag | None = None
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def verdict(self) -> list[str]:
         """Which non-geometric terms this robot needs, in sentences; the last one sums up."""
         return verdict(self)
@@ -271,10 +264,6 @@ class JointBehaviour(Result):
         ----------
         figure : str
             One of `figures`.
-
-        Returns
-        -------
-        Chart
 
         Raises
         ------
@@ -448,10 +437,6 @@ def analyse(
         See `analyse_moves`.
     simulated : bool
         Whether the robot comes from simulated data.
-
-    Returns
-    -------
-    JointBehaviour
 
     Raises
     ------

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock, plain
+from irbcal.arrays import FloatArray, plain
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.axis_calibration import (
     PARALLEL,
@@ -71,9 +71,6 @@ class ByCircles(Result):
     excluded: tuple[Exclusion, ...]
     notes: tuple[str, ...]
     simulated: bool
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def compared(self) -> pd.DataFrame | None:
         """The tool as drawn and as measured (Nubiola 2011, Table 3.1); None without both.

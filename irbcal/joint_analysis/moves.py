@@ -125,10 +125,6 @@ def analyse_moves(
     frequency : float or None
         Periods per turn (the thesis sets 1); None: free.
 
-    Returns
-    -------
-    list of JointMoves
-
     Raises
     ------
     IdentificationError

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes, linear_model, outliers
 from irbcal.identification.evidence_fit import COMPARED
@@ -98,9 +98,6 @@ class ResidualAnalysis(Result):
     rms: float
     rms_geometry: float
     excluded: tuple[tuple[str, str, float], ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def direction(self) -> FloatArray:
@@ -188,10 +185,6 @@ def analyse_residuals(
         Of the Fourier series.
     frequency : float or None
         Periods per turn; None: free.
-
-    Returns
-    -------
-    ResidualAnalysis
 
     Raises
     ------

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
 from irbcal.measurement.last_moves import STILL
@@ -77,9 +77,6 @@ class Series(Result):
     excluded: tuple[tuple[str, str, float], ...]
     payload_kg: float = float("nan")
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     @property
     def turn(self) -> FloatArray:
         """The moving joint's angle at each pose, radians."""
@@ -122,10 +119,6 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
     joint : int
         Counted from 1.
     name : str
-
-    Returns
-    -------
-    Series
 
     Raises
     ------
@@ -336,7 +329,7 @@ def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> Floa
 
 
 @dataclass(frozen=True, eq=False)
-class PayloadEffect:
+class PayloadEffect(Locked):
     """One joint moved from one home pose with two payloads (Nubiola 2011, Table 4.3).
 
     Attributes
@@ -364,9 +357,6 @@ class PayloadEffect:
     heavy: float
     shift: float
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, mm and degrees."""
         return {
@@ -391,10 +381,6 @@ def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:
     Parameters
     ----------
     series : sequence of Series
-
-    Returns
-    -------
-    tuple of PayloadEffect
     """
     out = []
     for first, second in combinations([s for s in series if np.isfinite(s.payload_kg)], 2):

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal import atomic
-from irbcal.arrays import NameArray, lock
+from irbcal.arrays import NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import InputTable, TableLike
@@ -49,9 +49,6 @@ class FoundCorners(Result):
     table: pd.DataFrame
     images: int
     missed: tuple[tuple[str, int], ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as the first file of ``irbcal calibrate --features``."""
@@ -111,10 +108,6 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
         name, such as ``DICT_5X5_100``) and ``marker_mm`` (three quarters of the square unless given), too.
     legacy : bool
         The board is of the pattern that OpenCV drew before version 4.6.
-
-    Returns
-    -------
-    FoundCorners
 
     Raises
     ------

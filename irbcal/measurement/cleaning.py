@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import swapped
 from irbcal.measurement.last_moves import previous_stops
@@ -77,10 +77,6 @@ def left_out(excluded: Sequence[LeftOut], limit: int | None = 8) -> list[str]:
     excluded : sequence of Exclusion
     limit : int or None
         Points that are named for each reason; None for all.
-
-    Returns
-    -------
-    list of str
     """
     by_reason: dict[str, list[str]] = {}
     for point in excluded:
@@ -110,9 +106,6 @@ class Cleaned(Result):
     excluded: tuple[Exclusion, ...]
     registration: Registration | None
     notes: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def to_frame(self) -> pd.DataFrame:
         """The points that were left out: ``pose``, ``target``, ``reason``."""
@@ -188,10 +181,6 @@ def clean(
         References of an earlier calibration to register to, metres.
     only_targets : sequence of str, optional
         Targets to use, in this order; other targets are left out with that reason. By default all, sorted.
-
-    Returns
-    -------
-    Cleaned
 
     Raises
     ------

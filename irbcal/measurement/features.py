@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.measurement import imaging
 from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, InputTable, TableLike
 from irbcal.measurement.known_features import (
@@ -124,9 +124,6 @@ class FeatureSet(Result):
     carrier: NameArray | None = None
     point: FloatArray | None = None
     flange: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -252,10 +249,6 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     features : str, Path or DataFrame, optional
         CSV or YAML (a list of mappings with the same names); none where every row says its kind.
     arm : Arm
-
-    Returns
-    -------
-    FeatureSet
 
     Raises
     ------

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.units import MM
 
@@ -50,7 +50,7 @@ OUTSIDE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Imaging:
+class Imaging(Locked):
     """What is known of a camera and of the board that it sees.
 
     Attributes
@@ -75,9 +75,6 @@ class Imaging:
     square: float | None = None
     size: tuple[float, float] | None = None
     u95: float = PIXEL_U95
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def corners(self) -> FloatArray:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, NameArray, lock
+from irbcal.arrays import FloatArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import InputTable, TableLike
@@ -37,7 +37,7 @@ BRACES = re.compile(r"\{([^{}]+)\}")
 
 
 @dataclass(frozen=True, eq=False)
-class Feature:
+class Feature(Locked):
     """A feature with what is known of it.
 
     Attributes
@@ -64,9 +64,6 @@ class Feature:
     u95: float | None = None
     imaging: Imaging | None = None
     axes: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 @dataclass(frozen=True)

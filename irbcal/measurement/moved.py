@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.robot import Robot
@@ -63,9 +63,6 @@ class Moved(Result):
     turn: float
     before: float
     after: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def report(self) -> list[Paragraph]:
         """One sentence."""

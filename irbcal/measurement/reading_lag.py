@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, lock, plain
+from irbcal.arrays import BoolArray, FloatArray, NameArray, plain
 from irbcal.measurement.columns import joint_units
 from irbcal.summary import Paragraph, Result, Table
 
@@ -77,9 +77,6 @@ class ReadingLag(Result):
     slope: FloatArray
     slope_interval: FloatArray
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     @property
     def before_standstill(self) -> bool:
         """Whether the data show that the readings were taken before the arm stood still.
@@ -97,10 +94,6 @@ class ReadingLag(Result):
         ----------
         source : str
             The file.
-
-        Returns
-        -------
-        list of str
         """
         takes = f"The model takes the programmed joints ({self.columns[0]} …) of {Path(source).name}"
         if not self.difference.any():
@@ -184,10 +177,6 @@ def reading_lag(
         Columns of the programmed joints: they tell the unit in which joints that turn and slide are weighed.
     groups : ndarray of str, shape (n,), optional
         The move to the first pose of a group is not known.
-
-    Returns
-    -------
-    ReadingLag
     """
     commands = np.asarray(programmed, dtype=float)
     difference = np.asarray(readings, dtype=float) - commands
@@ -229,10 +218,6 @@ def mixed_use(made_from_programmed: bool, programmed: bool, source: str) -> list
         Whether the measurements have them.
     source : str
         The measurements' file.
-
-    Returns
-    -------
-    list of str
     """
     name = Path(source).name
     if made_from_programmed and not programmed:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
@@ -27,10 +27,6 @@ def base_on(robot: Robot, points: PointSet) -> Robot:
         It must know every target that was seen.
     points : PointSet
         In any frame, which becomes the robot's measuring frame; three points that are not on a line at least.
-
-    Returns
-    -------
-    Robot
 
     Raises
     ------
@@ -61,9 +57,6 @@ class Registration(Result):
     T_frame_pose: FloatArray
     own: BoolArray
     residual: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def largest_shift(self) -> float:

@@ -101,10 +101,6 @@ def joined(sessions: Sequence[tuple[str, PointSet]]) -> PointSet:
     ----------
     sessions : sequence of (name, PointSet)
         The last one's targets keep their names. A single one is returned as it is.
-
-    Returns
-    -------
-    PointSet
     """
     if len(sessions) == 1:
         return sessions[0][1]

@@ -304,10 +304,6 @@ def read(source: MeasurementsLike) -> MeasurementSet:
         CSV, or Parquet where pyarrow is installed; a DataFrame has the columns of the file, in degrees and
         millimetres. A `MeasurementSet` is returned as it is, so is that of a simulation or an import.
 
-    Returns
-    -------
-    MeasurementSet
-
     Raises
     ------
     MeasurementError
@@ -357,10 +353,6 @@ def parse(data: bytes, source: str) -> MeasurementSet:
     data : bytes
     source : str
         File name for messages.
-
-    Returns
-    -------
-    MeasurementSet
 
     Raises
     ------

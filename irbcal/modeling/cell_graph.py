@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.modeling import frames
 
 WORLD, FLOOR, BASE, FLANGE = "world", "floor", "base", "flange"
@@ -37,7 +37,7 @@ PITCH_U95 = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Edge:
+class Edge(Locked):
     """Two frames that are joined.
 
     Attributes
@@ -56,9 +56,6 @@ class Edge:
     T: FloatArray | None = None
     screw: FloatArray | None = None
     e: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def at(self, value: FloatArray | None) -> FloatArray:
         """``T_parent_child``, (4, 4) or (rows, 4, 4), by the value of its unknown, or as it is known."""
@@ -208,10 +205,6 @@ def view(edges: Sequence[Edge], transforms: Mapping[str, FloatArray], start: str
         F and G.
     n : int
         Rows.
-
-    Returns
-    -------
-    RelativeFrame
     """
     T = np.broadcast_to(np.eye(4), (n, 4, 4))
     of_frames, signs, frame = {start: T}, {}, start

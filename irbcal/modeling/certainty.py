@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
@@ -57,9 +57,6 @@ class Prediction(Result):
     interval: FloatArray
     outside: BoolArray
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def report(self) -> Sequence[Paragraph]:
         """How wide the intervals are, and whether poses are outside the joint ranges of the fit."""
         width = self.interval / MM
@@ -83,7 +80,7 @@ class Prediction(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certainty:
+class Certainty(Locked):
     """What an identification knows of the robot that it found.
 
     Parameters
@@ -118,9 +115,6 @@ class Certainty:
     loo_blocks: Mapping[str, float | None]
     ranges: FloatArray | None
     gravity: tuple[float, ...] = GRAVITY
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __repr__(self) -> str:
         return f"<Certainty of {self.nominal.name}: {len(self.terms)} coefficients, {len(self.loo) - 1} targets>"
@@ -269,10 +263,6 @@ class Certainty:
             Take the residuals of contiguous blocks of poses in place of single ones.
         load : dict, optional
             What a motion says of the load, see `irbcal.modeling.terms.situation.LOAD`.
-
-        Returns
-        -------
-        Prediction
 
         Raises
         ------

@@ -23,7 +23,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import LINE, BoolArray, FloatArray, aligned, handed_on, lock, row_arithmetic
+from irbcal.arrays import LINE, BoolArray, FloatArray, Locked, aligned, handed_on, lock, row_arithmetic
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import DEG, MM
@@ -115,7 +115,7 @@ class DHMTable:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ChainFrames:
+class ChainFrames(Locked):
     """Axes and origins along the chain for a block of poses, all in the base frame.
 
     Attributes
@@ -137,9 +137,6 @@ class ChainFrames:
     y_tilt: FloatArray
     o_tilt: FloatArray
     tip: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def _quarter(angle: float) -> bool:
@@ -294,10 +291,6 @@ def chain_frames(
     T_base_0 : ndarray, shape (4, 4)
     T_last_tip : ndarray, shape (4, 4), optional
         Identity unless given.
-
-    Returns
-    -------
-    ChainFrames
     """
     n = joints.shape[1]
     cosines, sines = cos_sin(joints)

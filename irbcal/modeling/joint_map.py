@@ -120,10 +120,6 @@ class JointMap:
         centre : array_like, shape (3,), optional
             Its centre in the tip link, metres; that of the fit unless given.
 
-        Returns
-        -------
-        JointMap
-
         Raises
         ------
         RobotError

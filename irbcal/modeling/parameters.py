@@ -139,10 +139,6 @@ def level_parameters(level: str, arm: Arm | None = None) -> tuple[Parameter, ...
     arm : Arm, optional
         Six revolute joints unless given.
 
-    Returns
-    -------
-    tuple of Parameter
-
     Raises
     ------
     IdentificationError

@@ -88,10 +88,6 @@ class Stiffness:
         upper_arm_kg : float
             Mass of the upper arm: what axis 2 carries and axis 3 does not.
 
-        Returns
-        -------
-        Stiffness
-
         Raises
         ------
         RobotError

@@ -138,10 +138,6 @@ class ThesisMap:
             Place of the added mass from axis 3, metres: along the forearm (phi_3) and square to it (phi_3 + 90
             degrees). ``across`` turns the phase phi_3.
 
-        Returns
-        -------
-        ThesisMap
-
         Raises
         ------
         RobotError

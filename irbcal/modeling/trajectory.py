@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked, lock
 from irbcal.errors import RobotError
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
@@ -24,7 +24,7 @@ PIECES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Lean:
+class Lean(Locked):
     """What the last moves along a trajectory add to the effective joints, see `irbcal.modeling.moves_along`.
 
     Attributes
@@ -36,9 +36,6 @@ class Lean:
     lean: FloatArray
     rate: FloatArray
     second: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

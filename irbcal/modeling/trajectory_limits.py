@@ -99,9 +99,6 @@ class Checked(Result):
     exceeded: tuple[Exceeded, ...]
     slower: float
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     @property
     def within(self) -> bool:
         """Whether all limits hold."""
@@ -147,10 +144,6 @@ def check(trajectory: Trajectory, limits: Limits, largest: int = 2_000_000) -> C
     limits : Limits
     largest : int
         Numbers that are looked at, at most: fewer places between points where these are many.
-
-    Returns
-    -------
-    Checked
     """
     pieces = int(np.clip(largest // max(trajectory.q.size, 1), 2, 32))
     d = trajectory.dense(pieces)

@@ -125,10 +125,6 @@ def referred(world: JacobianAndRate, dtheta: FloatArray | None, T: FloatArray, r
         Place of the frame in the universe.
     reference : str
         ``WORLD``, ``LOCAL`` or ``LOCAL_WORLD_ALIGNED``.
-
-    Returns
-    -------
-    J, dJ
     """
     if reference == WORLD:
         return world

@@ -51,10 +51,6 @@ def with_payload(
     delta_kg, place, wrist, masses
         See `irbcal.planners.calibrated_model.CalibratedModel.with_payload`.
 
-    Returns
-    -------
-    JointMap
-
     Raises
     ------
     RobotError

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from irbcal.arrays import lock
 from irbcal.errors import IdentificationError
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.options import number
@@ -74,9 +73,6 @@ class DeviceComparison(Result):
     before_with_joints: float
     rows: tuple[RemainingError, ...]
     missing: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def report(self) -> Sequence[Paragraph]:
         """A row for each device, a column for each number of poses."""
@@ -155,10 +151,6 @@ def compare_devices(
         See `irbcal.read_urdf`.
     progress : callable, optional
         Called with a text at the beginning of each step.
-
-    Returns
-    -------
-    DeviceComparison
 
     Raises
     ------

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.identification import term_sets
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, Key
 from irbcal.identification.observation_kind import cross
@@ -41,7 +41,7 @@ BESIDE = ("gain", "gravity", "harmonics")
 
 
 @dataclass(frozen=True, eq=False)
-class Rated:
+class Rated(Locked):
     """Poses as `irbcal.planning.exchange` takes them.
 
     Attributes
@@ -53,9 +53,6 @@ class Rated:
 
     poses: Candidates
     aim: Aim
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def left(self, rows: IntArray | None = None) -> float:
         """Root mean square error of positions that some poses (all unless given) leave, metres."""

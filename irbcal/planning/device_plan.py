@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from irbcal import atomic
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import RobotLike
 from irbcal.modeling.arm import Arm
@@ -65,7 +65,7 @@ CLOSE = (0.2 * MM, 0.2 * DEG)
 
 
 @dataclass(frozen=True, eq=False)
-class Access:
+class Access(Locked):
     """What poses at a device must allow.
 
     Parameters
@@ -83,9 +83,6 @@ class Access:
     found: Placed
     cone: float
     approach: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def touched(self) -> bool:
@@ -259,9 +256,6 @@ class DevicePlan(Result):
     approach: FloatArray | None
     notes: tuple[str, ...]
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def to_frame(self) -> pd.DataFrame:
         """The poses as the first file of ``irbcal calibrate --features``; values are to be filled in."""
         return rows_table(self.arm, self.found, self.q, self.which, None)
@@ -380,10 +374,6 @@ def device_plan(
         See `irbcal.planning.scene.open_scene`.
     progress : callable, optional
         Called with a text at the beginning of each step.
-
-    Returns
-    -------
-    DevicePlan
 
     Raises
     ------

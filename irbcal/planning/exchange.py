@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import MeasurementError
 from irbcal.planning.information import Aim, Candidates
 
@@ -26,7 +26,7 @@ DRAWS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class Chosen(Locked):
     """Poses chosen out of candidates.
 
     Attributes
@@ -43,9 +43,6 @@ class Chosen:
     value: float
     start_value: float
     exchanges: int
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def exchange(
@@ -66,10 +63,6 @@ def exchange(
         Candidates to start from; chosen one by one, each the best, unless given.
     step : callable, optional
         Called after each pass.
-
-    Returns
-    -------
-    Chosen
 
     Raises
     ------
@@ -104,7 +97,7 @@ def exchange(
 
 
 @dataclass(frozen=True, eq=False)
-class DesignComparison:
+class DesignComparison(Locked):
     """Chosen poses beside random ones of the same candidates, by the criterion (less is better).
 
     Attributes
@@ -123,9 +116,6 @@ class DesignComparison:
     as_good_as: int | None
     scatter: DesignComparison | None = None
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> DesignComparison:
     """How many random poses are as good as chosen ones.
@@ -136,10 +126,6 @@ def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> 
     chosen : Chosen
     aim : Aim
     seed : int
-
-    Returns
-    -------
-    Comparison
     """
     rng = np.random.default_rng(seed)
     n, count = len(candidates.rows), len(chosen.rows)

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import MeasurementError
 from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet
@@ -100,10 +100,6 @@ class Model:
         visible : ndarray of bool, shape (N, k)
         imagined : float
             Size of the errors that the model does not describe, radians; 0 for none.
-
-        Returns
-        -------
-        Candidates
         """
         rows = self.rows(q, visible)
         return Candidates(rows, self._errors(q, visible, imagined)) if imagined else Candidates.without_errors(rows)
@@ -144,10 +140,6 @@ class Model:
         imagined : float
             As for `candidates`.
 
-        Returns
-        -------
-        Aim
-
         Raises
         ------
         MeasurementError
@@ -182,7 +174,7 @@ def flat(blocks: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class Candidates(Locked):
     """What candidates would show.
 
     Attributes
@@ -196,9 +188,6 @@ class Candidates:
     rows: FloatArray
     errors: FloatArray
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     @staticmethod
     def without_errors(rows: FloatArray) -> Candidates:
         """Candidates with no imagined errors."""
@@ -206,7 +195,7 @@ class Candidates:
 
 
 @dataclass(frozen=True, eq=False)
-class Aim:
+class Aim(Locked):
     """What a plan is chosen for.
 
     Attributes
@@ -228,9 +217,6 @@ class Aim:
     cross: FloatArray | None = None
     constant: float = 0.0
     given: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def with_given(self, poses: Candidates) -> Aim:
         """The same with what some poses (Candidates) show taken as there."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.modeling import frames
 from irbcal.planning.exchange import DesignComparison
 from irbcal.planning.prediction import PlanPrediction
@@ -16,7 +16,7 @@ from irbcal.planning.wish import READINGS_S, Wish
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PlannedPoses:
+class PlannedPoses(Locked):
     """Poses to measure, in their order, and what they promise.
 
     Attributes
@@ -54,9 +54,6 @@ class PlannedPoses:
     stops: FloatArray
     comparison: DesignComparison | None
     notes: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def hold_s(self) -> FloatArray:

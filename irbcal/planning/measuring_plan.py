@@ -96,12 +96,7 @@ def _joints(planned: PlannedPoses) -> FloatArray:
 
 
 def plan_table(planned: PlannedPoses) -> pd.DataFrame:
-    """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when.
-
-    Returns
-    -------
-    DataFrame
-    """
+    """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when."""
     import pandas as pd
 
     pose, target, xyz, time = planned.expected()
@@ -118,12 +113,7 @@ def plan_table(planned: PlannedPoses) -> pd.DataFrame:
 
 
 def pose_table(planned: PlannedPoses) -> pd.DataFrame:
-    """A row for each pose: joints, reflectors with spaces between them, wait.
-
-    Returns
-    -------
-    DataFrame
-    """
+    """A row for each pose: joints, reflectors with spaces between them, wait."""
     import pandas as pd
 
     table = pd.DataFrame(_joints(planned), columns=planned.scene.setting.arm.joint_columns)
@@ -443,10 +433,6 @@ def plan(
     progress : callable, optional
         Called with a text at the beginning of each step.
 
-    Returns
-    -------
-    Plan
-
     Raises
     ------
     OptionError
@@ -513,10 +499,6 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     wish : Wish
     step : callable, optional
         Called with a text at the beginning of each step.
-
-    Returns
-    -------
-    Plan
 
     Raises
     ------

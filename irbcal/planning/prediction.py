@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.identification.least_squares import HELD, ROUNDING, TIED, information_of
 from irbcal.planning.information import Model
 from irbcal.units import UNIT_OUTSIDE
@@ -32,7 +32,7 @@ class Predicted:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PlanPrediction:
+class PlanPrediction(Locked):
     """What a plan promises, from the noise of the points alone: errors that no model describes are not in it.
 
     Attributes
@@ -47,9 +47,6 @@ class PlanPrediction:
     model: Model
     parameters: tuple[Predicted, ...]
     covariance: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __repr__(self) -> str:
         single = sum(parameter.state == "identified" for parameter in self.parameters)
@@ -84,10 +81,6 @@ def predict(model: Model, q: FloatArray, visible: BoolArray) -> PlanPrediction:
     q : ndarray, shape (n, joints)
     visible : ndarray of bool, shape (n, k)
         Reflectors measured in each pose; those that no pose has are left out.
-
-    Returns
-    -------
-    Prediction
 
     Raises
     ------

@@ -64,10 +64,6 @@ def reflectors(robot: Robot, requested: TargetsLike | None, tracker: FloatArray)
     tracker : ndarray, shape (3,)
         The tracker in the base link, metres.
 
-    Returns
-    -------
-    Targets
-
     Raises
     ------
     MeasurementError
@@ -121,10 +117,6 @@ def read_targets(path: str | Path) -> Targets:
 
     Columns ``target``, ``x_mm``, ``y_mm``, ``z_mm`` (in the tip link) and, at will, ``nx``, ``ny``, ``nz``: where they
     look.
-
-    Returns
-    -------
-    Targets
 
     Raises
     ------

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.io import robots
 from irbcal.io.opening import RobotLike, open_robot
@@ -116,7 +116,7 @@ USUAL_SPEED = (60 * DEG, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(Locked):
     """Where a plan is made for.
 
     Attributes
@@ -151,9 +151,6 @@ class Scene:
     joint_speed: FloatArray
     notes: tuple[str, ...] = ()
     certainty: Certainty | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def name(self) -> str:
@@ -202,10 +199,6 @@ def open_scene(
         Link names, for a URDF.
     coupling : str, optional
         How the controller of a URDF's robot counts joints, see `irbcal.io.urdf.declared_coupling`.
-
-    Returns
-    -------
-    Scene
 
     Raises
     ------

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.modeling.home import METRES_PER_DEGREE, home_joints, rounded
 from irbcal.planning.conditions import Setting, counted
@@ -36,7 +36,7 @@ Region: TypeAlias = "Callable[[FloatArray], BoolArray]"
 
 
 @dataclass(frozen=True, eq=False)
-class Tally:
+class Tally(Locked):
     """How many candidates each condition removed, of those that the ones before it had left.
 
     Attributes
@@ -50,9 +50,6 @@ class Tally:
     removed: dict[str, int] = field(default_factory=dict)
     kept: int = 0
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def sentence(self) -> str:
         """What removed how many, in words."""
         reasons = [f"{name} removed {count:,}" for name, count in self.removed.items()]
@@ -60,7 +57,7 @@ class Tally:
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
+class Poses(Locked):
     """Poses that meet the conditions.
 
     Attributes
@@ -77,9 +74,6 @@ class Poses:
     seen: BoolArray
     groups: NameArray
     tally: Tally
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def take(self, rows: IntArray) -> Poses:
         """Some of the poses, in this order."""
@@ -121,10 +115,6 @@ def random_poses(
         From tips (n, 3) in the base link to a mask of those inside.
     step : callable, optional
         Called with the number of poses found after each batch.
-
-    Returns
-    -------
-    Poses
 
     Raises
     ------

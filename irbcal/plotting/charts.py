@@ -366,10 +366,6 @@ def inline(drawing: Drawing) -> Markup:
     Parameters
     ----------
     drawing : Drawing
-
-    Returns
-    -------
-    markupsafe.Markup
     """
     from markupsafe import Markup
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.chance import normal_quantile
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Lines, Panel, Sign, Text, fixed, round_number, up_to
 from irbcal.units import DEG, MM
@@ -58,7 +58,7 @@ class DistanceStatistics(Protocol):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ModelErrors:
+class ModelErrors(Locked):
     """Errors of one model on one set of poses.
 
     Attributes
@@ -84,9 +84,6 @@ class ModelErrors:
     vector: FloatArray | None
     rotation: FloatArray | None
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def __repr__(self) -> str:
         return f"<ModelErrors: {len(self.distance)} points, mean {self.statistics.mean_mm:.3f} mm>"
 
@@ -97,7 +94,7 @@ class ModelErrors:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseErrors:
+class PoseErrors(Locked):
     """One set of poses, held out, fitted or measured later, as the models see it.
 
     Attributes
@@ -124,9 +121,6 @@ class PoseErrors:
     models: Mapping[str, ModelErrors]
     place: FloatArray | None
     what: str = field(default=POSITION, kw_only=True)
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __repr__(self) -> str:
         return f"<PoseErrors: {len(self.pose_names)} {self.name} poses, {len(self.pose)} points, {dict(self.models)!r}>"

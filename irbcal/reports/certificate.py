@@ -106,10 +106,6 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
     issued : datetime, optional
         Now unless given.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     OptionError

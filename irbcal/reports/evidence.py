@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IrbcalError
 from irbcal.io.schema import Record, Statistics
 from irbcal.joint_analysis.residuals import ResidualAnalysis, analyse_residuals
@@ -50,7 +50,7 @@ class PoseSet(PoseErrors):
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(Locked):
     """What a calibration's poses say.
 
     Attributes
@@ -71,9 +71,6 @@ class Evidence:
     joints_note: str
     coverage: Mapping[str, Any] | None = None
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 def gather(calibration: Record) -> Evidence:
     """Compute everything that the report shows of a calibration's poses.
@@ -81,10 +78,6 @@ def gather(calibration: Record) -> Evidence:
     Parameters
     ----------
     calibration : Record
-
-    Returns
-    -------
-    Evidence
     """
     c = calibration
     sets = []

@@ -49,10 +49,6 @@ def limits(record: Record, evidence: Evidence) -> list[Limit]:
     ----------
     record : Record
     evidence : Evidence
-
-    Returns
-    -------
-    list of Limit
     """
     first = evidence.sets[0]
     model = first.models.get("calibrated", first.models["nominal"])

@@ -61,10 +61,6 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         Computed unless given.
     view : str, optional
         Name of a view page in the same folder, to link into.
-
-    Returns
-    -------
-    str
     """
     robot = calibration.robot
     evidence = gather(calibration) if evidence is None else evidence

@@ -41,12 +41,7 @@ VERIFICATION = {"iso_cube": 500, "all_range": 500}
 
 
 def demonstration_cell() -> VirtualCell:
-    """The cell that the demonstration's data come from: targets 1 to 3 and three references.
-
-    Returns
-    -------
-    VirtualCell
-    """
+    """The cell that the demonstration's data come from: targets 1 to 3 and three references."""
     cell = open_cell(ROBOT, seed=SEED).without(*WITHOUT).with_targets(pose_list.IDENTIFIED).with_payload(PAYLOAD_KG)
     waves = tuple((joint, periods, WEAR * size, phase) for joint, periods, size, phase in HarmonicsEffect().waves)
     gaps = tuple(WEAR * gap for gap in BacklashEffect().peak_to_peak_deg)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from irbcal import atomic
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import OptionError
 from irbcal.identification.observations import KINDS
 from irbcal.measurement.columns import PAYLOAD_CENTRE
@@ -81,9 +81,6 @@ class SimulatedDevice(Result):
     value: FloatArray | None
     noise: float
     payload: float | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as the first file of ``irbcal calibrate --features``."""
@@ -198,10 +195,6 @@ def simulate_device(
         brought to the features from there. Random ones unless given.
     base_link, tip_link, coupling
         As for `irbcal.simulate`.
-
-    Returns
-    -------
-    SimulatedDevice
 
     Raises
     ------

@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError
 from irbcal.identification import images
 from irbcal.identification.observation_kind import Observed, with_third
@@ -244,7 +244,7 @@ DEVICES: Mapping[str, Device] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class Placed(Locked):
     """A device about an arm: its features' unknowns as they are.
 
     Attributes
@@ -268,9 +268,6 @@ class Placed:
     middle: Mapping[str, FloatArray]
     reach: float
     imaging: Imaging | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def table(self) -> pd.DataFrame:
         """What is known of the features, as the second file of `irbcal.measurement.features`."""

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import MeasurementError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
@@ -39,7 +39,7 @@ HOUR = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
-class Stops:
+class Stops(Locked):
     """The stops of a run, a row a pose, in the order of the run.
 
     Attributes
@@ -59,9 +59,6 @@ class Stops:
     time_s: FloatArray
     wait_s: FloatArray
     prismatic: BoolArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def units(self) -> FloatArray:
@@ -152,10 +149,6 @@ def fitted(values: Sequence[float] | FloatArray, prismatic: BoolArray, sliding: 
     prismatic : ndarray of bool, shape (joints,)
     sliding : float
         The value of prismatic joints.
-
-    Returns
-    -------
-    tuple of float, length joints
     """
     turning = int((~prismatic).sum())
     head = [values[min(k, 2)] for k in range(max(turning - 3, 0))]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.correction.declarations import declared
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
@@ -43,7 +43,7 @@ STEP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class PartCell:
+class PartCell(Locked):
     """A virtual cell with a tool, a fixture, and a program in it.
 
     Attributes
@@ -67,9 +67,6 @@ class PartCell:
     T_wanted: FloatArray
     sides: FloatArray
     corners: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @staticmethod
     def of(cell: VirtualCell, seed: int = 0) -> PartCell:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.cell.cell_file import frames_by_name
 from irbcal.correction import languages
 from irbcal.correction.corrected_targets import commanded
@@ -219,7 +219,7 @@ LONGEST_WAIT = 86_400.0
 
 
 @dataclass(frozen=True, eq=False)
-class PoseList:
+class PoseList(Locked):
     """Poses to measure, in their order.
 
     Attributes
@@ -244,9 +244,6 @@ class PoseList:
     extra: dict[str, NameArray]
     source: str
     sha256: str | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def asked(self, cell: VirtualCell) -> BoolArray | None:
         """Which targets each pose asks for, shape (n, targets); None for all.
@@ -292,10 +289,6 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, setup: ControllerS
     setup : ControllerSetup, optional
         What comes with a robot program, see `irbcal.simulation.pose_list.given_for`.
 
-    Returns
-    -------
-    PoseList
-
     Raises
     ------
     IrbcalError
@@ -330,10 +323,6 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
     arm : Arm
     wait_s : float
         Where the file does not say.
-
-    Returns
-    -------
-    PoseList
 
     Raises
     ------
@@ -376,10 +365,6 @@ def random_list(cell: VirtualCell, count: int, seed: int = 0, wait_s: float = WA
     cell : VirtualCell
     count, seed : int
     wait_s : float
-
-    Returns
-    -------
-    PoseList
 
     Raises
     ------

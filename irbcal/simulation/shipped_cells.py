@@ -107,10 +107,6 @@ def open_cell(
     seed, robot_seed : int
         As `shipped_cell`.
 
-    Returns
-    -------
-    VirtualCell
-
     Raises
     ------
     RobotError
@@ -133,10 +129,6 @@ def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBO
         Of the run.
     robot_seed : int
         Of the robot's own errors.
-
-    Returns
-    -------
-    VirtualCell
     """
     size = size_of(arm)
     tuned = arm.name == TUNED_ARM and robot_seed == ROBOT_SEED and arm.six_revolute
@@ -224,10 +216,6 @@ def realistic(cell: VirtualCell, robot_seed: int = ROBOT_SEED) -> VirtualCell:
         As `irbcal.simulation.shipped_cells.open_cell` gives it.
     robot_seed : int
         Of the robot's errors.
-
-    Returns
-    -------
-    VirtualCell
     """
     rng = np.random.default_rng(np.random.SeedSequence(robot_seed, spawn_key=(zlib.crc32(b"realistic"),)))
     prismatic, n = cell.arm.table.prismatic, len(cell.arm.joint_names)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import atomic
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.correction.program import ControllerSetup
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
@@ -149,9 +149,6 @@ class Simulated(Result):
     poses: PoseList
     run: Run
     misses: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""
@@ -312,10 +309,6 @@ def simulate(
     coupling : str, optional
         How the controller counts its joints, such as ``3+2``, or ``none``; that of the file beside the URDF unless
         given, see `irbcal.modeling.coupling`.
-
-    Returns
-    -------
-    Simulated
 
     Raises
     ------

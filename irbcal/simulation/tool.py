@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.units import MM
 
 TABLE_3_1 = {
@@ -35,7 +35,7 @@ payload."""
 
 
 @dataclass(frozen=True, eq=False)
-class EndEffector:
+class EndEffector(Locked):
     """A rigid tool with reflectors.
 
     Parameters
@@ -57,9 +57,6 @@ class EndEffector:
     payload_kg: float
     payload_centre: FloatArray
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def only(self, names: Sequence[str]) -> EndEffector:
         """The same tool measured at these targets."""
         rows = [self.names.index(name) for name in names]
@@ -80,10 +77,6 @@ def thesis_tool(look: ArrayLike, scale: float = 1.0, payload_kg: float = PAYLOAD
     scale : float
         Size against the thesis's tool: smaller arms carry a smaller one.
     payload_kg : float
-
-    Returns
-    -------
-    EndEffector
     """
     front = np.asarray(look, dtype=float) / np.linalg.norm(look)
     rear = front * [1.0, 1.0, -1.0]

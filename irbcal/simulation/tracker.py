@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.modeling import frames
 from irbcal.units import DEG
 
@@ -19,7 +19,7 @@ ACCEPTANCE = 30.0 * DEG
 
 
 @dataclass(frozen=True, eq=False)
-class Tracker:
+class Tracker(Locked):
     """A laser tracker with a frame of its own.
 
     Parameters
@@ -29,9 +29,6 @@ class Tracker:
     """
 
     T_tracker_base: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def place(self) -> FloatArray:

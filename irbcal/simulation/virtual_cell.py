@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked, NameArray
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames
@@ -53,7 +53,7 @@ _COLUMNS = {"alpha": DEG, "a": MM, "theta": DEG, "d": MM, "beta": DEG, "b": MM}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run:
+class Run(Locked):
     """One measuring run as the tracker saw it.
 
     Attributes
@@ -91,9 +91,6 @@ class Run:
     readings: FloatArray | None = None
     payload_place: FloatArray | None = None
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def __repr__(self) -> str:
         return f"<Run: SIMULATED, {len(self.q)} poses, {int(self.asked.sum())} points of {', '.join(self.names)}>"
 
@@ -103,10 +100,6 @@ class Run:
         Parameters
         ----------
         groups : sequence of str, length n, optional
-
-        Returns
-        -------
-        PointSet
         """
         xyz = self.xyz[:, : self.targets]
         pose, target = np.nonzero(np.isfinite(xyz).all(axis=2))
@@ -118,7 +111,7 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
-class VirtualCell:
+class VirtualCell(Locked):
     """Robot, tool, tracker and effects.
 
     Parameters
@@ -153,9 +146,6 @@ class VirtualCell:
     effects: tuple[Effect, ...]
     compliance: tuple[float, ...]
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def on(self) -> tuple[str, ...]:
@@ -267,10 +257,6 @@ class VirtualCell:
             Where the robot comes from; zero joints unless given.
         run : int
             Runs of the same cell with other numbers have other random numbers.
-
-        Returns
-        -------
-        Run
         """
         joints: FloatArray = self.arm.check_joints(q)
         n, tool = len(joints), self.tool

@@ -62,10 +62,6 @@ class Bodies:
             In the tip link, metres.
         T_last_tip : ndarray, shape (4, 4)
             Tip link in the last DHM frame.
-
-        Returns
-        -------
-        Bodies
         """
         if kilograms == 0.0:
             return self
@@ -85,10 +81,6 @@ def bodies(urdf: urdf_module.UrdfArm) -> Bodies:
     Parameters
     ----------
     urdf : UrdfArm
-
-    Returns
-    -------
-    Bodies
 
     Raises
     ------

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import MeasurementError
 from irbcal.measurement.cleaning import by_pose
 from irbcal.measurement.points import PointSet, rotation_distances
@@ -56,10 +56,6 @@ def largest_covers(poses: int, confidence: float = 0.95) -> float:
     poses : int
         Poses drawn independently from those that are meant.
     confidence : float
-
-    Returns
-    -------
-    float
     """
     return float((1.0 - confidence) ** (1.0 / poses))
 
@@ -68,7 +64,7 @@ def largest_covers(poses: int, confidence: float = 0.95) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class TipErrors:
+class TipErrors(Locked):
     """Errors of whole poses, reduced to the tip link (Nubiola 2011, section 7.7.3.5, Table 7.9).
 
     Attributes
@@ -83,9 +79,6 @@ class TipErrors:
     pose: IntArray
     T_world_tip: FloatArray
     T_predicted: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def position(self) -> FloatArray:
@@ -113,10 +106,6 @@ def tip_errors(robot: Robot, points: PointSet, source: str = "the measurements")
         In the robot's measuring frame; every target must be one of the robot's.
     source : str
         File name for messages.
-
-    Returns
-    -------
-    TipErrors
 
     Raises
     ------

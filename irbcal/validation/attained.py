@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses
@@ -28,7 +28,7 @@ NO_ORIENTATION = (
 
 
 @dataclass(frozen=True, eq=False)
-class Attained:
+class Attained(Locked):
     """What was reached in n poses of a file, and what was commanded.
 
     Attributes
@@ -64,9 +64,6 @@ class Attained:
     rotation: FloatArray | None = None
     wanted: FloatArray | None = None
     wanted_rotation: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def select(self, rows: BoolArray | IntArray) -> Attained:
         """The same for some rows."""
@@ -173,10 +170,6 @@ def attained(cleaned: CleanedPoints, robot: Robot | None, full_poses: bool) -> A
         Knows the places of the targets on the tip; without it the targets themselves make up a frame.
     full_poses : bool
         Regard poses, see `measured_whole`, instead of the position of the target.
-
-    Returns
-    -------
-    Attained
     """
     points, source = cleaned.points, cleaned.measurements.source
     if not full_poses:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import lock
+from irbcal.arrays import Locked
 from irbcal.errors import OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement.columns import InputTable, TableLike
@@ -39,7 +39,7 @@ SAMPLES = 720
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BallbarPrediction:
+class BallbarPrediction(Locked):
     """What a ballbar is expected to show.
 
     Attributes
@@ -61,9 +61,6 @@ class BallbarPrediction:
     arcs: int
     reversals: tuple[Reversal, ...]
     q: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __repr__(self) -> str:
         fake = "no fake targets" if self.corrected is None else f"fake targets in {self.arcs} arcs"
@@ -95,10 +92,6 @@ def predict(
         Circular moves of the corrected path, two or more; 0: only the uncorrected one.
     T_tip_tcp : ndarray, shape (4, 4), optional
     samples : int
-
-    Returns
-    -------
-    Prediction
 
     Raises
     ------
@@ -317,9 +310,6 @@ class BallbarCheck(Result):
     joints: Mapping[str, JointZeroChange] = field(default_factory=dict)
     since: Mapping[str, JointZeroChange] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     @property
     def expected(self) -> Trace:
         """The prediction for what was run."""
@@ -468,10 +458,6 @@ def ballbar(
         What was run when it was measured: the ``nominal`` targets or the ``fake`` ones.
     baseline : str, Path or DataFrame, optional
         The same circle as it was measured earlier: what has changed since, and which joint's zero would explain it.
-
-    Returns
-    -------
-    BallbarCheck
 
     Raises
     ------

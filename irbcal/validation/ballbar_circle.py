@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.correction.paths import Circle
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
@@ -34,9 +34,6 @@ class TiltedCircle(Circle):
 
     tilt: float = 0.0
     height: float = 0.0
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def ball(self) -> FloatArray:
@@ -89,10 +86,6 @@ def circle(
         Direction from the centre to the start; made perpendicular to the normal.
     height, tilt : float
         See `TiltedCircle`.
-
-    Returns
-    -------
-    TiltedCircle
 
     Raises
     ------

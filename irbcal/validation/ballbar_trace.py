@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import InputTable, TableLike, distinct
 from irbcal.units import DEG, MM
@@ -34,7 +34,7 @@ MEASURED = "measured"
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class Trace(Locked):
     """Radial errors over the path angle.
 
     Attributes
@@ -50,9 +50,6 @@ class Trace:
     angle: FloatArray
     error: FloatArray
     shift: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def at(self, angle: ArrayLike) -> FloatArray:
         """Error at other angles, by linear interpolation around the circle, metres."""
@@ -70,10 +67,6 @@ def trace_of_points(path: TiltedCircle, points: FloatArray) -> Trace:
     path : TiltedCircle
     points : ndarray, shape (n, 3)
         In the base link, metres.
-
-    Returns
-    -------
-    Trace
     """
     offset = path.T_start[:3, 3] - path.center
     u = offset / np.linalg.norm(offset)

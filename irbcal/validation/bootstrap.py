@@ -163,10 +163,6 @@ def bca(replicates: FloatArray, estimate: float, jackknife: FloatArray, level: f
     jackknife : ndarray, shape (n,)
         That of the data without one pose each.
     level : float
-
-    Returns
-    -------
-    [float, float]
     """
     count = len(replicates)
     share = (np.sum(replicates < estimate) + 0.5 * np.sum(replicates == estimate)) / count

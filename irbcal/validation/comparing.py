@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
@@ -121,9 +121,6 @@ class Compared(Result):
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
     simulated: bool
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def ranking(self) -> list[str]:
@@ -238,10 +235,6 @@ def compare(
         As `irbcal.evaluate`.
     seed : int
         Of the bootstrap and of the poses for ``refit_from``.
-
-    Returns
-    -------
-    Compared
 
     Raises
     ------

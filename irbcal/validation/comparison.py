@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.statistics import statistics
@@ -23,7 +23,7 @@ SAME_COMMAND = 0.1 * MM
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Locked):
     """Two sets of errors of the same poses.
 
     Attributes
@@ -40,9 +40,6 @@ class Comparison:
     first: FloatArray
     second: FloatArray
     interval: tuple[float, ...] | None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def difference(self) -> float:
@@ -90,10 +87,6 @@ def compare(
         Of the bootstrap.
     place : ndarray of int, shape (poses,), optional
         Place of each pose: repeats of one place are drawn together.
-
-    Returns
-    -------
-    Comparison
     """
     used, row = np.unique(pose, return_inverse=True)
     count = np.bincount(row)

@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import IntArray, lock
+from irbcal.arrays import IntArray
 from irbcal.errors import OptionError
 from irbcal.options import checked, length
 from irbcal.summary import Paragraph, Result
@@ -80,9 +80,6 @@ class Conformity(Result):
     against: tuple[str, ...]
     region_only: bool
     simulated: bool
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __bool__(self) -> bool:
         return self.outcome == "pass"
@@ -211,10 +208,6 @@ def conformity(
     simulated : bool
     seed : int
         Of the bootstrap.
-
-    Returns
-    -------
-    Conformity
     """
     figure, key = FIGURES[rule]
     distance, limit = np.asarray(distance, dtype=float), tolerance / MM

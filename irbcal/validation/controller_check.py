@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray, lock
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.atomic import write_together
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
 from irbcal.io import robots
@@ -75,9 +75,6 @@ class ControllerCheck(Result):
     urdf: bytes
     urdf_source: str
     notes: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def agreeing(self) -> int:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -65,9 +65,6 @@ class FivePoses(Result):
     arm: Arm
     T_base_tip: FloatArray
     q: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def to_frame(self) -> pd.DataFrame:
         """The poses as a table.
@@ -158,10 +155,6 @@ def five_poses(
         it within the limits) unless given.
     plane, fraction
         See `cube_poses`.
-
-    Returns
-    -------
-    FivePoses
 
     Raises
     ------

@@ -233,10 +233,6 @@ def doubts(
         When their poses were measured, as the fit's motion counts; None where nothing is known of it.
     proof : PointSet, optional
         The held-out points.
-
-    Returns
-    -------
-    list of str
     """
     if fit.level == "nominal":
         out = [text for points in measured for text in moved_notes(points, fit.robot)]

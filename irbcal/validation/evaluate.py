@@ -132,10 +132,6 @@ def evaluate(
     jobs : int, optional
         Threads for large problems; as many as there are cores unless given. The result does not depend on it.
 
-    Returns
-    -------
-    Evaluation
-
     Raises
     ------
     IrbcalError

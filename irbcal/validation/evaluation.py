@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import lock
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.plotting import pose_errors
 from irbcal.plotting.charts import Chart
@@ -102,9 +101,6 @@ class Evaluation(Result):
     origin: Origin | None = None
     conformity: Conformity | None = None
     region: Region | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``irbcal evaluate --json`` prints."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.feature_fit import held_out, identify_features
 from irbcal.identification.observations import KINDS
@@ -35,7 +35,7 @@ POSES = "part of the poses"
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOutPlace:
+class LeftOutPlace(Locked):
     """One place left out of the fit.
 
     Attributes
@@ -55,12 +55,9 @@ class LeftOutPlace:
     calibrated: FloatArray
     lengths: Mapping[str, tuple[float, float]]
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 @dataclass(frozen=True, eq=False)
-class FeatureProof:
+class FeatureProof(Locked):
     """All places, each left out in turn.
 
     Attributes
@@ -72,9 +69,6 @@ class FeatureProof:
 
     by: str
     places: tuple[LeftOutPlace, ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def of_rows(self, rows: int, calibrated: bool = True) -> FloatArray:
         """What each row missed while its place was left out, metres; NaN where it never was."""

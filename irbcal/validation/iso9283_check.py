@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import lock
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration, open_nominal
 from irbcal.measurement import table
@@ -54,9 +53,6 @@ class Iso9283(Result):
     path: PathCheck | None
     posing: PosingTimes | None = None
     compliance: StaticCompliance | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def _made(self) -> list[PoseCheck | Settling | PathCheck | PosingTimes | StaticCompliance]:
         checks = (self.poses, self.stabilisation, self.path, self.posing, self.compliance)
@@ -108,10 +104,6 @@ class Iso9283(Result):
 
     def save_plots(self, path: str | PathLike[str]) -> list[Path]:
         """Write all figures: the first as ``path`` says, the others with their names added to it.
-
-        Returns
-        -------
-        list of Path
 
         Raises
         ------
@@ -179,10 +171,6 @@ def iso9283(
         Moves from rest to rest: ``move,time_s,x_mm,y_mm,z_mm`` and, for several, ``cycle``.
     forces : str, Path or DataFrame, optional
         Places under load: ``direction`` (+x, -x, …), ``force_n``, ``x_mm,y_mm,z_mm`` and, for several, ``cycle``.
-
-    Returns
-    -------
-    Iso9283
 
     Raises
     ------
@@ -257,10 +245,6 @@ def iso9283_plan(
         Inclined plane of the cube: ``x=z``, ``x=-z``, ``y=z`` or ``y=-z``.
     near : array_like, shape (joints,), optional
         Joints that set the orientation of the tip, radians (metres for prismatic joints); zero unless given.
-
-    Returns
-    -------
-    FivePoses
 
     Raises
     ------

@@ -58,10 +58,6 @@ def length_scale(nominal: Arm, calibrated: Arm) -> LengthScale | None:
     Parameters
     ----------
     nominal, calibrated : Arm
-
-    Returns
-    -------
-    LengthScale or None
     """
     pairs = [(nominal.table.a, calibrated.table.a), (nominal.table.d, calibrated.table.d)]
     length, change = (np.concatenate(arrays) for arrays in zip(*((a, b - a) for a, b in pairs), strict=True))

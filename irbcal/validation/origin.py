@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, folder_of
 from irbcal.io.schema import Record
@@ -69,7 +69,7 @@ class HashedFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Origin:
+class Origin(Locked):
     """Where an evaluation comes from.
 
     Attributes
@@ -109,9 +109,6 @@ class Origin:
     counted_out: int
     fitted: int | None
     scope: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def unseen(self) -> int | None:
@@ -154,10 +151,6 @@ def origin(
     info : dict of str to str
         As `checked_info` leaves it.
     scope : tuple of str
-
-    Returns
-    -------
-    Origin
     """
     slides = np.array([kind == "prismatic" for kind in record.robot.joint_types])
     measured = cleaned.measurements
@@ -200,10 +193,6 @@ def checked_info(info: Mapping[str, str] | None) -> dict[str, str]:
     Parameters
     ----------
     info : dict of str to str, optional
-
-    Returns
-    -------
-    dict of str to str
 
     Raises
     ------

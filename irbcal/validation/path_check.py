@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.modeling import frames
@@ -31,7 +31,7 @@ VELOCITY_BLOCK = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class PathVelocity:
+class PathVelocity(Locked):
     """Velocities of several cycles along one path.
 
     Attributes
@@ -46,9 +46,6 @@ class PathVelocity:
     lowest: FloatArray
     highest: FloatArray
     commanded: float | None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def AV(self) -> float | None:
@@ -88,10 +85,6 @@ def path_velocity(
     window : float
         Velocities are slopes of straight lines through the samples of so many seconds; 0: between neighbours. Noise of
         the samples counts in full in the fluctuation: 0.02 mm at 1 kHz are some 30 mm/s between neighbours.
-
-    Returns
-    -------
-    PathVelocity
 
     Raises
     ------
@@ -154,7 +147,7 @@ BLOCK = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class PathErrors:
+class PathErrors(Locked):
     """Errors of a path on planes normal to the commanded one.
 
     Attributes
@@ -174,9 +167,6 @@ class PathErrors:
     mean_angles: FloatArray | None
     angle_repeatability: FloatArray | None
     planes: IntArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def AT(self) -> float:
@@ -209,10 +199,6 @@ def path_errors(
         Points of the commanded path, in order, metres.
     rotations : sequence of ndarray, shape (k, 3, 3), optional
     commanded_rotations : ndarray, shape (m, 3, 3), optional
-
-    Returns
-    -------
-    PathErrors
 
     Raises
     ------
@@ -295,7 +281,7 @@ STRAIGHT = 1.0 * DEG
 
 
 @dataclass(frozen=True, eq=False)
-class Corner:
+class Corner(Locked):
     """How the cycles go round one corner of the commanded path.
 
     Attributes
@@ -318,9 +304,6 @@ class Corner:
     turn: float
     round_off: FloatArray
     overshoot: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def CR(self) -> float:
@@ -414,9 +397,6 @@ class PathCheck(Result):
     velocity: PathVelocity | None = None
     corners: tuple[Corner, ...] = ()
     simulated: bool = False
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def to_dict(self) -> dict[str, Any]:
         """What the command prints as JSON, mm, degrees and seconds.
@@ -534,10 +514,6 @@ def path_accuracy(
     target : str, optional
         Of the robot: the commanded path is that of the tip, with orientations, and this target was measured. Without,
         what was measured is what was commanded.
-
-    Returns
-    -------
-    PathCheck
 
     Raises
     ------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.plotting.charts import Chart
@@ -59,10 +59,6 @@ def correlation(first: FloatArray, second: FloatArray, level: float = 0.95) -> C
     first, second : ndarray, shape (n,)
         In order of time, about evenly spaced.
     level : float
-
-    Returns
-    -------
-    Correlation
     """
     a, b = first - first.mean(), second - second.mean()
     scale = np.sqrt((a @ a) * (b @ b))
@@ -121,9 +117,6 @@ class PointDrift(Result):
     air: dict[str, FloatArray]
     correlation: dict[str, dict[str, Correlation]]
     lost: int
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def error(self) -> FloatArray:
@@ -217,10 +210,6 @@ def drift(source: TableLike) -> PointDrift:
     ----------
     source : str, Path or DataFrame
         Columns ``time_s``, ``x_mm``, ``y_mm``, ``z_mm`` and, optionally, those of `ENVIRONMENT`.
-
-    Returns
-    -------
-    PointDrift
 
     Raises
     ------

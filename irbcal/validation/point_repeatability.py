@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray, lock
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.measurement.statistics import statistics
 from irbcal.plotting.charts import Chart
@@ -41,9 +41,6 @@ class PointRepeatability(Result):
     xyz: FloatArray
     error: FloatArray
     lost: int
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def positions(self) -> list[str]:
         """Names of the points in the order of measurement."""
@@ -108,10 +105,6 @@ def repeatability(source: TableLike) -> PointRepeatability:
     source : str, Path or DataFrame
         Columns ``x_mm``, ``y_mm``, ``z_mm`` and, optionally, ``position`` (the point that was measured again and
         again).
-
-    Returns
-    -------
-    PointRepeatability
 
     Raises
     ------

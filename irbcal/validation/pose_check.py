@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import lock, plain
+from irbcal.arrays import Locked, plain
 from irbcal.errors import MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
@@ -48,7 +48,7 @@ PoseValues: TypeAlias = "dict[str, int | float | None]"
 
 
 @dataclass(frozen=True, eq=False)
-class ModelCriteria:
+class ModelCriteria(Locked):
     """Criteria by one model, in mm and degrees, along and about the axes of the base link.
 
     Without a calibration there is no base link: axes are then those of the measuring frame.
@@ -80,9 +80,6 @@ class ModelCriteria:
     drift: dict[str, Any] | None
     history: dict[str, Any] | None
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 def criteria(attained: Attained, set_size: int) -> ModelCriteria:
     """The criteria of what was reached.
@@ -92,10 +89,6 @@ def criteria(attained: Attained, set_size: int) -> ModelCriteria:
     attained : Attained
     set_size : int
         Cycles of a set of the drift test.
-
-    Returns
-    -------
-    ModelCriteria
 
     Raises
     ------
@@ -311,9 +304,6 @@ class PoseCheck(Result):
     notes: tuple[str, ...]
     simulated: bool
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def default_band(self) -> float | None:
         """RP of P1, else of the first pose, metres: the limit band of stabilisation unless one is given."""
         poses = next(iter(self.models.values())).poses
@@ -499,10 +489,6 @@ def check_poses(
         Regard the position of this target; by default the tip, where poses were measured as a whole.
     set_size : int
         Cycles of a set of the drift test.
-
-    Returns
-    -------
-    PoseCheck
 
     Raises
     ------

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.modeling import frames
 
 AXES, ANGLES = "xyz", "abc"
@@ -127,10 +127,6 @@ def multidirectional_variation(means: FloatArray) -> float:
     ----------
     means : ndarray, shape (directions, 3)
         Barycentres, metres (or mean angles, radians: then take each column by itself).
-
-    Returns
-    -------
-    float
     """
     return float(np.linalg.norm(means[:, None] - means, axis=2).max())
 
@@ -195,7 +191,7 @@ def turns_between(R_1: FloatArray, R_2: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseDrift:
+class PoseDrift(Locked):
     """Drift of pose accuracy and repeatability over sets of cycles.
 
     Attributes
@@ -211,9 +207,6 @@ class PoseDrift:
     RP: FloatArray
     shift: FloatArray
     AP: FloatArray | None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def dRP(self) -> float:
@@ -236,10 +229,6 @@ def drift(sets: Sequence[FloatArray], commanded: ArrayLike | None = None) -> Pos
     sets : sequence of ndarray, shape (n, 3)
         Attained positions of each set, in order of time, metres.
     commanded : ndarray, shape (3,), optional
-
-    Returns
-    -------
-    Drift
     """
     means = np.array([xyz.mean(axis=0) for xyz in sets])
     return PoseDrift(

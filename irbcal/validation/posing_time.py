@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock, plain
+from irbcal.arrays import FloatArray, Locked, plain
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.modeling import frames
@@ -30,7 +30,7 @@ AT_REST = 3
 
 
 @dataclass(frozen=True, eq=False)
-class PosedMove:
+class PosedMove(Locked):
     """One move, cycle by cycle.
 
     Attributes
@@ -47,9 +47,6 @@ class PosedMove:
     arrival: FloatArray
     distance: FloatArray
     angle: FloatArray | None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def times(self) -> FloatArray:
@@ -72,9 +69,6 @@ class PosingTimes(Result):
     band: float
     moves: dict[str, PosedMove]
     simulated: bool
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def to_dict(self) -> dict[str, Any]:
         """What the command prints as JSON: ``band_mm``, ``moves`` (as `to_frame`), ``simulated``."""
@@ -127,10 +121,6 @@ def posing_times(moves: TableLike, band: float) -> PosingTimes:
         ``cycle`` and ``qw,qx,qy,qz``.
     band : float
         Limit band, metres.
-
-    Returns
-    -------
-    PosingTimes
 
     Raises
     ------

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.io.schema import Record
 from irbcal.measurement import cleaning, tools
 from irbcal.measurement.cleaning import Exclusion
@@ -17,7 +17,7 @@ from irbcal.measurement.table import MeasurementSet, shared_table
 
 
 @dataclass(frozen=True, eq=False)
-class CleanedPoints:
+class CleanedPoints(Locked):
     """Points fit for validation.
 
     Attributes
@@ -48,9 +48,6 @@ class CleanedPoints:
     counted_out: int = 0
     at_fitted: BoolArray | None = None
     basis: str = ""
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def labels(self, column: str) -> NameArray:
         """What a column of the file says of each pose, as text of shape (n,); empty text without the column."""
@@ -131,10 +128,6 @@ def prepare(
         Take targets that the calibration does not know, too.
     same_tool : bool
         With loads that the calibration does not know the reflectors are where they were with its usual load.
-
-    Returns
-    -------
-    Prepared
 
     Raises
     ------

@@ -104,10 +104,6 @@ class Refit:
         source : str
             File name for messages.
 
-        Returns
-        -------
-        Robot
-
         Raises
         ------
         MeasurementError

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.elsewhere import even_width
@@ -24,7 +24,7 @@ LEAST = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class Region(Locked):
     """Where proof poses are.
 
     Attributes
@@ -46,9 +46,6 @@ class Region:
     box: FloatArray
     joint_shares: FloatArray | None
     box_shares: FloatArray | None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def whole(self) -> bool:
@@ -98,10 +95,6 @@ def region(robot: Robot, points: PointSet, fit: PointSet | None) -> Region:
         Of the proof, in the robot's measuring frame.
     fit : PointSet or None
         Fitted points; None where they are not known.
-
-    Returns
-    -------
-    Region
     """
     arm, T_base_world = robot.arm, frames.inverse(robot.T_world_base)
     box = _extent(frames.apply(T_base_world, points.xyz))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray, lock
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.plotting.charts import Chart
@@ -42,9 +42,6 @@ class ScaleBar(Result):
     length: float
     position: NameArray
     error: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def at(self, position: str) -> FloatArray:
         """Errors at one position of the bar, metres."""
@@ -120,10 +117,6 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
         the bar); or ``distance_mm`` alone.
     length : float
         Certified length, metres.
-
-    Returns
-    -------
-    ScaleBar
 
     Raises
     ------

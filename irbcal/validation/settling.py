@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import MeasurementError
 
 REST = 10.0
@@ -20,7 +20,7 @@ READINGS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Stabilisation:
+class Stabilisation(Locked):
     """How one approach came to rest (Nubiola 2011, Figure A V-1).
 
     Attributes
@@ -43,9 +43,6 @@ class Stabilisation:
     largest: float
     instant: FloatArray
     distance: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def time(self) -> float:
@@ -101,10 +98,6 @@ def stabilisation(time: FloatArray, xyz: FloatArray, final: FloatArray, band: fl
         Metres.
     band : float
         Radius of the limit band, metres.
-
-    Returns
-    -------
-    Stabilisation
     """
     distance = np.linalg.norm(xyz - final, axis=1)
     inside = distance <= band

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock, plain
+from irbcal.arrays import FloatArray, plain
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.plotting.charts import Chart
@@ -39,9 +39,6 @@ class Settling(Result):
     rest: float
     runs: dict[str, Stabilisation]
     simulated: bool = False
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def time(self) -> float | None:
@@ -152,10 +149,6 @@ def settle(source: TableLike, band: float, rest: float = REST, count: int = READ
         Seconds after which the robot is at rest.
     count : int
         Readings after that whose mean is the final position.
-
-    Returns
-    -------
-    Settling
 
     Raises
     ------

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.plotting.charts import Chart
 from irbcal.summary import Paragraph, Result, Table, simulated_mark
@@ -27,7 +27,7 @@ DIRECTIONS = tuple(f"{sign}{axis}" for axis in AXES for sign in "+-")
 
 
 @dataclass(frozen=True, eq=False)
-class Compliance:
+class Compliance(Locked):
     """What forces in one direction do.
 
     Attributes
@@ -46,9 +46,6 @@ class Compliance:
     force: FloatArray
     displacement: FloatArray
     direction: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def along(self) -> float:
@@ -89,9 +86,6 @@ class StaticCompliance(Result):
     frame: str
     directions: dict[str, Compliance]
     simulated: bool
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def to_dict(self) -> dict[str, Any]:
         """What the command prints as JSON: ``frame``, ``directions`` (as `to_frame`), ``simulated``."""
@@ -150,10 +144,6 @@ def static_compliance(forces: TableLike, R_frame_world: FloatArray | None = None
         ``x_mm``, ``y_mm``, ``z_mm``, optional ``cycle``.
     R_frame_world : ndarray, shape (3, 3), optional
         Takes directions of the measuring frame to the frame along whose axes the forces act, the base link.
-
-    Returns
-    -------
-    StaticCompliance
 
     Raises
     ------

@@ -25,10 +25,6 @@ def without_fitted(cleaned: CleanedPoints, record: Record, include: bool = False
     include : bool
         Keep them, with a note.
 
-    Returns
-    -------
-    Prepared
-
     Raises
     ------
     MeasurementError

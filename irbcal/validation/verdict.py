@@ -100,10 +100,6 @@ def verdict(
         Points that were used in all; m unless given.
     basis : str
         What poses these are, in words that follow "poses"; by default that the fit saw them, or never did.
-
-    Returns
-    -------
-    Verdict
     """
     a, b = np.asarray(nominal, dtype=float), np.asarray(calibrated, dtype=float)
     _, number = np.unique(np.asarray(pose), return_inverse=True)

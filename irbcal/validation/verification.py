@@ -208,10 +208,6 @@ def verify(
     public_key : str or Path, optional
         Of whom it must be signed, see `irbcal.sign`.
 
-    Returns
-    -------
-    Verification, ProgramVerification, FolderVerification or FileVerification
-
     Raises
     ------
     RobotError

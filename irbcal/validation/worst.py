@@ -46,10 +46,6 @@ def worst_poses(poses: PoseErrors, joints: FloatArray | None = None, count: int 
     joints : ndarray, shape (n, joints), optional
         Of the poses, degrees and mm.
     count : int
-
-    Returns
-    -------
-    list of WorstPose
     """
     judged, nominal = list(poses.models.values())[-1], poses.models["nominal"]
     order = np.argsort(-judged.distance, kind="stable")

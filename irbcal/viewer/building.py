@@ -83,12 +83,7 @@ def build(
     tip_link: str | None = None,
     cell: CellFile | str | Path | None = None,
 ) -> PageScene:
-    """Gather a scene; arguments and errors as `irbcal.viewer.view.view`.
-
-    Returns
-    -------
-    Scene
-    """
+    """Gather a scene; arguments and errors as `irbcal.viewer.view.view`."""
     if magnify is not None and not 0 < magnify <= LARGEST_MAGNIFICATION:
         raise OptionError(f"the magnification must be above 0 and at most 1e6, found {magnify:g}", parameter="magnify")
     opened = open_robot(source, base_link=base_link, tip_link=tip_link)

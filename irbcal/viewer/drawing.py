@@ -84,10 +84,6 @@ def record(scene: PageScene) -> Recorder:
     Parameters
     ----------
     scene : PageScene
-
-    Returns
-    -------
-    Recorder
     """
     recorder = Recorder()
     view = Visualizer(window=recorder)

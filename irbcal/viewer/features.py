@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, Locked, NameArray
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import BASE, TOOL, FeatureProblem, FeatureState, Key
@@ -41,7 +41,7 @@ BALL, SOCKET, FLAT, LENGTH = (
 
 
 @dataclass(frozen=True, eq=False)
-class ShownFeature:
+class ShownFeature(Locked):
     """A feature as it is drawn.
 
     Attributes
@@ -59,9 +59,6 @@ class ShownFeature:
     label: str
     T_scene: FloatArray
     size: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | None = None) -> tuple[ShownFeature, ...]:

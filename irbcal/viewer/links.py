@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.io.urdf import UrdfArm
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
@@ -20,7 +20,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class Link(Locked):
     """A link and the joint that carries it.
 
     Attributes
@@ -46,9 +46,6 @@ class Link:
     joint: int = -1
     factor: float = 1.0
     offset: float = 0.0
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def links(urdf: UrdfArm) -> tuple[Link, ...]:

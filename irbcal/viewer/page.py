@@ -47,10 +47,6 @@ def render(scene: PageScene) -> str:
     Parameters
     ----------
     scene : PageScene
-
-    Returns
-    -------
-    str
     """
     from irbcal.templates import environment
     from irbcal.viewer import drawing
@@ -91,10 +87,6 @@ def content(scene: PageScene) -> dict[str, Any]:
     Parameters
     ----------
     scene : PageScene
-
-    Returns
-    -------
-    dict
     """
     robot, points = scene.robot, scene.points
     arm = robot.arm

@@ -20,10 +20,6 @@ def page(plan: Plan) -> str:
     Parameters
     ----------
     plan : Plan
-
-    Returns
-    -------
-    str
     """
     scene, setting = plan.scene, plan.scene.setting
     base, tip = scene.links

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.io.schema import Record
 from irbcal.measurement import columns, repeats
@@ -95,7 +95,7 @@ NO_REFIT = Refit()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Registered:
+class Registered(Locked):
     """Measurements in a calibration's frame.
 
     Attributes
@@ -115,9 +115,6 @@ class Registered:
     fitted: BoolArray | None
     notes: list[str]
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit = NO_REFIT) -> Registered:
     """Measurements in the calibration's frame, cleaned as `irbcal.evaluate` does.
@@ -128,10 +125,6 @@ def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit
     measurements : str, Path, DataFrame or MeasurementSet
     refit : Refit
         What is placed anew, see `irbcal.evaluate`.
-
-    Returns
-    -------
-    Registered
     """
     cleaned, robots = in_frame_of_calibration(calibration, measurements, refit)
     measured, notes = cleaned.measurements, list(cleaned.notes)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.modeling.robot import Robot
 from irbcal.viewer.links import Link, reach
 from irbcal.viewer.shapes import Mesh
@@ -25,7 +25,7 @@ Model: TypeAlias = Literal["calibrated", "nominal"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Drawn:
+class Drawn(Locked):
     """One robot as it is drawn.
 
     Attributes
@@ -40,12 +40,9 @@ class Drawn:
     T_scene_root: FloatArray
     tip: int
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Points:
+class Points(Locked):
     """Measured points and what the models say of them, in the scene, metres.
 
     Attributes
@@ -77,9 +74,6 @@ class Points:
     attitudes: Mapping[str, FloatArray] = field(default_factory=dict)
     without: Mapping[str, FloatArray] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def error(self, model: Model = "calibrated") -> FloatArray | None:
         """Measured minus modelled points, shape (m, 3), metres; None where one of them is not there."""
         modelled = self.calibrated if model == "calibrated" else self.nominal
@@ -100,7 +94,7 @@ class CellFrame(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PageScene:
+class PageScene(Locked):
     """Everything that a page shows.
 
     Attributes
@@ -175,9 +169,6 @@ class PageScene:
     features: tuple[ShownFeature, ...] = ()
     at_features: bool = False
     cell: tuple[CellFrame, ...] = ()
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @property
     def reach(self) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 
 SEGMENTS = 32
 CREASE = np.cos(np.radians(38.0))
@@ -20,7 +20,7 @@ MOST_FACES_AT_A_CORNER = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mesh:
+class Mesh(Locked):
     """An indexed mesh as the graphics card takes it.
 
     Attributes
@@ -38,9 +38,6 @@ class Mesh:
     colours: NDArray[np.uint8]
     faces: NDArray[np.uint32]
 
-    def __post_init__(self) -> None:
-        lock(self)
-
 
 def smooth(triangles: FloatArray, colours: FloatArray) -> Mesh:
     """Weld triangles into a mesh whose normals are smooth but for edges sharper than 38 degrees.
@@ -50,10 +47,6 @@ def smooth(triangles: FloatArray, colours: FloatArray) -> Mesh:
     triangles : ndarray, shape (m, 3, 3)
     colours : ndarray, shape (m, 3)
         Red, green, blue in 0 to 1.
-
-    Returns
-    -------
-    Mesh
     """
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)

@@ -77,10 +77,6 @@ def view(
         Tools and work objects to draw, of a file that ``irbcal cell`` wrote with this calibration; labels have what
         holds 95 % of the errors of their coordinates.
 
-    Returns
-    -------
-    View
-
     Raises
     ------
     OptionError
@@ -206,10 +202,6 @@ class View(Result):
         Parameters
         ----------
         path : str or Path
-
-        Returns
-        -------
-        Path
 
         Raises
         ------

@@ -77,10 +77,6 @@ class Language(Protocol):
         setup : ControllerSetup
             Frames that the programs do not define, and the controller's own.
 
-        Returns
-        -------
-        sequence of Program
-
         Raises
         ------
         ProgramError

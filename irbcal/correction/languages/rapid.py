@@ -1582,10 +1582,6 @@ def parse(
         ``T_tip_tcp`` and ``T_base_wobj`` in metres of names that the module does not define; they go before what
         the module says. ``tool0`` and ``wobj0`` need not be given.
 
-    Returns
-    -------
-    Module
-
     Raises
     ------
     ProgramError

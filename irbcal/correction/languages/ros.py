@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import yaml
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, Locked
 from irbcal.correction.listing import Number, Span, mark_in, number_like
 from irbcal.correction.program import ControllerSetup, Corrections, Note, Program, Stop, WantedTargets, read_bytes
 from irbcal.errors import OptionError, ProgramError, RobotError
@@ -110,7 +110,7 @@ DECIMALS = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RosProgram(Program):
+class RosProgram(Locked, Program):
     """A trajectory as read; see `irbcal.correction.program.Program` and `irbcal.correction.trajectories.Timed`.
 
     Attributes
@@ -145,9 +145,6 @@ class RosProgram(Program):
     notes: tuple[Note, ...]
     fingerprint: str | None
     commands: Trajectory | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def wanted_targets(self) -> list[WantedTargets]:
         """All points, in joints as a controller counts them: what the filter takes joints for."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.correction.notation import (
     DECIMALS,
     QUATERNION_DECIMALS,
@@ -59,7 +59,7 @@ MARK = "irbcal_filtered"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TableProgram(Program):
+class TableProgram(Locked, Program):
     """A CSV program as read.
 
     Attributes
@@ -100,9 +100,6 @@ class TableProgram(Program):
     fingerprint: str | None
     notes: tuple[Note, ...]
 
-    def __post_init__(self) -> None:
-        lock(self)
-
     def wanted_targets(self) -> list[WantedTargets]:
         """All rows."""
         names = tuple(f"row {row}" for row in self.rows.tolist())
@@ -140,10 +137,6 @@ def with_values(
         all by default.
     more : dict of str to ndarray, shape (n,), optional
         Numbers of other columns that are new, too, in the units of the file.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------
@@ -327,10 +320,6 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
         File name for messages.
     joints : sequence of str
         Columns of the arm's joints, ``arm.joint_columns``.
-
-    Returns
-    -------
-    TableProgram
 
     Raises
     ------

@@ -259,10 +259,6 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
     allowed_short : sequence of str
         Cells (in lower case) that excuse a row for having fewer values than the others.
 
-    Returns
-    -------
-    TextTable
-
     Raises
     ------
     MeasurementError

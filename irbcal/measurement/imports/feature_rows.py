@@ -204,10 +204,6 @@ def import_features(
     dry_run : bool
         Write nothing, even with ``out``.
 
-    Returns
-    -------
-    ImportedRows
-
     Raises
     ------
     MeasurementError

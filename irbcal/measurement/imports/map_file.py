@@ -78,10 +78,6 @@ def read_map(name: str | PathLike[str], changes: Changes = ()) -> ImportMap:
         Values by the place of their key, written with dots, such as ``{"units.lengths": "mm"}``; or texts
         ``key=value`` with the value in YAML, such as ``units.lengths=mm``.
 
-    Returns
-    -------
-    ImportMap
-
     Raises
     ------
     MeasurementError

@@ -371,10 +371,6 @@ def understand(
         Joints file for sources that hold points only: in irbcal's own format (``q1_deg`` …, optional ``c1_deg`` …,
         ``pose`` and ``group``), unless ``joints_file`` of the map says otherwise.
 
-    Returns
-    -------
-    Imported
-
     Raises
     ------
     MeasurementError

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm, closed_form, newton, redundancy
 from irbcal.modeling.inverse.poses import pose_columns
@@ -71,7 +71,7 @@ class SingularPlace(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class Followed(Locked):
     """Joints along a path.
 
     Attributes
@@ -85,9 +85,6 @@ class Followed:
     joints: FloatArray
     note: NameArray
     singular: tuple[SingularPlace, ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 class _Way:
@@ -207,10 +204,6 @@ def follow(
         One of `redundancy.CRITERIA`, for arms with more than six joints.
     tolerance : float
         Metres and radians.
-
-    Returns
-    -------
-    Followed
     """
     value = None if criterion_name is None or len(near) < 7 else redundancy.criterion(criterion_name, nominal, near)
     path = _Way(robot, nominal, value, tolerance)

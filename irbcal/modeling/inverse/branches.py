@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.summary import Paragraph, Result
 
 if TYPE_CHECKING:
@@ -69,9 +69,6 @@ class Branches(Result):
     shoulder: FloatArray
     reach_margin: FloatArray
     arm: OrthoParallel
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __len__(self) -> int:
         return len(self.joints)

@@ -80,10 +80,6 @@ def solve(
         Try many starts for poses that the seed's neighbourhood does not solve. Without, only solutions near the seed
         are looked for, which is what a correction needs, and much quicker for poses that have none.
 
-    Returns
-    -------
-    InverseResult
-
     Raises
     ------
     RobotError
@@ -103,10 +99,6 @@ def solve_nearest(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: Float
         See `solve`.
     near : ndarray, shape (6,)
         Radians.
-
-    Returns
-    -------
-    InverseResult
     """
     T = check_poses(T_base_tip)
     seed, branch = closed_form.nearest(nominal, closed_form.branches(nominal, T), near)

@@ -46,10 +46,6 @@ def branches(arm: Arm, T_base_tip: ArrayLike) -> Branches:
     arm : Arm
     T_base_tip : array_like, shape (n, 4, 4)
 
-    Returns
-    -------
-    Branches
-
     Raises
     ------
     RobotError

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import LINE, FloatArray, IntArray, aligned, handed_on, lock, row_arithmetic
+from irbcal.arrays import LINE, FloatArray, IntArray, Locked, aligned, handed_on, row_arithmetic
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
@@ -39,7 +39,7 @@ ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WristFrame:
+class WristFrame(Locked):
     """The map from the tip to the wrist.
 
     Attributes
@@ -51,9 +51,6 @@ class WristFrame:
 
     linear: FloatArray
     constant: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     @staticmethod
     def of(left: FloatArray, right: FloatArray) -> WristFrame:
@@ -212,7 +209,7 @@ class Triangle(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OrthoParallel:
+class OrthoParallel(Locked):
     """What the closed form needs to know of an arm.
 
     Attributes
@@ -235,9 +232,6 @@ class OrthoParallel:
     signs: FloatArray
     shifts: FloatArray
     wrist: WristFrame
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __repr__(self) -> str:
         return f"<OrthoParallel of {self.name}>"
@@ -319,10 +313,6 @@ class OrthoParallel:
         T_base_tip : array_like, shape (n, 4, 4)
             Tip link in the base link. Poses with NaN, and matrices that are not rigid transforms, have no
             solution.
-
-        Returns
-        -------
-        Branches
         """
         T = check_poses(T_base_tip)
         n = len(T)

@@ -30,10 +30,6 @@ def branches(nominal: Arm, T_base_tip: FloatArray, controller_arm: Arm | None = 
     controller_arm : Arm, optional
         The arm whose joints are wanted, near to the nominal one; that itself unless given.
 
-    Returns
-    -------
-    Branches
-
     Raises
     ------
     RobotError

@@ -128,10 +128,6 @@ def solve(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: FloatArray, n
         Radians (metres for prismatic joints).
     name : str
         One of `CRITERIA`.
-
-    Returns
-    -------
-    InverseResult
     """
     result = any_arm.solve(robot, nominal, T_base_tip, near)
     chain, criterion_at = newton.CalibratedChain(robot, any_arm.reach(nominal)), criterion(name, nominal, near)

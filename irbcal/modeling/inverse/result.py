@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.summary import Paragraph, Result
 
 if TYPE_CHECKING:
@@ -85,9 +85,6 @@ class InverseResult(Result):
     position_residual: FloatArray
     rotation_residual: FloatArray
     reason: IntArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
     def __len__(self) -> int:
         return len(self.joints)

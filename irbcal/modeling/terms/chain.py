@@ -66,10 +66,6 @@ def walk(arm: Arm, effective: FloatArray, xi: FloatArray | None = None) -> Walk:
         Effective joints, radians (metres for prismatic joints).
     xi : ndarray, shape (n, joints, 6), optional
         Small motions of the frames in the order of `AXES`, radians and metres; none unless given.
-
-    Returns
-    -------
-    Walk
     """
     table = arm.table
     n, joints = effective.shape

@@ -142,10 +142,6 @@ def motion_at_use(
     usual_kg : float, optional
         Zero unless given.
     usual_place : array_like, shape (3,)
-
-    Returns
-    -------
-    Motion
     """
     q = np.asarray(q, dtype=float)
     move = centre = None
