@@ -64,8 +64,8 @@ from .validation.ballbar_check import ballbar as ballbar
 from .validation.comparing import Compared as Compared
 from .validation.comparing import compare as compare
 from .validation.controller_check import controller as controller
-from .validation.evaluate import evaluate as evaluate
 from .validation.evaluation import Evaluation as Evaluation
+from .validation.evaluation import evaluate as evaluate
 from .validation.iso9283_check import iso9283 as iso9283
 from .validation.iso9283_check import iso9283_plan as iso9283_plan
 from .validation.tracker_check import tracker as tracker

@@ -121,7 +121,7 @@ def _certain(
                 parameter=name,
             )
     if uncertainty and opened.record is not None:
-        from irbcal.validation.uncertainty import position_std
+        from irbcal.validation.accuracy import position_std
 
         heldout = opened.record.heldout
         fields["std"] = position_std(opened.record, q, target, model)

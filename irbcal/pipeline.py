@@ -98,7 +98,7 @@ from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_gross_errors
 from irbcal.units import DEG, MM
-from irbcal.validation.coverage import coverage, coverage_in_words
+from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
 from irbcal.validation.feature_proof import FeatureProof
 from irbcal.validation.feature_proof import prove as prove_places

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from irbcal.validation.ballbar_circle import circle
-from irbcal.validation.ballbar_circle import tool as tool_frame
+from irbcal.validation.ballbar_check import circle, tool_frame
 
 
 def small(nominal, **more):

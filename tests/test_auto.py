@@ -17,8 +17,7 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.planners.calibrated_model import CalibratedModel
-from irbcal.validation.coverage import coverage
-from irbcal.validation.uncertainty import position_std
+from irbcal.validation.accuracy import coverage, position_std
 
 POSES = 120
 

@@ -15,7 +15,7 @@ from irbcal.measurement.points import distances
 from irbcal.modeling.inverse import any_arm, calibrated_arm
 from irbcal.modeling.robot import Robot
 from irbcal.planners.calibrated_model import CalibratedModel
-from irbcal.validation.uncertainty import position_std
+from irbcal.validation.accuracy import position_std
 
 
 @pytest.fixture(scope="module")

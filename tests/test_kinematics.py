@@ -23,7 +23,7 @@ from irbcal.io import calibration_folder, urdf
 from irbcal.io.opening import open_robot
 from irbcal.kinematics import forward_kinematics, inverse_kinematics, pose_table
 from irbcal.modeling.inverse import closed_form
-from irbcal.validation.uncertainty import position_std
+from irbcal.validation.accuracy import position_std
 
 
 @pytest.fixture(scope="module")

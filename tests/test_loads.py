@@ -19,7 +19,7 @@ from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.validation.coverage import coverage
+from irbcal.validation.accuracy import coverage
 
 MM = 1e-3
 NOISE = 0.01 * MM

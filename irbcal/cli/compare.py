@@ -37,9 +37,7 @@ def compare(
         if latex is not None:
             written[latex] = result.latex().encode()
         if plots is not None:
-            from irbcal.validation.plots import compared_files
-
-            written |= {plots / name: content for name, content in compared_files(result).items()}
+            written |= {plots / f"{name}.png": chart.content("png") for name, chart in result.plots().items()}
         write_set(written)
     if json:
         show.print_json(result.to_dict() | {"written": [str(path) for path in written]})

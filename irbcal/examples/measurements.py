@@ -25,8 +25,7 @@ from irbcal.simulation.shipped_cells import open_cell, shipped_cell
 from irbcal.simulation.simulation import measurement_table
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.units import DEG, MM
-from irbcal.validation.ballbar_check import CENTER_JOINTS
-from irbcal.validation.ballbar_circle import circle
+from irbcal.validation.ballbar_check import CENTER_JOINTS, circle
 from irbcal.validation.cube import POSES as CUBE_POSES
 from irbcal.validation.cube import five_poses
 

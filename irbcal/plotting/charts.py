@@ -251,6 +251,14 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 SIMULATED = "SIMULATED data. "
 """Mark of charts of simulated data."""
 
+WIDE, TALL = 560.0, 300.0
+"""Size of a drawing that stands alone."""
+
+DOT = 4.0
+"""Size of the mark of a single reading."""
+
+DASHED, DOTTED = "5 3", "1.5 3"
+
 LINE = 1.4
 """Width of lines of data."""
 
@@ -651,3 +659,18 @@ class Panel:
     ) -> None:
         """Rectangles between data."""
         self.drawing.add(Boxes(np.hstack([self.at(left, bottom), self.at(right, top)]), colour, **style))
+
+
+def axis_top(*values: ArrayLike) -> float:
+    """Where an axis from zero ends above values."""
+    return up_to(1.07 * max((float(np.nanmax(v)) for v in values if np.size(v)), default=1.0))
+
+
+def grouped_panel(drawing: Drawing, labels: Sequence[str] | NameArray, y: Sequence[float], x: str, label: str) -> Panel:
+    """A panel with runs of equal labels at x: lines between them, the labels under their middle."""
+    groups = runs(labels)
+    ticks = [(a + b - 1) / 2 for a, b, _ in groups], [name for *_, name in groups]
+    panel = Panel(drawing, (-1, len(labels)), y, x, label, x_ticks=ticks)
+    for start, _, _ in groups[1:]:
+        panel.upright(start - 0.5, "line")
+    return panel

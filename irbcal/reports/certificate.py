@@ -18,13 +18,12 @@ from irbcal.measurement.cleaning import left_out
 from irbcal.options import checked
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
-from irbcal.plotting.pose_errors import PoseErrors, errors_by_pose, vectors, workspace
+from irbcal.plotting.pose_errors import PoseErrors, WorstPose, errors_by_pose, vectors, workspace, worst_poses
 from irbcal.reports import paper
 from irbcal.reports.report_data import as_csv
 from irbcal.units import MM
 from irbcal.validation.evaluation import MODELS, Evaluation
 from irbcal.validation.origin import FIELDS, Origin
-from irbcal.validation.worst import WorstPose, worst_poses
 
 __all__ = ["certificate", "render"]
 

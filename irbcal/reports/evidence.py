@@ -18,7 +18,7 @@ from irbcal.modeling import frames
 from irbcal.plotting.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
-from irbcal.validation.coverage import coverage
+from irbcal.validation.accuracy import coverage
 
 MOST_POSES = 3000
 """Poses of a set that are drawn, and that backlash is looked for in; of more, ones drawn at random and the worst."""
@@ -62,7 +62,7 @@ class Evidence(Locked):
     joints_note : str
         Why there is none.
     coverage : dict or None
-        Whether intervals hold on the held-out poses, see `irbcal.validation.coverage.coverage`; None where none are
+        Whether intervals hold on the held-out poses, see `irbcal.validation.accuracy.coverage`; None where none are
         held out, or nothing is known of intervals.
     """
 

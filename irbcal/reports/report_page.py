@@ -22,11 +22,11 @@ from irbcal.modeling.terms.gear import in_words
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
+from irbcal.plotting.pose_errors import WorstPose, worst_poses
 from irbcal.reports import paper, report_data
 from irbcal.reports.limits import limits
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
-from irbcal.validation.worst import WorstPose, worst_poses
 
 if TYPE_CHECKING:
     from irbcal.reports.evidence import Evidence

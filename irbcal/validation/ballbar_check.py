@@ -1,4 +1,10 @@
-"""The door to the ballbar: radial errors of a circle, predicted and measured, and joints that turn back (annex VI)."""
+"""The ballbar: radial errors of a circle, predicted and measured, and joints that turn back (Nubiola 2011, annex VI).
+
+The ball may stand below the plane of the circle: the bar is then inclined, and the circle's radius is the shorter leg.
+Errors are taken about the centre that fits the circle best, as the ball is never exactly where the programme has the
+centre; the deviation of the mean radius stays. Angles count along the path from its start. Lengths are in metres,
+angles in radians.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +15,292 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import Locked
-from irbcal.errors import OptionError
-from irbcal.io.opening import CalibrationLike, open_calibration
-from irbcal.measurement.columns import InputTable, TableLike
-from irbcal.options import length, number, place
-from irbcal.plotting.charts import Chart
-from irbcal.summary import Cell, Paragraph, Result, Table
-from irbcal.units import DEG, MM
-from irbcal.validation import ballbar_trace
-from irbcal.validation.ballbar_circle import circle
-from irbcal.validation.ballbar_circle import tool as tool_frame
-from irbcal.validation.ballbar_trace import MEASURED, Trace, explained
-
-if TYPE_CHECKING:
-    import pandas as pd
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, Locked
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.paths import Circle, Reversal, joint_history, reversals
-from irbcal.errors import RobotError
+from irbcal.errors import MeasurementError, OptionError, RobotError
+from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.measurement.columns import InputTable, TableLike, distinct
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
-from irbcal.validation.ballbar_circle import TiltedCircle
-from irbcal.validation.ballbar_trace import trace_of_points
+from irbcal.options import length, number, place
+from irbcal.plotting.charts import DASHED, DOTTED, Boxes, Chart, Drawing, LegendEntry, Lines, Text, round_number
+from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, eq=False)
+class TiltedCircle(Circle):
+    """A whole turn on which the tool leans towards the centre.
+
+    So it did in the second and third test of annex VI (Figures A VI-6 and A VI-9).
+
+    Parameters
+    ----------
+    tilt : float
+        Turn of the tool about the path's tangent, radians; positive: the tip of its z axis leans inwards.
+    height : float
+        Of the circle's plane above the ball, along the normal, metres.
+    """
+
+    tilt: float = 0.0
+    height: float = 0.0
+
+    @property
+    def ball(self) -> FloatArray:
+        """Place of the ball, shape (3,), metres."""
+        return self.center - self.height * self.normal
+
+    @property
+    def bar(self) -> float:
+        """Length of the ballbar, metres."""
+        return float(np.hypot(np.linalg.norm(self.T_start[:3, 3] - self.center), self.height))
+
+    def poses(self, s: ArrayLike) -> FloatArray:
+        """Poses at fractions ``s`` (n,) of the way, shape (n, 4, 4)."""
+        from scipy.spatial.transform import Rotation
+
+        T = super().poses(np.asarray(s, dtype=float))
+        out = T[:, :3, 3] - self.center
+        tangent = np.cross(self.normal, out / np.linalg.norm(out, axis=1)[:, None])
+        inwards = self.tilt if self.T_start[:3, 2] @ self.normal < 0 else -self.tilt
+        T[:, :3, :3] = Rotation.from_rotvec(inwards * tangent).as_matrix() @ T[:, :3, :3]
+        return T
+
+
+def circle(
+    arm: Arm,
+    q_center: ArrayLike,
+    bar: float,
+    T_tip_tcp: FloatArray | None = None,
+    normal: ArrayLike = (0.0, 0.0, 1.0),
+    start: ArrayLike = (1.0, 0.0, 0.0),
+    height: float = 0.0,
+    tilt: float = 0.0,
+) -> TiltedCircle:
+    """A circular path about the tool's place at given joints (Figure A VI-3).
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal.
+    q_center : array_like, shape (6,)
+        Joints at which the tool centre point is in the circle's centre, radians; they set orientation and
+        configuration, too.
+    bar : float
+        Nominal length of the ballbar, metres: the radius, unless the ball stands out of the circle's plane.
+    T_tip_tcp : ndarray, shape (4, 4), optional
+        The tool; identity unless given.
+    normal : array_like, shape (3,)
+        The path turns about it, in the base link.
+    start : array_like, shape (3,)
+        Direction from the centre to the start; made perpendicular to the normal.
+    height, tilt : float
+        See `TiltedCircle`.
+
+    Raises
+    ------
+    RobotError
+        If the sizes, normal or start make no circle.
+    """
+    T = arm.forward(arm.check_joints(q_center))[0] @ (np.eye(4) if T_tip_tcp is None else T_tip_tcp)
+    axis, out = np.asarray(normal, dtype=float), np.asarray(start, dtype=float)
+    if not (bar > abs(height) and np.linalg.norm(axis) > 0):
+        raise RobotError("a circle needs a normal, and a ballbar longer than the ball is away from the circle's plane")
+    axis = axis / np.linalg.norm(axis)
+    out = out - axis * (axis @ out)
+    if np.linalg.norm(out) < 1e-6:
+        raise RobotError("the start of a circle cannot lie along its normal: give another direction")
+    T_start = T.copy()
+    T_start[:3, 3] += np.sqrt(bar**2 - height**2) * out / np.linalg.norm(out)
+    return TiltedCircle(T_start, T_start, T[:3, 3], axis, 2 * np.pi, tilt, height)
+
+
+def tool_frame(values: ArrayLike) -> FloatArray:
+    """``T_tip_tcp``, shape (4, 4), from a position (3,) in metres or that and a unit quaternion, scalar first, (7,).
+
+    Raises
+    ------
+    RobotError
+        If the quaternion is no unit one.
+    """
+    numbers = np.asarray(values, dtype=float)
+    R = np.eye(3)
+    if len(numbers) == 7:
+        norm = np.linalg.norm(numbers[3:])
+        if abs(norm - 1) > 1e-3:
+            raise RobotError(f"the tool's orientation needs a unit quaternion, found one of length {norm:g}")
+        R = frames.matrix_from_quaternion(numbers[3:])
+    return frames.transform(R, numbers[:3])
+
+
+FEWEST_READINGS = 8
+SMALLEST_ARC = 180 * DEG
+"""Part of the circle below which centre and radius cannot be told apart well enough."""
+
+ANOTHER_CIRCLE = 0.05
+"""Share of the bar by which readings may miss it before they are taken to be those of another circle."""
+
+ROUNDS = 5
+"""Gauss-Newton steps of the fit of the centre; the shift is a thousandth of the radius."""
+
+MEASURED = "measured"
+"""Name of the only run of a file without a column ``run``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace(Locked):
+    """Radial errors over the path angle.
+
+    Attributes
+    ----------
+    angle : ndarray, shape (n,)
+        Radians from the start of the path, ascending.
+    error : ndarray, shape (n,)
+        Distance from the ball minus the nominal length of the bar, metres.
+    shift : ndarray, shape (2,)
+        Of the fitted centre towards the start and towards a quarter turn later, metres; zero where it was not fitted.
+    """
+
+    angle: FloatArray
+    error: FloatArray
+    shift: FloatArray
+
+    def at(self, angle: ArrayLike) -> FloatArray:
+        """Error at other angles, by linear interpolation around the circle, metres."""
+        return np.interp(np.asarray(angle) % (2 * np.pi), self.angle % (2 * np.pi), self.error, period=2 * np.pi)
+
+
+def trace_of_points(path: TiltedCircle, points: FloatArray) -> Trace:
+    """Radial errors of places of the tool near a circular path, about the best place of the ball.
+
+    The ball is fixed: the shift of the true circle as a whole, also along the normal, is taken off. A tilt of the
+    circle stays.
+
+    Parameters
+    ----------
+    path : TiltedCircle
+    points : ndarray, shape (n, 3)
+        In the base link, metres.
+    """
+    offset = path.T_start[:3, 3] - path.center
+    u = offset / np.linalg.norm(offset)
+    v = np.cross(path.normal, u)
+    relative = points - path.center
+    angle = np.arctan2(relative @ v, relative @ u) % (2 * np.pi)
+    relative = points - path.ball - path.normal * (relative @ path.normal).mean()
+    ball = np.zeros(3)
+    for _ in range(ROUNDS):
+        to_ball = relative - ball
+        distance = np.linalg.norm(to_ball, axis=1)
+        A = np.column_stack([np.ones(len(to_ball)), to_ball @ u / distance, to_ball @ v / distance])
+        step = np.linalg.lstsq(A, distance - path.bar, rcond=None)[0]
+        ball = ball + step[1] * u + step[2] * v
+    order = np.argsort(angle, kind="stable")
+    error = np.linalg.norm(relative - ball, axis=1) - path.bar
+    return Trace(angle[order], error[order], np.array([ball @ u, ball @ v]))
+
+
+def centred(angle: ArrayLike, error: ArrayLike) -> Trace:
+    """A trace with the best centre taken off: ``error = mean + a cos(angle) + b sin(angle) + rest``.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n,)
+        Radians.
+    error : ndarray, shape (n,)
+        Metres.
+
+    Returns
+    -------
+    Trace
+        Mean and rest; ``shift`` is (a, b).
+
+    Raises
+    ------
+    MeasurementError
+        If the readings cover too little of the circle.
+    """
+    at, error = np.asarray(angle, dtype=float), np.asarray(error, dtype=float)
+    turn = np.sort(at % (2 * np.pi))
+    gap = np.diff(np.append(turn, turn[0] + 2 * np.pi)).max() if len(turn) else 2 * np.pi
+    if len(at) < FEWEST_READINGS or 2 * np.pi - gap < SMALLEST_ARC:
+        raise MeasurementError(
+            f"the centre needs {FEWEST_READINGS} readings or more over at least half a circle, found {len(at)} over "
+            f"{(2 * np.pi - gap) / DEG:.0f} degrees"
+        )
+    A = np.column_stack([np.ones_like(at), np.cos(at), np.sin(at)])
+    fit = np.linalg.lstsq(A, error, rcond=None)[0]
+    order = np.argsort(at, kind="stable")
+    return Trace(at[order], (error - A[:, 1:] @ fit[1:])[order], fit[1:])
+
+
+def read_traces(source: TableLike, bar: float) -> dict[str, Trace]:
+    """A measured ballbar file: columns ``angle_deg`` and ``radius_mm`` (or ``error_mm``), optional ``run``.
+
+    Angles count along the path from its start, in the sense of the motion, for either direction of travel.
+
+    Parameters
+    ----------
+    source : str, Path or DataFrame
+    bar : float
+        Nominal length of the ballbar, metres.
+
+    Returns
+    -------
+    dict of str to Trace
+        Of each run, centred.
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format, the radius is another one or too little of the circle was measured.
+    """
+    table = InputTable.read(source, ["angle_deg"])
+    column = table.either("radius_mm", "error_mm")
+    table = table[np.isfinite(table.numbers(column, lost=True))]
+    angle, error = table.si("angle_deg"), table.si(column) - (bar if column == "radius_mm" else 0.0)
+    if len(error) and np.median(np.abs(error)) > ANOTHER_CIRCLE * bar:
+        sentence = f"the readings lie {np.median(error) / MM:+.3f} mm from the bar's {bar / MM:g} mm: another circle"
+        raise table.fault(sentence, column=column)
+    runs = table.texts("run", MEASURED)
+    out = {}
+    for name in distinct(runs) or [MEASURED]:
+        rows = runs == name
+        try:
+            out[name] = centred(angle[rows], error[rows])
+        except MeasurementError as refused:
+            raise table.fault(f"run {name}: {refused}") from None
+    return out
+
+
+def trace_statistics(trace: Trace) -> dict[str, Any]:
+    """Figures of a trace, mm: ``mean``, ``rms``, ``max_abs`` and circularity (largest minus smallest error)."""
+    e = trace.error / MM
+    return {
+        "n": len(e),
+        "mean_mm": float(e.mean()),
+        "rms_mm": float(np.sqrt(np.mean(e**2))),
+        "max_abs_mm": float(np.abs(e).max()),
+        "circularity_mm": float(np.ptp(e)),
+        "shift_mm": (trace.shift / MM).tolist(),
+    }
+
+
+def explained(measured: Trace, predicted: Trace) -> tuple[float, float]:
+    """How much of a measured trace a prediction explains: rms before and after it is subtracted, metres.
+
+    Both without their mean: the length of the ballbar is known less well than its changes.
+    """
+    error = measured.error - measured.error.mean()
+    residual = measured.error - predicted.at(measured.angle)
+    return float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean((residual - residual.mean()) ** 2)))
+
 
 SAMPLES = 720
 """Places on a circle at which errors are predicted."""
@@ -81,7 +349,7 @@ def predict(
     Parameters
     ----------
     path : TiltedCircle
-        See `irbcal.validation.ballbar_circle.circle`.
+        See `irbcal.validation.ballbar_check.circle`.
     robot : Robot
         Calibrated.
     nominal : Arm
@@ -272,6 +540,9 @@ def minus(first: Trace, second: Trace) -> Trace:
 
 Run: TypeAlias = Literal["nominal", "fake"]
 
+SIDE, RIM = 520.0, 185.0
+"""Side of the polar drawing and radius of its rim."""
+
 CENTER_JOINTS = (0.0, 0.0, 0.0, 0.0, 90 * DEG, 0.0)
 """Joints with the tool in the circle's centre unless others are given, radians."""
 
@@ -335,7 +606,7 @@ class BallbarCheck(Result):
         for name, trace in self.measured.items():
             variation, unexplained = explained(trace, self.expected)
             runs[name] = {
-                **ballbar_trace.summary(trace),
+                **trace_statistics(trace),
                 "variation_rms_mm": variation / MM,
                 "unexplained_rms_mm": unexplained / MM,
                 "joints": _change(self.joints.get(name)),
@@ -344,8 +615,8 @@ class BallbarCheck(Result):
         return {
             "simulated": self.simulated,
             "simulated_readings": self.simulated_readings,
-            "nominal_targets": ballbar_trace.summary(p.uncorrected),
-            "fake_targets": None if p.corrected is None else ballbar_trace.summary(p.corrected),
+            "nominal_targets": trace_statistics(p.uncorrected),
+            "fake_targets": None if p.corrected is None else trace_statistics(p.corrected),
             "arcs": p.arcs,
             "run": self.run,
             "measured": runs,
@@ -370,7 +641,7 @@ class BallbarCheck(Result):
         start = f"{self.mark}: " if self.mark else ""
         rows: list[tuple[Cell, ...]] = []
         for name, trace in self.traces().items():
-            values = ballbar_trace.summary(trace)
+            values = trace_statistics(trace)
             rows.append((name, *(values[key] for key in ("mean_mm", "rms_mm", "max_abs_mm", "circularity_mm"))))
         title = f"{start}radial errors of the circle, ballbar {self.bar / MM:g} mm, centre fitted, mm"
         targets = {"nominal": "nominal", "fake": "calibrated"}[self.run]
@@ -401,10 +672,108 @@ class BallbarCheck(Result):
         return ", ".join([*of_calibration, *(["SIMULATED readings"] if self.simulated_readings else [])])
 
     def plot(self, magnify: float | None = None) -> Chart:
-        """Polar plot of the radial errors (Figures A VI-1, A VI-4 and A VI-7), errors ``magnify`` times enlarged."""
-        from irbcal.validation import plots
+        """Polar plot of radial errors, with the joint reversals marked on the rim (Figures A VI-1, A VI-4 and A VI-7).
 
-        return plots.ballbar(self, magnify)
+        Parameters
+        ----------
+        magnify : float, optional
+            How many times errors are drawn larger than the radius; by default a round number.
+        """
+        radius, traces = self.bar / MM, self.traces()
+        largest = max(np.abs(trace.error).max() for trace in traces.values()) / MM
+        if magnify is None:
+            magnify = round_number(0.3 * radius / max(largest, 1e-6))
+        step = round_number(0.15 * radius / magnify)
+        count = min(int(np.ceil(largest / step)) + 1, int(0.9 * radius / magnify / step))
+        rings = step * np.arange(-count, count + 1, dtype=float)
+        inside = radius + magnify * rings[0]
+        rim = radius + magnify * max(rings.max() + 0.5 * step, largest + 0.3 * step)
+        drawing = Drawing("Radial errors of the ballbar", SIDE, SIDE)
+
+        def at(angle: ArrayLike, r: ArrayLike) -> FloatArray:
+            a, s = np.asarray(angle, dtype=float), RIM / rim * np.asarray(r, dtype=float)
+            return np.column_stack(np.broadcast_arrays(SIDE / 2 + s * np.cos(a), SIDE / 2 - s * np.sin(a)))
+
+        turn = np.linspace(0, 2 * np.pi, 361)
+        drawing.add(Lines([at(turn, radius + magnify * ring) for ring in rings], "line", 0.8))
+        drawing.add(Lines([at(turn, radius)], "soft", 1.3))
+        legend: list[LegendEntry] = []
+        for (name, trace), (colour, dash) in zip(traces.items(), self._looks(), strict=True):
+            drawing.add(Lines([at(*_closed(trace, radius, magnify))], colour, 1.4, dash))
+            legend.append((colour, "--" if dash else "-", name))
+        for ring in rings[[0, -1]]:
+            position = at(np.radians(22.5), radius + magnify * ring)[0]
+            drawing.add(Boxes(np.concatenate([position - [15, 7], position + np.array([15, 7])])[None], "page"))
+            drawing.add(Text(position[0], position[1], f"{ring:+.3g}", "middle", "soft", 10.0))
+        for angle, beside, text in _spread(_marks(self.prediction.reversals)):
+            paths = [at([angle, angle], [inside, rim]), at([angle, beside], [rim, 1.05 * rim])]
+            drawing.add(Lines(paths, "soft", 0.8))
+            position = at(beside, 1.08 * rim)[0]
+            across, up = np.cos(beside), np.sin(beside)
+            lines = text.split("\n")
+            first = position[1] - 12.0 * (len(lines) - 1) * (0.5 if abs(up) < 0.4 else 1.0 if up > 0 else 0.0)
+            for k, line in enumerate(lines):
+                side: Any = "middle" if abs(across) < 0.4 else "start" if across > 0 else "end"
+                drawing.add(Text(position[0], first + 12.0 * k, line, side, size=10.0))
+        for tick in np.arange(0, 360, 45):
+            position = at(np.radians(tick), 0.82 * inside)[0]
+            drawing.add(Text(position[0], position[1], f"{tick}°", "middle", "soft", 10.0))
+        for k, line in enumerate((f"bar {radius:g} mm", f"errors × {magnify:g}", f"1 ring = {step:g} mm")):
+            drawing.add(Text(SIDE / 2, SIDE / 2 + 13.0 * (k - 1), line, "middle", size=10.0))
+        caption = (
+            "Radial errors; on the rim: joints that turn back there, at their largest (max) or smallest (min) angle; "
+            "rings: error in mm"
+        )
+        return Chart("ballbar", caption, [drawing], legend, mark=f"{self.mark}. " if self.mark else "")
+
+    def _looks(self) -> list[tuple[str, str]]:
+        """Colour and dashes of each trace."""
+        looks = [("nominal", ""), *([("calibrated", "")] if self.prediction.corrected is not None else [])]
+        lines = (DOTTED, DASHED, "6 3 1.5 3")
+        return looks + [("measured", lines[k % len(lines)]) for k in range(len(self.measured))]
+
+
+def _spread(
+    marks: Sequence[tuple[float, str]], line_angle: float = 3.2, smallest: float = 10.0
+) -> list[tuple[float, float, str]]:
+    """Marks with places of their words beside them, moved so far apart that the words do not overlap.
+
+    ``line_angle`` is the height of a line and ``smallest`` the width of a word on the rim, degrees.
+    """
+    beside = np.array([angle for angle, _ in marks])
+    lines = np.array([text.count("\n") + 1 for _, text in marks])
+    for _ in range(50):
+        for k in range(len(marks)):
+            following = (k + 1) % len(marks)
+            need = np.radians(max(smallest, line_angle * (lines[k] + lines[following]) / 2 + 1.0))
+            gap = (beside[following] - beside[k]) % (2 * np.pi)
+            if len(marks) > 1 and gap < need:
+                beside[k] -= 0.5 * (need - gap)
+                beside[following] += 0.5 * (need - gap)
+    return [(old, float(angle), text) for (old, text), angle in zip(marks, beside, strict=True)]
+
+
+def _closed(trace: Trace, radius: float, magnification: float) -> tuple[FloatArray, FloatArray]:
+    """A trace in polar coordinates, closed where its readings go all around."""
+    angle, r = trace.angle, radius + magnification * trace.error / MM
+    gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
+    if gaps[-1] < 3 * np.median(gaps):
+        return np.append(angle, angle[0] + 2 * np.pi), np.append(r, r[0])
+    return angle, r
+
+
+def _marks(reversals: Sequence[Reversal], apart: float = 6.0) -> list[tuple[float, str]]:
+    """Reversals within so many degrees of one another as one mark: (angle, text)."""
+    groups: list[list[Reversal]] = []
+    for reversal in sorted(reversals, key=lambda r: r.s):
+        if groups and 360 * (reversal.s - groups[-1][-1].s) < apart:
+            groups[-1].append(reversal)
+        else:
+            groups.append([reversal])
+    return [
+        (float(2 * np.pi * np.mean([r.s for r in group])), "\n".join(f"J{r.joint} {r.kind}" for r in group))
+        for group in groups
+    ]
 
 
 def _change(change: JointZeroChange | None) -> dict[str, Any] | None:
@@ -484,10 +853,10 @@ def ballbar(
     T_tip_tcp = tool_frame(tool)
     path = circle(nominal, q, bar, T_tip_tcp, normal, start, height, tilt)
     prediction = predict(path, robot, nominal, q, arcs, T_tip_tcp)
-    traces = {} if measured is None else ballbar_trace.read(measured, bar)
+    traces = {} if measured is None else read_traces(measured, bar)
     if baseline is not None and measured is None:
         raise OptionError("a baseline is compared with what is measured now: name its file, too", parameter="baseline")
-    earlier = {} if baseline is None else ballbar_trace.read(baseline, bar)
+    earlier = {} if baseline is None else read_traces(baseline, bar)
     if earlier and not set(earlier) & set(traces):
         raise OptionError(
             f"the baseline has other runs ({', '.join(earlier)}) than the measured file ({', '.join(traces)})",

@@ -24,14 +24,13 @@ from irbcal.modeling.robot import Robot
 from irbcal.names import check_names
 from irbcal.options import seed as check_seed
 from irbcal.options import shown
+from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap
-from irbcal.validation.evaluate import carrying, in_frame_of_calibration
-from irbcal.validation.prepared import CleanedPoints
+from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
+from irbcal.validation.evaluation import carrying, in_frame_of_calibration
 from irbcal.validation.refit import Refit
-from irbcal.validation.suspicion import doubts_of
-from irbcal.validation.unseen import without_fitted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,6 +42,8 @@ COLUMNS = (
     ("mean+3σ", "mean_plus_3sigma_mm"),
     ("95 %", "p95_mm"),
 )
+COLOURS = ("calibrated", "nominal", "below", "above", "accent", "measured", "series2", "series3", "series4", "unknown")
+"""Of calibrations in charts."""
 MOST = 12
 """Calibrations that are compared."""
 
@@ -208,6 +209,42 @@ class Compared(Result):
                 **{name: self.error_mm[:, k].tolist() for k, name in enumerate(self.names)},
             },
         }
+
+    def by_pose(self) -> Chart:
+        """Errors of each pose, in the order of the best calibration's."""
+        best = self.names.index(self.ranking[0])
+        order = np.argsort(self.error_mm[:, best], kind="stable")
+        x = np.arange(1.0, len(order) + 1)
+        drawing = Drawing("Errors of each pose", TALL, WIDE)
+        x_label = f"pose, in the order of the errors of {self.names[best]}"
+        panel = Panel(drawing, span(x), (0.0, axis_top(self.error_mm)), x_label, "position error (mm)", whole_x=True)
+        legend: list[LegendEntry] = []
+        for k, name in enumerate(self.names):
+            colour = COLOURS[k % len(COLOURS)]
+            panel.dots(x, self.error_mm[order, k], colour, DOT, opacity=0.7)
+            legend.append((colour, "o", f"{name} ({self.statistics[name]['mean_mm']:.3f} mm)"))
+        caption = "Errors of each pose, in the order of the best calibration's"
+        return Chart("by_pose", caption, [drawing], legend).marked(self.simulated)
+
+    def shares(self) -> Chart:
+        """Share of the points below each error."""
+        count = len(self.distance_mm)
+        drawing = Drawing("Share of the points below each error", TALL, WIDE)
+        panel = Panel(
+            drawing, (0.0, axis_top(self.distance_mm)), (0.0, 1.02), "position error (mm)", "share of the points"
+        )
+        legend: list[LegendEntry] = []
+        for k, name in enumerate(self.names):
+            colour, distance = COLOURS[k % len(COLOURS)], np.sort(self.distance_mm[:, k])
+            panel.line(np.repeat(distance, 2), np.repeat(np.arange(count + 1), 2)[1:-1] / count, colour)
+            legend.append((colour, "-", name))
+        panel.level(0.95, dash=DASHED)
+        caption = "Share of the points below each error; dashed: 95 %"
+        return Chart("shares", caption, [drawing], legend).marked(self.simulated)
+
+    def plots(self) -> dict[str, Chart]:
+        """Both charts by their names."""
+        return {"by_pose": self.by_pose(), "shares": self.shares()}
 
 
 def compare(

@@ -3,22 +3,181 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.evidence_fit import EvidenceFit
-from irbcal.identification.fit import Fit
+from irbcal.identification.fit import Fit, identify
 from irbcal.identification.outliers import spread
 from irbcal.measurement.moved import SHORTEST, moved_notes
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
+from irbcal.modeling.parameters import default_level
 from irbcal.units import MM
-from irbcal.validation.length_scale import length_scale
-from irbcal.validation.pose_equations import PoseEquations
+
+
+class PoseSums(NamedTuple):
+    """Normal equations of all unknowns, each scaled by its own size.
+
+    Attributes
+    ----------
+    H : ndarray, shape (n, p, p)
+    g : ndarray, shape (n, p)
+    yy : ndarray, shape (n,)
+        Squares, m^2.
+    """
+
+    H: FloatArray
+    g: FloatArray
+    yy: FloatArray
+
+    @property
+    def unknowns(self) -> int:
+        """Their number."""
+        return self.H.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEquations:
+    """Poses in the order of measuring, and what each says of the robot that was identified from all.
+
+    Attributes
+    ----------
+    arm : Arm
+        Nominal.
+    points : PointSet
+    """
+
+    arm: Arm
+    points: PointSet
+
+    def of_most(self, count: int) -> PoseEquations:
+        """The same of at most so many poses, evenly chosen."""
+        n = self.points.poses
+        if n <= count:
+            return self
+        return replace(self, points=self.points.select(np.isin(np.arange(n), evenly(n, count))))
+
+    @cached_property
+    def sums(self) -> PoseSums | None:
+        """The equations; None where the robot cannot be identified."""
+        try:
+            fit = identify(self.arm, self.points.with_seen_targets(), default_level(self.arm))
+        except IdentificationError:
+            return None
+        return sums(fit, self.points.poses)
+
+
+def evenly(n: int, count: int) -> IntArray:
+    """Numbers of so many of n poses, evenly chosen."""
+    return np.linspace(0, n - 1, count).astype(int)
+
+
+def sums(fit: Fit, n: int) -> PoseSums:
+    """Normal equations of a fit for each of n poses."""
+    problem, state = fit.problem, fit.solution.state
+    m = len(problem.points)
+    J = problem.jacobian(state).reshape(-1, 3, problem.unknowns)[:m]
+    r = problem.residuals(state)[:m]
+    J = J / np.maximum(np.sqrt((J**2).sum(axis=(0, 1))), 1e-300)
+    H, g, yy = np.zeros((n, problem.unknowns, problem.unknowns)), np.zeros((n, problem.unknowns)), np.zeros(n)
+    np.add.at(H, problem.points.pose, np.einsum("mca,mcb->mab", J, J))
+    np.add.at(g, problem.points.pose, np.einsum("mca,mc->ma", J, r))
+    np.add.at(yy, problem.points.pose, (r**2).sum(axis=1))
+    return PoseSums(H, g, yy)
+
+
+MACHINING = 0.2 * MM
+"""Least standard deviation of link lengths of a robot as they are made and identified, metres; where they scatter more,
+that counts."""
+BEYOND_MACHINING = 3.3
+"""Standard deviations beyond which machining does not explain a common scale: 1 in 1,000."""
+TYPICAL = 5e-4
+"""Error of a tracker's scale that a scale bar would show: a wrong temperature, pressure or distance constant."""
+
+
+@dataclass(frozen=True)
+class LengthScale:
+    """By which share all link lengths are longer than the nominal ones.
+
+    Attributes
+    ----------
+    share, std : float
+        Estimate and standard deviation.
+    """
+
+    share: float
+    std: float
+
+    @property
+    def beyond_machining(self) -> bool:
+        """Whether machining does not explain it."""
+        return abs(self.share) > BEYOND_MACHINING * self.std
+
+    def doubt(self) -> str:
+        """What to clear up, in a sentence."""
+        return (
+            f"All link lengths are {abs(self.share):.2%} {'longer' if self.share > 0.0 else 'shorter'} than the "
+            f"nominal ones (± {2.0 * self.std:.2%}), more than machining leaves: measure a scale bar, for a wrong "
+            "scale of the tracker looks the same and shows in no residual."
+        )
+
+
+def length_scale(nominal: Arm, calibrated: Arm) -> LengthScale | None:
+    """Common scale of the link lengths, by least squares; None where no length was identified.
+
+    No residual shows a tracker whose lengths are all too long: every link becomes longer by the same share. The only
+    known lengths of a robot that is measured without a scale bar are its nominal ones, which differ from the true ones
+    by what machining leaves, independently of one another.
+
+    Parameters
+    ----------
+    nominal, calibrated : Arm
+    """
+    pairs = [(nominal.table.a, calibrated.table.a), (nominal.table.d, calibrated.table.d)]
+    length, change = (np.concatenate(arrays) for arrays in zip(*((a, b - a) for a, b in pairs), strict=True))
+    length, change = length[change != 0.0], change[change != 0.0]
+    total = float((length**2).sum())
+    if not total or len(length) < 2:
+        return None
+    share = float(length @ change) / total
+    scatter = float(np.sqrt(((change - share * length) ** 2).sum() / (len(length) - 1)))
+    return LengthScale(share, max(MACHINING, scatter) / float(np.sqrt(total)))
+
+
+def scale_in_words(scale: LengthScale | None, xyz: ArrayLike, bar: str) -> str:
+    """What a certificate says of the scale.
+
+    Parameters
+    ----------
+    scale : LengthScale or None
+        Of the calibration.
+    xyz : array_like, shape (m, 3)
+        Judged points, metres.
+    bar : str
+        What the user says of a known length that the tracker measured; empty for none.
+    """
+    if bar:
+        return f"The scale rests on a known length, as stated: {bar}."
+    points: FloatArray = np.asarray(xyz, dtype=float)
+    reach = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()) / MM
+    text = (
+        "The scale is not proven, for no known length is stated (scale_bar): a tracker whose scale is wrong by "
+        f"{TYPICAL:.2%} would leave no trace here, and the robot would err by up to {TYPICAL * reach:.2f} mm more"
+    )
+    if scale is None:
+        return f"{text}."
+    bound = abs(scale.share) + 2.0 * scale.std
+    return f"{text}; the nominal link lengths exclude no more than {bound:.2%}, which is {bound * reach:.2f} mm."
+
 
 FEWEST = 32
 """Poses below which nothing can be told."""
@@ -97,7 +256,7 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
     Parameters
     ----------
     H, g, yy : ndarray, shapes (n, p, p), (n, p), (n,)
-        Of `irbcal.validation.pose_equations.PoseSums`.
+        Of `irbcal.validation.doubts.PoseSums`.
     seed : int
     """
     n, p = g.shape

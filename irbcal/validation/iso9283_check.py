@@ -26,9 +26,7 @@ from irbcal.summary import Paragraph, Result
 from irbcal.validation.cube import FRACTION, PLANES, FivePoses, Plane, five_poses
 from irbcal.validation.path_check import PathCheck, path_accuracy
 from irbcal.validation.pose_check import SET_SIZE, PoseCheck, check_poses
-from irbcal.validation.posing_time import PosingTimes, posing_times
-from irbcal.validation.settling import REST
-from irbcal.validation.settling_check import Settling, settle
+from irbcal.validation.settling import REST, PosingTimes, Settling, posing_times, settle
 from irbcal.validation.static_compliance import StaticCompliance, static_compliance
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from irbcal.names import check_names, fault_of
 from irbcal.options import shown
 from irbcal.reading import read_bytes
 from irbcal.units import DEG, MM
-from irbcal.validation.prepared import CleanedPoints
+from irbcal.validation.cleaned_points import CleanedPoints
 
 FIELDS = {
     "robot_type": "Robot type",

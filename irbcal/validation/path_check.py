@@ -13,10 +13,10 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.plotting.charts import Chart
+from irbcal.plotting.charts import DASHED, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
 from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import DEG, MM
-from irbcal.validation.attained import NO_ORIENTATION
+from irbcal.validation.pose_check import NO_ORIENTATION
 from irbcal.validation.pose_criteria import ANGLES
 
 if TYPE_CHECKING:
@@ -470,9 +470,24 @@ class PathCheck(Result):
 
     def plot(self) -> Chart:
         """Path accuracy and repeatability on the planes along the path."""
-        from irbcal.validation import plots
-
-        return plots.along_path(self)
+        along, errors = self.along / MM, self.errors
+        mean, spread = np.linalg.norm(errors.mean, axis=1) / MM, errors.repeatability / MM
+        drawing = Drawing("Path accuracy and repeatability", TALL, WIDE)
+        panel = Panel(
+            drawing, span(along), (0.0, axis_top(mean, spread)), "way on the commanded path (mm)", "distance (mm)"
+        )
+        panel.line(along, mean, "measured")
+        panel.line(along, spread, "accent", dash=DASHED)
+        legend: list[LegendEntry] = [
+            ("measured", "-", f"mean path, AT = {errors.AT / MM:.3f}"),
+            ("accent", "--", f"mean(l) + 3 S, RT = {errors.RT / MM:.3f}"),
+        ]
+        for corner in self.corners:
+            panel.upright(corner.way / MM, dash="4 2")
+        if self.corners:
+            legend.append(("soft", "--", "corners"))
+        caption = "Path accuracy and repeatability on the planes along the path"
+        return Chart("path", caption, [drawing], legend).marked(self.simulated)
 
 
 def _velocity_dict(v: PathVelocity) -> dict[str, Any]:

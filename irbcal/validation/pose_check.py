@@ -9,38 +9,233 @@ column ``group``, rows of ``iso9283`` are the cycles of pose accuracy and repeat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from irbcal.arrays import Locked, plain
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, plain
 from irbcal.errors import MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.points import PointSet
+from irbcal.measurement.poses import as_poses
+from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.plotting.charts import Chart
+from irbcal.plotting.charts import (
+    DASHED,
+    DOT,
+    TALL,
+    WIDE,
+    Chart,
+    Drawing,
+    LegendEntry,
+    Panel,
+    Sign,
+    axis_top,
+    grouped_panel,
+    span,
+)
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
-from irbcal.units import MM
-from irbcal.validation.attained import attained, commanded_poses, measured_whole
-from irbcal.validation.pose_criteria import ANGLES, AXES
-from irbcal.validation.prepared import CleanedPoints, prepare
+from irbcal.units import DEG, MM
+from irbcal.validation import accuracy, pose_criteria
+from irbcal.validation.cleaned_points import CleanedPoints, prepare
+from irbcal.validation.cube import POSES
+from irbcal.validation.pose_criteria import ANGLES, AXES, mean_rotation, small_angles
 
 if TYPE_CHECKING:
     import pandas as pd
-from typing import TypeAlias
 
-from numpy.typing import NDArray
 
-from irbcal.arrays import FloatArray
-from irbcal.measurement.statistics import rotation_statistics, statistics
-from irbcal.modeling import frames
-from irbcal.units import DEG
-from irbcal.validation import pose_criteria
-from irbcal.validation.attained import Attained
-from irbcal.validation.cube import POSES
+NO_ORIENTATION = (
+    "missing columns qw, qx, qy, qz: where a target on the tool is commanded to be depends on the orientation"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Attained(Locked):
+    """What was reached in n poses of a file, and what was commanded.
+
+    Attributes
+    ----------
+    source : str
+        File name for messages.
+    target : str
+        Whose position it is, unless poses were measured as a whole.
+    q : ndarray, shape (n, joints)
+        Commanded joints, radians.
+    pose, group, cycle, direction, time : ndarray of str, shape (n,)
+        The file's columns; empty text where there is none.
+    order : ndarray of int, shape (n,)
+        Which repetition of its pose in its group, counted from 0, lost ones too.
+    xyz : ndarray, shape (n, 3)
+        Metres.
+    rotation : ndarray, shape (n, 3, 3), or None
+    wanted : ndarray, shape (n, 3), or None
+        Commanded positions, metres.
+    wanted_rotation : ndarray, shape (n, 3, 3), or None
+    """
+
+    source: str
+    target: str
+    q: FloatArray
+    pose: NDArray[np.str_]
+    group: NDArray[np.str_]
+    cycle: NDArray[np.str_]
+    direction: NDArray[np.str_]
+    time: NameArray
+    order: IntArray
+    xyz: FloatArray
+    rotation: FloatArray | None = None
+    wanted: FloatArray | None = None
+    wanted_rotation: FloatArray | None = None
+
+    def select(self, rows: BoolArray | IntArray) -> Attained:
+        """The same for some rows."""
+        fields_of_rows: dict[str, Any] = {
+            name: value[rows] for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        return replace(self, **fields_of_rows)
+
+    def seen_from(self, T_world_base: FloatArray) -> Attained:
+        """Everything in the base link: errors are then told along its axes."""
+        T = frames.inverse(T_world_base)
+        changes: dict[str, Any] = {}
+        for name in ("xyz", "wanted"):
+            if (points := getattr(self, name)) is not None:
+                changes[name] = frames.apply(T, points)
+        for name in ("rotation", "wanted_rotation"):
+            if (rotation := getattr(self, name)) is not None:
+                changes[name] = T[:3, :3] @ rotation
+        return replace(self, **changes)
+
+    def angles(self) -> FloatArray | None:
+        """Angles a, b, c from the commanded orientation, or from the mean one, shape (n, 3); None without any."""
+        if self.rotation is None:
+            return None
+        about = mean_rotation(self.rotation) if self.wanted_rotation is None else self.wanted_rotation
+        return small_angles(self.rotation, about)
+
+    def commanded_by(self, robot: Robot | None, table: InputTable | None) -> Attained:
+        """With the commanded positions and orientations, where there are any.
+
+        Parameters
+        ----------
+        robot : Robot, optional
+            Gives commanded poses at the joints, unless a table does.
+        table : DataFrame, optional
+            See `commanded_poses`.
+
+        Raises
+        ------
+        MeasurementError
+            If the table lacks a pose or what a target's place takes.
+        """
+        if table is None:
+            return self if robot is None else self._wanting(robot.T_world_base @ robot.poses(self.q), robot)
+        names = list(table.filled("pose"))
+        missing = sorted(set(self.pose) - set(names))
+        if missing:
+            raise table.fault(f"there is no commanded pose {missing[0]}")
+        rows = [names.index(name) for name in self.pose]
+        R = table.rotations()
+        T = np.tile(np.eye(4), (len(rows), 1, 1))
+        T[:, :3, 3] = table.si(POSITION)[rows]
+        if R is not None:
+            T[:, :3, :3] = R[rows]
+        if robot is None:
+            turned = R is not None and self.rotation is not None
+            return replace(self, wanted=T[:, :3, 3], wanted_rotation=T[:, :3, :3] if turned else None)
+        if self.rotation is None and R is None:
+            raise table.header_fault(NO_ORIENTATION)
+        return self._wanting(robot.T_world_base @ T, robot)
+
+    def _wanting(self, T_world_tip: FloatArray, robot: Robot) -> Attained:
+        """With commanded poses of the tip, or of a target on it."""
+        position, R = T_world_tip[:, :3, 3], T_world_tip[:, :3, :3]
+        if self.rotation is None:
+            return replace(self, wanted=position + R @ robot.targets[self.target])
+        return replace(self, wanted=position, wanted_rotation=R)
+
+
+def commanded_poses(source: TableLike) -> InputTable:
+    """A table of commanded poses: ``pose``, ``x_mm``, ``y_mm``, ``z_mm`` and for orientations ``qw`` to ``qz``.
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format or names a pose twice.
+    """
+    table = InputTable.read(source, ["pose", *POSITION])
+    table.refuse_repeats("pose", table.filled("pose"))
+    table.si(POSITION)
+    return table
+
+
+def measured_whole(points: PointSet, robots: Mapping[str, Robot | None], table: InputTable | None) -> bool:
+    """Whether poses are measured as a whole and what was commanded is, too."""
+    if table is not None and table.rotations() is None:
+        return False
+    robot = next(iter(robots.values()))
+    three = bool((np.bincount(points.pose) >= 3).any())
+    if robot is None:
+        return bool(points.oriented().any()) or (table is None and three)
+    has_R = np.isin(points.names().astype(str), list(robot.target_rotations))
+    return bool((points.oriented() & has_R).any()) or three
+
+
+def attained(cleaned: CleanedPoints, robot: Robot | None, full_poses: bool) -> Attained:
+    """What was reached, in the measuring frame.
+
+    Parameters
+    ----------
+    cleaned : CleanedPoints
+        Of one target, unless poses are regarded as a whole.
+    robot : Robot, optional
+        Knows the places of the targets on the tip; without it the targets themselves make up a frame.
+    full_poses : bool
+        Regard poses, see `measured_whole`, instead of the position of the target.
+    """
+    points, source = cleaned.points, cleaned.measurements.source
+    if not full_poses:
+        return _of_rows(cleaned, points.pose, points.xyz)
+    if robot is not None:
+        tips = accuracy.tip_errors(robot, points, source)
+        return _of_rows(cleaned, tips.pose, tips.T_world_tip[:, :3, 3], tips.T_world_tip[:, :3, :3])
+    if points.rotation is not None and points.oriented().any():
+        rows = np.flatnonzero(points.oriented())
+        return _of_rows(cleaned, points.pose[rows], points.xyz[rows], points.rotation[rows])
+    poses, _ = as_poses(replace(points, pose_ids=np.arange(points.poses)), source)
+    return _of_rows(cleaned, poses.pose_ids, poses.xyz, poses.rotation)
+
+
+def _of_rows(cleaned: CleanedPoints, rows: Any, xyz: FloatArray, rotation: FloatArray | None = None) -> Attained:
+    points = cleaned.points
+    return Attained(
+        source=cleaned.measurements.source,
+        target=str(points.names()[0]),
+        q=points.q[rows],
+        pose=points.pose_ids[rows].astype(str),
+        group=points.groups[rows].astype(str),
+        cycle=cleaned.labels("cycle")[rows].astype(str),
+        direction=cleaned.labels("direction")[rows].astype(str),
+        time=cleaned.labels("time_s")[rows],
+        order=_order(cleaned.measurements.table)[cleaned.number[rows]],
+        xyz=xyz,
+        rotation=rotation,
+    )
+
+
+def _order(table: pd.DataFrame) -> IntArray:
+    """Which repetition of its pose in its group each pose of the file is, counted from 0, lost ones too."""
+    first = table.drop_duplicates("pose_index").sort_values("pose_index")
+    keys = [name for name in ("pose", "group") if name in table.columns]
+    return first.groupby(keys).cumcount().to_numpy()
+
 
 GROUP, DRIFT = "iso9283", "iso9283_drift"
 
@@ -391,11 +586,31 @@ class PoseCheck(Result):
         MeasurementError
             If no cycles of pose accuracy were measured.
         """
-        from irbcal.validation import plots
-
         if not self.has_cycles:
             raise MeasurementError("there is nothing to draw: no cycles of pose accuracy were measured")
-        return plots.pose_cycles(self)
+        models = {name: (m, m.history) for name, m in self.models.items() if m.history}
+        turned = all(history["orientation_deg"] is not None for _, history in models.values())
+        kinds = [("position_mm", "position error (mm)"), ("orientation_deg", "orientation error (°)")]
+        drawings: list[Drawing] = []
+        legend: list[LegendEntry] = []
+        about = ""
+        for key, label in kinds[: 2 if turned else 1]:
+            rows: dict[str, FloatArray] = {}
+            for name, (model, history) in models.items():
+                order = np.argsort([list(model.poses).index(p) for p in history["pose"]], kind="stable")
+                labels = [history["pose"][k] for k in order]
+                rows[name] = np.array(history[key], dtype=float)[order]
+                about = (model.overall or {})["from"]
+            drawing = Drawing(label, 0.7 * TALL, WIDE)
+            panel = grouped_panel(drawing, labels, (0.0, axis_top(*rows.values())), "pose, in each by cycle", label)
+            for name, values in rows.items():
+                panel.dots(np.arange(len(values)), values, name, DOT)
+            drawings.append(drawing)
+        for name, (model, _) in models.items():
+            mean = (model.overall or {})["position"]["mean_mm"]
+            legend.append((name, "o", f"{name} (mean {mean:.3f} mm)"))
+        caption = f"Errors by pose and cycle, from the {'command' if about == 'commanded' else 'mean'}"
+        return Chart("poses", caption, drawings, legend, 1).marked(self.simulated)
 
     def plot_drift(self) -> Chart:
         """Accuracy and repeatability of each set of cycles of the drift test.
@@ -405,11 +620,26 @@ class PoseCheck(Result):
         MeasurementError
             If no drift was measured.
         """
-        from irbcal.validation import plots
-
         if not self.has_drift:
             raise MeasurementError("there is nothing to draw: no drift was measured")
-        return plots.drift_sets(self)
+        measured = {name: model.drift for name, model in self.models.items() if model.drift}
+        rows: list[tuple[str, Sign, str, FloatArray]] = []
+        for name, values in measured.items():
+            x = np.arange(1.0, values["sets"] + 1) if values["time_s"] is None else np.array(values["time_s"]) / 3600
+            if "AP_mm" in values:
+                rows.append((name, "-", f"AP, {name}", np.array(values["AP_mm"])))
+        last = list(measured.values())[-1]
+        rows.append(("measured", "--", "RP", np.array(last["RP_mm"])))
+        rows.append(("unknown", "--", "way of the mean", np.array(last["shift_mm"])))
+        drawing = Drawing("Drift", TALL, WIDE)
+        label = "time (h)" if last["time_s"] else f"set of {last['set_size']} cycles"
+        panel = Panel(drawing, span(x), (0.0, axis_top(*(y for *_, y in rows))), label, "AP, RP, way (mm)")
+        for colour, sign, _, y in rows:
+            panel.line(x, y, colour, dash="" if sign == "-" else DASHED)
+            panel.dots(x, y, colour, DOT)
+        legend: list[LegendEntry] = [(colour, sign, label) for colour, sign, label, _ in rows]
+        caption = "Accuracy and repeatability of each set of cycles of the drift test"
+        return Chart("drift", caption, [drawing], legend).marked(self.simulated)
 
     @property
     def has_cycles(self) -> bool:

@@ -1,19 +1,47 @@
-"""Coming to rest: position stabilisation time and overshoot of an approach (ISO 9283:1998; Nubiola 2011, annex V).
+"""Coming to rest: stabilisation time and overshoot, posing time (ISO 9283:1998; Nubiola 2011, annex V).
 
-The formulas are those of public descriptions of the standard; the standard itself was not at hand.
+The formulas are those of public descriptions of the standard; the standard itself was not at hand. A move lasts from
+the instant at which the limit band about its start is left until that from which the band about its end is not left
+again, so the time to settle is part of it. The standard asks for moves of several lengths, three cycles each.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, Locked
-from irbcal.errors import MeasurementError
+from irbcal.arrays import FloatArray, Locked, plain
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
+from irbcal.modeling import frames
+from irbcal.plotting.charts import (
+    DASHED,
+    DOT,
+    DOTTED,
+    TALL,
+    WIDE,
+    Chart,
+    Drawing,
+    LegendEntry,
+    Panel,
+    axis_top,
+    span,
+)
+from irbcal.summary import Paragraph, Result, Table, simulated_mark
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
 
 REST = 10.0
 """Seconds after which the thesis's robot was at rest (annex V)."""
+
+LEAST = 1e-4
+"""Smallest distance that a logarithmic axis shows, mm."""
 
 READINGS = 100
 """Readings whose mean is the final position (annex V)."""
@@ -116,3 +144,325 @@ def stabilisation(time: FloatArray, xyz: FloatArray, final: FloatArray, band: fl
     largest = float(distance[first:].max())
     settled = entry(last) if last < len(time) else np.nan
     return Stabilisation(entry(first), settled, largest if largest > band else 0.0, largest, time, distance)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Settling(Result):
+    """Position stabilisation time and overshoot of several approaches (ISO 9283 asks for three).
+
+    Attributes
+    ----------
+    band : float
+        Limit band, metres.
+    rest : float
+        Seconds after which the robot was taken to be at rest.
+    runs : dict of str to Stabilisation
+    simulated : bool
+    """
+
+    band: float
+    rest: float
+    runs: dict[str, Stabilisation]
+    simulated: bool = False
+
+    @property
+    def time(self) -> float | None:
+        """Mean stabilisation time PSt, seconds; None where a run never settled."""
+        times = [run.time for run in self.runs.values()]
+        return float(np.mean(times)) if np.isfinite(times).all() else None
+
+    @property
+    def overshoot(self) -> float | None:
+        """Largest overshoot, metres; None where no run entered the band."""
+        overshoots = [run.overshoot for run in self.runs.values() if np.isfinite(run.overshoot)]
+        return max(overshoots) if overshoots else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON, mm and seconds.
+
+        ``check``, ``band_mm``, ``after_s``, ``PSt_s`` (mean), ``overshoot_mm`` (largest), and of each of ``runs``
+        these, the instants of entering the band, and the distances over time; None for what never was; ``simulated``.
+        """
+        return {
+            "check": "settle",
+            "band_mm": self.band / MM,
+            "after_s": self.rest,
+            "PSt_s": self.time,
+            "overshoot_mm": None if self.overshoot is None else self.overshoot / MM,
+            "runs": {
+                name: {
+                    "PSt_s": plain(run.time),
+                    "first_entry_s": plain(run.first_entry),
+                    "settled_s": plain(run.settled),
+                    "overshoot_mm": plain(run.overshoot / MM),
+                    "time_s": run.instant.tolist(),
+                    "distance_mm": (run.distance / MM).tolist(),
+                }
+                for name, run in self.runs.items()
+            },
+            "simulated": self.simulated,
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each reading: ``run``, ``time_s``, ``distance_mm`` from the final position."""
+        import pandas as pd
+
+        tables = [
+            pd.DataFrame({"run": name, "time_s": run.instant, "distance_mm": run.distance / MM})
+            for name, run in self.runs.items()
+        ]
+        return pd.concat(tables, ignore_index=True)
+
+    def report(self) -> Sequence[Paragraph]:
+        """Mean time and largest overshoot, and both run by run."""
+        rows = tuple(
+            (name, *map(plain, (run.first_entry, run.settled, run.time)), plain(run.overshoot / MM))
+            for name, run in self.runs.items()
+        )
+        columns = ("run", "first in band s", "settled s", "PSt s", "overshoot mm")
+        mean = "a run never settled" if self.time is None else f"PSt {self.time:.2f} s (mean)"
+        largest = "–" if self.overshoot is None else f"{self.overshoot / MM:.3f}"
+        title = f"Position stabilisation, limit band {self.band / MM:.4g} mm"
+        return [
+            f"{simulated_mark(self.simulated)}{mean}, overshoot {largest} mm (largest)",
+            Table(title, columns, rows),
+        ]
+
+    def plot(self) -> Chart:
+        """Distance from the final position over time (Figure A V-1), with the limit band and the time of settling."""
+        distances = {name: np.maximum(run.distance / MM, LEAST) for name, run in self.runs.items()}
+        band = self.band / MM
+        every = np.concatenate([*distances.values(), [band]])
+        drawing = Drawing("Distance from the final position over time", TALL, WIDE)
+        ends = span(*(run.instant for run in self.runs.values()))
+        label = "distance from final position (mm)"
+        panel = Panel(drawing, ends, (0.8 * every.min(), 1.3 * every.max()), "time (s)", label, log=True)
+        legend: list[LegendEntry] = []
+        for k, (name, run) in enumerate(self.runs.items()):
+            colour = f"series{k % 5}"
+            panel.line(run.instant, distances[name], colour)
+            settled = f"PSt {run.time:.2f} s" if np.isfinite(run.settled) else "never settled"
+            legend.append((colour, "-", f"run {name}: {settled}"))
+            if np.isfinite(run.settled):
+                panel.upright(run.settled, colour, dash=DASHED)
+        panel.level(band, "ink", dash=DOTTED)
+        legend.append(("ink", "--", f"band {band:g} mm"))
+        caption = "Distance from the final position over time; upright dashed line: settled"
+        return Chart("stabilisation", caption, [drawing], legend).marked(self.simulated)
+
+
+def read_approaches(source: TableLike) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Approaches to a pose: columns ``time_s``, ``x_mm``, ``y_mm``, ``z_mm`` and, for several, ``run``.
+
+    Parameters
+    ----------
+    source : str, Path or DataFrame
+
+    Returns
+    -------
+    dict of str to (time, xyz)
+        Seconds (n,) and metres (n, 3) of each run.
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format or time does not go on.
+    """
+    return _approaches(InputTable.read(source, ["time_s"]).measured())
+
+
+def _approaches(table: InputTable) -> dict[str, tuple[FloatArray, FloatArray]]:
+    runs = table.texts("run", "1")
+    by_name = {name: table[runs == name] for name in distinct(runs)}
+    return {name: (rows.ascending("time_s"), rows.si(POSITION)) for name, rows in by_name.items()}
+
+
+def settle(source: TableLike, band: float, rest: float = REST, count: int = READINGS) -> Settling:
+    """Position stabilisation time and overshoot of the runs of a file (annex V).
+
+    Parameters
+    ----------
+    source : str, Path or DataFrame
+        See `read_approaches`.
+    band : float
+        Limit band, metres.
+    rest : float
+        Seconds after which the robot is at rest.
+    count : int
+        Readings after that whose mean is the final position.
+
+    Raises
+    ------
+    MeasurementError
+        As `read_approaches`, or if a run ends too early.
+    OptionError
+        If the band is not above zero.
+    """
+    if not band > 0:
+        raise OptionError(f"a limit band is above zero, found {band / MM:g} mm", parameter="band")
+    table, runs = InputTable.read(source, ["time_s"]).measured(), {}
+    for name, (time, xyz) in _approaches(table).items():
+        try:
+            final = final_position(time, xyz, rest, count)
+        except MeasurementError as error:
+            raise MeasurementError(f"run {name}: {error}", file=table.source) from None
+        runs[name] = stabilisation(time, xyz, final, band)
+    return Settling(band, rest, runs, table.simulated)
+
+
+AT_REST = 3
+"""Readings at rest that a move begins and ends with at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class PosedMove(Locked):
+    """One move, cycle by cycle.
+
+    Attributes
+    ----------
+    departure, arrival : ndarray, shape (cycles,)
+        Instants of leaving and of reaching rest, seconds.
+    distance : ndarray, shape (cycles,)
+        From rest to rest, metres.
+    angle : ndarray, shape (cycles,), or None
+        Turn from rest to rest where orientations were measured, radians.
+    """
+
+    departure: FloatArray
+    arrival: FloatArray
+    distance: FloatArray
+    angle: FloatArray | None
+
+    @property
+    def times(self) -> FloatArray:
+        """Posing time of each cycle, seconds."""
+        return self.arrival - self.departure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PosingTimes(Result):
+    """Posing times of several moves.
+
+    Attributes
+    ----------
+    band : float
+        Limit band, metres.
+    moves : dict of str to PosedMove
+    simulated : bool
+    """
+
+    band: float
+    moves: dict[str, PosedMove]
+    simulated: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON: ``band_mm``, ``moves`` (as `to_frame`), ``simulated``."""
+        rows = plain(self.to_frame().to_dict("records"))
+        return {"band_mm": self.band / MM, "moves": rows, "simulated": self.simulated}
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each move: ``move``, ``distance_mm``, ``angle_deg``, ``cycles``, ``time_s`` (mean) and its ends."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {
+                    "move": name,
+                    "distance_mm": float(m.distance.mean() / MM),
+                    "angle_deg": np.nan if m.angle is None else float(m.angle.mean() / DEG),
+                    "cycles": len(m.times),
+                    "time_s": float(m.times.mean()),
+                    "shortest_s": float(m.times.min()),
+                    "longest_s": float(m.times.max()),
+                }
+                for name, m in self.moves.items()
+            ]
+        )
+
+    def report(self) -> Sequence[Paragraph]:
+        """The shortest and the longest posing time, and those move by move."""
+        table = self.to_frame()
+        if table["angle_deg"].isna().all():
+            table = table.drop(columns="angle_deg")
+        times, start = table["time_s"], simulated_mark(self.simulated)
+        headline = f"{start}posing times of {len(times)} moves: {min(times):.3f} to {max(times):.3f} s"
+        title = f"{start}Posing time from rest to rest, limit band {self.band / MM:.4g} mm"
+        return [headline, Table.of(title, table, [name.replace("_", " ") for name in table.columns])]
+
+    def plot(self) -> Chart:
+        """Posing time over the length of the move: cycles and their mean."""
+        moves = sorted(self.moves.values(), key=lambda move: float(move.distance.mean()))
+        drawing = Drawing("Posing time over the length of the move", TALL, WIDE)
+        x_label = f"length of the move (mm); limit band {self.band / MM:g} mm"
+        ends = (0.0, axis_top(*(move.distance / MM for move in moves)))
+        panel = Panel(drawing, ends, (0.0, axis_top(*(move.times for move in moves))), x_label, "posing time (s)")
+        for move in moves:
+            panel.dots(move.distance / MM, move.times, "measured", DOT)
+        panel.line([m.distance.mean() / MM for m in moves], [m.times.mean() for m in moves], "accent")
+        caption = "Posing time over the length of the move"
+        legend: list[LegendEntry] = [("accent", "-", "mean of the cycles")]
+        return Chart("posing", caption, [drawing], legend).marked(self.simulated)
+
+
+def posing_times(moves: TableLike, band: float) -> PosingTimes:
+    """Posing times from a file of moves that were sampled from rest to rest.
+
+    Parameters
+    ----------
+    moves : str, Path or DataFrame
+        Columns ``move`` (a name), ``time_s``, ``x_mm``, ``y_mm``, ``z_mm`` in the order of the samples, optional
+        ``cycle`` and ``qw,qx,qy,qz``.
+    band : float
+        Limit band, metres.
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format, or a move does not begin and end at rest or is too short for the band.
+    OptionError
+        If the band is not above zero.
+    """
+    if not band > 0:
+        raise OptionError(f"a limit band is above zero, found {band / MM:g} mm", parameter="band")
+    table = InputTable.read(moves, ["move", "time_s"]).measured()
+    move, cycle, turn = table.filled("move"), table.texts("cycle"), table.rotations()
+    out = {}
+    for name in distinct(move):
+        rows = [np.flatnonzero((move == name) & (cycle == c)) for c in distinct(cycle[move == name])]
+        moves_found = []
+        for k in rows:
+            time, xyz = table[k].ascending("time_s"), table[k].si(POSITION)
+            try:
+                moves_found.append(_from_rest_to_rest(time, xyz, band))
+            except MeasurementError as error:
+                raise table.fault(f"move {name}: {error}", int(k[0])) from None
+        departure, arrival, distance = np.array(moves_found).T
+        turned = None
+        if turn is not None:
+            ends = np.array([[k[0], k[-1]] for k in rows])
+            turned = frames.rotation_distance(turn[ends[:, 0]], turn[ends[:, 1]])
+        out[name] = PosedMove(departure, arrival, distance, turned)
+    return PosingTimes(band, out, table.simulated)
+
+
+def _from_rest_to_rest(time: FloatArray, xyz: FloatArray, band: float) -> tuple[float, float, float]:
+    """Departure and arrival (s) and the distance between both places of rest (m)."""
+    first, last = (_rest(samples, band) for samples in (xyz, xyz[::-1]))
+    distance = float(np.linalg.norm(last - first))
+    if distance <= 2 * band:
+        raise MeasurementError(f"it goes {distance / MM:.3g} mm far, no farther than twice the limit band")
+    # leaving is arriving in the time that runs back
+    reverse = stabilisation(-time[::-1], xyz[::-1], first, band)
+    return -reverse.settled, stabilisation(time, xyz, last, band).settled, distance
+
+
+def _rest(xyz: FloatArray, band: float) -> FloatArray:
+    """Place of rest at the beginning of a series: mean of the first half of the readings that stay within the band."""
+    inside = np.linalg.norm(xyz - xyz[0], axis=1) <= band
+    count = len(inside) if inside.all() else int(np.argmin(inside))
+    if count < AT_REST:
+        raise MeasurementError(
+            f"expected {AT_REST} readings or more at rest before and after it, found {count} within the limit band of "
+            f"{band / MM:g} mm"
+        )
+    return xyz[: max(AT_REST, count // 2)].mean(axis=0)  # later ones may be on their way already

@@ -14,7 +14,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, Locked
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
-from irbcal.plotting.charts import Chart
+from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
 from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 from irbcal.validation.pose_criteria import AXES
@@ -128,10 +128,21 @@ class StaticCompliance(Result):
         return [headline, Table.of(title, self.to_frame(), columns, 5)]
 
     def plot(self) -> Chart:
-        """Displacement along the force over the force."""
-        from irbcal.validation import plots
-
-        return plots.compliance(self)
+        """Displacement along the force over the force, with the fitted slopes."""
+        along = {name: d.displacement @ d.direction / MM for name, d in self.directions.items()}
+        slopes = {name: d.along / MM for name, d in self.directions.items()}
+        ends = {name: np.array([0.0, d.force.max()]) for name, d in self.directions.items()}
+        drawing = Drawing("Displacement over force", TALL, WIDE)
+        x_label, y_label = f"force along the axes of the {self.frame} (N)", "displacement along the force (mm)"
+        y = span(*along.values(), *(ends[name] * slope for name, slope in slopes.items()))
+        panel = Panel(drawing, (0.0, axis_top(*ends.values())), y, x_label, y_label)
+        legend: list[LegendEntry] = []
+        for k, (name, direction) in enumerate(self.directions.items()):
+            colour = f"series{k % 5}"
+            panel.dots(direction.force, along[name], colour, DOT)
+            panel.line(ends[name], ends[name] * slopes[name], colour)
+            legend.append((colour, "-", f"{name}: {slopes[name]:.5f} mm/N"))
+        return Chart("compliance", "Displacement along the force", [drawing], legend).marked(self.simulated)
 
 
 def static_compliance(forces: TableLike, R_frame_world: FloatArray | None = None) -> StaticCompliance:

@@ -1,19 +1,532 @@
-"""Checks of the laser tracker itself (Nubiola 2011, annexes II, III, IV and V): which, and the door to all of them."""
+"""Checks of the laser tracker itself (Nubiola 2011, annexes II, III, IV and V).
+
+Is it true (a scale bar of certified length), does it find a fixed point again, does it hold still for hours?
+"""
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias, get_args
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
-from irbcal.errors import OptionError
-from irbcal.measurement.columns import InputTable, TableLike
+import numpy as np
+
+from irbcal.arrays import FloatArray, NameArray
+from irbcal.chance import normal_quantile
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
+from irbcal.measurement.statistics import statistics
 from irbcal.options import length as metres
 from irbcal.options import number
-from irbcal.units import MM
-from irbcal.validation.point_drift import PointDrift, drift
-from irbcal.validation.point_repeatability import PointRepeatability, repeatability
-from irbcal.validation.scale_bar import ScaleBar, scale_bar
-from irbcal.validation.settling import REST
-from irbcal.validation.settling_check import Settling, settle
+from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span
+from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.units import HOUR, MM
+from irbcal.validation.pose_criteria import AXES, position_repeatability
+from irbcal.validation.settling import REST, Settling, settle
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+ANOTHER_BAR = 0.01
+"""Share of the length by which readings may miss it before they are taken to be those of another bar."""
+
+EVERYWHERE = "all"
+"""Name of the only position of a file without a column ``position``."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScaleBar(Result):
+    """Distance errors of a scale bar: measured minus certified length, in the order of the file.
+
+    Attributes
+    ----------
+    length : float
+        Certified, metres.
+    position : ndarray of str, shape (n,)
+        Of the bar (Table A II-1).
+    error : ndarray, shape (n,)
+        Metres.
+    """
+
+    length: float
+    position: NameArray
+    error: FloatArray
+
+    def at(self, position: str) -> FloatArray:
+        """Errors at one position of the bar, metres."""
+        return self.error[self.position == position]
+
+    def positions(self) -> list[str]:
+        """Positions of the bar in the order of measurement."""
+        return distinct(self.position)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON, mm.
+
+        ``check``, ``length_mm``; ``n``, ``mean_mm`` and ``sigma_mm`` of the signed errors, ``max_abs_mm``,
+        ``rms_mm``; the same ``per_position``; ``position`` and ``error_mm`` in the order of the file.
+        """
+        return {
+            "check": "bar",
+            "length_mm": self.length / MM,
+            **_signed(self.error),
+            "per_position": {name: _signed(self.at(name)) for name in self.positions()},
+            "position": [str(name) for name in self.position],
+            "error_mm": (self.error / MM).tolist(),
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each distance: ``position``, ``error_mm``."""
+        import pandas as pd
+
+        return pd.DataFrame({"position": self.position, "error_mm": self.error / MM})
+
+    def report(self) -> Sequence[Paragraph]:
+        """Statistics of all distances, and position by position."""
+        sets = {"all": self.error}
+        if len(self.positions()) > 1:
+            sets |= {name: self.at(name) for name in self.positions()}
+        rows = tuple((name, *_signed(errors).values()) for name, errors in sets.items())
+        title = f"Distance errors of the scale bar of {self.length / MM:.10g} mm, mm"
+        all_of = _signed(self.error)
+        sentence = (
+            f"{all_of['n']} distances of a scale bar: errors of {all_of['mean_mm']:+.4f} mm on average, "
+            f"{all_of['max_abs_mm']:.4f} mm at most."
+        )
+        return [sentence, Table(title, ("position", "n", "mean", "sigma", "largest", "rms"), rows, digits=4)]
+
+    def plot(self) -> Chart:
+        """Distance errors of the scale bar in order of measurement, by position of the bar (Figure A II-1)."""
+        error = self.error / MM
+        drawing = Drawing("Distance errors of the scale bar", TALL, WIDE)
+        panel = grouped_panel(drawing, self.position, span(error, [0.0]), "position of the bar", "distance error (mm)")
+        panel.level(0.0)
+        panel.dots(np.arange(len(error)), error, "measured", DOT)
+        for start, end, name in runs(self.position):
+            mean = self.at(name).mean() / MM
+            panel.line([start - 0.5, end - 0.5], [mean, mean], "accent")
+        caption = "Distance errors of the scale bar, in each position in order of measurement; line: mean"
+        return Chart("scale_bar", caption, [drawing])
+
+
+def _signed(error: FloatArray) -> dict[str, int | float]:
+    """Statistics of signed errors, mm."""
+    e = error / MM
+    return {
+        "n": len(e),
+        "mean_mm": float(e.mean()),
+        "sigma_mm": float(e.std(ddof=1)) if len(e) > 1 else 0.0,
+        "max_abs_mm": float(np.abs(e).max()),
+        "rms_mm": float(np.sqrt(np.mean(e**2))),
+    }
+
+
+def scale_bar(source: TableLike, length: float) -> ScaleBar:
+    """Distance errors of a scale bar (annex II, Figure A II-1).
+
+    The k-th reading of one end and the k-th of the other at a position of the bar make a distance.
+
+    Parameters
+    ----------
+    source : str, Path or DataFrame
+        Columns ``end`` (two names, measured in turn), ``x_mm``, ``y_mm``, ``z_mm`` and, optionally, ``position`` (of
+        the bar); or ``distance_mm`` alone.
+    length : float
+        Certified length, metres.
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format or an end was measured more often than the other.
+    OptionError
+        If the length is not above zero.
+    """
+    if not length > 0:
+        raise OptionError(f"a scale bar has a length above zero, found {length / MM:g} mm", parameter="length")
+    table = InputTable.read(source)
+    if "distance_mm" in table:
+        position, distance = table.texts("position", EVERYWHERE), table.si("distance_mm")
+    else:
+        position, distance = _between_ends(InputTable.read(source, ["end"]).measured())
+    error = distance - length
+    if np.median(np.abs(error)) > ANOTHER_BAR * length:
+        raise MeasurementError(
+            f"the ends are {np.median(distance) / MM:.3f} mm apart, not {length / MM:g} mm: another bar",
+            file=table.source,
+        )
+    return ScaleBar(length, position, error)
+
+
+def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
+    end, position, xyz = table.filled("end"), table.texts("position", EVERYWHERE), table.si(POSITION)
+    ends = distinct(end)
+    if len(ends) != 2:
+        raise table.fault(f"expected two names, found {', '.join(ends[:5])}", column="end")
+    where: list[str] = []
+    distance = []
+    for name in distinct(position):
+        first, second = (np.flatnonzero((position == name) & (end == side)) for side in ends)
+        if len(first) != len(second):
+            raise table.fault(
+                f"position {name}: end {ends[0]} was measured {len(first)} times, end {ends[1]} "
+                f"{len(second)} times: readings of both ends make a distance"
+            )
+        where += [name] * len(first)
+        distance.append(np.linalg.norm(xyz[first] - xyz[second], axis=1))
+    return np.array(where, dtype=object), np.concatenate(distance)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointRepeatability(Result):
+    """Readings of fixed points, and their distances from each point's mean, in the order of the file.
+
+    Attributes
+    ----------
+    position : ndarray of str, shape (n,)
+        Name of the point.
+    xyz : ndarray, shape (n, 3)
+        In the tracker's frame, metres.
+    error : ndarray, shape (n,)
+        Distance from the mean of the point's readings, metres.
+    lost : int
+        Readings without a position.
+    """
+
+    position: NameArray
+    xyz: FloatArray
+    error: FloatArray
+    lost: int
+
+    def positions(self) -> list[str]:
+        """Names of the points in the order of measurement."""
+        return distinct(self.position)
+
+    def statistics(self, position: str) -> dict[str, Any]:
+        """STATS of the distances of one point, mm (Table A III-2); ``mean_plus_3sigma_mm`` is RP of ISO 9283."""
+        return statistics(self.error[self.position == position]) or {}
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON, mm.
+
+        ``check``; ``per_position``: ``x_mm``, ``y_mm``, ``z_mm`` of the mean (Table A III-1) and STATS of the
+        distances; ``position`` and ``error_mm`` in the order of the file; ``lost``.
+        """
+        per_position = {}
+        for name in self.positions():
+            middle = self.xyz[self.position == name].mean(axis=0) / MM
+            per_position[name] = {**dict(zip(POSITION, middle.tolist(), strict=True)), **self.statistics(name)}
+        return {
+            "check": "repeat",
+            "per_position": per_position,
+            "position": [str(name) for name in self.position],
+            "error_mm": (self.error / MM).tolist(),
+            "lost": self.lost,
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each reading: ``position``, ``x_mm``, ``y_mm``, ``z_mm``, ``error_mm``."""
+        import pandas as pd
+
+        table = pd.DataFrame(self.xyz / MM, columns=POSITION)
+        table.insert(0, "position", self.position)
+        return table.assign(error_mm=self.error / MM)
+
+    def report(self) -> Sequence[Paragraph]:
+        """Statistics point by point."""
+        keys = ("n", "mean_mm", "max_mm", "sigma_mm", "mean_plus_3sigma_mm")
+        rows = tuple((name, *(self.statistics(name)[key] for key in keys)) for name in self.positions())
+        columns = ("point", "n", "mean", "max", "sigma", "mean+3σ")
+        table = Table("Repeatability, distances from the mean, mm", columns, rows, digits=4)
+        worst = max(self.positions(), key=lambda name: float(self.statistics(name)["mean_plus_3sigma_mm"]))
+        out: list[Paragraph] = [
+            f"{len(self.error)} readings of {len(rows)} points: mean + 3σ of the distances from the mean "
+            f"{self.statistics(worst)['mean_plus_3sigma_mm']:.4f} mm at most ({worst}).",
+            table,
+        ]
+        return [*out, f"Left out: {self.lost} lost points"] if self.lost else out
+
+    def plot(self) -> Chart:
+        """Distance of each reading from the mean of its point (Nubiola 2011, Figure A III-1)."""
+        order = np.argsort([self.positions().index(name) for name in self.position], kind="stable")
+        error, labels = self.error[order] / UM, [self.position[k] for k in order]
+        limits = {name: self.statistics(name)["mean_plus_3sigma_mm"] * MM / UM for name in self.positions()}
+        drawing = Drawing("Distance of each reading from the mean of its point", TALL, WIDE)
+        top = axis_top(error, list(limits.values()))
+        panel = grouped_panel(drawing, labels, (0.0, top), "point", "distance from mean (µm)")
+        panel.dots(np.arange(len(error)), error, "measured", DOT)
+        for start, end, name in runs(labels):
+            panel.line([start - 0.5, end - 0.5], [limits[name], limits[name]], "accent")
+        caption = "Distance of each reading from the mean of its point, in order of measurement; line: mean + 3σ"
+        return Chart("repeatability", caption, [drawing])
+
+
+def repeatability(source: TableLike) -> PointRepeatability:
+    """How well the tracker finds fixed points again (annex III): distances from the mean of each point's readings.
+
+    Parameters
+    ----------
+    source : str, Path or DataFrame
+        Columns ``x_mm``, ``y_mm``, ``z_mm`` and, optionally, ``position`` (the point that was measured again and
+        again).
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format or a point was measured once only.
+    """
+    table = InputTable.read(source)
+    measured = table.measured()
+    position, xyz = measured.texts("position", EVERYWHERE), measured.si(POSITION)
+    error = np.empty(len(xyz))
+    for name in distinct(position):
+        rows = position == name
+        if rows.sum() < 2:
+            raise table.fault(f"position {name} has one reading only: repeatability needs two")
+        _, error[rows] = position_repeatability(xyz[rows])
+    return PointRepeatability(position, xyz, error, len(table) - len(measured))
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Correlation of two series.
+
+    Attributes
+    ----------
+    r : float
+        Pearson's.
+    n_eff : float
+        How many independent readings the series are worth.
+    interval : tuple of float, or None
+        Low and high end; None where ``n_eff`` is below 4.
+    told : bool
+        Whether the interval leaves out zero.
+    """
+
+    r: float
+    n_eff: float
+    interval: tuple[float, float] | None
+    told: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same by name."""
+        return {**vars(self), "interval": None if self.interval is None else list(self.interval)}
+
+
+def correlation(first: FloatArray, second: FloatArray, level: float = 0.95) -> Correlation:
+    """Correlation of two series and its interval.
+
+    Slow series repeat themselves, so n readings are worth fewer: ``n_eff = n / (1 + 2 sum_k r_1(k) r_2(k))`` with the
+    autocorrelations (Bartlett 1946), up to the lag at which that of the slower series is no longer positive. The
+    interval is that of Fisher's z with n_eff readings; where there is none, ``n_eff`` is below 4.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (n,)
+        In order of time, about evenly spaced.
+    level : float
+    """
+    a, b = first - first.mean(), second - second.mean()
+    scale = np.sqrt((a @ a) * (b @ b))
+    r = float(a @ b / scale) if scale > 0 else 0.0
+    functions = [_autocorrelation(series) for series in (a, b)]
+    end = max(int(np.argmax(c <= 0)) if (c <= 0).any() else len(c) for c in functions)
+    shared = float(functions[0][1:end] @ functions[1][1:end])
+    effective = len(a) / (1 + 2 * max(0.0, shared))
+    if effective < 4 or abs(r) >= 1:
+        return Correlation(r, effective, None, bool(abs(r) >= 1))
+    half = normal_quantile(0.5 + level / 2) / np.sqrt(effective - 3)
+    low, high = (float(end) for end in np.tanh([np.arctanh(r) - half, np.arctanh(r) + half]))
+    return Correlation(r, effective, (low, high), low > 0 or high < 0)
+
+
+def _autocorrelation(x: FloatArray) -> FloatArray:
+    """Autocorrelation of a series of mean zero at the lags 0 ... n - 1, by Fourier transform."""
+    power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
+    c = np.fft.irfft(power)[: len(x)]
+    return c / c[0] if c[0] > 0 else np.eye(1, len(x))[0]
+
+
+ENVIRONMENT = ("temperature_c", "pressure_mmhg", "pressure_hpa", "humidity_percent")
+"""Columns of the air."""
+
+UNITS = {
+    "temperature_c": "temperature (°C)",
+    "pressure_mmhg": "pressure (mmHg)",
+    "pressure_hpa": "pressure (hPa)",
+    "humidity_percent": "humidity (%)",
+}
+UM = 1e-6
+"""One micrometre in metres."""
+
+FEWEST = 10
+"""Readings below which no correlation is given."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointDrift(Result):
+    """Readings of a fixed target over hours, in order of time.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Seconds from the first reading.
+    mean_position : ndarray, shape (3,)
+        In the tracker's frame, metres.
+    offset : ndarray, shape (n, 3)
+        From the mean, metres.
+    rate : ndarray, shape (3,)
+        Least-squares trend, metres per second.
+    air : dict of str to ndarray, shape (n,)
+        Columns of the air that the file has, in their units; NaN where there was no reading.
+    correlation : dict of str to dict of str to Correlation
+        For each column of the air that varies, of ``error`` (distance from the mean), ``x``, ``y`` and ``z``.
+    lost : int
+        Readings without a position.
+    """
+
+    time: FloatArray
+    mean_position: FloatArray
+    offset: FloatArray
+    rate: FloatArray
+    air: dict[str, FloatArray]
+    correlation: dict[str, dict[str, Correlation]]
+    lost: int
+
+    @property
+    def error(self) -> FloatArray:
+        """Distance from the mean, shape (n,), metres."""
+        return np.linalg.norm(self.offset, axis=1)
+
+    @property
+    def hours(self) -> float:
+        """From the first reading to the last."""
+        return float(self.time[-1] / HOUR)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON, mm.
+
+        ``check``; STATS of the distances from the mean; ``hours``; ``rate_mm_per_hour`` (least-squares trend of x, y
+        and z, and its size); ``correlation``: for each column of the air its range and, if it varies, for ``error``,
+        ``x``, ``y`` and ``z`` what `irbcal.validation.tracker_check.Correlation` holds; the series for drawing.
+        """
+        rate = self._rate()
+        return {
+            "check": "drift",
+            **(statistics(self.error) or {}),
+            "hours": self.hours,
+            "mean_position_mm": (self.mean_position / MM).tolist(),
+            "rate_mm_per_hour": {
+                **dict(zip(AXES, rate.tolist(), strict=True)),
+                "total": float(np.linalg.norm(rate)),
+            },
+            "correlation": {
+                name: {
+                    "low": float(np.nanmin(values)),
+                    "high": float(np.nanmax(values)),
+                    **{key: value.to_dict() for key, value in self.correlation[name].items()},
+                }
+                for name, values in self.air.items()
+            },
+            "lost": self.lost,
+            "series": {
+                "hours": (self.time / HOUR).tolist(),
+                "error_mm": (self.error / MM).tolist(),
+                "offset_mm": (self.offset / MM).tolist(),
+                "air": {name: [v if v == v else None for v in values.tolist()] for name, values in self.air.items()},
+            },
+        }
+
+    def _rate(self) -> FloatArray:
+        return self.rate * HOUR / MM
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each reading: ``hours``, ``error_mm``, ``dx_mm``, ``dy_mm``, ``dz_mm`` and the air."""
+        import pandas as pd
+
+        offset = {f"d{axis}_mm": self.offset[:, k] / MM for k, axis in enumerate(AXES)}
+        return pd.DataFrame({"hours": self.time / HOUR, "error_mm": self.error / MM, **offset, **self.air})
+
+    def report(self) -> Sequence[Paragraph]:
+        """Errors, trend, and correlation with the air."""
+        stats, rate = statistics(self.error) or {}, self._rate()
+        out: list[Paragraph] = [
+            f"{stats['n']} readings over {self.hours:.2f} hours: error mean {stats['mean_mm']:.4f}, sigma "
+            f"{stats['sigma_mm']:.4f}, max {stats['max_mm']:.4f} mm",
+            f"Trend: x {rate[0]:+.5f}, y {rate[1]:+.5f}, z {rate[2]:+.5f} mm per hour, {np.linalg.norm(rate):.5f} "
+            "together",
+        ]
+        rows: list[tuple[Cell, ...]] = []
+        for name, by_quantity in self.correlation.items():
+            for key, c in by_quantity.items():
+                interval = "–" if c.interval is None else f"{c.interval[0]:.2f} … {c.interval[1]:.2f}"
+                rows.append((name, key, c.r, interval, round(c.n_eff), "yes" if c.told else "no"))
+            if not by_quantity:
+                rows.append((name, "constant", None, "–", None, "–"))
+        if rows:
+            columns = ("air", "of", "r", "95 % interval", "n effective", "told from none")
+            out.append(Table("Correlation with the air", columns, tuple(rows), digits=2))
+            out.append("Of twenty such intervals, one leaves out zero by chance.")
+        if self.lost:
+            out.append(f"Left out: {self.lost} lost points")
+        return out
+
+    def plot(self) -> Chart:
+        """Error and air over time, one above the other (Figures A IV-1, A IV-2, A IV-3 and A IV-4)."""
+        hours = self.time / HOUR
+        error = Drawing("Error over time", 0.65 * TALL, WIDE)
+        top = axis_top(self.error / UM)
+        Panel(error, span(hours), (0.0, top), "time (h)", "error (µm)").dots(hours, self.error / UM, "measured", 2.5)
+        drawings = [error]
+        for name, values in self.air.items():
+            drawing = Drawing(UNITS[name], 0.65 * TALL, WIDE)
+            Panel(drawing, span(hours), span(values), "time (h)", UNITS[name]).line(hours, values, "accent", 1.0)
+            drawings.append(drawing)
+        return Chart("drift", "Error and air over time", drawings, columns=1)
+
+
+def drift(source: TableLike) -> PointDrift:
+    """A fixed target over hours (annex IV): errors, trend, and correlation with the air.
+
+    Parameters
+    ----------
+    source : str, Path or DataFrame
+        Columns ``time_s``, ``x_mm``, ``y_mm``, ``z_mm`` and, optionally, those of `ENVIRONMENT`.
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format.
+    """
+    every = InputTable.read(source, ["time_s"])
+    table = every.measured()
+    if len(table) < FEWEST:
+        raise table.fault(f"{len(table)} readings are too few for drift, expected {FEWEST} or more")
+    targets = sorted(set(table.texts("target")))
+    if len(targets) > 1:
+        sentence = f"expected the readings of one fixed target, found {', '.join(targets[:8])}: keep one of them"
+        raise table.fault(sentence, column="target")
+    table = table[np.argsort(table.si("time_s"), kind="stable")]
+    time, xyz = table.si("time_s"), table.si(POSITION)
+    time = time - time[0]
+    if time[-1] == 0.0:
+        raise table.fault("all readings are of the same time", column="time_s")
+    offset = xyz - xyz.mean(axis=0)
+    rate = np.polynomial.polynomial.polyfit(time / HOUR, offset, 1)[1] / HOUR
+    air = {name: table.optional(name) for name in ENVIRONMENT}
+    air = {name: values for name, values in air.items() if np.isfinite(values).sum() >= FEWEST}
+    by_air = {name: _with_air(values, offset) for name, values in air.items()}
+    return PointDrift(time, xyz.mean(axis=0), offset, rate, air, by_air, len(every) - len(table))
+
+
+def _with_air(air: FloatArray, offset: FloatArray) -> dict[str, Correlation]:
+    """Correlation of error, x, y and z with one column of the air; empty if that does not vary."""
+    have = np.isfinite(air)
+    if not np.ptp(air[have]) > 0:
+        return {}
+    series = {"error": np.linalg.norm(offset, axis=1), **dict(zip(AXES, offset.T, strict=True))}
+    return {key: correlation(air[have], values[have]) for key, values in series.items()}
+
 
 Check: TypeAlias = Literal["bar", "repeat", "drift", "settle"]
 CHECKS: tuple[Check, ...] = get_args(Check)

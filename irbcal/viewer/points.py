@@ -21,10 +21,10 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.reading import read_bytes
-from irbcal.validation.coverage import predictions
-from irbcal.validation.evaluate import in_frame_of_calibration
+from irbcal.validation.accuracy import predictions
+from irbcal.validation.cleaned_points import without_fitted
+from irbcal.validation.evaluation import in_frame_of_calibration
 from irbcal.validation.refit import Refit
-from irbcal.validation.unseen import without_fitted
 from irbcal.viewer.scene import Model, Points
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.plotting import colours
-from irbcal.validation.ballbar_check import predict
-from irbcal.validation.ballbar_circle import circle, tool
+from irbcal.validation.ballbar_check import circle, predict, tool_frame
 
 OPTIONS = ["--bar", 150, "--tool", "0,65,149", "--joints", "10,0,0,0,90,0"]
 
@@ -16,7 +15,7 @@ OPTIONS = ["--bar", 150, "--tool", "0,65,149", "--joints", "10,0,0,0,90,0"]
 def test_prediction_measurement_and_plot(program, demo_calibration, tmp_path):
     calibration = irbcal.load(demo_calibration)
     nominal, q = calibration.arm(calibrated=False), np.radians([10.0, 0, 0, 0, 90, 0])
-    cup = tool([0, 0.065, 0.149])
+    cup = tool_frame([0, 0.065, 0.149])
     path = circle(nominal, q, 0.15, cup)
     trace = predict(path, calibration.robot_calibrated(), nominal, q, 0, cup).uncorrected
     angle = np.arange(0, 360, 4.0)

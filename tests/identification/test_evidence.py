@@ -21,7 +21,7 @@ from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
-from irbcal.validation.coverage import coverage
+from irbcal.validation.accuracy import coverage
 
 # --- simulated truth ----------------------------------------------------------------------------------------
 

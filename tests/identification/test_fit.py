@@ -29,7 +29,7 @@ from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.validation.coverage import coverage
+from irbcal.validation.accuracy import coverage
 
 
 def largest_miss(robot, truth, q):

@@ -11,8 +11,8 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.measurement.columns import InputTable
 from irbcal.modeling import frames
-from irbcal.validation.attained import attained, commanded_poses, measured_whole
-from irbcal.validation.prepared import prepare
+from irbcal.validation.cleaned_points import prepare
+from irbcal.validation.pose_check import attained, commanded_poses, measured_whole
 
 PLACES = "pose,x_mm,y_mm,z_mm,qw,qx,qy,qz\n" + "".join(f"P{k},{100 * k},0,5,0,0,1,0\n" for k in range(1, 6))
 

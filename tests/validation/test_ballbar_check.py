@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from irbcal.errors import OptionError, RobotError
-from irbcal.validation.ballbar_check import ballbar, predict
-from irbcal.validation.ballbar_circle import circle
-from irbcal.validation.ballbar_circle import tool as tool_frame
+from irbcal.validation.ballbar_check import ballbar, circle, predict, tool_frame
 
 TOOL = (0.0, 0.065, 0.149)
 JOINTS = np.radians([10.0, 0, 0, 0, 90, 0])

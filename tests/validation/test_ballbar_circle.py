@@ -6,7 +6,7 @@ from circles import small
 from support import arm, random_rotation
 
 from irbcal.errors import RobotError
-from irbcal.validation.ballbar_circle import tool
+from irbcal.validation.ballbar_check import tool_frame
 
 
 def test_the_bar_reaches_from_the_ball_to_every_place():
@@ -44,9 +44,9 @@ def test_tools():
 
     R = random_rotation(np.random.default_rng(0))
     x, y, z, w = Rotation.from_matrix(R).as_quat()
-    T = tool([0.1, 0.2, 0.3, w, x, y, z])
+    T = tool_frame([0.1, 0.2, 0.3, w, x, y, z])
     assert np.abs(T[:3, :3] - R).max() < 1e-14
     assert T[:3, 3].tolist() == [0.1, 0.2, 0.3]
-    assert np.array_equal(tool([0.1, 0.2, 0.3])[:3, :3], np.eye(3))
+    assert np.array_equal(tool_frame([0.1, 0.2, 0.3])[:3, :3], np.eye(3))
     with pytest.raises(RobotError, match="unit quaternion, found one of length 2"):
-        tool([0, 0, 0, 2, 0, 0, 0])
+        tool_frame([0, 0, 0, 2, 0, 0, 0])

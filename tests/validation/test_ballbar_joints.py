@@ -3,10 +3,7 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.validation.ballbar_check import ballbar, by_joints, predict
-from irbcal.validation.ballbar_circle import circle
-from irbcal.validation.ballbar_circle import tool as tool_frame
-from irbcal.validation.ballbar_trace import trace_of_points
+from irbcal.validation.ballbar_check import ballbar, by_joints, circle, predict, tool_frame, trace_of_points
 
 TOOL, BAR = (0.0, 0.065, 0.149), 0.15
 JOINTS = np.radians([10.0, 0, 0, 0, 90, 0])

@@ -9,9 +9,8 @@ from irbcal.correction.paths import Circle, subdivide
 from irbcal.errors import RobotError
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
-from irbcal.validation import ballbar_trace
-from irbcal.validation.ballbar_check import predict
-from irbcal.validation.ballbar_circle import circle
+from irbcal.validation import ballbar_check
+from irbcal.validation.ballbar_check import circle, predict
 
 CENTER_JOINTS = np.radians([-3.984, 5.733483, 4.519, -0.017, 79.885, -273.988])
 """Joints that annex VI gives for the middle of its tests."""
@@ -135,7 +134,7 @@ def test_backlash_shows_where_the_reversals_are_marked():
     found = predict(path, Robot(nominal), nominal, q_center, 0, tool)
     q = found.q.copy()
     q[:, 1] += np.radians(0.005) * np.sign(np.gradient(found.q[:, 1]))
-    trace = ballbar_trace.trace_of_points(path, (nominal.forward(q) @ tool)[:, :3, 3])
+    trace = ballbar_check.trace_of_points(path, (nominal.forward(q) @ tool)[:, :3, 3])
     jump = np.abs(np.diff(trace.error))
     places = np.degrees(trace.angle[:-1][jump > 10 * np.median(jump)])
     marked = np.array([360 * r.s for r in found.reversals if r.joint == 2])

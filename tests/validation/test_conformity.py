@@ -9,8 +9,7 @@ from irbcal.io import robots
 from irbcal.measurement.statistics import statistics
 from irbcal.units import MM
 from irbcal.validation import accuracy
-from irbcal.validation.conformity import check_options, conformity
-from irbcal.validation.upper_bound import expanded_uncertainty, upper_bound
+from irbcal.validation.conformity import check_options, conformity, expanded_uncertainty, upper_bound
 from irbcal.validation.verdict import verdict
 
 RNG = np.random.default_rng(5)

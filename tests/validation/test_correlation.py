@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from irbcal.validation.point_drift import correlation
+from irbcal.validation.tracker_check import correlation
 
 
 def test_correlation_interval_is_fishers_for_white_noise_and_honest_for_slow_series():

@@ -8,7 +8,7 @@ from support import measured
 
 import irbcal
 from irbcal.io import robots
-from irbcal.validation.coverage import coverage, coverage_in_words
+from irbcal.validation.accuracy import coverage, coverage_in_words
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from support import TARGETS, arm, measured, random_robot
 
 from irbcal.identification.fit import identify
 from irbcal.validation import doubts
-from irbcal.validation.pose_equations import PoseEquations
+from irbcal.validation.doubts import PoseEquations
 
 
 def simulated(seed, poses=80, **options):

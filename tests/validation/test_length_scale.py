@@ -11,7 +11,7 @@ from irbcal.identification.fit import identify
 from irbcal.io import robots
 from irbcal.units import MM
 from irbcal.validation import doubts
-from irbcal.validation.length_scale import length_scale
+from irbcal.validation.doubts import length_scale
 
 
 @pytest.fixture(scope="module")

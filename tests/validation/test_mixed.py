@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
-from irbcal.validation.doubts import mixed_poses, predicted, told_apart
-from irbcal.validation.pose_equations import PoseEquations
+from irbcal.validation.doubts import PoseEquations, mixed_poses, predicted, told_apart
 
 
 def points(second, poses=60, noise=1e-4, seed=0, difference=1.0):

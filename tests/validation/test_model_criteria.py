@@ -5,8 +5,7 @@ import pytest
 
 from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
-from irbcal.validation.attained import Attained
-from irbcal.validation.pose_check import criteria
+from irbcal.validation.pose_check import Attained, criteria
 
 
 def poses(rows, **more):

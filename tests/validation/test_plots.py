@@ -8,19 +8,18 @@ from chart_data import given, texts
 
 from irbcal.correction.paths import Reversal
 from irbcal.plotting.charts import FONT
-from irbcal.validation import ballbar_check, plots
-from irbcal.validation.comparing import Compared
+from irbcal.validation import ballbar_check
+from irbcal.validation.comparing import COLOURS, Compared
 from irbcal.validation.path_check import PathCheck, PathErrors
-from irbcal.validation.scale_bar import ScaleBar
-from irbcal.validation.settling import stabilisation
-from irbcal.validation.settling_check import Settling
+from irbcal.validation.settling import Settling, stabilisation
+from irbcal.validation.tracker_check import ScaleBar
 
 __all__ = ["given"]
 
 
 def test_marks_of_neighbours_are_one():
     turns = [Reversal(0.5, 2, 0.1, "max"), Reversal(0.1, 1, 0.1, "min"), Reversal(0.51, 3, 0.1, "min")]
-    (first, one), (second, two) = plots._marks(turns)
+    (first, one), (second, two) = ballbar_check._marks(turns)
     assert (one, two) == ("J1 min", "J2 max\nJ3 min")
     assert (first, second) == (pytest.approx(0.2 * np.pi), pytest.approx(2 * np.pi * 0.505))
 
@@ -96,18 +95,18 @@ def compared():
 
 
 def test_every_calibration_side_by_side_is_drawn(compared, given):
-    chart = plots.compared_by_pose(compared)
+    chart = compared.by_pose()
     best = compared.names.index(compared.ranking[0])
-    for k, colour in enumerate(plots.COLOURS[:3]):
+    for k, colour in enumerate(COLOURS[:3]):
         ((_, _, y),) = given[colour]
         assert sorted(y) == pytest.approx(sorted(compared.error_mm[:, k]))
-    assert (np.diff(given[plots.COLOURS[best]][0][2]) >= 0).all()
+    assert (np.diff(given[COLOURS[best]][0][2]) >= 0).all()
     assert len(chart.legend) == 3
     assert "SIMULATED" in chart.svg()
     given.clear()
-    plots.compared_shares(compared)
-    ((_, x, y),) = given[plots.COLOURS[0]]
+    compared.shares()
+    ((_, x, y),) = given[COLOURS[0]]
     for share in (0.25, 0.7):  # the step function is the share of errors at or below
         at = np.quantile(compared.distance_mm[:, 0], share) + 1e-9
         assert y[np.flatnonzero(x <= at)[-1]] == pytest.approx((compared.distance_mm[:, 0] <= at).mean())
-    assert list(plots.compared_files(compared)) == ["by_pose.png", "shares.png"]
+    assert list(compared.plots()) == ["by_pose", "shares"]

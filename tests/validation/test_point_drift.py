@@ -7,7 +7,7 @@ import pytest
 from written import written
 
 from irbcal.errors import MeasurementError
-from irbcal.validation.point_drift import drift
+from irbcal.validation.tracker_check import drift
 
 
 def long_series(path, follow, n=1500, seed=0):

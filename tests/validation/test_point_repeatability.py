@@ -5,7 +5,7 @@ import pytest
 from written import written
 
 from irbcal.errors import MeasurementError
-from irbcal.validation.point_repeatability import repeatability
+from irbcal.validation.tracker_check import repeatability
 
 
 def test_repeatability_by_hand(tmp_path):

@@ -5,7 +5,7 @@ from support import arm, measured, random_robot
 
 from irbcal.identification.fit import identify
 from irbcal.modeling.parameters import default_level
-from irbcal.validation.pose_equations import PoseEquations
+from irbcal.validation.doubts import PoseEquations
 
 
 def some(poses=50):

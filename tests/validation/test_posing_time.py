@@ -5,7 +5,7 @@ import pytest
 from written import written
 
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.validation.posing_time import posing_times
+from irbcal.validation.settling import posing_times
 
 
 def moves(path, cycles=((1.0, 2.0), (1.0, 2.1)), length=100.0, extra="", swing=0.0):

@@ -8,8 +8,8 @@ from iso9283_files import CYCLES, cycles, write
 from support import arm, random_robot
 
 from irbcal.measurement import table
-from irbcal.validation import prepared
-from irbcal.validation.prepared import prepare
+from irbcal.validation import cleaned_points
+from irbcal.validation.cleaned_points import prepare
 
 
 @pytest.fixture(scope="module")
@@ -66,4 +66,4 @@ def test_targets_of_the_calibration(record, tmp_path):
 def test_rows_that_may_be_copies_are_those_that_are(rows):
     array = np.array(rows).reshape(-1, 3)
     _, group, count = np.unique(array, axis=0, return_inverse=True, return_counts=True)
-    assert prepared._alike(array).tolist() == np.flatnonzero(count[group.ravel()] > 1).tolist()
+    assert cleaned_points._alike(array).tolist() == np.flatnonzero(count[group.ravel()] > 1).tolist()

@@ -105,7 +105,7 @@ def test_judging_the_poses_that_placed_the_tool_would_be_too_good(robots, folder
         done = irbcal.evaluate(folder / "cal", data, refit_base=True, refit_tool=True, refit_from=5, seed=seed)
         honest.append(done.calibrated["mean_mm"])
         refit = Refit(True, True, 5, seed)
-        points = irbcal.validation.prepared.prepare(irbcal.read_measurements(data), None).points
+        points = irbcal.validation.cleaned_points.prepare(irbcal.read_measurements(data), None).points
         mine = points.select(refit.chosen(points, "m")[0])
         robot = refit.placed(irbcal.load(folder / "cal").robot_calibrated(), mine, "m")
         flattered.append(1e3 * np.linalg.norm(mine.xyz - mine.predicted(robot), axis=1).mean())

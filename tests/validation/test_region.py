@@ -10,7 +10,7 @@ import irbcal
 from irbcal.io import robots
 from irbcal.reports import certificate
 from irbcal.units import DEG, MM
-from irbcal.validation.region import region
+from irbcal.validation.conformity import region
 
 PROOF = robots.demo_file("demo_verification.csv")
 JOINTS = [f"q{k}_deg" for k in range(1, 7)]

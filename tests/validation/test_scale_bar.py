@@ -5,7 +5,7 @@ import pytest
 from written import written
 
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.validation.scale_bar import scale_bar
+from irbcal.validation.tracker_check import scale_bar
 
 
 def test_scale_bar_by_hand(tmp_path):

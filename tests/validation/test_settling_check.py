@@ -5,7 +5,7 @@ import pytest
 from written import written
 
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.validation.settling_check import read_approaches, settle
+from irbcal.validation.settling import read_approaches, settle
 
 
 def approaches(path, runs=(1, 2, 3), end=12.0):

@@ -7,11 +7,8 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.validation.point_drift import PointDrift
-from irbcal.validation.point_repeatability import PointRepeatability
-from irbcal.validation.scale_bar import ScaleBar
-from irbcal.validation.settling_check import Settling
-from irbcal.validation.tracker_check import CHECKS, kind, tracker
+from irbcal.validation.settling import Settling
+from irbcal.validation.tracker_check import CHECKS, PointDrift, PointRepeatability, ScaleBar, kind, tracker
 
 N = 60
 X, Y, Z = np.round(np.random.default_rng(0).normal(0, 0.004, (3, N)), 6)

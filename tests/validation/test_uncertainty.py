@@ -9,7 +9,7 @@ from irbcal.modeling import parameters
 from irbcal.modeling.parameters import all_names, parameter
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.units import UNIT_OUTSIDE
-from irbcal.validation.uncertainty import position_std
+from irbcal.validation.accuracy import position_std
 
 
 def test_tips_spread_as_the_parameters_do(record):

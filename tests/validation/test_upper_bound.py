@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from irbcal.validation.upper_bound import upper_bound
+from irbcal.validation.conformity import upper_bound
 
 DRAWS = 400
 SHAPES = {

@@ -5,7 +5,7 @@ import pytest
 
 import irbcal
 from irbcal.io import robots
-from irbcal.validation.worst import worst_poses
+from irbcal.plotting.pose_errors import worst_poses
 
 
 def test_worst_poses_are_those_of_the_table_of_points(record):
