@@ -5,7 +5,7 @@ import pytest
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.imports import map_file, reader
+from irbcal.measurement.imports import column_map, reader
 
 JOINTS = [f"q{k}_deg" for k in range(1, 7)]
 XYZ = ["x_mm", "y_mm", "z_mm"]
@@ -29,7 +29,7 @@ def make_map(tmp_path, text, name="map.yaml"):
 def understood(sources, name, *changes, joints=None):
     """The table by a preset or map; what is written is read back to the same numbers."""
     sources = sources if isinstance(sources, list) else [sources]
-    found = reader.understand(sources, map_file.read_map(name, changes), joints)
+    found = reader.understand(sources, column_map.read_map(name, changes), joints)
     folder = sources[0].parent
     (folder / "written.csv").write_bytes(found.csv())
     seen = table.read(folder / "written.csv")
@@ -42,7 +42,7 @@ def refused(sources, name, *changes, joints=None):
     """The one sentence of a refusal."""
     sources = sources if isinstance(sources, list) else [sources]
     with pytest.raises(MeasurementError) as caught:
-        reader.understand(sources, map_file.read_map(name, changes), joints).csv()
+        reader.understand(sources, column_map.read_map(name, changes), joints).csv()
     text = str(caught.value)
     assert "\n" not in text
     return text

@@ -30,7 +30,7 @@ from irbcal.examples.measurements import (
     seen_from_elsewhere,
 )
 from irbcal.examples.samples import samples
-from irbcal.measurement.imports import map_file
+from irbcal.measurement.imports import column_map
 from irbcal.modeling.robot import Robot
 from irbcal.names import csv_bytes
 
@@ -58,7 +58,7 @@ def test_there_is_a_line_for_every_command_and_every_preset(written):
         "controller",
     ):
         assert f"irbcal {name} " in told
-    for preset in map_file.presets():
+    for preset in column_map.presets():
         assert f"--as {preset} " in told
     assert set(written.about) == {
         p.relative_to(written.folder).as_posix() for p in written.folder.rglob("*") if p.is_file()

@@ -69,16 +69,12 @@ def test_each_room_and_file_with_a_command_is_there():
     for name, command in (
         ("pose_criteria", "iso9283"),
         ("pose_check", "iso9283"),
-        ("attained", "iso9283"),
         ("cube", "iso9283"),
         ("path_check", "iso9283"),
-        ("scale_bar", "tracker"),
-        ("point_drift", "tracker"),
-        ("settling_check", "tracker"),
-        ("point_drift", "tracker"),
+        ("settling", "tracker"),
         ("tracker_check", "tracker"),
-        ("ballbar_trace", "ballbar"),
-        ("evaluate", "evaluate"),
+        ("ballbar_check", "ballbar"),
+        ("evaluation", "evaluate"),
     ):
         assert commands(f"irbcal/validation/{name}.py") == command
 

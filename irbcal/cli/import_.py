@@ -11,7 +11,7 @@ from irbcal.cli.shared_options import Json
 from irbcal.cli.signature import Typed, command, public
 
 if TYPE_CHECKING:
-    from irbcal.measurement.imports.imported import Imported
+    from irbcal.measurement.imports.reader import Imported
 
 SHOWN = 10
 """Rows in the JSON document of a dry run."""
@@ -19,9 +19,9 @@ SHOWN = 10
 
 def _show_preset(name: str | None) -> None:
     if name is not None:
-        from irbcal.measurement.imports import feature_rows, map_file
+        from irbcal.measurement.imports import column_map, feature_rows
 
-        print(feature_rows.TEXT if name == feature_rows.NAME else map_file.preset_text(name), end="")
+        print(feature_rows.TEXT if name == feature_rows.NAME else column_map.preset_text(name), end="")
         raise typer.Exit
 
 

@@ -19,7 +19,7 @@ from irbcal.arrays import NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import InputTable, TableLike
-from irbcal.measurement.known_features import filled, given_rows
+from irbcal.measurement.features import filled, given_rows
 from irbcal.names import csv_bytes
 from irbcal.reading import libraries_silent
 from irbcal.summary import Paragraph, Result

@@ -24,26 +24,45 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.atomic import write_together
 from irbcal.errors import OptionError
-from irbcal.plotting import colours
 
 if TYPE_CHECKING:
     from markupsafe import Markup
     from matplotlib.axes import Axes
 
+
+NOMINAL, CALIBRATED = "#dd7d11", "#1f72bd"
+"""The two models; safe for the colour-blind."""
+
+FROM_BELOW, FROM_ABOVE, UNKNOWN = "#1b9e77", "#7b3fa0", "#8a8a8a"
+"""Directions from which a joint was reached; the last: not known."""
+
+MEASURED, ACCENT = "#333333", "#7a5195"
+"""Measured values, and what is computed from them: neither is a model's colour."""
+
+SERIES = (MEASURED, ACCENT, "#2f8f5b", "#a0527a", "#6b7280")
+"""Runs of one kind, in their order."""
+
+TEXT, SOFT, RULE, PAPER = "#1b1f24", "#59636e", "#d5dade", "#ffffff"
+"""Words; smaller words and axes; lines of a grid; the ground."""
+
+ERRORS = ("#2166ac", "#2b9c9c", "#d9a400", "#e8590c", "#9e0b26")
+"""Sizes of errors, from zero to the top of a scale; the view has the same."""
+
+
 PAINT = {
-    "ink": colours.TEXT,
-    "soft": colours.SOFT,
-    "line": colours.RULE,
-    "page": colours.PAPER,
-    "nominal": colours.NOMINAL,
-    "calibrated": colours.CALIBRATED,
-    "below": colours.FROM_BELOW,
-    "above": colours.FROM_ABOVE,
-    "accent": colours.ACCENT,
-    "measured": colours.MEASURED,
-    "unknown": colours.UNKNOWN,
-    **{f"error{k}": colour for k, colour in enumerate(colours.ERRORS)},
-    **{f"series{k}": colour for k, colour in enumerate(colours.SERIES)},
+    "ink": TEXT,
+    "soft": SOFT,
+    "line": RULE,
+    "page": PAPER,
+    "nominal": NOMINAL,
+    "calibrated": CALIBRATED,
+    "below": FROM_BELOW,
+    "above": FROM_ABOVE,
+    "accent": ACCENT,
+    "measured": MEASURED,
+    "unknown": UNKNOWN,
+    **{f"error{k}": colour for k, colour in enumerate(ERRORS)},
+    **{f"series{k}": colour for k, colour in enumerate(SERIES)},
 }
 """Colours by role; on the page they are variables of the style sheet, so that the dark one can have others."""
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError
-from irbcal.measurement.imports import map_file
+from irbcal.measurement.imports import column_map
 
 ROW = "10,-20,30,0,45,90,1200.5,-35.25,640.75"
 
@@ -64,7 +64,7 @@ def test_dry_run_shows_rows_map_and_counts_and_writes_nothing(source, tmp_path):
 def test_a_preset_is_printed_to_be_changed(source, tmp_path):
     done = run("--show-preset", "robodk")
     assert done.exit_code == 0
-    assert done.stdout == map_file.preset_text("robodk")
+    assert done.stdout == column_map.preset_text("robodk")
     mine = tmp_path / "mine.yaml"
     mine.write_text(done.stdout.replace("lengths: mm", "lengths: inch"))
     assert run(source, "--as", mine, "--out", tmp_path / "m.csv").exit_code == 0
@@ -97,4 +97,4 @@ def test_wrong_calls(source, tmp_path):
 
 def test_help_has_an_example_for_each_preset():
     done = run("--help")
-    assert all(f"--as {name}" in " ".join(done.stdout.split()) for name in map_file.presets())
+    assert all(f"--as {name}" in " ".join(done.stdout.split()) for name in column_map.presets())

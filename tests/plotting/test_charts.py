@@ -9,7 +9,7 @@ import pytest
 from lxml import etree
 
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.plotting import charts, colours
+from irbcal.plotting import charts
 from irbcal.plotting.charts import (
     PAINT,
     Boxes,
@@ -260,8 +260,8 @@ def test_models_directions_and_words_are_told_apart():
         "SOFT",
         "RULE",
     )
-    values = [getattr(colours, name) for name in (*names, "PAPER")]
-    assert all(re.fullmatch("#[0-9a-f]{6}", value) for value in (*values, *colours.ERRORS, *colours.SERIES))
+    values = [getattr(charts, name) for name in (*names, "PAPER")]
+    assert all(re.fullmatch("#[0-9a-f]{6}", value) for value in (*values, *charts.ERRORS, *charts.SERIES))
     assert len(set(values)) == len(values)
-    assert len(set(colours.ERRORS)) == len(colours.ERRORS)
-    assert not set(colours.SERIES) & {colours.NOMINAL, colours.CALIBRATED}, "a run is no model"
+    assert len(set(charts.ERRORS)) == len(charts.ERRORS)
+    assert not set(charts.SERIES) & {charts.NOMINAL, charts.CALIBRATED}, "a run is no model"

@@ -10,7 +10,7 @@ import irbcal
 from irbcal.cell.cell_file import CellFile, FrameInCell
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.modeling import frames
-from irbcal.viewer import drawing, page
+from irbcal.viewer import page
 
 T_TOOL = frames.from_xyz_angles([0.01, -0.02, 0.18, 0.0, 0.3, 0.1])
 T_OBJECT = frames.from_xyz_angles([0.7, -0.2, 0.4, 0.0, 0.1, 0.5])
@@ -36,7 +36,7 @@ def test_true_frames_are_drawn_and_labelled(cell, known, tmp_path):
     assert "tool grip ± 0.20 mm, work object part ± 0.39 mm" in view.summary()
     places = [(item["place"], item["on_tip"]) for item in page.content(view.scene)["cell"]]
     assert places == [(pytest.approx(T_TOOL[:3, 3]), True), (pytest.approx(T_OBJECT[:3, 3]), False)]
-    commands = [umsgpack.unpackb(command) for command in drawing.record(view.scene).commands]
+    commands = [umsgpack.unpackb(command) for command in page.record(view.scene).commands]
     nodes = {command["path"]: command for command in commands if command["type"] == "set_object"}
     for node, T in (("tools", T_TOOL), ("work_objects", T_OBJECT)):
         (geometry,) = nodes[f"/irbcal/cell/{node}"]["object"]["geometries"]

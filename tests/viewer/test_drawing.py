@@ -3,12 +3,12 @@
 import numpy as np
 import umsgpack
 
-from irbcal.viewer import building, drawing
+from irbcal.viewer import building, page
 
 
 def test_every_body_is_recorded(cell):
     scene = building.build(cell / "cal", cell / "poses.csv")
-    recorder = drawing.record(scene)
+    recorder = page.record(scene)
     commands = [umsgpack.unpackb(command) for command in recorder.commands]
     drawn = {command["path"] for command in commands if command["type"] == "set_object"}
     assert drawn == {*(f"/irbcal/robot/{k}" for k in scene.meshes), "/irbcal/tracker", "/irbcal/cube"}
@@ -17,7 +17,7 @@ def test_every_body_is_recorded(cell):
 
 def test_positions_reach_the_viewer_as_they_are(cell):
     scene = building.build(cell / "cal", plan=np.zeros((2, 6)))
-    commands = [umsgpack.unpackb(command) for command in drawing.record(scene).commands]
+    commands = [umsgpack.unpackb(command) for command in page.record(scene).commands]
     k, mesh = next(iter(scene.meshes.items()))
     (command,) = [c for c in commands if c.get("path") == f"/irbcal/robot/{k}" and c["type"] == "set_object"]
     (geometry,) = command["object"]["geometries"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from viewer_urdf import looks, mesh, write_stl
 
-from irbcal.viewer import robot, shapes
+from irbcal.viewer import building, shapes
 
 
 def test_meshes_stand_where_the_urdf_puts_them(packages):
@@ -46,7 +46,6 @@ def test_a_robot_without_looks_is_drawn_as_rods(tmp_path):
 
 
 def test_many_triangles_are_refused(tmp_path, monkeypatch):
-    for module in (robot, robot):
-        monkeypatch.setattr(module, "MAX_TRIANGLES", 10)
+    monkeypatch.setattr(building, "MAX_TRIANGLES", 10)
     write_stl(tmp_path / "part.stl", shapes.box([1, 1, 1]))
     assert "more than 10 triangles" in looks(mesh("part.stl"), tmp_path)[1][0]

@@ -20,13 +20,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.atomic import write_together
 from irbcal.errors import OptionError
-from irbcal.measurement.imports import dialect, map_file
-from irbcal.measurement.imports.column_map import Column, Dialect, JointRules, Lost, Name, Three, Units
+from irbcal.measurement.imports import column_map, dialect
+from irbcal.measurement.imports.column_map import Changes, Column, Dialect, JointRules, Lost, Name, Three, Units
 from irbcal.measurement.imports.dialect import TextTable
-from irbcal.measurement.imports.imported import refuse_sources
-from irbcal.measurement.imports.map_file import Changes
 from irbcal.measurement.imports.part import ALWAYS_LOST, ANGLE_DEG, LENGTH_MM, ROW, SOURCE, joint_values, undeclared
-from irbcal.measurement.imports.poses import joint_rules_applied
+from irbcal.measurement.imports.reader import joint_rules_applied, refuse_sources
 from irbcal.names import csv_bytes
 from irbcal.summary import Paragraph, Result
 
@@ -179,7 +177,7 @@ def is_of_features(name: str | PathLike[str]) -> bool:
     """Whether a map is one of rows at features: the general one by its name, or a file that says so."""
     if str(name) == NAME:
         return True
-    return Path(name).is_file() and map_file.values_of(name)[0].get("rows") == NAME
+    return Path(name).is_file() and column_map.values_of(name)[0].get("rows") == NAME
 
 
 def import_features(
@@ -219,8 +217,8 @@ def import_features(
         layout = as_
     else:
         source = f"preset {NAME}" if str(as_) == NAME else str(as_)
-        values = map_file.changed(TEXT, source, set_) if str(as_) == NAME else map_file.values_of(as_, set_)[0]
-        layout = map_file.validated(FeatureMap, values, source)
+        values = column_map.changed(TEXT, source, set_) if str(as_) == NAME else column_map.values_of(as_, set_)[0]
+        layout = column_map.validated(FeatureMap, values, source)
     if out is not None:
         refuse_sources(Path(out), sources)
     frames, lost, poses = [], 0, 0

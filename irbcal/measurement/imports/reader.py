@@ -9,27 +9,427 @@
 Units are those that the map declares; numbers that look like others are refused, never converted by guess.
 """
 
+import fnmatch
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import IntArray
+from irbcal.arrays import BoolArray, IntArray
+from irbcal.atomic import write_together
 from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, QUATERNION, joint_columns, programmed_columns
-from irbcal.measurement.imports import dialect, poses
-from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap
+from irbcal.measurement.imports import dialect
+from irbcal.measurement.imports.column_map import Changes, Column, Dialect, ImportMap, JointRules, read_map
 from irbcal.measurement.imports.dialect import short
-from irbcal.measurement.imports.imported import Imported, refuse_sources
-from irbcal.measurement.imports.map_file import Changes, read_map
-from irbcal.measurement.imports.part import ROW, SOURCE, SourceFile, declared_units, joint_values, undeclared
-from irbcal.measurement.imports.plausible import check_joint_sizes, check_reach, strange
+from irbcal.measurement.imports.part import (
+    ANGLE_DEG,
+    LENGTH_MM,
+    ROW,
+    SOURCE,
+    SourceFile,
+    declared_units,
+    joint_values,
+    undeclared,
+)
+from irbcal.measurement.table import MeasurementSet, ReadOnlyTables
+from irbcal.names import csv_bytes
+from irbcal.overwriting import refuse_overwriting
+from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG
+
+SAME_JOINTS = 1e-6
+"""Joints that differ by no more are the same, degrees or mm."""
+
+
+def pose_keys(frame: pd.DataFrame) -> pd.Series:
+    """What tells the poses of all cycles apart, a text for each row."""
+    return frame["pose"] + "\n" + frame["cycle"].astype(str) if "cycle" in frame.columns else frame["pose"]
+
+
+def runs(frame: pd.DataFrame) -> pd.Series:
+    """Number poses from 1: neighbouring rows with the same joints, until a target comes again."""
+    columns = joint_columns(frame.columns)
+    q = frame[columns].to_numpy()
+    new = np.r_[True, np.abs(np.diff(q, axis=0)).max(axis=1) > SAME_JOINTS]
+    new |= (frame[SOURCE] != frame[SOURCE].shift()).to_numpy()
+    run = np.cumsum(new)
+    again = frame.groupby([pd.Series(run), frame["target"]]).cumcount()
+    return pd.Series(pd.factorize(pd.MultiIndex.from_arrays([run, again]))[0] + 1, index=frame.index)
+
+
+def together(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a pose (and cycle) beside one another, poses in the order in which they first appear."""
+    order = np.argsort(pd.factorize(pose_keys(frame))[0], kind="stable")
+    return frame.iloc[order].reset_index(drop=True)
+
+
+def apply_joint_rules(frame: pd.DataFrame, import_map: ImportMap) -> None:
+    """Readings to irbcal's joints, in place."""
+    joint_rules_applied(frame, import_map.joints)
+
+
+def joint_rules_applied(frame: pd.DataFrame, rules: JointRules) -> pd.DataFrame:
+    """The same table, with readings as irbcal's joints."""
+    columns = joint_columns(frame.columns)
+    n = len(columns)
+    for key, values in (("signs", rules.signs), ("offsets_deg", rules.offsets_deg)):
+        if values is not None and len(values) != n:
+            raise MeasurementError(
+                f"the map: joints.{key}: expected {n} numbers, one for each joint, found {len(values)}"
+            )
+    if rules.signs is None and rules.offsets_deg is None and not rules.add:
+        return frame
+    matrix = np.eye(n)
+    for to, source_joint in rules.add.items():
+        if not (1 <= to <= n and 1 <= abs(source_joint) <= n and to != abs(source_joint)):
+            raise MeasurementError(
+                f"the map: joints.add: expected two different joints of 1 to {n}, found {to}: {source_joint}"
+            )
+        matrix[to - 1, abs(source_joint) - 1] = np.sign(source_joint)
+    offsets = np.array(rules.offsets_deg if rules.offsets_deg is not None else np.zeros(n))
+    sliding = [k for k, name in enumerate(columns) if name.endswith("_mm") and offsets[k]]
+    if sliding:
+        raise MeasurementError(f"the map: joints.offsets_deg: expected 0 for joint {sliding[0] + 1}, which slides")
+    signs = np.array(rules.signs if rules.signs is not None else np.ones(n))
+    for names in (columns, programmed_columns(frame.columns, frame[SOURCE].iloc[0])):
+        if names:
+            frame[names] = (frame[names].to_numpy() @ matrix.T) * signs + offsets
+    return frame
+
+
+def check_one_pose_one_joints(frame: pd.DataFrame) -> None:
+    """Refuse a pose (of a cycle) whose rows have different joints."""
+    index = pd.factorize(pose_keys(frame))[0]
+    first = np.unique(index, return_index=True)[1][index]
+    programmed = programmed_columns(frame.columns, frame[SOURCE].iloc[0])
+    q = frame[joint_columns(frame.columns) + programmed].to_numpy()
+    off = np.abs(q - q[first])
+    if (off > SAME_JOINTS).any():
+        k = int(np.flatnonzero((off > SAME_JOINTS).any(axis=1))[0])
+        joint = int(off[k].argmax())
+        row, first_row = frame.iloc[k], frame.iloc[first[k]]
+        count = q.shape[1] - len(programmed)
+        quantity, number = ("joints", joint + 1) if joint < count else ("programmed joints", joint + 1 - count)
+        raise MeasurementError(
+            f"expected the {quantity} of pose {short(row['pose'])} as in row {first_row[ROW]} of {first_row[SOURCE]} "
+            f"(joint {number}: {q[first[k], joint]:.6g}), found {q[k, joint]:.6g}",
+            file=row[SOURCE],
+            row=int(row[ROW]),
+        )
+
+
+def name_groups(frame: pd.DataFrame, import_map: ImportMap) -> list[str]:
+    """Name the groups of poses by the map's rules, in place; poses that no rule fits keep what they have.
+
+    Returns
+    -------
+    list of str
+        What the user should look at, in sentences.
+    """
+    warnings: list[str] = []
+    if not import_map.groups:
+        return warnings
+    number, names = pd.factorize(frame["pose"])
+    names = pd.Series(names, dtype=object)
+    groups = np.full(len(names), "", dtype=object)
+    open_ = np.ones(len(names), dtype=bool)
+    for rule in import_map.groups:
+        if rule.poses is not None:
+            fits = names.str.fullmatch(fnmatch.translate(rule.poses)).to_numpy(dtype=bool)
+        else:
+            place = np.arange(1, len(names) + 1)
+            fits = (place >= (rule.first or 1)) & (place <= (rule.last or len(names)))
+        if not fits.any():
+            warnings.append(f"The rule for group {rule.group} fits no pose")
+        groups[fits & open_] = rule.group
+        open_ &= ~fits
+    previous = (
+        frame["group"].to_numpy(dtype=object) if "group" in frame.columns else np.full(len(frame), "", dtype=object)
+    )
+    frame["group"] = np.where(open_[number], previous, groups[number])
+    return warnings
+
+
+MOST_RADIANS = 2.0 * np.pi + 1e-3
+"""No angle of a file declared as degrees is larger: these are radians."""
+MOST_TURNS = 8.0 * np.pi
+"""An angle of a file declared as radians is larger: these are degrees."""
+SMALLEST_REACH_MM, LARGEST_REACH_MM = 20.0, 200e3
+"""No tracker measures a robot whose farthest point is nearer than the one or farther than the other."""
+ENOUGH = 3
+"""Poses from which on joints and positions are judged by their size."""
+
+
+def check_joint_sizes(frame: pd.DataFrame, source: str, units: str | Sequence[str], import_map: ImportMap) -> None:
+    """Refuse joints (as read, in degrees and mm) whose size contradicts the declared units."""
+    columns = joint_columns(frame.columns)
+    units = [units] * len(columns) if isinstance(units, str) else list(units)
+    programmed = programmed_columns(frame.columns, source)
+    columns, units = columns + programmed, units * 2 if programmed else units
+    if import_map.trust_units or len(frame[columns].drop_duplicates()) < ENOUGH:
+        return
+    for unit, other_unit in (("deg", "rad"), ("rad", "deg")):
+        columns_of_unit = [name for name, its in zip(columns, units, strict=True) if its == unit]
+        if not columns_of_unit:
+            continue
+        size = frame[columns_of_unit].abs() / ANGLE_DEG[unit]
+        largest = float(size.to_numpy().max())
+        column = size.max().idxmax()
+        if (unit == "deg" and 0.0 < largest <= MOST_RADIANS) or (unit == "rad" and largest > MOST_TURNS):
+            row = frame[ROW].iloc[int(size[column].to_numpy().argmax())]
+            raise MeasurementError(
+                f"row {row}, joint {column.partition('_')[0][1:]}: expected joints in {unit} as declared, found "
+                f"{largest:.4g} as the largest angle of all: these look like {other_unit} (units.joints: {other_unit}; "
+                "trust_units: true takes them as they are)",
+                file=source,
+            )
+
+
+def check_reach(frame: pd.DataFrame, import_map: ImportMap) -> None:
+    """Refuse positions whose size contradicts the declared unit, and files in which every point is lost."""
+    xyz = frame[POSITION].to_numpy()
+    have = np.isfinite(xyz).all(axis=1)
+    source = frame[SOURCE].iloc[0]
+    if not have.any():
+        raise MeasurementError(f"expected measured points, found only lost ones ({len(frame)} rows)", file=source)
+    reach = np.where(have, np.linalg.norm(np.where(have[:, None], xyz, 0.0), axis=1), 0.0)
+    k = int(reach.argmax())
+    size = reach[k]
+    if import_map.trust_units or (have.sum() < ENOUGH and size < LARGEST_REACH_MM):
+        return
+    if not SMALLEST_REACH_MM <= size <= LARGEST_REACH_MM:
+        unit = import_map.units.lengths or "mm"
+        row = frame.iloc[k]
+        wrong = "near" if size < SMALLEST_REACH_MM else "far"
+        raise MeasurementError(
+            f"expected positions in {unit} as declared, found the farthest of all points at "
+            f"{size / LENGTH_MM[unit]:.4g} {unit}, too {wrong} for a tracker: the unit is another (units.lengths; "
+            "trust_units: true takes it as it is)",
+            file=row[SOURCE],
+            row=int(row[ROW]),
+        )
+
+
+def strange(frame: pd.DataFrame) -> list[str]:
+    """What the user should look at, in sentences."""
+    out, columns = [], joint_columns(frame.columns)
+    lost = frame["x_mm"].isna()
+    for name, all_lost in lost.groupby(frame["target"]).all().items():
+        if all_lost:
+            out.append(f"Every point of target {name} is lost")
+    key = pd.DataFrame({"pose": pose_keys(frame), "target": frame["target"]})
+    again = key.duplicated()
+    if again.any():
+        row = frame.iloc[int(np.flatnonzero(again)[0])]
+        out.append(
+            f"{int(again.sum())} rows repeat a target of a pose, the first is {row['pose']}/{row['target']} "
+            f"in row {row[ROW]} of {row[SOURCE]}"
+        )
+    q = frame[columns].to_numpy()
+    still = [str(k) for k in range(1, len(columns) + 1) if np.ptp(q[:, k - 1]) <= SAME_JOINTS]
+    if still and frame["pose"].nunique() >= ENOUGH:
+        out.append(f"Joint {', '.join(still)} never moves")
+    return out
+
+
+SHOWN = 5
+"""Rows that are shown of a table: as many as fit beside one another."""
+LONGEST_CELL = 24
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Imported(ReadOnlyTables, Result):
+    """What was understood.
+
+    Attributes
+    ----------
+    table : DataFrame
+        Columns of a measurement file: degrees and millimetres, NaN where a point was lost. Each access hands out a
+        copy.
+    origin : DataFrame
+        ``source`` (file) and ``row`` (line in it) of each row of ``table``. Each access hands out a copy.
+    map : ImportMap
+    warnings : tuple of str
+    out : Path or None
+        The file it was written to.
+    """
+
+    table: pd.DataFrame
+    origin: pd.DataFrame
+    map: ImportMap
+    warnings: tuple[str, ...]
+    out: Path | None = None
+
+    @property
+    def lost(self) -> BoolArray:
+        """Mask of the rows without a position."""
+        return self.table["x_mm"].isna().to_numpy()
+
+    @property
+    def poses(self) -> int:
+        """Number of poses."""
+        return len(pose_keys(self.table).unique())
+
+    @property
+    def targets(self) -> dict[str, tuple[int, int]]:
+        """Number of measured and of lost points of each target, dict of str to (int, int)."""
+        lost = pd.Series(self.lost).groupby(self.table["target"].to_numpy(), sort=True).agg(["size", "sum"])
+        return {str(name): (int(row["size"] - row["sum"]), int(row["sum"])) for name, row in lost.iterrows()}
+
+    @property
+    def groups(self) -> dict[str, int]:
+        """Number of poses of each group, sorted by name."""
+        if "group" not in self.table.columns:
+            return {}
+        counts = self.table.groupby("group")["pose"].nunique()
+        return {str(name): int(count) for name, count in counts.items()}
+
+    def csv(self) -> bytes:
+        """The measurement file as bytes; it is read back and compared before it is handed out.
+
+        Raises
+        ------
+        MeasurementError
+            If irbcal itself would refuse it or read other numbers.
+        """
+        return self._written()[0]
+
+    def measurements(self) -> MeasurementSet:
+        """The measurements as irbcal reads them from the measurement file.
+
+        Raises
+        ------
+        MeasurementError
+            As `csv`.
+        """
+        return self._written()[1]
+
+    def _written(self) -> tuple[bytes, MeasurementSet]:
+        written, origin = self.table, self.origin
+        data = csv_bytes(_rounded(written))
+        source = str(origin["source"].iloc[0])
+        try:
+            reread = table.parse(data, source)
+        except MeasurementError as error:
+            k = -1 if error.row is None else error.row - 2
+            if not 0 <= k < len(origin):
+                raise
+            first, row = origin.iloc[k]
+            prefix = MeasurementError("", file=source, row=error.row, column=error.column)
+            reason = str(error).removeprefix(f"{prefix}: ")
+            raise MeasurementError(reason, file=first, row=int(row), column=error.column) from None
+        names = [
+            *reread.joint_columns,
+            *reread.programmed_columns,
+            *POSITION,
+            *(name for name in QUATERNION if name in written.columns),
+        ]
+        equal = np.isclose(reread.table[names], written[names], rtol=0, atol=1e-6, equal_nan=True)
+        if len(reread) != len(written) or not equal.all():
+            raise MeasurementError("the measurement file would not hold the numbers that were understood", file=source)
+        return data, reread
+
+    def written_to(self, out: str | PathLike[str]) -> "Imported":
+        """Write the measurement file, whole or not at all.
+
+        Parameters
+        ----------
+        out : str or Path
+
+        Returns
+        -------
+        Imported
+            The same with ``out`` set.
+
+        Raises
+        ------
+        MeasurementError
+            As `csv`.
+        CalibrationError
+            If the file cannot be written.
+        CalibrationError
+            If it is one of the files that were read.
+        """
+        out = Path(out)
+        refuse_sources(out, self.origin["source"].unique())
+        data = self.csv()
+        write_together(out.parent, {out.name: data})
+        return replace(self, out=out)
+
+    def first_rows(self, count: int) -> list[dict[str, Any]]:
+        """The first rows as they are understood, None for what is lost, with ``source`` and ``row``."""
+        rows = self.table.head(count)
+        values = rows.astype(object).where(rows.notna(), None).to_dict(orient="records")
+        origins = self.origin.head(count).to_dict(orient="records")
+        return [origin | row for origin, row in zip(origins, values, strict=True)]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table as a measurement file has it: degrees and millimetres."""
+        return self.table
+
+    def report(self) -> Sequence[Paragraph]:
+        """Counts and warnings; what was not written yet is shown: its first rows and the map in use."""
+        targets = ", ".join(
+            f"{name} {count}" + (f" (and {lost} lost)" if lost else "") for name, (count, lost) in self.targets.items()
+        )
+        lines: list[Paragraph] = [
+            f"{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost points; points: {targets}",
+            *(f"Note: {text}." for text in self.warnings),
+        ]
+        if self.out is not None:
+            return [*lines, f"Written to {self.out}"]
+        return [*lines, self._shown(), "The map in use:", self._map_in_use()]
+
+    def _shown(self) -> Table:
+        """The first rows, a column each, as a row has too many values for a page."""
+        first = self.first_rows(SHOWN)
+        rows: list[tuple[Cell, ...]] = [
+            (str(name), *(_cell(row[name]) for row in first)) for name in self.table.columns
+        ]
+        title = f"The first rows of {first[0]['source']} as they would be understood:"
+        return Table(title, ("row of file", *(str(row["row"]) for row in first)), tuple(rows), digits=4)
+
+    def _map_in_use(self) -> str:
+        import yaml
+
+        values = self.map.model_dump(exclude_defaults=True, exclude={"about"})
+        return str(yaml.safe_dump(values, sort_keys=False, default_flow_style=None)).rstrip()
+
+
+def refuse_sources(out: Path, sources: Sequence[str | PathLike[str]]) -> None:
+    """Refuse a file to write that is one of those to read.
+
+    Raises
+    ------
+    CalibrationError
+        If it is.
+    """
+    refuse_overwriting({"out": out}, list(sources))
+
+
+def _cell(value: Any) -> Cell:
+    if value is None or isinstance(value, float):
+        return "" if value is None else float(value)
+    text = str(value)
+    return text if len(text) <= LONGEST_CELL else text[: LONGEST_CELL - 1] + "…"
+
+
+def _rounded(frame: pd.DataFrame) -> pd.DataFrame:
+    """The same with 1e-9 mm, degree or second as last place, and no minus zeros."""
+    out = frame.copy()
+    for name in out.columns:
+        if pd.api.types.is_float_dtype(out[name]):
+            out[name] = out[name].round(12 if name in QUATERNION else 9) + 0.0
+    return out
+
 
 _N = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _LIST = rf"\[\s*({_N}(?:\s*,\s*{_N}){{4,6}})\s*\]"
@@ -395,16 +795,16 @@ def understand(
         frame, warnings = join(frame, joints_read, joints, import_map)
     else:
         if import_map.pose_by == "joints" and not import_map.names_poses:
-            frame["pose"] = poses.runs(frame).astype(str)
+            frame["pose"] = runs(frame).astype(str)
         check_joint_sizes(frame, frame[SOURCE].iloc[0], import_map.units.joints or "deg", import_map)
-    poses.apply_joint_rules(frame, import_map)
-    frame = poses.together(frame)
-    poses.check_one_pose_one_joints(frame)
+    apply_joint_rules(frame, import_map)
+    frame = together(frame)
+    check_one_pose_one_joints(frame)
     unknown = [name for name in import_map.rename if name not in set(frame["target"])]
     if unknown:
         warnings.append(f"There is no target {', '.join(unknown)} to rename")
     frame["target"] = frame["target"].replace(import_map.rename)
-    warnings += poses.name_groups(frame, import_map)
+    warnings += name_groups(frame, import_map)
     check_reach(frame, import_map)
     warnings += strange(frame)
     programmed = programmed_columns(frame.columns, str(sources[0]))

@@ -7,8 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from irbcal.plotting.charts import FONT
-from irbcal.plotting.colours import ACCENT, CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, RULE, SOFT, TEXT, UNKNOWN
+from irbcal.plotting.charts import ACCENT, CALIBRATED, FONT, FROM_ABOVE, FROM_BELOW, NOMINAL, RULE, SOFT, TEXT, UNKNOWN
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -25,8 +25,8 @@ from chapter7.settings import (
     procedures,
 )
 from chapter7.tables import AREA_NAMES, COMPARED, MODEL_NAMES, Cell, Results, Table, chosen, curve_values
-from irbcal.plotting import colours
-from irbcal.plotting.colours import CALIBRATED
+from irbcal.plotting import charts
+from irbcal.plotting.charts import CALIBRATED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -44,9 +44,9 @@ class Draw(Protocol):
 
 
 GREEN, PURPLE, GREY = "#2f9463", "#9560bd", "#7d868f"
-MODEL_COLOURS = {"nominal": colours.NOMINAL, "11": GREEN, "axes": PURPLE, "34": CALIBRATED}
-ROW_COLOURS = (CALIBRATED, GREEN, colours.NOMINAL, PURPLE, GREY)
-AREA_COLOURS = dict(zip(AREAS, (CALIBRATED, colours.NOMINAL), strict=True))
+MODEL_COLOURS = {"nominal": charts.NOMINAL, "11": GREEN, "axes": PURPLE, "34": CALIBRATED}
+ROW_COLOURS = (CALIBRATED, GREEN, charts.NOMINAL, PURPLE, GREY)
+AREA_COLOURS = dict(zip(AREAS, (CALIBRATED, charts.NOMINAL), strict=True))
 MARKERS = dict(zip(PAYLOADS, "os", strict=True))
 
 OVERVIEW = "Expected against found, and the course of a search"
@@ -289,7 +289,7 @@ def _curve_of(area: str) -> Draw:
     def draw(figure: Canvas, results: Results, series: Series) -> list[Any]:
         axes = figure.add_subplot()
         settings = results.settings
-        methods = [(settings.method, colours.NOMINAL if settings.method == "nelder-mead" else GREEN)]
+        methods = [(settings.method, charts.NOMINAL if settings.method == "nelder-mead" else GREEN)]
         if settings.method == "least-squares":
             methods = []
         for method, colour in (*methods, ("least-squares", CALIBRATED)):

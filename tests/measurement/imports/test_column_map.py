@@ -5,7 +5,7 @@ import re
 import pytest
 from pydantic import ValidationError
 
-from irbcal.measurement.imports import map_file
+from irbcal.measurement.imports import column_map
 from irbcal.measurement.imports.column_map import ImportMap, pattern_regex
 
 
@@ -32,9 +32,9 @@ def test_patterns_that_are_none(pattern):
 
 
 def test_maps_say_whether_poses_have_names_and_cannot_be_changed():
-    assert map_file.read_map("spatial-analyzer").names_poses
-    assert not map_file.read_map("robodk").names_poses
-    assert map_file.read_map("per-target", {"columns.pose": "n"}).names_poses
+    assert column_map.read_map("spatial-analyzer").names_poses
+    assert not column_map.read_map("robodk").names_poses
+    assert column_map.read_map("per-target", {"columns.pose": "n"}).names_poses
     found = ImportMap(columns={"position": [1, 2, 3]}, lost={"markers": ["LOST", -9999]})
     assert found.lost_texts == ["lost", "-9999"]
     with pytest.raises(ValidationError):

@@ -9,7 +9,7 @@ from import_support import FOUR_JOINTS, ROW, make_map, refused, write
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.measurement import table
-from irbcal.measurement.imports import map_file
+from irbcal.measurement.imports import column_map
 from irbcal.measurement.imports.reader import import_measurements
 
 
@@ -57,15 +57,15 @@ def test_nothing_is_written_without_out_and_in_a_dry_run(robodk, tmp_path):
 
 
 def test_options_of_the_function(robodk, tmp_path):
-    assert len(import_measurements(robodk, as_=map_file.read_map("robodk")).table) == 3
+    assert len(import_measurements(robodk, as_=column_map.read_map("robodk")).table) == 3
     with pytest.raises(CalibrationError, match="this is the file to read from") as caught:
         import_measurements(robodk, as_="robodk", out=tmp_path / "." / "r.csv")
     assert caught.value.parameter == "out"
-    mine = make_map(tmp_path, map_file.preset_text("robodk"))
+    mine = make_map(tmp_path, column_map.preset_text("robodk"))
     with pytest.raises(CalibrationError, match="this is the file to read from"):
         import_measurements(robodk, as_=mine, out=mine)
     with pytest.raises(OptionError, match="no changes beside an ImportMap"):
-        import_measurements(robodk, as_=map_file.read_map("robodk"), set_={"trust_units": True})
+        import_measurements(robodk, as_=column_map.read_map("robodk"), set_={"trust_units": True})
     with pytest.raises(OptionError, match="expected one file or more"):
         import_measurements(as_="robodk")
     with pytest.raises(CalibrationError, match="expected a file to write, found a folder"):

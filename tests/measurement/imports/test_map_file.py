@@ -4,15 +4,15 @@ import pytest
 from import_support import ROW, make_map, refused, understood, write
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.imports import map_file
+from irbcal.measurement.imports import column_map
 
 GOOD = "{columns: {joints: [a], position: [x, y, z]}, units: {joints: deg, lengths: mm}, fixed: {target: t}}"
 
 
-@pytest.mark.parametrize("name", map_file.presets())
+@pytest.mark.parametrize("name", column_map.presets())
 def test_presets_are_maps_that_explain_themselves(name):
-    text = map_file.preset_text(name)
-    assert map_file.read_map(name).about
+    text = column_map.preset_text(name)
+    assert column_map.read_map(name).about
     assert any(word in text for word in ("Confirmed", "Assumed", "not a maker's format"))
 
 
@@ -67,23 +67,23 @@ def test_names_of_maps_and_changes(tmp_path):
     assert "expected key=value" in refused(path, "robodk", "units.lengths")
     assert "units.lengths: expected 'mm', 'm' or 'inch'" in refused(path, "robodk", "units.lengths=feet")
     assert "pose_by is no group of keys" in refused(path, "robodk", "pose_by.x=1")
-    copied = make_map(tmp_path, map_file.preset_text("robodk"))
+    copied = make_map(tmp_path, column_map.preset_text("robodk"))
     assert understood(path, copied).table.equals(understood(path, "robodk").table)
 
 
 def test_changes_as_texts_and_as_values_are_the_same():
     texts = ["units.lengths=inch", "rename={'1': smr1}", "file.delimiter=;"]
     values = {"units.lengths": "inch", "rename": {"1": "smr1"}, "file.delimiter": ";"}
-    assert map_file.read_map("robodk", texts) == map_file.read_map("robodk", values)
+    assert column_map.read_map("robodk", texts) == column_map.read_map("robodk", values)
     with pytest.raises(MeasurementError, match="pose_by is no group of keys"):
-        map_file.read_map("robodk", {"pose_by.x": 1})
+        column_map.read_map("robodk", {"pose_by.x": 1})
     with pytest.raises(MeasurementError) as caught:
-        map_file.read_map("robodk", ["units.lengths"])
+        column_map.read_map("robodk", ["units.lengths"])
     assert caught.value.parameter == "set"
 
 
 def test_a_fault_in_a_map_carries_file_and_row(tmp_path):
     path = make_map(tmp_path, "a: 1\nb: 2\na: 3")
     with pytest.raises(MeasurementError) as caught:
-        map_file.read_map(path)
+        column_map.read_map(path)
     assert (caught.value.file, caught.value.row) == (str(path), 3)

@@ -4,7 +4,7 @@ import pytest
 from import_support import refused, understood, write
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.imports import map_file, reader
+from irbcal.measurement.imports import column_map, reader
 
 
 def test_declared_radians_that_are_degrees_and_a_way_round(tmp_path):
@@ -21,9 +21,9 @@ def test_declared_radians_that_are_degrees_and_a_way_round(tmp_path):
 def test_positions_in_another_unit_carry_file_and_row(tmp_path):
     path = write(tmp_path / "r.csv", "h", *[f"{k}0,-15,3,0,1,31,0.9,0,1.{k}" for k in range(4)])
     with pytest.raises(MeasurementError) as caught:
-        reader.understand([path], map_file.read_map("robodk"))
+        reader.understand([path], column_map.read_map("robodk"))
     assert (caught.value.file, caught.value.row) == (str(path), 5)
-    found = reader.understand([path], map_file.read_map("robodk", {"trust_units": True}))
+    found = reader.understand([path], column_map.read_map("robodk", {"trust_units": True}))
     assert found.table["z_mm"].tolist() == [1.0, 1.1, 1.2, 1.3]
 
 

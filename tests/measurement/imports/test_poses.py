@@ -4,7 +4,7 @@ import pytest
 from import_support import make_map, refused, understood, write
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.imports import map_file, reader
+from irbcal.measurement.imports import column_map, reader
 
 
 def test_robodk_poses_are_runs_of_the_same_joints(tmp_path):
@@ -53,5 +53,5 @@ def test_rows_of_a_pose_that_contradict_carry_file_and_row(tmp_path):
     )
     path = write(tmp_path / "r.csv", "p,a,x,y,z", "1,10,100,0,0", "1,12,100,0,0")
     with pytest.raises(MeasurementError) as caught:
-        reader.understand([path], map_file.read_map(chosen))
+        reader.understand([path], column_map.read_map(chosen))
     assert (caught.value.file, caught.value.row) == (str(path), 3)

@@ -7,7 +7,7 @@ from import_support import FOUR_JOINTS, JOINTS, QUATERNION, ROW, XYZ, make_map, 
 from scipy.spatial.transform import Rotation
 
 from irbcal.measurement import table
-from irbcal.measurement.imports import map_file, reader
+from irbcal.measurement.imports import column_map, reader
 
 WIDE = """
 columns:
@@ -170,7 +170,7 @@ def test_lab_export_by_hand(tmp_path):
 
 def test_real_lab_export_equals_the_cleaned_file(shared_data, tmp_path):
     folder = shared_data / "ur10_laser_tracker_6d"
-    found = reader.understand([folder / "as_exported_by_the_lab.csv"], map_file.read_map("ur10-lab"))
+    found = reader.understand([folder / "as_exported_by_the_lab.csv"], column_map.read_map("ur10-lab"))
     path = tmp_path / "m.csv"
     path.write_bytes(found.csv())
     seen = table.read(path).table
@@ -214,7 +214,7 @@ def test_many_rows(tmp_path):
     values = np.column_stack([rng.uniform(-170, 170, (30_000, 6)), rng.uniform(-3000, 3000, (30_000, 3))])
     text = pd.DataFrame(values.round(4)).to_csv(index=False, header=False, sep=";", decimal=",")
     (tmp_path / "big.csv").write_text("header\n" + text)
-    chosen = map_file.read_map("robodk", ["file.delimiter=;", "file.decimal=,"])
+    chosen = column_map.read_map("robodk", ["file.delimiter=;", "file.decimal=,"])
     found = reader.understand([tmp_path / "big.csv"], chosen)
     assert np.abs(found.table[[*JOINTS, *XYZ]].to_numpy() - values.round(4)).max() < 1e-9
 
@@ -309,7 +309,7 @@ def test_targets_of_a_joints_file(tmp_path):
     )
     text = "{columns: {position: [x, y, z]}, units: {lengths: mm}}"
     name = str(make_map(tmp_path, text))
-    found = reader.understand([points], map_file.read_map(name), joints).table
+    found = reader.understand([points], column_map.read_map(name), joints).table
     assert found["target"].tolist() == ["smr1", "smr2", "smr1", "smr2"]
     assert found["pose"].tolist() == ["P1", "P1", "P2", "P2"]
     assert found["q1_deg"].tolist() == [10, 10, 20, 20]

@@ -5,7 +5,7 @@ import pytest
 from import_support import make_map, refused, understood, write
 
 from irbcal.errors import IrbcalError
-from irbcal.measurement.imports import map_file
+from irbcal.measurement.imports import column_map
 
 MAP = (
     "{columns: {pose: p, joints: [a, b], programmed: [ca, cb], position: [x, y, z]}, units: {joints: rad, lengths: mm}, "
@@ -45,9 +45,9 @@ def test_they_may_be_optional(tmp_path):
 def test_one_for_each_joint_and_no_kept_column_in_their_place(tmp_path):
     for change in (MAP.replace("[ca, cb]", "[ca]"), MAP.replace("joints: [a, b], ", "")):
         with pytest.raises(IrbcalError, match=r"columns\.programmed: expected a column for each of the"):
-            map_file.read_map(make_map(tmp_path, change), ())
+            column_map.read_map(make_map(tmp_path, change), ())
     with pytest.raises(IrbcalError, match="expected a new name for the column, found 'c1_deg'"):
-        map_file.read_map(make_map(tmp_path, MAP.replace("pose: p,", "pose: p, keep: {c1_deg: w},")), ())
+        column_map.read_map(make_map(tmp_path, MAP.replace("pose: p,", "pose: p, keep: {c1_deg: w},")), ())
 
 
 def test_degrees_declared_as_radians_are_seen_in_them_too(tmp_path):
