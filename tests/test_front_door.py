@@ -24,7 +24,6 @@ STUB = Path(irbcal.__file__).with_suffix(".pyi")
 VERBS = {
     "cell": "cell_frames",
     "hand-eye": "hand_eye",
-    "axes": "joints",
     "import": "import_measurements",
     "fk": "forward_kinematics",
     "ik": "inverse_kinematics",

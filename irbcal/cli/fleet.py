@@ -1,4 +1,4 @@
-"""``irbcal fleet``: many robots, many years."""
+"""Many robots, many years: calibrate by a list, keep in a store, see what changed and which stand out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STORE = Typed(str, "FILE|URL")
 WRITTEN = Typed(str, "PATH", lambda text, option: path_to_write(text))
 
 app = typer.Typer(
-    help="Many robots, many years: calibrate by a list, keep in a store, see what changed and which stand out.",
+    help=__doc__,
     no_args_is_help=True,
 )
 

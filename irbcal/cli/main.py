@@ -2,21 +2,49 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import os
 import sys
 import warnings
 from collections.abc import Iterable
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from irbcal.cli.commands import COMMANDS, ELSEWHERE, GROUPS, HIDDEN, PANELS
 from irbcal.errors import IrbcalError
 
 NAME = "irbcal"
+PANELS = {
+    "Calibrate": (
+        "demo",
+        "import",
+        "corners",
+        "hand-eye",
+        "calibrate",
+        "evaluate",
+        "compare",
+        "view",
+        "fleet",
+        "report",
+    ),
+    "Prepare": ("robots", "urdf", "plan", "simulate", "samples"),
+    "Use": ("fk", "ik", "cell", "filter", "export", "stream", "verify", "sign"),
+    "Validate": ("joints", "circles", "controller", "iso9283", "tracker", "ballbar"),
+}
+"""Commands in the groups of the list."""
+COMMANDS = tuple(name for names in PANELS.values() for name in names)
+ELSEWHERE = {
+    "import": ("import_", "import_files"),
+    "filter": ("filter", "filter_program"),
+    "hand-eye": ("hand_eye", "hand_eye"),
+}
+"""Module and function of commands that are not the function of their name in the module of their name."""
+GROUPS = {"fleet"}
+"""Names that have commands of their own behind them: their module has a Typer ``app``."""
 SHELLS = ("bash", "zsh", "fish", "powershell", "pwsh")
 OPTIONS = ("--show-completion", "--install-completion")
 
@@ -94,20 +122,25 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
     )
     app.callback()(common)
     for panel, members in PANELS.items():
-        for name, summary_line in members.items():
+        for name in members:
             if name in names and name in GROUPS and not summary:
                 group = import_module(f"irbcal.cli.{name}").app
                 app.add_typer(group, name=name, rich_help_panel=panel, context_settings=HELP_OPTIONS)
             elif name in names:
-                call = _listed if summary else _function(name)
-                app.command(
-                    name,
-                    help=summary_line if summary else None,
-                    rich_help_panel=panel,
-                    hidden=name in HIDDEN,
-                    cls=Guarded,
-                )(call)
+                text = _summary(name) if summary else None
+                app.command(name, help=text, rich_help_panel=panel, cls=Guarded)(
+                    _listed if summary else _function(name)
+                )
     return app
+
+
+def _summary(name: str) -> str:
+    """What a command says of itself first, from its file as text: the list of commands loads none of them."""
+    module, function = ELSEWHERE.get(name, (name, name))
+    tree = ast.parse(Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8"))
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    text = ast.get_docstring(functions[function]) if name not in GROUPS else ast.get_docstring(tree)
+    return " ".join(str(text).partition("\n\n")[0].split())
 
 
 def _function(name: str) -> Any:

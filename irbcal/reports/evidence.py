@@ -17,8 +17,9 @@ from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
 from irbcal.plotting.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
 from irbcal.units import MM
-from irbcal.validation import accuracy, bootstrap, comparison
+from irbcal.validation import accuracy, bootstrap
 from irbcal.validation.accuracy import coverage
+from irbcal.validation.comparing import Pair
 
 MOST_POSES = 3000
 """Poses of a set that are drawn, and that backlash is looked for in; of more, ones drawn at random and the worst."""
@@ -31,8 +32,10 @@ class PoseSet(PoseErrors):
 
     Attributes
     ----------
-    comparison : Comparison or None
+    comparison : Pair or None
         Nominal against calibrated, pose by pose.
+    nearer : float
+        Share of the poses that are nearer to the calibrated robot than to the nominal one.
     covers : float
         See `irbcal.validation.accuracy.largest_covers`.
     points : PointSet or None
@@ -42,7 +45,8 @@ class PoseSet(PoseErrors):
         How many poses the set has, of which these are drawn.
     """
 
-    comparison: comparison.Comparison | None
+    comparison: Pair | None
+    nearer: float
     covers: float
     points: PointSet | None
     direction: FloatArray | None
@@ -116,11 +120,12 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         pose, pose_names, groups = _runs(column_of(table.pose), column_of(table.group))
     spot = np.arange(len(pose_names)) if points is None else repeat_groups(points)
     errors = {model: np.array(getattr(table, f"{model}_mm"))[rows] * MM for model in statistics}
-    compared: comparison.Comparison | None = comparison.compare(
-        errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object), place=spot
-    )
-    assert compared is not None
-    per_pose = {"nominal": compared.first, "calibrated": compared.second}
+    per_pose = {model: np.bincount(pose, error) / np.bincount(pose) for model, error in errors.items()}
+    gain = per_pose["nominal"] - per_pose["calibrated"]
+    nearer = float(np.mean(gain > 0.0))
+    robots_named = ("the calibrated robot", "the nominal robot")
+    better, worse = robots_named if gain.mean() >= 0.0 else robots_named[::-1]
+    compared: Pair | None = Pair.of(better, worse, gain if gain.mean() >= 0.0 else -gain, spot)
     intervals = {model: bootstrap.intervals(errors[model], spot[pose]) for model in statistics if name == "held-out"}
     covers, count = accuracy.largest_covers(len(np.unique(spot))), len(pose_names)
     if points is not None and direction is not None and count > MOST_POSES:
@@ -158,6 +163,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         models,
         seen_at,
         compared,
+        nearer,
         covers,
         points,
         direction,

@@ -1,13 +1,12 @@
 """Accuracy: statistics of measured against predicted points and poses, absolute and relative (Nubiola 2011, 7.7).
 
-Every figure of accuracy that the program shows is computed here, in `irbcal.validation.bootstrap` (intervals) and in
-`irbcal.validation.comparison` (two calibrations, expected against verified errors).
+Every figure of accuracy that the program shows is computed here and in `irbcal.validation.bootstrap` (intervals).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,23 +16,17 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import by_pose
-from irbcal.measurement.points import PointSet, rotation_distances
+from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.registration import register
+from irbcal.measurement.statistics import statistics
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 
-__all__ = [
-    "TipErrors",
-    "error_vectors",
-    "largest_covers",
-    "percentiles",
-    "relative_to_three_points",
-    "relative_to_virtual_frame",
-    "tip_errors",
-    "widest_triangle",
-    "within_sphere",
-]
+SAME_COMMAND = 0.1 * MM
+"""Distance within which a command counts as the calibration's fake target, metres."""
 
 PERCENTILES = (50, 90, 95, 99)
 """Percentiles that are reported."""
@@ -388,3 +381,78 @@ def position_std(
     load = robot.joint_map.load(len(q))
     _, covariance, _ = robot.certainty.positions(robot.walk, q, None, position, target, robot.T_world_base, load)
     return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+
+
+# --- expected against verified errors -----------------------------------------------------------------------
+
+
+def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verified: PointSet) -> dict[str, Any]:
+    """Errors as expected from uncorrected poses, and as found once the same poses were corrected (section 7.6).
+
+    The expected error is the distance of a measured point from the calibrated model ``T_R6(q_A)`` (Nubiola 2011, Figure
+    7.3); fake targets ``q_B`` bring the robot to where the nominal model ``T_6(q_A)`` means to be, and the verified
+    error is what they miss that by (section 7.4).
+
+    The verification commanded fake targets; what was meant is where the nominal arm would have been with the joints
+    that the pose of the same name has in the first measurements, on the calibration's base and with its tool.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    nominal : Arm
+    expected : PointSet
+        Measured at uncorrected joints.
+    verified : PointSet
+        Measured at corrected joints.
+
+    Returns
+    -------
+    dict
+        STATS under ``uncorrected`` (distance from what was meant, without correction), ``expected`` (distance from
+        the calibrated model's prediction) and ``verified`` (distance from what was meant, with correction); the same
+        ``per_group``; ``command_mm``: largest distance by which the commands miss the calibration's own fake targets;
+        ``poses``: their numbers, and the names of those set aside because their commands are no fake targets of this
+        calibration, such as targets that could not be corrected.
+
+    Raises
+    ------
+    MeasurementError
+        If no pose of the verification has its name in the first measurements.
+    """
+    meant = replace_geometry(robot, nominal)
+    row_of = {name: k for k, name in enumerate(expected.pose_ids)}
+    shared = np.array([name in row_of for name in verified.pose_ids], dtype=bool)
+    if not shared.any():
+        raise MeasurementError(
+            "the verification has no pose of the same name as the measurements: what was meant is unknown"
+        )
+    verified = verified.select(shared)
+    expected_points = replace(verified, q=expected.q[[row_of[name] for name in verified.pose_ids]], previous=None)
+    reached = robot.forward(verified.q, verified.previous)
+    apart = np.linalg.norm(reached[:, :3, 3] - meant.poses(expected_points.q)[:, :3, 3], axis=1)
+    ours = apart <= SAME_COMMAND
+    unlike: list[str] = []
+    if ours.mean() > 0.5:  # else the whole run was made with other fake targets
+        unlike = [str(name) for name in verified.pose_ids[~ours]]
+        verified, expected_points, apart = verified.select(ours), expected_points.select(ours), apart[ours]
+    errors = {
+        "uncorrected": (distances(meant, expected), expected),
+        "expected": (distances(robot, expected), expected),
+        "verified": (distances(meant, expected_points), verified),
+    }
+    groups = sorted({str(g) for g in [*expected.groups, *verified.groups] if g})
+    return {
+        **{name: statistics(d) for name, (d, _) in errors.items()},
+        "per_group": {
+            g: {name: statistics(d[points.groups[points.pose] == g]) for name, (d, points) in errors.items()}
+            for g in groups
+        },
+        "command_mm": float(apart.max() / MM),
+        "poses": {"expected": expected.poses, "verified": verified.poses, "set_aside": unlike},
+    }
+
+
+def replace_geometry(robot: Robot, nominal: Arm) -> Robot:
+    """The robot that would have the nominal arm on the same base with the same tool."""
+    return robot.replace(arm=nominal, joint_map=JointMap.identity(nominal))

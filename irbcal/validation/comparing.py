@@ -50,7 +50,7 @@ MOST = 12
 
 @dataclass(frozen=True)
 class Pair:
-    """Two calibrations, pose by pose.
+    """Two robots, pose by pose: two calibrations, or the nominal and the calibrated one.
 
     Attributes
     ----------
@@ -80,6 +80,24 @@ class Pair:
         if not self.told_apart:
             return f"not told apart from {self.worse} ({low:+.3f} to {high:+.3f} mm)"
         return f"better than {self.worse} by {self.difference_mm:.3f} mm ({low:.3f} to {high:.3f} mm)"
+
+    @classmethod
+    def of(
+        cls,
+        better: str,
+        worse: str,
+        gain: FloatArray,
+        position: IntArray,
+        seed: int = 0,
+        level: float = bootstrap.LEVEL,
+    ) -> Pair:
+        """The pair by the errors of the worse less those of the better, pose by pose, shape (n,), metres.
+
+        Poses of one position (n,), which are repeats of it, are drawn together.
+        """
+        place = np.unique(position, return_inverse=True)[1].ravel()
+        interval = bootstrap.difference(np.bincount(place, gain / MM) / np.bincount(place), seed=seed, level=level)
+        return cls(better, worse, float(gain.mean() / MM), None if interval is None else tuple(interval))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -317,7 +335,7 @@ def compare(
         tuple(str(first.points.groups[k]) for k in used),
         per_pose / MM,
         error / MM,
-        tuple(_pairs(names, per_pose / MM, error.mean(axis=0), position[used], seed)),
+        tuple(_pairs(names, per_pose, error.mean(axis=0), position[used], seed)),
         len(gone),
         tuple(name for name, points in zip(names, cleaned, strict=True) if not points.proven),
         _doubts(records, cleaned, robots),
@@ -391,18 +409,12 @@ def _common(cleaned: Sequence[CleanedPoints], source: str) -> list[IntArray]:
 
 def _pairs(names: Sequence[str], error: FloatArray, mean: FloatArray, position: IntArray, seed: int) -> list[Pair]:
     """All pairs with intervals that hold together; those with the best first."""
-    which = np.unique(position, return_inverse=True)[1].ravel()
-    by_place = np.column_stack([np.bincount(which, column) / np.bincount(which) for column in error.T])
-    order = np.argsort(mean, kind="stable").tolist()
-    pairs = list(combinations(order, 2))
+    pairs = list(combinations(np.argsort(mean, kind="stable").tolist(), 2))
     level = 1.0 - (1.0 - bootstrap.LEVEL) / len(pairs)
-    out = []
-    for better, worse in pairs:
-        change = by_place[:, worse] - by_place[:, better]
-        interval = bootstrap.difference(change, seed=seed, level=level)
-        bounds = None if interval is None else tuple(interval)
-        out.append(Pair(names[better], names[worse], float((error[:, worse] - error[:, better]).mean()), bounds))
-    return out
+    return [
+        Pair.of(names[better], names[worse], error[:, worse] - error[:, better], position, seed, level)
+        for better, worse in pairs
+    ]
 
 
 def _tex(text: str) -> str:

@@ -30,7 +30,7 @@ from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import ModelErrors, PoseErrors
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
-from irbcal.validation import accuracy, bootstrap, comparison
+from irbcal.validation import accuracy, bootstrap
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.cleaned_points import (
     CleanedPoints,
@@ -86,7 +86,7 @@ class Evaluation(Result):
         Share of all such poses below the largest error seen, with 95 % confidence.
     orientation : dict or None
         Statistics of the angles by model, degrees; None where no orientation was measured.
-    intervals, relative, flange, comparison, verified : dict or None
+    intervals, relative, flange, verified : dict or None
         Where asked for.
     coverage : dict or None
         How many measured coordinates lie within the predicted 95 % intervals, see `irbcal.validation.accuracy`; None
@@ -122,7 +122,6 @@ class Evaluation(Result):
     intervals: Mapping[str, Any] | None
     relative: Mapping[str, Any] | None
     flange: Mapping[str, Any] | None
-    comparison: Mapping[str, Any] | None
     verified: Mapping[str, Any] | None
     coverage: Mapping[str, Any] | None
     excluded: tuple[Exclusion, ...]
@@ -141,7 +140,7 @@ class Evaluation(Result):
         """What ``irbcal evaluate --json`` prints."""
         names = (*MODELS, *PARTS, "percentiles", "largest_covers", "orientation", "intervals", "relative", "flange")
         return {
-            **{name: getattr(self, name) for name in (*names, "comparison", "verified", "coverage")},
+            **{name: getattr(self, name) for name in (*names, "verified", "coverage")},
             "excluded": [vars(point) for point in self.excluded],
             "notes": list(self.notes),
             "simulated": self.simulated,
@@ -198,7 +197,6 @@ class Evaluation(Result):
             self._coverage,
             self._flange,
             self._relative,
-            self._comparison,
             self._verified,
         ):
             lines += section(labels)
@@ -278,21 +276,6 @@ class Evaluation(Result):
                 f"Shift taken off for {labels['calibrated']}: {x:+.3f}, {y:+.3f}, {z:+.3f} mm in the base link"
             )
         return lines
-
-    def _comparison(self, labels: Mapping[str, str]) -> list[Paragraph]:
-        compared = self.comparison
-        if compared is None:
-            return []
-        rows = (
-            (labels["calibrated"], *(compared["this"][key] for key in FOUR)),
-            (f"other, model {compared['other_model']}", *(compared["other"][key] for key in FOUR)),
-        )
-        title = f"Two calibrations on the same {compared['poses']} poses, mm"
-        share = f"{compared['other_better_share']:.0%}"
-        return [
-            Table(title, ("", "mean", "sigma", "max", "mean+3σ"), rows),
-            f"{compared['verdict']} The other has the smaller error in {share} of the poses.",
-        ]
 
     def _verified(self, labels: Mapping[str, str]) -> list[Paragraph]:
         errors = self.verified
@@ -399,7 +382,6 @@ def evaluate(
     frame_points: Sequence[tuple[str, str]] | None = None,
     sphere: Sequence[float] | None = None,
     flange: bool = False,
-    compare: CalibrationLike | None = None,
     verified: table.MeasurementsLike | None = None,
     seed: int = 0,
     payload: float | None = None,
@@ -441,8 +423,6 @@ def evaluate(
         Centre in the base link and diameter, metres: regard only points measured inside.
     flange : bool
         Add position and orientation errors of the tip from three targets or measured orientations.
-    compare : str, Path or a loaded calibration, optional
-        Another one, to compare with pose by pose on the same data.
     verified : str, Path, DataFrame or MeasurementSet, optional
         Measurements of the same poses (by name) run with this calibration's fake targets.
     seed : int
@@ -532,9 +512,6 @@ def evaluate(
         coverage=None if refit_base else coverage(robots["calibrated"], points),
         relative=_relative(robots, points, relative, frame_points, measured.source) if relative else None,
         flange=_flange(robots, points, measured.source) if flange else None,
-        comparison=None
-        if compare is None
-        else _comparison(open_calibration(compare), cleaned, refit, robots["calibrated"], seed),
         verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),
         excluded=tuple(cleaned.excluded),
         verdict=outcome,
@@ -804,33 +781,6 @@ def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[
     return out
 
 
-def _comparison(other: Record, cleaned: CleanedPoints, refit: Refit, robot: Robot, seed: int) -> dict[str, Any]:
-    """Two calibrations, pose by pose on the points that both know."""
-    theirs, robots = in_frame_of_calibration(other, cleaned.measurements, refit)
-    sets = [replace(cleaned_points.points, pose_ids=cleaned_points.number) for cleaned_points in (cleaned, theirs)]
-    rows = comparison.common_points(*sets)
-    first = distances(robot, cleaned.points)[rows[0]]
-    second = distances(robots["calibrated"], theirs.points)[rows[1]]
-    result = comparison.compare(
-        first, second, cleaned.points.pose[rows[0]], cleaned.points.pose_ids, seed, repeat_groups(cleaned.points)
-    )
-    return {
-        "other_model": other.model,
-        "this": statistics(first),
-        "other": statistics(second),
-        "poses": len(result.pose),
-        "other_minus_this_mm": result.difference / MM,
-        "interval_mm": None if result.interval is None else [value / MM for value in result.interval],
-        "other_better_share": result.second_is_better,
-        "verdict": result.verdict("this calibration", "the other"),
-        "per_pose": {
-            "pose": [str(name) for name in result.pose],
-            "this_mm": (result.first / MM).tolist(),
-            "other_mm": (result.second / MM).tolist(),
-        },
-    }
-
-
 def _verified(
     calibration: Record, robot: Robot, points: PointSet, verified: table.MeasurementsLike
 ) -> Mapping[str, Any]:
@@ -838,4 +788,4 @@ def _verified(
     measured = measured.of_arm(calibration.arm())
     points_verified = prepare(measured, calibration).points
     refuse_far_points(robot, points_verified, distances(robot, points_verified), measured, False)
-    return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, points_verified)
+    return accuracy.expected_and_verified(robot, calibration.arm(calibrated=False), points, points_verified)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,8 +26,25 @@ numbers were rounded on the way."""
 POSES = 1000
 
 
+class Answer(Result):
+    """Yes or no, its first field, and why, its last; true where it is yes."""
+
+    explanation: str
+
+    def __bool__(self) -> bool:
+        return bool(next(iter(vars(self).values())))
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``irbcal verify --json`` prints."""
+        return vars(self).copy()
+
+    def report(self) -> Sequence[Paragraph]:
+        """One sentence."""
+        return [self.explanation]
+
+
 @dataclass(frozen=True, repr=False)
-class Verification(Result):
+class Verification(Answer):
     """Whether a URDF is the one of a calibration; true where it is.
 
     Attributes
@@ -57,20 +74,9 @@ class Verification(Result):
     nominal_position_m: float
     explanation: str
 
-    def __bool__(self) -> bool:
-        return self.is_calibration
-
-    def to_dict(self) -> dict[str, Any]:
-        """What ``irbcal verify --json`` prints."""
-        return asdict(self)
-
-    def report(self) -> Sequence[Paragraph]:
-        """One sentence."""
-        return [self.explanation]
-
 
 @dataclass(frozen=True, repr=False)
-class ProgramVerification(Result):
+class ProgramVerification(Answer):
     """Whether a program bears the mark of a calibration; true where it does.
 
     Attributes
@@ -86,20 +92,9 @@ class ProgramVerification(Result):
     fingerprint: Literal["same", "other", "absent"]
     explanation: str
 
-    def __bool__(self) -> bool:
-        return self.is_calibration
-
-    def to_dict(self) -> dict[str, Any]:
-        """What ``irbcal verify --json`` prints."""
-        return asdict(self)
-
-    def report(self) -> Sequence[Paragraph]:
-        """One sentence."""
-        return [self.explanation]
-
 
 @dataclass(frozen=True, repr=False)
-class FolderVerification(Result):
+class FolderVerification(Answer):
     """Whether a calibration folder is as it was sealed; true where it is, and where the asked signature is good.
 
     Attributes
@@ -131,13 +126,6 @@ class FolderVerification(Result):
     signature: Literal["absent", "unchecked", "stale", "good", "bad"]
     explanation: str
 
-    def __bool__(self) -> bool:
-        return self.is_calibration
-
-    def to_dict(self) -> dict[str, Any]:
-        """What ``irbcal verify --json`` prints."""
-        return asdict(self)
-
     def report(self) -> Sequence[Paragraph]:
         """One sentence, what was not checked, and the deliberate changes."""
         unlisted = f"Not checked, for the seal does not list it: {', '.join(self.unlisted)}"
@@ -154,7 +142,7 @@ class FolderVerification(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class FileVerification(Result):
+class FileVerification(Answer):
     """Whether a file, such as a certificate, is as it was signed; true where it is.
 
     Attributes
@@ -166,17 +154,6 @@ class FileVerification(Result):
 
     is_signed: bool
     explanation: str
-
-    def __bool__(self) -> bool:
-        return self.is_signed
-
-    def to_dict(self) -> dict[str, Any]:
-        """What ``irbcal verify --json`` prints."""
-        return asdict(self)
-
-    def report(self) -> Sequence[Paragraph]:
-        """One sentence."""
-        return [self.explanation]
 
 
 def verify(

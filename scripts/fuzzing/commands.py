@@ -109,7 +109,6 @@ def _evaluate(random: Random) -> list[str]:
     if random.random() < 0.3:
         more = _some(random, ["--json"], ["--refit-tool"], ["--intervals"], ["--same-tool"], ["--payload", "1"])
         return ["evaluate", "@cal-auto", "@auto-v.csv", *more]
-    more += _some(random, ["--compare", "@cal-map"])
     if random.random() < 0.15:
         more += [
             "--report",

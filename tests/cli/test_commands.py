@@ -3,11 +3,11 @@ import sys
 
 from typer.main import get_command
 
-from irbcal.cli import commands, main
+from irbcal.cli import main
 
 
 def test_what_the_list_says_of_a_command_is_what_it_says_of_itself():
-    listed = {name: line for lines in commands.PANELS.values() for name, line in lines.items()}
+    listed = {name: main._summary(name) for name in main.COMMANDS}
     own = {name: " ".join(c.help.partition("\n\n")[0].split()) for name, c in get_command(main.app).commands.items()}
     assert listed == own
 

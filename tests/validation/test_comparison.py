@@ -9,69 +9,31 @@ from support import arm, measured, random_robot, with_thesis
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import MeasurementError
 from irbcal.modeling.joint_map import JointMap
-from irbcal.validation import comparison
+from irbcal.validation import accuracy
+from irbcal.validation.comparing import Pair
 
 
-def test_better_worse_and_not_told():
+def test_better_and_not_told_apart():
     rng = np.random.default_rng(0)
-    pose = np.repeat(np.arange(40), 2)
-    first = 1e-3 * (1 + 0.1 * rng.random(80))
-    names = np.array([f"p{k}" for k in range(40)])
-    better = comparison.compare(first, first - 1e-4, pose, names)
-    assert better.difference == pytest.approx(-1e-4, abs=1e-12)
-    assert better.second_is_better == 1.0
-    assert better.verdict("A", "B").startswith("On these poses B is better than A by 0.100 mm")
-    worse = comparison.compare(first, first + 2e-4, pose, names)
-    assert worse.verdict("A", "B").startswith("On these poses A is better than B by 0.200 mm")
-    same = comparison.compare(first, first + 1e-4 * rng.standard_normal(80), pose, names)
-    assert "do not tell A and B apart" in same.verdict("A", "B")
-    assert "too few" in comparison.compare(first[:4], first[:4], pose[:4], names).verdict("A", "B")
+    first, place = 1e-3 * (1 + 0.1 * rng.random(40)), np.arange(40)
+    better = Pair.of("B", "A", np.full(40, 1e-4), place)
+    assert better.difference_mm == pytest.approx(0.1, abs=1e-12)
+    assert better.told_apart
+    assert better.sentence().startswith("better than A by 0.100 mm")
+    same = Pair.of("B", "A", 1e-4 * rng.standard_normal(40), place)
+    assert not same.told_apart
+    assert "not told apart from A" in same.sentence()
+    few = Pair.of("B", "A", first[:4], place[:4])
+    assert few.interval_mm is None
+    assert "too few" in few.sentence()
+    repeats = Pair.of("B", "A", first, place // 10)
+    assert repeats.interval_mm is None, "repeats of a place are one"
 
 
-def test_pose_means_by_hand():
-    found = comparison.compare([1.0, 3.0, 5.0], [2.0, 2.0, 1.0], np.array([4, 4, 7]), np.arange(8))
-    assert found.pose.tolist() == [4, 7]
-    assert found.first.tolist() == [2.0, 5.0]
-    assert found.second.tolist() == [2.0, 1.0]
-    assert found.difference == pytest.approx(-2.0)
-    assert found.interval is None
-    with pytest.raises(ValueError, match="read-only"):
-        found.first[0] = 1.0
-
-
-def test_means_are_no_medians_and_equal_errors_no_gain():
-    found = comparison.compare([1.0, 1.0, 1.0, 1.0], [1.0, 0.0, 1.0, 5.0], np.arange(4), np.arange(4))
-    assert found.difference == pytest.approx(0.75)
-    assert found.second_is_better == 0.25
-
-
-def test_verdicts_state_the_interval_in_mm():
-    def between(low, high):
-        return comparison.Comparison(
-            np.arange(12), np.full(12, 1e-3), np.full(12, 1e-3 + (low + high) / 2), (low, high)
-        )
-
-    better = "On these poses B is better than A by 0.300 mm (95 % interval 0.100 to 0.500 mm)."
-    assert between(-5e-4, -1e-4).verdict("A", "B") == better
-    assert between(1e-4, 5e-4).verdict("B", "A") == better
-    for low, high in ((-1e-4, 0.0), (0.0, 1e-4)):
-        assert "do not tell A and B apart" in between(low, high).verdict("A", "B"), "an interval that touches zero"
-    assert between(-1e-4, 2e-4).verdict("A", "B").endswith("(95 % interval -0.100 to +0.200 mm).")
-
-
-def test_common_points_are_matched_by_pose_and_target():
-    nominal = arm()
-    robot = random_robot(nominal, "11", np.random.default_rng(0))
-    points = measured(robot, nominal.random_joints(6, 0))
-    other = points.select(np.arange(6) != 2)
-    other = replace(
-        other.take(other.target > 0), target=other.target[other.target > 0] - 1, target_names=("smr2", "smr3")
-    )
-    mine, theirs = comparison.common_points(points, other)
-    assert len(mine) == 10
-    assert np.array_equal(points.xyz[mine], other.xyz[theirs])
-    with pytest.raises(MeasurementError, match="no measured point in common"):
-        comparison.common_points(points, replace(other, target_names=("a", "b")))
+def test_an_interval_that_touches_zero_tells_nothing():
+    for low in (-0.1, 0.0):
+        assert not Pair("B", "A", 0.1, (low, 0.3)).told_apart
+    assert Pair("B", "A", 0.3, (0.1, 0.5)).sentence() == "better than A by 0.300 mm (0.100 to 0.500 mm)"
 
 
 def test_verified_errors_of_a_perfect_calibration_are_zero_and_expected_ones_too():
@@ -83,7 +45,7 @@ def test_verified_errors_of_a_perfect_calibration_are_zero_and_expected_ones_too
     assert keep.sum() > 25
     expected = measured(robot, q[keep])
     verified = measured(robot, corrected.q[keep])
-    found = comparison.expected_and_verified(robot, nominal, expected, verified)
+    found = accuracy.expected_and_verified(robot, nominal, expected, verified)
     assert found["expected"]["max_mm"] < 1e-9
     assert found["verified"]["max_mm"] < 1e-5, "fake targets are found to 1e-10 m at the tip"
     assert found["command_mm"] < 1e-5
@@ -99,13 +61,13 @@ def test_verified_errors_of_an_imperfect_calibration_are_like_the_expected_ones(
     q = 0.5 * nominal.random_joints(200, 1)
     corrected = correct_joints(robot, nominal, q)
     expected, verified = measured(truth, q[corrected.ok]), measured(truth, corrected.q[corrected.ok])
-    found = comparison.expected_and_verified(robot, nominal, expected, verified)
+    found = accuracy.expected_and_verified(robot, nominal, expected, verified)
     assert found["poses"] == {"expected": expected.poses, "verified": verified.poses, "set_aside": []}
     assert found["verified"]["mean_mm"] == pytest.approx(found["expected"]["mean_mm"], rel=0.03)
     assert found["verified"]["max_mm"] == pytest.approx(found["expected"]["max_mm"], rel=0.05)
     strangers = replace(verified, pose_ids=np.array([f"x{k}" for k in range(verified.poses)]))
     with pytest.raises(MeasurementError, match="no pose of the same name"):
-        comparison.expected_and_verified(robot, nominal, expected, strangers)
+        accuracy.expected_and_verified(robot, nominal, expected, strangers)
 
 
 def corrected_poses(poses=30):
@@ -124,7 +86,7 @@ def test_commands_that_are_no_fake_targets_are_set_aside():
     robot, nominal, expected, verified = corrected_poses()
     off = verified.q.copy()
     off[3] += np.radians(0.05)
-    found = comparison.expected_and_verified(robot, nominal, expected, replace(verified, q=off))
+    found = accuracy.expected_and_verified(robot, nominal, expected, replace(verified, q=off))
     assert found["poses"]["set_aside"] == ["3"]
     assert found["poses"]["verified"] == verified.poses - 1
     assert found["command_mm"] < 1e-5
@@ -132,7 +94,7 @@ def test_commands_that_are_no_fake_targets_are_set_aside():
     half = verified.poses // 2
     off = verified.q.copy()
     off[half:] += np.radians(0.05)
-    found = comparison.expected_and_verified(robot, nominal, expected, replace(verified, q=off))
+    found = accuracy.expected_and_verified(robot, nominal, expected, replace(verified, q=off))
     assert found["poses"]["set_aside"] == []
     wanted = robot.replace(arm=nominal, joint_map=JointMap.identity(nominal)).poses(expected.q)[:, :3, 3]
     apart = np.linalg.norm(robot.poses(off)[:, :3, 3] - wanted, axis=1)
@@ -144,7 +106,7 @@ def test_the_meant_robot_has_the_nominal_arm_and_no_joint_map():
     robot = random_robot(nominal, "34", np.random.default_rng(4))
     robot = robot.replace(joint_map=with_thesis(robot.joint_map, gain=np.full(6, 0.01)))
     q = nominal.random_joints(5, 0)
-    meant = comparison.replace_geometry(robot, nominal)
+    meant = accuracy.replace_geometry(robot, nominal)
     assert np.abs(meant.poses(q) - nominal.forward(q)).max() < 1e-14
     assert np.array_equal(meant.T_world_base, robot.T_world_base)
     assert list(meant.targets) == list(robot.targets)
@@ -156,7 +118,7 @@ def test_a_tenth_of_a_millimetre_is_the_same_command(away, aside):
     # the command misses by so much where joint 1 turns by that over the tip's distance from its axis
     q = verified.q.copy()
     q[0, 0] += away * 1e-3 / np.linalg.norm(robot.poses(q[:1])[0, :2, 3])
-    found = comparison.expected_and_verified(robot, nominal, expected, replace(verified, q=q))
+    found = accuracy.expected_and_verified(robot, nominal, expected, replace(verified, q=q))
     assert len(found["poses"]["set_aside"]) == aside
 
 
@@ -164,7 +126,7 @@ def test_groups_and_poses_that_one_of_both_lacks():
     robot, nominal, expected, verified = corrected_poses()
     some = verified.select(np.arange(verified.poses) >= 5)
     strange = replace(some, pose_ids=np.array([f"x{k}" if k == 7 else k for k in some.pose_ids], dtype=object))
-    found = comparison.expected_and_verified(robot, nominal, expected, strange)
+    found = accuracy.expected_and_verified(robot, nominal, expected, strange)
     assert found["poses"]["verified"] == some.poses - 1
     assert found["expected"]["n"] == len(expected)
     parts = found["per_group"]

@@ -49,7 +49,7 @@ def test_statistics_are_those_of_numpy_by_hand(program, demo_calibration, verifi
     low, high = found["intervals"]["per_group"]["iso_cube"]["calibrated"]["p95_mm"]
     assert low < high
     assert found["percentiles"]["calibrated"]["p50_mm"] < found["calibrated"]["max_mm"]
-    assert found["comparison"] is found["relative"] is found["verified"] is found["flange"] is None
+    assert found["relative"] is found["verified"] is found["flange"] is None
 
 
 def test_flange_relative_and_sphere(program, demo_calibration, verification):
@@ -77,20 +77,6 @@ def test_flange_relative_and_sphere(program, demo_calibration, verification):
         ["--relative", "three-points", "--frame-points", "1"],
     ):
         assert CliRunner().invoke(app, ["evaluate", str(demo_calibration), str(verification), *wrong]).exit_code == 2
-
-
-def test_two_calibrations_pose_by_pose(program, calibrated, demo_calibration, verification, tmp_path):
-    calibrated(tmp_path / "other", "11")
-    found = program("evaluate", demo_calibration, verification, "--compare", tmp_path / "other", "--json")
-    pair = found["comparison"]
-    assert pair["this"] == found["calibrated"]
-    alone = program("evaluate", tmp_path / "other", verification, "--json")
-    assert pair["other"] == alone["calibrated"]
-    difference = np.subtract(pair["per_pose"]["other_mm"], pair["per_pose"]["this_mm"])
-    assert pair["other_minus_this_mm"] == pytest.approx(difference.mean())
-    assert pair["interval_mm"][0] > 0
-    text = program("evaluate", demo_calibration, verification, "--compare", tmp_path / "other")
-    assert "this calibration is better than the other" in text
 
 
 def test_expected_against_verified(program, demo_calibration, verification, tmp_path):

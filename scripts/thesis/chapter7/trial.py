@@ -48,7 +48,7 @@ from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy
-from irbcal.validation.comparison import replace_geometry
+from irbcal.validation.accuracy import replace_geometry
 
 if TYPE_CHECKING:
     import pandas as pd
