@@ -74,10 +74,6 @@ def write_set(contents: Mapping[Path, bytes]) -> None:
 def recover(folder: str | Path) -> None:
     """Finish what a writer that was killed has begun in a folder, and sweep what it left; nothing to do is fast.
 
-    Parameters
-    ----------
-    folder : str or Path
-
     Raises
     ------
     CalibrationError

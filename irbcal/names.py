@@ -76,10 +76,6 @@ def check_names(
 def comment(text: str) -> str:
     """A text as it may stand in a comment of a robot program: one line of printable ASCII, whatever it was.
 
-    Parameters
-    ----------
-    text : str
-
     Returns
     -------
     str
@@ -91,10 +87,6 @@ def comment(text: str) -> str:
 
 def cell(text: str) -> str:
     """A name as it is written into a CSV cell that people open in a spreadsheet: never a formula.
-
-    Parameters
-    ----------
-    text : str
 
     Returns
     -------
@@ -111,10 +103,6 @@ def from_cell(text: str) -> str:
 
 def without_formulas(table: pd.DataFrame) -> pd.DataFrame:
     """A table as it is written for people: no text in it begins like a formula.
-
-    Parameters
-    ----------
-    table : DataFrame
 
     Returns
     -------

@@ -349,10 +349,6 @@ class Earlier(Locked):
 def earlier_of(calibration: CalibrationLike) -> Earlier:
     """Open an earlier calibration to add measurements to it.
 
-    Parameters
-    ----------
-    calibration : str, Path, Record or a result that holds one
-
     Raises
     ------
     CalibrationError

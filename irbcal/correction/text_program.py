@@ -171,10 +171,6 @@ class ControlFlow:
     Text is followed from top to bottom. Where it branches or begins anew, the stop before is not known; tool and frame
     hold on, unless a branch or loop sets them: then nothing is known of them behind it.
 
-    Parameters
-    ----------
-    listing : Listing
-
     Attributes
     ----------
     state : FrameState

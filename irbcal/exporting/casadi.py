@@ -52,11 +52,6 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
 
     The formulas are those of the exported module on plain floats, given symbols in place of numbers.
 
-    Parameters
-    ----------
-    parts : Parts
-    vectors : Vectors
-
     Returns
     -------
     dict of str to casadi.Function

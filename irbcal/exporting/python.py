@@ -56,11 +56,6 @@ def text(parts: Parts, vectors: Vectors, code: ModuleType = batch) -> bytes:
 def constants(parts: Parts, vectors: Vectors) -> dict[str, Any]:
     """The constants of a calibration, by their names: what `plain.Plain` and `batch.Batch` are made of.
 
-    Parameters
-    ----------
-    parts : Parts
-    vectors : Vectors
-
     Returns
     -------
     dict

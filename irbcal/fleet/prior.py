@@ -37,13 +37,7 @@ LEAST_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FleetPrior(Result):
-    """A prior that was written.
-
-    Attributes
-    ----------
-    prior : TypePrior
-    out : Path
-    """
+    """A prior that was written."""
 
     prior: TypePrior
     out: Path

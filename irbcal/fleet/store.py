@@ -199,12 +199,7 @@ class Stored:
 
 
 class Store:
-    """A store that is open.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-    """
+    """A store that is open."""
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine

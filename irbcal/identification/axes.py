@@ -408,10 +408,6 @@ def measure_axes(points: PointSet) -> MeasuredAxes:
     Axis k depends on joints 1 to k-1 only: it is brought to zero joints by turning it back about the axes before it
     by the group's home angles, joint 1 outermost. Home poses may differ from group to group.
 
-    Parameters
-    ----------
-    points : PointSet
-
     Raises
     ------
     IdentificationError

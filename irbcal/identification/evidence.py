@@ -127,11 +127,6 @@ class Averaging:
         Of all terms that a term set may have.
     sums : NormalEquations
         Of all its columns.
-
-    Attributes
-    ----------
-    superset : list of Term
-    compared : list of ComparedTermSet
     """
 
     def __init__(self, linear: LinearModel, sums: NormalEquations) -> None:

@@ -625,12 +625,7 @@ MOST_PLACES = 5000
 
 
 def certainty_of(fit: Fit) -> Certainty:
-    """Covariance, leave-one-out errors and joint ranges of a fit.
-
-    Parameters
-    ----------
-    fit : Fit
-    """
+    """Covariance, leave-one-out errors and joint ranges of a fit."""
     problem, points = fit.problem, fit.problem.points
     covariance = fit.solution.information.covariance()
     u = left_out(fit, covariance)

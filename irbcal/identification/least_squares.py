@@ -112,10 +112,6 @@ class Information(Locked):
         O3 = s_r (Nahvi, Hollerbach and Hayward 1994), O4 = s_r^2 / s_1 (Nahvi and Hollerbach 1996),
         O5 = 1 / (1/s_1 + ... + 1/s_r) (Sun and Hollerbach 2008); s in metres for a plausible size.
 
-        Parameters
-        ----------
-        poses : int
-
         Returns
         -------
         dict of str to float
@@ -347,13 +343,7 @@ class History(Result):
                 )
 
     def record(self, iteration: int, state: State) -> None:
-        """Add one iteration; hand this method to a fit.
-
-        Parameters
-        ----------
-        iteration : int
-        state : State
-        """
+        """Add one iteration; hand this method to a fit."""
         if iteration % self.every:
             return
         now = time.perf_counter()

@@ -39,10 +39,6 @@ SIGN_COLUMN = "came_from"
 def without_tables(record: Record) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What stands in ``calibration.json``, and the files beside it.
 
-    Parameters
-    ----------
-    record : Record
-
     Returns
     -------
     document : dict
@@ -214,11 +210,6 @@ def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) ->
 def with_page(folder: str | Path, page: bytes) -> dict[str, bytes]:
     """The files to write for a new ``report.html``: the page, and ``calibration.json`` whose seal lists it.
 
-    Parameters
-    ----------
-    folder : str or Path
-    page : bytes
-
     Raises
     ------
     CalibrationError
@@ -315,10 +306,6 @@ class FolderCheck:
 
 def checked(folder: str | Path) -> FolderCheck:
     """Look at every part and every file of a calibration folder.
-
-    Parameters
-    ----------
-    folder : str or Path
 
     Raises
     ------

@@ -24,10 +24,6 @@ def to_yaml(calibration: Record) -> str:
 
     Keys are the joints' child links without their ending ``_link`` (their whole names after ``link`` where that would
     not be unique); x, y, z in metres, roll, pitch, yaw in radians.
-
-    Parameters
-    ----------
-    calibration : Record
     """
     import yaml
 

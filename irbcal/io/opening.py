@@ -43,10 +43,6 @@ CalibrationLike: TypeAlias = str | Path | Record | HoldsRecord
 def open_calibration(calibration: CalibrationLike) -> Record:
     """A calibration by whatever names it: folder, record, or a result that holds one.
 
-    Parameters
-    ----------
-    calibration : str, Path, Record or a result with an attribute ``record``
-
     Raises
     ------
     CalibrationError

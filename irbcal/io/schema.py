@@ -1066,10 +1066,6 @@ class Record(Section):
     def used_points(self, heldout: bool | None) -> tuple[PointSet, FloatArray] | None:
         """The used points, fitted or held out or (None) both, and the directions from which their joints were reached.
 
-        Parameters
-        ----------
-        heldout : bool or None
-
         Returns
         -------
         points : PointSet

@@ -629,11 +629,6 @@ def largest_link_shift(urdf: UrdfArm, arm: Arm) -> float:
 def speed_limits(urdf: bytes, names: Sequence[str]) -> FloatArray:
     """Largest speeds of joints.
 
-    Parameters
-    ----------
-    urdf : bytes
-    names : sequence of str
-
     Returns
     -------
     ndarray, shape (joints,)

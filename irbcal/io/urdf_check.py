@@ -102,11 +102,6 @@ LIMIT = 1e-9
 class ArmInModel:
     """Where the joints and links of an arm stand in a Pinocchio model, and the arm's joints in its configurations.
 
-    Parameters
-    ----------
-    model : pinocchio.Model
-    arm : Arm
-
     Attributes
     ----------
     joint_ids : list of int

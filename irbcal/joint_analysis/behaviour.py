@@ -67,10 +67,6 @@ def verdict(result: JointBehaviour) -> list[str]:
 
     Nubiola 2011, section 7.2: an analysis of each axis tells whether a stiffness model and a model of joint 6 are
     necessary.
-
-    Parameters
-    ----------
-    result : JointBehaviour
     """
     residuals = result.residuals
     out = of_moves(result.moves, only_moves=residuals is None)
@@ -106,10 +102,6 @@ def _disagreements(moves: Sequence[JointMoves], residuals: ResidualAnalysis) -> 
 
 def as_dict(result: JointBehaviour) -> dict[str, Any]:
     """The result as plain numbers and words: lengths in mm, angles in degrees.
-
-    Parameters
-    ----------
-    result : JointBehaviour
 
     Returns
     -------

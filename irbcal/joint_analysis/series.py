@@ -377,10 +377,6 @@ def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:
 
     As there, each payload's errors are those from its own circle, all directions together, zero where the joint is
     zero; what the payload does at that angle, and to the circle itself, is not in them. The shift of the points has it.
-
-    Parameters
-    ----------
-    series : sequence of Series
     """
     out = []
     for first, second in combinations([s for s in series if np.isfinite(s.payload_kg)], 2):

@@ -36,14 +36,7 @@ MOVED = 0.05
 
 
 class Exclusion(Section):
-    """A point that was left out.
-
-    Attributes
-    ----------
-    pose : str
-    target : str
-    reason : str
-    """
+    """A point that was left out."""
 
     pose: Name
     target: Name

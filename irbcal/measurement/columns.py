@@ -497,10 +497,6 @@ class InputTable:
 def read_targets(table: TableLike) -> dict[str, FloatArray]:
     """Read known reflector positions with columns ``target``, ``x_mm``, ``y_mm``, ``z_mm``.
 
-    Parameters
-    ----------
-    table : str, Path or DataFrame
-
     Returns
     -------
     dict of str to ndarray, shape (3,)

@@ -135,10 +135,6 @@ class PointSet(Result):
     def predicted_rotations(self, robot: Robot) -> FloatArray:
         """How a robot expects the target frames to be turned.
 
-        Parameters
-        ----------
-        robot : Robot
-
         Returns
         -------
         ndarray, shape (m, 3, 3)
@@ -267,11 +263,6 @@ def distances(robot: Robot, points: PointSet) -> FloatArray:
 
 def rotation_distances(robot: Robot, points: PointSet) -> FloatArray:
     """Angle between each measured and predicted target frame.
-
-    Parameters
-    ----------
-    robot : Robot
-    points : PointSet
 
     Returns
     -------

@@ -37,10 +37,6 @@ def repeat_groups(points: PointSet) -> IntArray:
 
     Poses of one name are the cycles of one pose of a program. Across sessions names mean nothing, equal joints do.
 
-    Parameters
-    ----------
-    points : PointSet
-
     Returns
     -------
     ndarray of int, shape (n,)

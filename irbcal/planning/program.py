@@ -25,11 +25,6 @@ FIRST = 0.1
 def language_of(arm: Arm, wish: Wish) -> tuple[str, str]:
     """The language of the plan's program by its short name, and why there is none.
 
-    Parameters
-    ----------
-    arm : Arm
-    wish : Wish
-
     Returns
     -------
     name, note : str
@@ -79,10 +74,6 @@ def _fault(arm: Arm, language: languages.Language, wish: Wish) -> str:
 
 def files(planned: PlannedPoses) -> dict[str, bytes]:
     """The files of a plan's program: joint moves, and a rest in each pose for the wait and the readings.
-
-    Parameters
-    ----------
-    planned : PlannedPoses
 
     Returns
     -------

@@ -37,14 +37,7 @@ Region: TypeAlias = "Callable[[FloatArray], BoolArray]"
 
 @dataclass(frozen=True, eq=False)
 class Tally(Locked):
-    """How many candidates each condition removed, of those that the ones before it had left.
-
-    Attributes
-    ----------
-    tried : int
-    removed : dict of str to int
-    kept : int
-    """
+    """How many candidates each condition removed, of those that the ones before it had left."""
 
     tried: int = 0
     removed: dict[str, int] = field(default_factory=dict)
@@ -161,11 +154,6 @@ def axis_moves(setting: Setting, wide: bool = False) -> Poses:
     Three angles, -30, 0 and 30 degrees; or ``wide``: from -40 to 40 degrees and back by 10 degrees, the last joint from
     -180 to 180 degrees and back. That makes 18 and 158 poses for six joints. Where limits are too near, all angles of a
     joint are scaled down.
-
-    Parameters
-    ----------
-    setting : Setting
-    wide : bool
 
     Returns
     -------

@@ -388,12 +388,7 @@ def check_name(path: str | PathLike[str]) -> Path:
 
 
 def inline(drawing: Drawing) -> Markup:
-    """A drawing as part of a page.
-
-    Parameters
-    ----------
-    drawing : Drawing
-    """
+    """A drawing as part of a page."""
     from markupsafe import Markup
 
     return Markup(_svg(drawing, _variable, f'role="img" aria-label="{as_text(drawing.label)}"'))

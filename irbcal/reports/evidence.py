@@ -77,12 +77,7 @@ class Evidence(Locked):
 
 
 def gather(calibration: Record) -> Evidence:
-    """Compute everything that the report shows of a calibration's poses.
-
-    Parameters
-    ----------
-    calibration : Record
-    """
+    """Compute everything that the report shows of a calibration's poses."""
     c = calibration
     sets = []
     for name, heldout, nominal, calibrated in (

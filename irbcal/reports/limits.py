@@ -43,13 +43,7 @@ class Limit:
 
 
 def limits(record: Record, evidence: Evidence) -> list[Limit]:
-    """What limits a calibration, the largest first; empty where nothing stands out.
-
-    Parameters
-    ----------
-    record : Record
-    evidence : Evidence
-    """
+    """What limits a calibration, the largest first; empty where nothing stands out."""
     first = evidence.sets[0]
     model = first.models.get("calibrated", first.models["nominal"])
     rms = float(np.sqrt(np.mean(model.distance**2)) / MM)

@@ -263,11 +263,6 @@ def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Float
 def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
     """All figures of a report.
 
-    Parameters
-    ----------
-    calibration : Record
-    evidence : irbcal.reports.evidence.Evidence
-
     Returns
     -------
     dict of str to list of Chart

@@ -81,11 +81,6 @@ def families(section: EvidenceSection) -> list[dict[str, Any]]:
 def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
     """The data behind the figures and tables of the page as CSV files.
 
-    Parameters
-    ----------
-    calibration : Record
-    evidence : Evidence
-
     Returns
     -------
     dict of str to bytes

@@ -419,11 +419,6 @@ class NoiseEffect(Effect):
     Standard deviations ``a + b r`` along the beam and in each direction across it, independent of one another.
     Nubiola 2011, Table A III-2 has 1 to 2 um for one reflector that stands still, chapter 4 a largest error of 22 um on
     a bar of 1 m: the setting lies between.
-
-    Parameters
-    ----------
-    range_um, range_um_per_m : float
-    across_um, across_um_per_m : float
     """
 
     name: ClassVar[str] = "noise"

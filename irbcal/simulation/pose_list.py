@@ -360,12 +360,6 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
 def random_list(cell: VirtualCell, count: int, seed: int = 0, wait_s: float = WAIT_S) -> PoseList:
     """Random joints inside the limits, above the floor and, where visibility is on, with a target in sight.
 
-    Parameters
-    ----------
-    cell : VirtualCell
-    count, seed : int
-    wait_s : float
-
     Raises
     ------
     MeasurementError

@@ -78,10 +78,6 @@ def bodies(urdf: urdf_module.UrdfArm) -> Bodies:
     Links on fixed joints count with the link they sit on, and so do branches (a gripper's fingers); links without
     ``inertial`` have no mass.
 
-    Parameters
-    ----------
-    urdf : UrdfArm
-
     Raises
     ------
     RobotError

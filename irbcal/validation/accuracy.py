@@ -182,11 +182,6 @@ def relative_to_virtual_frame(robot: Robot, points: PointSet) -> tuple[FloatArra
 
     The thesis has them in Table 7.10 and Figure 7.13.
 
-    Parameters
-    ----------
-    robot : Robot
-    points : PointSet
-
     Returns
     -------
     distance : ndarray, shape (m,)

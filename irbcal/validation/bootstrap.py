@@ -41,12 +41,6 @@ NUMBER_S = 1e-8
 def draws(poses: int, resamples: int = RESAMPLES, seed: int = 0) -> Iterator[NDArray[np.int32]]:
     """How often each pose is in each resample.
 
-    Parameters
-    ----------
-    poses : int
-    resamples : int
-    seed : int
-
     Returns
     -------
     iterator of ndarray of int, shape (block, poses)

@@ -137,10 +137,6 @@ def length_scale(nominal: Arm, calibrated: Arm) -> LengthScale | None:
     No residual shows a tracker whose lengths are all too long: every link becomes longer by the same share. The only
     known lengths of a robot that is measured without a scale bar are its nominal ones, which differ from the true ones
     by what machining leaves, independently of one another.
-
-    Parameters
-    ----------
-    nominal, calibrated : Arm
     """
     pairs = [(nominal.table.a, calibrated.table.a), (nominal.table.d, calibrated.table.d)]
     length, change = (np.concatenate(arrays) for arrays in zip(*((a, b - a) for a, b in pairs), strict=True))

@@ -35,16 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Iso9283(Result):
-    """What the tests of ISO 9283 came to; None for tests that were not made.
-
-    Attributes
-    ----------
-    poses : PoseCheck or None
-    stabilisation : Settling or None
-    path : PathCheck or None
-    posing : PosingTimes or None
-    compliance : StaticCompliance or None
-    """
+    """What the tests of ISO 9283 came to; None for tests that were not made."""
 
     poses: PoseCheck | None
     stabilisation: Settling | None

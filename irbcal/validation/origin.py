@@ -190,10 +190,6 @@ def _hashed(calibration: object) -> list[HashedFile]:
 def checked_info(info: Mapping[str, str] | None) -> dict[str, str]:
     """What is told of a measurement, by the names of `FIELDS` where it is one of them.
 
-    Parameters
-    ----------
-    info : dict of str to str, optional
-
     Raises
     ------
     OptionError

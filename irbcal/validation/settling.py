@@ -254,10 +254,6 @@ class Settling(Result):
 def read_approaches(source: TableLike) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Approaches to a pose: columns ``time_s``, ``x_mm``, ``y_mm``, ``z_mm`` and, for several, ``run``.
 
-    Parameters
-    ----------
-    source : str, Path or DataFrame
-
     Returns
     -------
     dict of str to (time, xyz)

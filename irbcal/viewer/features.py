@@ -228,11 +228,6 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
     The calibrated robot is held against the fitted features, the nominal one against features placed anew about it, as
     in the calibration's own figures; its error is drawn to the fitted feature.
 
-    Parameters
-    ----------
-    record : Record
-    table : str, Path or DataFrame
-
     Raises
     ------
     MeasurementError

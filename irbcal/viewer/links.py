@@ -51,10 +51,6 @@ class Link(Locked):
 def links(urdf: UrdfArm) -> tuple[Link, ...]:
     """All links of a robot, parents first.
 
-    Parameters
-    ----------
-    urdf : UrdfArm
-
     Returns
     -------
     tuple of Link

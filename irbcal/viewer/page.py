@@ -93,10 +93,6 @@ def record(scene: PageScene) -> Recorder:
 
     Nodes: ``/irbcal/robot/K`` (link K), ``/irbcal/tracker``, ``/irbcal/references``, ``/irbcal/cube``,
     ``/irbcal/features``, ``/irbcal/cell``, ``/irbcal/path``. Names from files are never part of a node's path.
-
-    Parameters
-    ----------
-    scene : PageScene
     """
     recorder = Recorder()
     view = Visualizer(window=recorder)
@@ -220,17 +216,11 @@ SCRIPTS = (
 
 
 def render(scene: PageScene) -> str:
-    """The page of a scene.
-
-    Parameters
-    ----------
-    scene : PageScene
-    """
+    """The page of a scene."""
     from irbcal.templates import environment
-    from irbcal.viewer import page
 
     data = content(scene)
-    data["commands"] = page.record(scene).as_text()
+    data["commands"] = record(scene).as_text()
     script = "".join(_own(f"script/{name}.js") for name in SCRIPTS)
     scripts = {"viewer": _viewer("main.min.js"), "overlay": f'"use strict";\n(function () {{\n{script}}})();\n'}
     for name, text in scripts.items():
@@ -260,12 +250,7 @@ def render(scene: PageScene) -> str:
 
 
 def content(scene: PageScene) -> dict[str, Any]:
-    """What the panel works with, as plain values; arrays are base64 of little-endian float32 or int32.
-
-    Parameters
-    ----------
-    scene : PageScene
-    """
+    """What the panel works with, as plain values; arrays are base64 of little-endian float32 or int32."""
     robot, points = scene.robot, scene.points
     arm = robot.arm
     lower = np.where(np.isfinite(arm.lower), arm.lower, np.where(scene.prismatic, -1.0, -np.pi))

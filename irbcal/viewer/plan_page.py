@@ -15,12 +15,7 @@ from irbcal.viewer.view import View, view
 
 
 def page(plan: Plan) -> str:
-    """The page of a plan, self-contained HTML.
-
-    Parameters
-    ----------
-    plan : Plan
-    """
+    """The page of a plan, self-contained HTML."""
     scene, setting = plan.scene, plan.scene.setting
     base, tip = scene.links
     view_page = view(

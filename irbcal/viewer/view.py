@@ -117,12 +117,7 @@ setattr(view, "show", view)  # noqa: B010 - `irbcal.view.show` is what the funct
 
 @dataclass(frozen=True, eq=False, repr=False)
 class View(Result):
-    """A scene and its page.
-
-    Parameters
-    ----------
-    scene : irbcal.viewer.scene.Scene
-    """
+    """A scene and its page."""
 
     scene: PageScene
 

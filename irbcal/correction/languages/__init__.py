@@ -201,11 +201,6 @@ def files_of(programs: Sequence[str | Path]) -> tuple[Language, list[Path]]:
 def write(language: Language, moves: Moves) -> dict[str, bytes]:
     """Joint moves as a program.
 
-    Parameters
-    ----------
-    language : Language
-    moves : Moves
-
     Returns
     -------
     dict of str to bytes

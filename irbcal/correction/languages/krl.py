@@ -353,12 +353,7 @@ def target(name: str, type_name: str, braces: Aggregate, listing: Listing) -> tu
 
 
 class KrlData:
-    """All variables of a program.
-
-    Attributes
-    ----------
-    variables : dict of Key to Variable
-    """
+    """All variables of a program."""
 
     def __init__(self, listing: Listing, stems: list[str]) -> None:
         self.listing, self.stems = listing, stems

@@ -240,10 +240,6 @@ class Reader:
 
     What they mean for targets is decided afterwards, see `Literals` and `Uses`.
 
-    Parameters
-    ----------
-    listing : Listing
-
     Attributes
     ----------
     tokens : list of Token
@@ -672,10 +668,6 @@ _PARTS: dict[Kind, tuple[tuple[int, str], ...]] = {
 
 class Literals:
     """All targets in numbers of a module, and everything that gives a target another value.
-
-    Parameters
-    ----------
-    listing : Listing
 
     Attributes
     ----------

@@ -340,10 +340,6 @@ class Imported(ReadOnlyTables, Result):
     def written_to(self, out: str | PathLike[str]) -> "Imported":
         """Write the measurement file, whole or not at all.
 
-        Parameters
-        ----------
-        out : str or Path
-
         Returns
         -------
         Imported
@@ -474,10 +470,6 @@ LANGUAGES = (
 
 def read(path: str | PathLike[str]) -> pd.DataFrame | None:
     """Joints of a program by its ending.
-
-    Parameters
-    ----------
-    path : str or Path
 
     Returns
     -------

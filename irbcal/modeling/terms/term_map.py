@@ -102,10 +102,6 @@ class TermMap:
     def motions(self, motion: Motion) -> FloatArray:
         """Motions of all joints' frames, the joint map's among them.
 
-        Parameters
-        ----------
-        motion : Motion
-
         Returns
         -------
         ndarray, shape (n, joints, 6)
