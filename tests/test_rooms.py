@@ -31,7 +31,6 @@ FLOORS = (
     ("cell",),
     ("correction",),
     ("validation", "joint_analysis", "simulation"),
-    ("kinematic_results",),
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer"),
     ("calibration", "pipeline", "sessions"),

@@ -8,11 +8,9 @@ from typing import Any
 
 from irbcal import literals
 from irbcal.exporting import python
-from irbcal.exporting.made import ExportFiles
-from irbcal.exporting.parts import Parts, Vectors
+from irbcal.exporting.parts import ExportFiles, Parts, Vectors, render
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source, needed
-from irbcal.exporting.written import render
 
 WHAT = "CasADi: Functions of joint map, inverse, tip and Jacobians, saved and as generated C"
 NEXT = "python {folder}/{word}_casadi.py     # are its numbers right here, too?"

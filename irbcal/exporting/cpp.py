@@ -7,9 +7,8 @@ import numpy as np
 from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.exporting import live, motion
-from irbcal.exporting.made import ExportFiles
+from irbcal.exporting.parts import ExportFiles, render
 from irbcal.exporting.source import Source
-from irbcal.exporting.written import render
 from irbcal.units import DEG
 
 WHAT = "C++17: one header without dependencies, and a program for live correction"

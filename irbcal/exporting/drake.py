@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from irbcal.exporting.gathered import beside, gathered, in_words
-from irbcal.exporting.made import ExportFiles
+from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io import urdf_xml
 

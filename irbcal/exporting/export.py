@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError
-from irbcal.exporting.made import ExportFiles
+from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.mesh_paths import CHOICES, MeshPaths

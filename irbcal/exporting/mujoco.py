@@ -15,7 +15,7 @@ from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.gathered import Gathered, beside, gathered
-from irbcal.exporting.made import ExportFiles
+from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames

@@ -8,13 +8,13 @@ move does.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from irbcal import __version__
+from irbcal import __version__, literals
 from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
@@ -26,6 +26,23 @@ from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.situation import GRAVITY
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
+
+
+@dataclass(frozen=True, eq=False)
+class ExportFiles(Locked):
+    """The files of an export.
+
+    Attributes
+    ----------
+    files : mapping of str to bytes
+        By their names in the folder.
+    notes : tuple of str
+        What is not in them though the calibration's URDF has it.
+    """
+
+    files: Mapping[str, bytes]
+    notes: tuple[str, ...] = ()
+
 
 VERSION = "irbcal-export-1"
 """Name of the layout of exports; it changes when what they offer does."""
@@ -407,3 +424,32 @@ def vectors_of(robot: Robot, parts: Parts, n: int = TESTS, seed: int = 1) -> Vec
     effective = np.array(robot.joint_map.effective(q, *situation), dtype=float)
     tip = robot.replace(frame_terms=None).forward(q, *situation)[:, :3]
     return Vectors(q, previous, load, payload_at, torques, effective, tip)
+
+
+LANGUAGES = {"py": literals.python, "hpp": literals.cpp, "cpp": literals.cpp}
+"""By the ending of a template's name, before ``.j2``."""
+
+
+def render(template: str, parts: Parts, vectors: Vectors, **more: Any) -> bytes:
+    """A file of an export.
+
+    Parameters
+    ----------
+    template : str
+        In the folder ``templates``.
+    parts : Parts
+    vectors : Vectors
+    **more
+        What else the template names.
+
+    Returns
+    -------
+    bytes
+        UTF-8.
+    """
+    from irbcal.templates import environment as templates
+
+    environment = templates("irbcal.exporting", literal=LANGUAGES[template.split(".")[-2]])
+    environment.filters |= {"comment": literals.comment, "word": literals.word}
+    text = environment.get_template(template).render(parts=parts, vectors=vectors, n=len(parts.joint_names), **more)
+    return text.encode("utf-8")

@@ -14,9 +14,7 @@ from markupsafe import Markup
 
 from irbcal.arrays import FloatArray
 from irbcal.exporting import batch, plain
-from irbcal.exporting.made import ExportFiles
-from irbcal.exporting.parts import Parts, Vectors
-from irbcal.exporting.written import render
+from irbcal.exporting.parts import ExportFiles, Parts, Vectors, render
 
 if TYPE_CHECKING:
     from irbcal.exporting.source import Source

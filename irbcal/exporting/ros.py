@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from irbcal.errors import RobotError
 from irbcal.exporting.gathered import beside, gathered, in_words
-from irbcal.exporting.made import ExportFiles
+from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io import joint_origins, urdf_xml
 from irbcal.literals import xacro, xml_comment

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from irbcal.exporting.gathered import beside, urdf_of
-from irbcal.exporting.made import ExportFiles
+from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io import joint_origins, robots
 from irbcal.io.mesh_paths import MeshFolders, with_mesh_paths

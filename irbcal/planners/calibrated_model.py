@@ -23,15 +23,18 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
-from irbcal.errors import CalibrationError
+from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.errors import CalibrationError, RobotError
 from irbcal.io import calibration_folder
 from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.urdf_check import LIMIT, ArmInModel
-from irbcal.modeling import frames
+from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm, relative_difference
 from irbcal.modeling.joint_map import JointMap
-from irbcal.planners import jacobians, paths, payload
+from irbcal.modeling.moves_along import strides
+from irbcal.modeling.stiffness import Stiffness
+from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.planners import jacobians
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.planners.trajectories import AlongTime
 from irbcal.reading import libraries_silent
@@ -40,6 +43,147 @@ from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pinocchio as pin
+
+    from irbcal.io.urdf_check import ArmInModel
+
+
+def previous_on_path(theta: FloatArray, prismatic: BoolArray) -> FloatArray:
+    """Stops before the points of a path that have the directions of its joint speeds.
+
+    Points of a path lie close together, and the arm does not stop there: the sign of a joint's speed tells which side
+    it leans to, not how far the last point is. So each point is taken as reached by a move along the path's last step
+    that is long enough to take up all play.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n, joints)
+        Joints along the path, radians (metres for prismatic joints).
+    prismatic : ndarray of bool, shape (joints,)
+
+    Returns
+    -------
+    ndarray, shape (n, joints)
+        NaN for the first point, and for others up to the first step that moves a joint. Points without a step keep the
+        direction of those before.
+    """
+    stride = strides(prismatic)
+    step = np.diff(theta, axis=0)
+    size = np.abs(step / stride).max(axis=1, initial=0.0)
+    longer = np.maximum(1.0, 1.0 / np.where(size > 0.0, size, np.inf))
+    move = np.vstack([np.full((1, theta.shape[1]), np.nan), step * longer[:, None]])
+    last = np.maximum.accumulate(np.where(np.r_[False, size > 0.0], np.arange(len(theta)), 0))
+    return np.asarray(theta - move[last], dtype=float)
+
+
+def with_payload(
+    joint_map: JointMap,
+    arm: Arm,
+    model: pin.Model,
+    arm_in_model: ArmInModel,
+    q_rest: FloatArray,
+    delta_kg: float,
+    centre: ArrayLike | None = None,
+    wrist: ArrayLike | None = None,
+    masses: tuple[float, float] | None = None,
+) -> JointMap:
+    """The joint map with more (or less) mass on the tool than when the robot was measured.
+
+    A sum of terms knows how each joint gives way, where several loads were measured: its load is changed, and neither
+    masses nor a posture of the wrist matter.
+
+    Parameters
+    ----------
+    joint_map : JointMap
+    arm : Arm
+        The calibrated arm.
+    model : pinocchio.Model
+        With the bodies of the URDF.
+    arm_in_model : ArmInModel
+    q_rest : ndarray, shape (nq,)
+        Configuration of the joints outside the arm.
+    delta_kg, place, wrist, masses
+        See `irbcal.planners.calibrated_model.CalibratedModel.with_payload`.
+
+    Raises
+    ------
+    RobotError
+        If a sum of terms was identified with one load only; or for a level of the thesis if the arm has not six
+        revolute joints, the joint map has no stiffness, or the URDF no masses.
+    """
+    thesis = ThesisMap.of(joint_map)
+    if thesis is None:
+        return _with_more(joint_map, delta_kg, centre)
+    state = model, arm_in_model, q_rest
+    return _of_the_thesis(thesis, arm, *state, delta_kg, centre, wrist, masses).joint_map(joint_map.terms.arm)
+
+
+def _of_the_thesis(
+    joint_map: ThesisMap,
+    arm: Arm,
+    model: pin.Model,
+    arm_in_model: ArmInModel,
+    q_rest: FloatArray,
+    delta_kg: float,
+    centre: ArrayLike | None,
+    wrist: ArrayLike | None,
+    masses: tuple[float, float] | None,
+) -> ThesisMap:
+    """From the stiffness of a level of the thesis and masses."""
+    import pinocchio as pin
+
+    if not arm.six_revolute:
+        raise RobotError(f"the arm-stiffness model is for six revolute joints, {arm.name} has others")
+    theta = np.zeros(6)
+    if wrist is not None:
+        theta[3:] = wrist
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, arm_in_model.configurations(theta[None], q_rest)[0])
+    pin.centerOfMass(model, data)
+    second, third, fifth = (arm_in_model.joint_ids[k] for k in (1, 2, 4))
+    base = data.oMf[arm_in_model.base]
+    axis = dhm.chain_frames(arm.table, arm.table.offsets[:, None], arm.T_base_0).z[1, :, 0]
+    up = np.array([0.0, 0.0, 1.0])
+    along_upper, along_fore, across_fore = (
+        np.cos(angle) * up + np.sin(angle) * np.cross(axis, up)
+        for angle in (*joint_map.phases, joint_map.phases[1] + np.pi / 2)
+    )
+
+    def from_joint(joint: int, point: FloatArray) -> FloatArray:
+        return base.rotation.T @ (point - data.oMi[joint].translation)
+
+    L_1 = float(along_upper @ from_joint(second, data.oMi[third].translation))
+    L_2 = float(along_fore @ from_joint(third, data.oMi[fifth].translation))
+    if masses is None:
+        total, fore = data.mass[second], data.mass[third]
+        upper = total - fore
+        if not (upper > 0.0 and fore > 0.0):
+            raise RobotError(
+                f"the URDF of {arm.name} gives no masses of upper arm and forearm: give `masses`", parameter="masses"
+            )
+        moment = total * (data.oMi[second] * data.com[second]) - fore * (data.oMi[third] * data.com[third])
+        L_G1 = float(along_upper @ from_joint(second, moment / upper))
+    else:
+        (upper, fore), L_G1 = masses, L_1 / 2
+    tip = data.oMf[arm_in_model.tip]
+    payload = from_joint(third, tip * np.array([0.0, 0.0, 0.0] if centre is None else centre, dtype=float))
+    guess = replace(Stiffness.guess(L_1, L_2), L_G1=L_G1, m=fore / upper)
+    lever = float(along_fore @ payload), float(across_fore @ payload)
+    return joint_map.with_payload(guess, delta_kg, upper, *lever)
+
+
+def _with_more(joint_map: JointMap, delta_kg: float, centre: ArrayLike | None) -> JointMap:
+    """A sum of terms with some mass added to what it carries."""
+    load_before, place_before = joint_map.payload_kg or 0.0, joint_map.payload_place
+    load = load_before + float(delta_kg)
+    if load < 0.0:
+        raise RobotError(
+            f"a payload {-delta_kg:g} kg smaller is impossible: the robot was measured with {load_before:g} kg",
+            parameter="delta_kg",
+        )
+    if centre is None or load == 0.0 or place_before is None:
+        return joint_map.carrying(load)
+    return joint_map.carrying(load, (load_before * place_before + delta_kg * np.asarray(centre, dtype=float)) / load)
+
 
 Reference: TypeAlias = "str | pin.ReferenceFrame"
 """One of Pinocchio's reference frames, by name or as it is."""
@@ -243,7 +387,7 @@ class CalibratedModel(AlongTime, Result):
         ----------
         configurations : array_like, shape (n, nq)
         path : bool
-            The rows are one motion: joints come from the side that their speed tells (`irbcal.planners.paths`; unknown
+            The rows are one motion: joints come from the side that their speed tells (`previous_on_path`; unknown
             at the first row), and continuous joints go on turning beyond half a turn. Otherwise last moves are unknown,
             and continuous joints, as at a path's first row, lie between -180 and 180 degrees.
         check_limits : bool
@@ -263,7 +407,7 @@ class CalibratedModel(AlongTime, Result):
         if path:
             continuous = [k for k, joint in enumerate(self._place.joint_ids) if self.model.joints[joint].nq == 2]
             theta[:, continuous] = np.unwrap(theta[:, continuous], axis=0)
-        previous = paths.previous_on_path(theta, self.arm.table.prismatic) if path else None
+        previous = previous_on_path(theta, self.arm.table.prismatic) if path else None
         q = self.joint_map.commanded(theta, previous)
         if check_limits:
             self.check_commands(q)
@@ -499,5 +643,5 @@ class CalibratedModel(AlongTime, Result):
         4.3).
         """
         state = self.model, self._place, self._rest
-        changed = payload.with_payload(self.joint_map, self.arm, *state, delta_kg, payload_place, wrist, masses)
+        changed = with_payload(self.joint_map, self.arm, *state, delta_kg, payload_place, wrist, masses)
         return replace(self, joint_map=changed)

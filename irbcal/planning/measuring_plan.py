@@ -19,13 +19,11 @@ from irbcal.options import number, pulses_per_degree
 from irbcal.planning import choosing
 from irbcal.planning.choosing import MOST_REFLECTORS, Step
 from irbcal.planning.information import IMAGINED_SIZE, NOISE, Model
-from irbcal.planning.made import PlannedPoses
-from irbcal.planning.prediction import predict
+from irbcal.planning.planned_poses import PlannedPoses, predict, stops
 from irbcal.planning.program import language_of
 from irbcal.planning.reflectors import TargetsLike
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.planning.sources import FEW, MANY, Poses, Region, Tally, axis_moves, first_seen, in_cube, random_poses
-from irbcal.planning.timing import stops
 from irbcal.planning.wish import Wish
 from irbcal.simulation.tracker import ACCEPTANCE
 from irbcal.simulation.virtual_cell import WAIT_S
@@ -218,7 +216,7 @@ _WHERE = {"cube": "in the cube", "range": "in the whole range"}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(PlannedPoses, Result):
-    """Poses to measure, in their order, and what they promise; attributes as `irbcal.planning.made.PlannedPoses`."""
+    """Poses to measure, in their order, and what they promise; attributes as `PlannedPoses`."""
 
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""

@@ -12,8 +12,8 @@ from irbcal.correction.moves import JointMove, Moves
 from irbcal.errors import OptionError, ProgramError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
-from irbcal.planning import route, timing
-from irbcal.planning.made import PlannedPoses
+from irbcal.planning import planned_poses, route
+from irbcal.planning.planned_poses import PlannedPoses
 from irbcal.planning.wish import READINGS_S, Wish
 
 QUICKEST = 0.5
@@ -124,7 +124,7 @@ def _speeds(made: PlannedPoses, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Share of the joints' largest speeds and speed of the joint that turns most, rad/s, of the move to each row."""
     rates = made.scene.joint_speed
     fastest = route.move_times(q[:-1], q[1:], rates)
-    planned = np.maximum(timing.move_times(made.scene, made.wish, q[:-1], q[1:]), 1e-3)
+    planned = np.maximum(planned_poses.move_times(made.scene, made.wish, q[:-1], q[1:]), 1e-3)
     share = np.concatenate([[FIRST], np.clip(fastest / planned, 0.01, QUICKEST)])
     rates_of_move = np.abs(np.diff(q, axis=0)).max(axis=1) / np.maximum(planned, fastest / QUICKEST)
     return share, np.concatenate([[FIRST * float(rates.min())], np.maximum(rates_of_move, 0.01)])

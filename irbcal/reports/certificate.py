@@ -19,7 +19,7 @@ from irbcal.options import checked
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import PoseErrors, WorstPose, errors_by_pose, vectors, workspace, worst_poses
-from irbcal.reports import paper
+from irbcal.reports import report_data
 from irbcal.reports.report_data import as_csv
 from irbcal.units import MM
 from irbcal.validation.evaluation import MODELS, Evaluation
@@ -113,7 +113,7 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
     origin, conformity = _origin(evaluation), evaluation.conformity
     remarks, stated = _remarks(evaluation), origin.stated()
     crowded = sum(_lines([text for _, text in remarks], stated) > room for room in ROOM)
-    return paper.template("certificate.html.j2").render(
+    return report_data.template("certificate.html.j2").render(
         e=evaluation,
         origin=origin,
         kept=conformity,

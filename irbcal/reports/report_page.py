@@ -23,7 +23,7 @@ from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import WorstPose, worst_poses
-from irbcal.reports import paper, report_data
+from irbcal.reports import report_data
 from irbcal.reports.limits import limits
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
@@ -64,7 +64,7 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
     """
     robot = calibration.robot
     evidence = gather(calibration) if evidence is None else evidence
-    return paper.template("report.html.j2").render(
+    return report_data.template("report.html.j2").render(
         c=calibration,
         style=charts.page_style(),
         key_mark=charts.key,

@@ -4,7 +4,7 @@ import pytest
 from jinja2 import UndefinedError
 from markupsafe import Markup
 
-from irbcal.exporting.written import LANGUAGES
+from irbcal.exporting.parts import LANGUAGES
 from irbcal.templates import environment
 
 

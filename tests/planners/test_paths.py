@@ -6,8 +6,7 @@ from history_cases import sided_robot
 from support import assert_derivative, assert_same_poses
 
 from irbcal.io import urdf
-from irbcal.planners.calibrated_model import CalibratedModel
-from irbcal.planners.paths import previous_on_path
+from irbcal.planners.calibrated_model import CalibratedModel, previous_on_path
 from irbcal.units import DEG
 
 TURNS = np.zeros(6, dtype=bool)

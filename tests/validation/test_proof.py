@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from irbcal.validation.proof import reached
+from irbcal.calibration import reached
 
 
 def record(held):

@@ -6,7 +6,7 @@ from written import written
 
 from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
-from irbcal.validation.static_compliance import static_compliance
+from irbcal.validation.iso9283_check import static_compliance
 
 SPRING = 1e-6 * np.array([[3.0, 0.5, 0.0], [0.5, 4.0, 0.2], [0.0, 0.2, 5.0]])
 """Displacement per force in the base link, m/N."""
