@@ -1,9 +1,12 @@
 """A calibration, just made or loaded: the same by both ways, in its folder and in memory."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import irbcal
+from irbcal.calibration import reached
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io import robots
 from irbcal.measurement.cleaning import Exclusion
@@ -131,3 +134,14 @@ def test_a_changed_record_has_another_robot(calibration_34):
     changed = record.model_copy(update={"placement": record.placement_nominal}).robot_calibrated()
     assert np.abs(changed.T_world_base - robot.T_world_base).max() > 1e-6
     np.testing.assert_allclose(changed.T_world_base, record.robot_nominal().T_world_base, rtol=0, atol=1e-12)
+
+
+def record(held):
+    objective = SimpleNamespace(name="max", value_mm=0.5, lower_bound_mm=0.4)
+    parameters = [SimpleNamespace(name=name, state="held") for name in held]
+    return SimpleNamespace(objective=objective, parameters=parameters, method="least-squares")
+
+
+def test_a_certificate_names_what_is_held():
+    assert reached(record([])).endswith("certified: not below 0.400 mm with this model")
+    assert reached(record(["delta_d3"])).endswith("not below 0.400 mm with this model and with delta_d3 held")

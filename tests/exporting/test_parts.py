@@ -4,16 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from jinja2 import UndefinedError
+from markupsafe import Markup
 from support import arm
 
 from irbcal.errors import CalibrationError
-from irbcal.exporting.parts import Chain, Parts, vectors_of
+from irbcal.exporting import drake, mujoco, ros
+from irbcal.exporting.export import Exported
+from irbcal.exporting.parts import LANGUAGES, Chain, Parts, vectors_of
+from irbcal.exporting.source import Source
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.harmonics import pair
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.templates import environment
 
 
 def of(*terms, robot="irb120"):
@@ -67,3 +73,38 @@ def test_vectors_have_known_and_unknown_stops_and_several_loads(sources):
     assert len(set(vectors.payload_kg)) == 5
     situation = (vectors.previous, vectors.payload_kg, vectors.payload_place, vectors.torques)
     assert np.array_equal(robot.forward(vectors.q, *situation)[:, :3], vectors.tip)
+
+
+TEXTURED = b'<material name="steel"><texture filename="meshes/steel.png"/></material></robot>'
+
+
+@pytest.mark.parametrize("target", [mujoco, drake])
+def test_meshes_and_textures_that_are_not_taken_are_told(described, tmp_path, target):
+    source = described["ur10"]
+    assert source.urdf.count(b".dae") == 7
+    textured = source.urdf.replace(b"</robot>", TEXTURED)
+    source = Source(source.robot, source.parts, source.vectors, 0.0, None, textured, source.folder)
+    made = target.files(source)
+    assert not [name for name in made.files if name.endswith((".dae", ".png"))]
+    meshes, textures = made.notes
+    assert "7 meshes are left out" in meshes
+    assert "only STL and OBJ" in meshes
+    assert all(f"{link}.dae" in meshes for link in ("base", "shoulder", "upperarm", "forearm", "wrist1"))
+    assert textures == "textures are left out: steel.png"
+    told = Exported("any", tmp_path, tuple(made.files), "", False, 0.0, "", made.notes).report()
+    assert f"Note: {textures}" in told
+    assert f"Note: {meshes}" in told
+
+
+def test_nothing_is_told_where_nothing_is_left_out(described):
+    assert ros.files(described["ur10"]).notes == ()
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_values_are_literals_unless_they_are_code(language):
+    made = environment("irbcal.exporting", literal=LANGUAGES[language])
+    shown = made.from_string("{{ text }} {{ number }} {{ code }}").render(text='x"\n', number=1.5, code=Markup("a = 1"))
+    assert shown.splitlines() == [shown]
+    assert shown in ("'x\"\\n' 1.5 a = 1", '"x\\042\\012" 1.5 a = 1')
+    with pytest.raises(UndefinedError):
+        made.from_string("{{ missing }}").render()

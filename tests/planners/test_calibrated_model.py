@@ -6,14 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from history_cases import sided_robot
 from support import arm, assert_derivative, assert_same_poses, example_robot, motions
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.io import robots, urdf
 from irbcal.modeling import frames
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.stiffness import Stiffness
+from irbcal.modeling.terms.payload import Payload
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.planners.calibrated_model import CalibratedModel
+from irbcal.planners.calibrated_model import CalibratedModel, previous_on_path
 from irbcal.units import DEG
 
 FRAMES = ("tool0", "target_smr1", "link_4", "joint_3", "base_link")
@@ -286,3 +292,185 @@ def test_degrees_are_refused(cell):
     with pytest.raises(RobotError, match="these look like degrees"):
         model.jacobian_derivative(q, np.zeros((1, 6)))
     assert np.isfinite(model.jacobian_derivative(0.01 * q, np.full((1, 6), 200.0))).all(), "speeds may be any"
+
+
+TURNS = np.zeros(6, dtype=bool)
+
+
+@pytest.fixture(scope="module")
+def sided():
+    """A robot whose joints lean to the side that they come from, and its model."""
+    robot = sided_robot(others=("gain", "gravity"))
+    return robot, CalibratedModel(urdf.to_bytes(urdf.read("irb120"), robot.arm), robot.arm, robot.joint_map)
+
+
+def there_and_back():
+    """Joints 1 and 2 there and back in steps of half a degree, joint 3 there only; the others stand."""
+    theta = np.zeros((81, 6))
+    theta[:, 0] = np.r_[np.arange(41), np.arange(39, -1, -1)] * 0.5 * DEG
+    theta[:, 1] = 0.5 * theta[:, 0]
+    theta[:, 2] = np.arange(81) * 0.25 * DEG
+    theta[:, 4] = 0.5
+    return theta
+
+
+def test_moves_have_the_signs_of_joint_speeds_whatever_the_steps():
+    theta = there_and_back()
+    fine = np.repeat(theta, 3, axis=0)  # the arm waits at each point
+    for path, every in ((theta, 1), (fine, 3)):
+        move = path - previous_on_path(path, TURNS)
+        assert np.isnan(move[:every]).all()
+        for part, sign in ((move[every : 41 * every], 1.0), (move[41 * every :], -1.0)):
+            assert part[:, 0] == pytest.approx(sign * 5 * DEG)
+            assert part[:, 1] == pytest.approx(sign * 2.5 * DEG)
+            assert part[:, 2] == pytest.approx(2.5 * DEG)
+            assert not part[:, 3:].any()
+
+
+def test_long_steps_are_moves_as_they_are_and_prismatic_joints_count_in_metres():
+    theta = np.array([[0.0, 0.0], [1.0, 0.2], [1.0, 0.21]])
+    move = theta - previous_on_path(theta, np.array([False, True]))
+    assert move[1] == pytest.approx([1.0, 0.2])
+    assert move[2] == pytest.approx([0.0, 0.05])
+
+
+def test_commands_of_a_path_know_the_sides(sided):
+    robot, model = sided
+    theta = there_and_back()
+    q = model.command_from_model(theta, path=True)
+    previous = previous_on_path(theta, TURNS)
+    assert_same_poses(model.placement(q, previous=previous), robot.arm.forward(theta), 1e-12, 1e-12)
+    single = model.command_from_model(theta)
+    assert np.abs(q[0] - single[0]).max() < 1e-13
+    assert np.abs(model.placement(single, previous=previous) - robot.arm.forward(theta))[1:, :3, 3].max() > 3e-5
+    side = robot.joint_map.history_std[0]
+    assert np.abs(q[20] - q[60])[0] > 0.2 * side  # joint 1 comes from the other side
+
+
+def test_jacobians_know_the_side(sided):
+    robot, model = sided
+    q, previous = (robot.arm.random_joints(1, seed) for seed in (1, 2))
+    J = model.jacobian(q, previous=previous)[0, :3]
+    place = lambda x: model.placement(x[None], previous=previous)[0, :3, 3]  # noqa: E731
+    assert_derivative(place, q[0], J, 1e-9, step=1e-4)
+    near = q - DEG * np.array([0.1, -0.2, 0.3, 0.15, 0.25, -0.05])  # where the side just changes, its slope matters
+    J = model.jacobian(q, previous=near)[0, :3]
+    place = lambda x: model.placement(x[None], previous=near)[0, :3, 3]  # noqa: E731
+    assert_derivative(place, q[0], J, 1e-6, step=1e-5)
+    assert np.abs(J - model.jacobian(q)[0, :3]).max() > 1e-4
+
+
+def test_commands_within_the_models_limits_respect_those_of_the_robot(sided):
+    robot, model = sided
+    rng = np.random.default_rng(4)
+    lower, upper = model.model.lowerPositionLimit, model.model.upperPositionLimit
+    corners = np.where(rng.random((200, 6)) < 0.5, lower, upper)
+    q = robot.joint_map.commanded(corners, rng.permutation(corners))
+    assert not model.beyond_limits(q).any()
+    assert not model.beyond_limits(model.command_from_model(corners)).any()
+
+
+def gravity(model, configurations):
+    """Moments of gravity about joints 2 and 3 by Pinocchio, (n, 2): what the joints give way to."""
+    data = model.createData()
+    return -np.array([pin.computeGeneralizedGravity(model, data, configuration) for configuration in configurations])[
+        :, 1:3
+    ]
+
+
+def test_stiffness_terms_are_gravity_on_two_links():
+    """A chain of two point masses at the thesis's levers, the forearm horizontal at zero (Figure 5.3)."""
+    upper_kg, fore_kg, payload_kg = 20.0, 26.0, 3.0
+    L_1, L_G1, L_G2, L_P, compliance = 0.7, 0.31, 0.42, 0.74, 3e-6
+    model = pin.Model()
+    shoulder = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "shoulder")
+    elbow = model.addJoint(shoulder, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0, 0, L_1])), "elbow")
+
+    def mass(kg, place):
+        return pin.Inertia(kg, np.array(place, dtype=float), np.zeros((3, 3)))
+
+    model.appendBodyToJoint(shoulder, mass(upper_kg, [0, 0, L_G1]), pin.SE3.Identity())
+    model.appendBodyToJoint(elbow, mass(fore_kg, [L_G2, 0, 0]), pin.SE3.Identity())
+    loaded_model = model.copy()
+    loaded_model.appendBodyToJoint(elbow, mass(payload_kg, [L_P, 0, 0]), pin.SE3.Identity())
+    k = compliance * 9.81
+    stiffness = Stiffness(1.0, L_G1, 0.1, fore_kg / upper_kg, L_1, 0.6).with_coefficients(
+        k * (upper_kg * L_G1 + fore_kg * L_1), k * fore_kg * L_G2
+    )
+    q = np.zeros((40, 6))
+    q[:, 1:3] = np.random.default_rng(8).uniform(-3, 3, (40, 2))
+    for pinocchio, now in ((model, stiffness), (loaded_model, stiffness.with_payload(payload_kg, L_P, upper_kg))):
+        data = pinocchio.createData()
+        torque = -np.array([pin.computeGeneralizedGravity(pinocchio, data, row) for row in q[:, 1:3]])
+        change = ThesisMap(stiffness=now.coefficients).effective(q) - q
+        assert np.abs(change[:, 1:3] - compliance * torque).max() < 1e-15
+
+
+@pytest.mark.parametrize("name", ["irb1600", "irb120"])
+@pytest.mark.parametrize(
+    ("place", "wrist"), [(None, None), ((0.0, 0.0, 0.06), (0, 0, 0)), ((0.05, -0.02, 0.1), (0.4, 1.2, -0.7))]
+)
+def test_payload_moves_the_joints_as_gravity_on_the_urdfs_masses_does(name, place, wrist):
+    """Pinocchio weighs the URDF's bodies with and without the payload; the joints give way in proportion."""
+    nominal = arm(name)
+    content = robots.robot_file(name).read_bytes()
+    compliance = 2e-6
+    bare = CalibratedModel(content, nominal)
+    phases = nominal.stiffness_geometry()[0]
+    theta = np.zeros((60, 6))
+    theta[:, 1:3] = np.random.default_rng(9).uniform(-3, 3, (60, 2))
+    theta[:, 3:] = 0.0 if wrist is None else wrist
+    torque = gravity(bare.model, theta)
+    angles = theta[:, 1], theta[:, 1] + theta[:, 2] + phases[1]
+    waves = np.array([np.sin(angles[0]), np.cos(angles[0]), np.sin(angles[1]), np.cos(angles[1])]).T
+    A, _, B, _ = compliance * np.linalg.lstsq(waves, torque[:, 0], rcond=None)[0]
+    model = replace(bare, joint_map=ThesisMap(stiffness=[A, B], phases=phases).joint_map(nominal))
+    heavier = model.model.copy()
+    tip = heavier.frames[heavier.getFrameId("tool0")]
+    point = tip.placement * np.array([0.0, 0, 0] if place is None else place)
+    heavier.appendBodyToJoint(tip.parentJoint, pin.Inertia(3.0, point, np.zeros((3, 3))), pin.SE3.Identity())
+    expected = compliance * (gravity(heavier, theta) - torque)
+    loaded = model.with_payload(3.0, place, wrist)
+    change = loaded.joint_map.effective(theta) - model.joint_map.effective(theta)
+    assert np.abs(change[:, 1:3] - expected).max() < 1e-4 * np.abs(expected).max()
+    assert not change[:, [0, 3, 4, 5]].any()
+    lighter = loaded.with_payload(-3.0, place, wrist)
+    assert loaded.model.nq == 6
+    assert np.isfinite(ThesisMap.of(lighter.joint_map).stiffness).all()
+
+
+def test_payload_needs_masses_and_stiffness():
+    nominal = arm()
+    content = robots.robot_file("irb1600").read_bytes()
+    with pytest.raises(RobotError, match="A > 0"):
+        CalibratedModel(content, nominal).with_payload(1.0)
+    weightless = content.replace(b"<inertial>", b"<nothing>").replace(b"</inertial>", b"</nothing>")
+    model = CalibratedModel(weightless, nominal, ThesisMap(stiffness=[8e-4, 2e-4]).joint_map(nominal))
+    with pytest.raises(RobotError, match="gives no masses"):
+        model.with_payload(1.0)
+    A, B = ThesisMap.of(model.with_payload(2.0, masses=(25.0, 30.0)).joint_map).stiffness
+    # by hand: k g = A / (25 0.35 + 30 0.7), the tool's origin 0.665 m along the forearm
+    k_g = 8e-4 / (25 * 0.35 + 30 * 0.7)
+    assert abs(A - (8e-4 + k_g * 2 * 0.7)) < 1e-15
+    assert abs(B - (2e-4 + k_g * 2 * 0.665)) < 1e-15
+
+
+def test_a_sum_of_terms_changes_its_load():
+    nominal = arm()
+    place = np.array([0.0, 0.05, 0.1])
+    terms = Payload(place).terms(nominal)
+    joint_map = JointMap(TermMap(nominal, tuple(terms), np.linspace(1e-6, 6e-6, 6)), None, 2.0)
+    model = CalibratedModel(robots.robot_file("irb1600").read_bytes(), nominal, joint_map)
+    q, more = nominal.random_joints(30, 1), np.array([0.2, 0.0, -0.1])
+    added = TermMap(nominal, tuple(Payload(more).terms(nominal)), np.linspace(1e-6, 6e-6, 6))
+    whole = joint_map.effective(q) + added.effective(Motion(q, payload_kg=np.full(30, 3.0))) - q
+    loaded = model.with_payload(3.0, more)
+    assert np.abs(loaded.joint_map.effective(q) - whole).max() < 1e-14
+    assert np.abs(loaded.command_from_model(loaded.model_from_command(q)) - q).max() < 1e-12
+    back = loaded.with_payload(-3.0, more).joint_map
+    assert np.abs(back.effective(q) - joint_map.effective(q)).max() < 1e-14
+    same_place = model.with_payload(3.0).joint_map
+    assert np.array_equal(same_place.effective(q), joint_map.carrying(5.0).effective(q))
+    assert not (model.with_payload(-2.0).joint_map.effective(q) - q).any()
+    with pytest.raises(RobotError, match="measured with 2 kg"):
+        model.with_payload(-2.5)

@@ -4,13 +4,20 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
+from simulated_fit import predicted_covariance
 from support import arm, measured, proven_of, random_robot, random_rotation
 
+import irbcal
 from irbcal.errors import MeasurementError
+from irbcal.io import robots
 from irbcal.measurement.points import distances
 from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
-from irbcal.modeling import frames
+from irbcal.modeling import frames, parameters
+from irbcal.modeling.parameters import all_names, parameter
+from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation import accuracy
+from irbcal.validation.accuracy import coverage, coverage_in_words, position_std
 
 
 def test_statistics_by_hand():
@@ -243,3 +250,95 @@ def test_flange_poses_of_a_real_robot_are_those_of_scipy(shared_data):
     flange, at_points = statistics(found.position), statistics(distances(robot, points))
     assert 0.35 < flange["mean_mm"] < at_points["mean_mm"] < 0.45
     assert 0.05 < rotation_statistics(found.rotation)["mean_deg"] < 0.1
+
+
+@pytest.fixture(scope="module")
+def points(record):
+    robot = record.robot_calibrated()
+    low, high = robot.certainty.ranges
+    q = low + (high - low) * np.random.default_rng(1).uniform(0.02, 0.98, (40, 6))
+    return measured(robot, q, 2e-5, np.random.default_rng(3))
+
+
+def test_coordinates_are_counted(record, points):
+    robot = record.robot_calibrated()
+    found = coverage(robot, points)
+    assert found["expected"] == 0.95
+    inside = 0
+    for k, name in enumerate(points.target_names):
+        mine = points.target == k
+        seen = robot.predict(points.q[points.pose[mine]], target=name)
+        each = np.abs(points.xyz[mine] - seen.position) < seen.interval
+        assert found["parts"][name]["inside"] == pytest.approx(each.mean())
+        inside += each.sum()
+    assert found["parts"]["all"] == {**found["parts"]["all"], "n": 360, "inside": inside / 360}
+    assert "outside" not in found["parts"]
+
+
+def test_poses_outside_are_counted_apart(record, points):
+    robot = record.robot_calibrated()
+    q = points.q.copy()
+    q[:4, 1] = robot.certainty.ranges[1, 1] + 0.05
+    xyz = points.predicted(robot)
+    moved = replace(points, q=q, xyz=xyz)  # far from where these joints lead
+    parts = coverage(robot, moved)["parts"]
+    assert (parts["outside"]["n"], parts["within"]["n"]) == (36, 324)
+    assert parts["outside"]["inside"] < 0.5
+    assert parts["within"]["inside"] == 1.0
+    assert coverage_in_words(coverage(robot, moved)).endswith("% outside.")
+
+
+def test_without_certainty_there_is_none(record, points):
+    assert coverage(record.robot_nominal(), points) is None
+
+
+def test_evaluate_says_whether_intervals_hold(record):
+    found = irbcal.evaluate(record, robots.demo_file("demo_verification.csv"))
+    share = found.coverage["parts"]["all"]["inside"]
+    assert 0.88 < share <= 1.0
+    assert f"{share:.1%} of " in found.summary()
+    assert found.to_dict()["coverage"]["expected"] == 0.95
+    table = irbcal.evaluate(record, robots.demo_file("demo_verification.csv"), intervals=True).summary()
+    assert "Coordinates within the predicted 95 % intervals" in table
+    assert irbcal.evaluate(record, robots.demo_file("demo_verification.csv"), refit_base=True).coverage is None
+
+
+def test_tips_spread_as_the_parameters_do(record):
+    """Parameters drawn from the covariance: the tips of the robots that they make, in the base link."""
+    robot, nominal = record.robot_calibrated(), record.arm(calibrated=False)
+    factor = dict(UNIT_OUTSIDE.values())
+    rows = [row for row in record.parameters if row.name in all_names(nominal)]
+    chosen = [parameter(row.name) for row in rows]
+    values = np.array([row.value * factor[row.unit] for row in rows])
+    C = record.covariance_matrix()[-len(rows) :, -len(rows) :]
+    draws = np.random.default_rng(0).multivariate_normal(values, C, 1500, method="eigh")
+    q = nominal.random_joints(4, 0)
+    tips = []
+    for errors in draws:
+        table, joint_map = parameters.apply(chosen, errors, nominal.table, ThesisMap.of(robot.joint_map))
+        tips.append(
+            robot.replace(arm=nominal.with_table(table), joint_map=joint_map.joint_map(nominal)).poses(q)[:, :3, 3]
+        )
+    found = position_std(record, q)
+    assert found.shape == (4, 3)
+    assert found == pytest.approx(np.std(tips, axis=0), rel=0.1)
+    assert (found > 1e-7).all()
+
+
+def test_a_target_is_surer_than_the_tip_where_it_was_measured(record):
+    """In the measuring frame, base and target errors belong to it; the fitted points themselves are known best."""
+    q = np.radians([[0.0, -14, 14, 0, 10, 0]])
+    at_target = position_std(record, q, "smr1")
+    assert at_target.shape == (1, 3)
+    assert 1e-6 < at_target.min() < at_target.max() < 1e-4
+    assert not np.allclose(at_target, position_std(record, q), rtol=1e-3, atol=0.0)
+
+
+def test_uncertainty_of_a_saved_calibration_is_that_of_its_fit(proven, folder):
+    loaded = irbcal.load(folder)
+    q = proven.urdf.arm.random_joints(20, 6)
+    expected = np.sqrt(np.einsum("nii->ni", predicted_covariance(proven.fit, q, "smr2")))
+    assert np.abs(position_std(loaded, q, "smr2") / expected - 1).max() < 1e-6
+    tip = position_std(loaded, q)
+    assert tip.shape == (20, 3)
+    assert 0 < tip.min() < tip.max() < 1e-3

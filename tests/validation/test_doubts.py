@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from support import TARGETS, arm, measured, random_robot
 
+import irbcal
 from irbcal.identification.fit import identify
+from irbcal.io import robots
+from irbcal.modeling.parameters import default_level
+from irbcal.units import MM
 from irbcal.validation import doubts
-from irbcal.validation.doubts import PoseEquations
+from irbcal.validation.doubts import PoseEquations, length_scale, mixed_poses, predicted, told_apart
 
 
 def simulated(seed, poses=80, **options):
@@ -101,3 +105,144 @@ def test_an_arm_that_warms_up_is_not_a_tracker_that_moves():
     rows = (table["pose"] > 60) & ~table["target"].str.startswith("ref")
     table.loc[rows, "x_mm"] += 1.0
     assert any("From pose 6" in doubt for doubt in irbcal.calibrate(table, "irb1600", holdout=0).record.doubts)
+
+
+def some(poses=50):
+    nominal, rng = arm("irb1600"), np.random.default_rng(1)
+    return nominal, measured(random_robot(nominal, "34", rng), nominal.random_joints(poses, 1), 1e-4, rng)
+
+
+def test_they_are_those_of_the_fit():
+    nominal, points = some()
+    found = PoseEquations(nominal, points)
+    fit = identify(nominal, points, default_level(nominal))
+    H, g, yy = found.sums
+    assert abs(yy.sum() / len(points) - fit.rms**2) < 1e-12
+    one_pose = np.abs(g).max()
+    assert np.abs(g.sum(axis=0)).max() < 1e-3 * one_pose, "at the best fit the poses pull against one another"
+    assert np.allclose(H, H.transpose(0, 2, 1), atol=1e-12)
+    assert np.allclose(np.diagonal(H.sum(axis=0)), 1.0), "each unknown in its own size"
+    assert H.shape[1] == found.sums.unknowns
+    assert found.sums is found.sums, "fitted once"
+
+
+def test_evenly_chosen_poses():
+    nominal, points = some()
+    found = PoseEquations(nominal, points)
+    assert found.of_most(50) is found
+    few = found.of_most(11)
+    assert few.points.pose_ids.tolist() == points.pose_ids[[0, 4, 9, 14, 19, 24, 29, 34, 39, 44, 49]].tolist()
+
+
+def test_too_few_poses_tell_nothing():
+    nominal, points = some(50)
+    assert PoseEquations(nominal, points.select(np.arange(50) < 1)).sums is None
+
+
+@pytest.fixture(scope="module")
+def points():
+    rng = np.random.default_rng(8)
+    nominal = arm()
+    return measured(random_robot(nominal, "26", rng, size=0.06), nominal.random_joints(60, 8), 2e-5, rng)
+
+
+def fits(points):
+    return [identify(arm(), points, level) for level in ("nominal", "26")]
+
+
+@pytest.mark.parametrize("scale", [1.0005, 1.001, 0.9986])
+def test_the_share_is_that_of_the_tracker(points, scale):
+    plain, scaled = (fits(p)[1].robot.arm for p in (points, replace(points, xyz=scale * points.xyz)))
+    before, after = (length_scale(arm(), robot) for robot in (plain, scaled))
+    assert after.share - before.share == pytest.approx(scale - 1.0, rel=0.1)
+    assert abs(before.share) < 3.0 * before.std
+
+
+@pytest.mark.parametrize(("scale", "doubted"), [(1.0, False), (1.001, True), (0.9986, True)])
+def test_a_wrong_scale_of_the_tracker_is_a_doubt(points, scale, doubted):
+    seen = replace(points, xyz=scale * points.xyz)
+    nominal, fit = fits(seen)
+    assert fit.rms < 5e-5, "no residual shows it"
+    said = doubts.doubts(nominal, fit, seen, [seen])
+    assert any("scale bar" in words for words in said) == doubted
+
+
+def test_no_length_identified_says_nothing():
+    assert length_scale(arm(), arm()) is None
+
+
+def test_the_certificate_says_that_the_scale_is_not_proven(record):
+    proof = robots.demo_file("demo_verification.csv")
+    judged = irbcal.evaluate(record, proof, tolerance=0.95 * MM)
+    (words,) = [words for words in judged.origin.scope if "scale" in words]
+    assert "not proven" in words
+    assert f"Note: {words}" in judged.report()
+    stated = irbcal.evaluate(record, proof, tolerance=0.95 * MM, info={"scale_bar": "1001.2 mm, no. 7"})
+    assert any("1001.2 mm, no. 7" in words for words in stated.origin.scope)
+    assert not any("not proven" in words for words in stated.origin.scope)
+
+
+def points_of_mixed(second, poses=60, noise=1e-4, seed=0, difference=1.0):
+    """Poses of one robot, those of ``second`` (a mask) of another that errs otherwise."""
+    nominal, rng = arm("irb1600"), np.random.default_rng(seed)
+    one, other = (random_robot(nominal, "34", np.random.default_rng(k), size=difference) for k in (seed, seed + 50))
+    other = other.replace(T_world_base=one.T_world_base, targets=one.targets)
+    q = nominal.random_joints(poses, seed)
+    seen, strange = (measured(robot, q, noise, rng) for robot in (one, other))
+    seen.xyz.setflags(write=True)
+    mine = second[seen.pose]
+    seen.xyz[mine] = strange.xyz[mine]
+    return seen
+
+
+@pytest.mark.parametrize("share", [0.5, 0.2])
+def test_two_robots_are_told_apart(share):
+    second = np.random.default_rng(3).permutation(60) < 60 * share
+    seen = points_of_mixed(second)
+    (words,) = mixed_poses(PoseEquations(arm("irb1600"), seen))
+    assert words.startswith(f"{int(second.sum())} of 60 poses (")
+    names = words.partition("(")[2].partition(" …")[0].split(", ")
+    assert names == [str(seen.pose_ids[k]) for k in np.flatnonzero(second)[:8]] or share == 0.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_robot_is_one(seed):
+    assert mixed_poses(PoseEquations(arm("irb1600"), points_of_mixed(np.zeros(60, dtype=bool), seed=seed))) == []
+
+
+def test_few_strange_poses_are_gross_errors_and_too_few_poses_tell_nothing():
+    assert mixed_poses(PoseEquations(arm("irb1600"), points_of_mixed(np.arange(60) < 2))) == []
+    assert mixed_poses(PoseEquations(arm("irb1600"), points_of_mixed(np.arange(30) % 2 == 1, poses=30))) == []
+
+
+def test_neighbours_of_one_kind_are_a_model_that_is_too_small():
+    """An error that depends on where the arm is parts poses as well; it is no second robot."""
+    nominal = arm("irb1600")
+    seen = points_of_mixed(np.zeros(80, dtype=bool), poses=80)
+    seen.xyz.setflags(write=True)
+    seen.xyz[:, 2] += np.where(seen.q[seen.pose, 0] > 0, 1e-3, -1e-3)
+    assert mixed_poses(PoseEquations(nominal, seen)) == []
+
+
+def test_two_lines_are_told_apart():
+    """One unknown, slopes 1 and -1, by hand: every pose goes to its own, and nothing is left."""
+    x = np.linspace(1.0, 2.0, 40)
+    slope = np.where(np.arange(40) % 2 == 1, -1.0, 1.0)
+    found = told_apart((x**2)[:, None, None], (x * slope * x)[:, None], (slope * x) ** 2)
+    assert found.two < 1e-6 * found.one
+    assert found.sure == 1.0
+    assert len(set(found.second[1::2])) == 1
+    assert found.second[0] != found.second[1]
+
+
+@pytest.mark.parametrize("seed", [1, 4, 5])
+def test_clean_data_of_one_robot_are_of_one_robot(seed):
+    """Sixty poses of a robot with other errors than the model's are told apart well, but that predicts no pose."""
+    nominal, rng = arm("irb1600"), np.random.default_rng(seed)
+    robot = random_robot(nominal, "placement", rng)
+    equations = PoseEquations(nominal, measured(robot, nominal.random_joints(60, seed), 2e-5, rng))
+    found = told_apart(*equations.sums)
+    assert found.two < 0.25 * found.one
+    assert found.sure > 0.9
+    assert predicted(*equations.sums, found.second) < 0.9
+    assert mixed_poses(equations) == []

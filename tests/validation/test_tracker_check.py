@@ -1,14 +1,28 @@
 """The door to the checks of the tracker: which check a file is for, and options."""
 
 import pickle
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
+from written import written
 
-from irbcal.errors import OptionError
+from irbcal.errors import MeasurementError, OptionError
 from irbcal.validation.settling import Settling
-from irbcal.validation.tracker_check import CHECKS, PointDrift, PointRepeatability, ScaleBar, kind, tracker
+from irbcal.validation.tracker_check import (
+    CHECKS,
+    PointDrift,
+    PointRepeatability,
+    ScaleBar,
+    correlation,
+    drift,
+    kind,
+    repeatability,
+    scale_bar,
+    tracker,
+)
 
 N = 60
 X, Y, Z = np.round(np.random.default_rng(0).normal(0, 0.004, (3, N)), 6)
@@ -82,3 +96,173 @@ def test_sizes_are_numbers_in_metres(tmp_path, options, words):
     with pytest.raises(OptionError, match=words) as refused:
         tracker(file_of(tmp_path, "bar"), **options)
     assert refused.value.parameter == next(iter(options))
+
+
+def test_scale_bar_by_hand(tmp_path):
+    path = written(
+        tmp_path / "bar.csv",
+        """position,end,x_mm,y_mm,z_mm
+        1,A,1000,0,0
+        1,B,2050.690,0,0
+        1,A,1000,0,0
+        1,B,2050.684,0,0
+        2,A,0,500,7
+        2,B,0,1550.691,7
+        """,
+    )
+    found = scale_bar(path, 1.050688).to_dict()
+    assert found["error_mm"] == pytest.approx([0.002, -0.004, 0.003], abs=1e-9)
+    assert found["mean_mm"] == pytest.approx(0.001 / 3, abs=1e-9)
+    assert found["max_abs_mm"] == pytest.approx(0.004, abs=1e-9)
+    assert found["per_position"]["1"]["mean_mm"] == pytest.approx(-0.001, abs=1e-9)
+    assert found["per_position"]["1"]["sigma_mm"] == pytest.approx(0.006 / np.sqrt(2), abs=1e-9)
+    assert found["per_position"]["2"]["n"] == 1
+    with pytest.raises(MeasurementError, match="another bar"):
+        scale_bar(path, 2.3)
+
+
+def test_scale_bar_refusals(tmp_path):
+    path = written(tmp_path / "odd.csv", "end,x_mm,y_mm,z_mm\nA,1,0,0\nB,2,0,0\nA,1,0,0\n")
+    with pytest.raises(MeasurementError, match="end A was measured 2 times, end B 1 times"):
+        scale_bar(path, 1e-3)
+    path = written(tmp_path / "one.csv", "end,x_mm,y_mm,z_mm\nA,1,0,0\n")
+    with pytest.raises(MeasurementError, match="expected two names, found A"):
+        scale_bar(path, 1e-3)
+    path = written(tmp_path / "d.csv", "distance_mm\n1000.001\n999.998\n")
+    assert scale_bar(path, 1.0).to_dict()["error_mm"] == pytest.approx([0.001, -0.002], abs=1e-9)
+
+
+def test_what_a_scale_bar_tells(tmp_path):
+    path = written(tmp_path / "d.csv", "position,distance_mm\nA,1000.001\nA,999.998\nB,1000.002\nB,1000\n")
+    found = scale_bar(path, 1.0)
+    assert found.positions() == ["A", "B"]
+    assert found.to_frame()["error_mm"].tolist() == pytest.approx([0.001, -0.002, 0.002, 0.0], abs=1e-9)
+    assert repr(found) == "<ScaleBar: 4 distances of a scale bar: errors of +0.0003 mm on average, 0.0020 mm at most.>"
+    lines = found.summary().splitlines()
+    assert "scale bar of 1000 mm, mm" in lines[1]
+    assert lines[-1].split() == ["B", "2", "0.0010", "0.0014", "0.0020", "0.0014"]
+    with pytest.raises(ValueError, match="read-only"):
+        found.error[0] = 0.0
+    with pytest.raises(OptionError, match="above zero"):
+        scale_bar(path, 0.0)
+    with pytest.raises(
+        MeasurementError, match="row 3, column distance_mm: expected a number, found nothing"
+    ) as refused:
+        scale_bar(written(tmp_path / "gap.csv", "position,distance_mm\nA,1000.001\nA,\n"), 1.0)
+    assert (refused.value.row, refused.value.column) == (3, "distance_mm")
+
+
+def test_repeatability_by_hand(tmp_path):
+    path = written(
+        tmp_path / "repeat.csv",
+        "position,x_mm,y_mm,z_mm\nP1,1,0,9\nP1,-1,0,9\nP2,5,5,1\nP1,0,2,9\nP1,0,-2,9\nP2,5,5,3\nP2,0,0,0\n",
+    )
+    found = repeatability(path).to_dict()
+    first, second = found["per_position"]["P1"], found["per_position"]["P2"]
+    assert (first["n"], second["n"], found["lost"]) == (4, 2, 1)
+    assert first["mean_mm"] == pytest.approx(1.5)
+    assert first["mean_plus_3sigma_mm"] == pytest.approx(1.5 + 3 * np.sqrt(1 / 3))
+    assert [second[k] for k in ("x_mm", "y_mm", "z_mm", "max_mm")] == pytest.approx([5, 5, 2, 1])
+    with pytest.raises(MeasurementError, match="one reading only"):
+        repeatability(written(tmp_path / "r1.csv", "x_mm,y_mm,z_mm\n1,2,3\n"))
+
+
+def test_what_repeatability_tells(tmp_path):
+    text = "position,x_mm,y_mm,z_mm\nP1,1,0,9\nP1,-1,0,9\nP2,5,5,1\nP2,5,5,5\nP2,0,0,0\n"
+    found = repeatability(written(tmp_path / "r.csv", text))
+    assert (
+        found.headline() == "4 readings of 2 points: mean + 3σ of the distances from the mean 2.0000 mm at most (P2)."
+    )
+    assert found.report()[-1] == "Left out: 1 lost points"
+    table = found.to_frame()
+    assert table.columns.tolist() == ["position", "x_mm", "y_mm", "z_mm", "error_mm"]
+    assert table["error_mm"].tolist() == pytest.approx([1, 1, 2, 2])
+    assert len(repr(found)) < 2000
+
+
+def long_series(path, follow, n=1500, seed=0):
+    """Simulated: 17 s apart, 5 um noise, and x following the temperature by ``follow`` um per degree."""
+    rng = np.random.default_rng(seed)
+    time = 17.0 * np.arange(n)
+    air = 22 + np.sin(time / 9000) + 0.01 * rng.standard_normal(n)
+    xyz = [1586.937, 517.974, -216.203] + 5e-3 * rng.standard_normal((n, 3))
+    xyz[:, 0] += 1e-3 * follow * (air - 22)
+    rows = np.column_stack([time, xyz, air, np.full(n, 768.0)])
+    np.savetxt(path, rows, "%.12g", ",", header="time_s,x_mm,y_mm,z_mm,temperature_c,pressure_mmhg", comments="")
+    return path, xyz, air
+
+
+def test_drift_statistics_and_correlations_are_those_of_numpy(tmp_path):
+    path, xyz, air = long_series(tmp_path / "d.csv", follow=8.0)
+    found = drift(path).to_dict()
+    error = np.linalg.norm(xyz - xyz.mean(axis=0), axis=1)
+    assert found["mean_mm"] == pytest.approx(error.mean(), abs=1e-6)
+    assert found["max_mm"] == pytest.approx(error.max(), abs=1e-6)
+    x = found["correlation"]["temperature_c"]["x"]
+    assert x["r"] == pytest.approx(np.corrcoef(air, xyz[:, 0])[0, 1], abs=1e-4)
+    assert x["told"]
+    assert x["n_eff"] < 100, "a slow swing is seen a few times only, however often it is read"
+    assert not found["correlation"]["temperature_c"]["y"]["told"]
+    assert set(found["correlation"]["pressure_mmhg"]) == {"low", "high"}, "a constant has no correlation"
+    assert found["hours"] == pytest.approx(17 * 1499 / 3600)
+
+
+def test_trend_is_found(tmp_path):
+    time = np.arange(0, 7200, 60.0)
+    xyz = np.column_stack([100 + 0.003 * time / 3600, 200 - 0.004 * time / 3600, 300 + 0 * time])
+    np.savetxt(
+        tmp_path / "t.csv", np.column_stack([time, xyz]), "%.9f", ",", header="time_s,x_mm,y_mm,z_mm", comments=""
+    )
+    rate = drift(tmp_path / "t.csv").to_dict()["rate_mm_per_hour"]
+    assert [rate[k] for k in ("x", "y", "z", "total")] == pytest.approx([0.003, -0.004, 0, 0.005], abs=1e-6)
+
+
+def test_time_goes_on_whatever_the_order_of_the_rows(tmp_path):
+    path, *_ = long_series(tmp_path / "d.csv", follow=8.0, n=40)
+    header, *rows = path.read_text().splitlines()
+    mixed = written(tmp_path / "m.csv", "\n".join([header, *rows[20:], *rows[:20]]))
+    first, second = drift(path), drift(mixed)
+    assert second.to_dict() == first.to_dict()
+    assert second.time.tolist() == (17.0 * np.arange(40)).tolist()
+
+
+def test_what_drift_tells(tmp_path):
+    found = drift(long_series(tmp_path / "d.csv", follow=8.0)[0])
+    assert found.headline().startswith("1500 readings over 7.08 hours: error mean 0.00")
+    text = found.summary()
+    assert re.search(r"pressure_mmhg +constant", text)
+    assert "Of twenty such intervals" in text
+    assert found.to_frame().columns.tolist() == [
+        *("hours", "error_mm", "dx_mm", "dy_mm", "dz_mm", "temperature_c", "pressure_mmhg"),
+    ]
+    assert found.air["pressure_mmhg"].tolist() == [768.0] * 1500
+
+
+def test_refusals(tmp_path):
+    rows = "".join(f"{k},1,2,{k},smr1\n" for k in range(12))
+    header = "time_s,x_mm,y_mm,z_mm,target\n"
+    with pytest.raises(MeasurementError, match="9 readings are too few"):
+        drift(written(tmp_path / "few.csv", header + "".join(f"{k},1,2,{k},a\n" for k in range(9))))
+    with pytest.raises(
+        MeasurementError, match="column target: expected the readings of one fixed target, found smr1, smr2"
+    ):
+        drift(written(tmp_path / "two.csv", header + rows + "13,1,2,3,smr2\n"))
+    with pytest.raises(MeasurementError, match="column time_s: all readings are of the same time"):
+        drift(written(tmp_path / "still.csv", header + 12 * "5,1,2,3,a\n"))
+
+
+def test_correlation_interval_is_fishers_for_white_noise_and_honest_for_slow_series():
+    rng = np.random.default_rng(3)
+    a = rng.standard_normal(4000)
+    b = 0.3 * a + rng.standard_normal(4000)
+    found = correlation(a, b).to_dict()
+    reference = stats.pearsonr(a, b).confidence_interval()
+    assert found["interval"] == pytest.approx([reference.low, reference.high], abs=0.01)
+    # unrelated slow series: the textbook's interval would call about two thirds of them related
+    told = []
+    for _ in range(100):
+        walk = rng.standard_normal((2, 600))
+        for k in range(1, 600):
+            walk[:, k] += 0.95 * walk[:, k - 1]
+        told.append(correlation(*walk).told)
+    assert np.mean(told) < 0.15

@@ -1,13 +1,18 @@
 """Foreign files: each preset on an example written by hand, maps of one's own, and bad rows."""
 
+import pickle
+from dataclasses import FrozenInstanceError
+
 import numpy as np
 import pandas as pd
 import pytest
 from import_support import FOUR_JOINTS, JOINTS, QUATERNION, ROW, XYZ, make_map, refused, understood, write
 from scipy.spatial.transform import Rotation
 
+from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, OptionError
 from irbcal.measurement import table
 from irbcal.measurement.imports import column_map, reader
+from irbcal.measurement.imports.reader import import_measurements
 
 WIDE = """
 columns:
@@ -314,3 +319,245 @@ def test_targets_of_a_joints_file(tmp_path):
     assert found["pose"].tolist() == ["P1", "P1", "P2", "P2"]
     assert found["q1_deg"].tolist() == [10, 10, 20, 20]
     assert "expected 4 rows, as many as" in refused(write(tmp_path / "q.csv", "x,y,z", "1000,0,0"), name, joints=joints)
+
+
+MAP = (
+    "{columns: {pose: p, joints: [a, b], programmed: [ca, cb], position: [x, y, z]}, units: {joints: rad, lengths: mm}, "
+    "joints: {signs: [1, -1], offsets_deg: [10, 0], add: {2: 1}}, fixed: {target: t}}"
+)
+ROWS = ("1,0.1,0.2,0.11,0.22,100,0,0", "1,0.1,0.2,0.11,0.22,100,5,0", "2,0.3,0.5,0.3,0.5,100,9,0")
+
+
+def test_units_and_rules_are_those_of_the_joints(tmp_path):
+    found = understood(write(tmp_path / "f.csv", "p,a,b,ca,cb,x,y,z", *ROWS), make_map(tmp_path, MAP))
+    assert list(found.table.columns[:6]) == ["pose", "q1_deg", "q2_deg", "c1_deg", "c2_deg", "target"]
+    expected = np.degrees([[0.1, -0.3], [0.11, -0.33]]) + np.array([10, 0])
+    first = found.table.iloc[0]
+    np.testing.assert_allclose(first[["q1_deg", "q2_deg"]].astype(float), expected[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(first[["c1_deg", "c2_deg"]].astype(float), expected[1], rtol=0, atol=1e-9)
+    seen = found.measurements()
+    np.testing.assert_allclose(np.degrees(seen.joints()[0]), expected[1], rtol=0, atol=1e-8)
+
+
+def test_a_pose_has_one_set_of_them_and_each_is_a_number(tmp_path):
+    rows = [ROWS[0], ROWS[1].replace("0.22", "0.23"), ROWS[2]]
+    text = refused(write(tmp_path / "f.csv", "p,a,b,ca,cb,x,y,z", *rows), make_map(tmp_path, MAP))
+    assert "row 3: expected the programmed joints of pose 1 as in row 2" in text
+    assert "(joint 2: " in text
+    rows = [ROWS[0], ROWS[1].replace("0.22", ""), ROWS[2]]
+    text = refused(write(tmp_path / "f.csv", "p,a,b,ca,cb,x,y,z", *rows), make_map(tmp_path, MAP))
+    assert "row 3, column cb: expected a joint angle in rad" in text
+
+
+def test_they_may_be_optional(tmp_path):
+    path = write(tmp_path / "f.csv", "p,a,b,x,y,z", "1,0.1,0.2,100,0,0", "2,0.3,0.5,100,9,0")
+    assert "ca" in refused(path, make_map(tmp_path, MAP))
+    chosen = make_map(tmp_path, MAP.replace("columns: {", "columns: {optional: [programmed], "))
+    assert "c1_deg" not in understood(path, chosen).table.columns
+
+
+def test_one_for_each_joint_and_no_kept_column_in_their_place(tmp_path):
+    for change in (MAP.replace("[ca, cb]", "[ca]"), MAP.replace("joints: [a, b], ", "")):
+        with pytest.raises(IrbcalError, match=r"columns\.programmed: expected a column for each of the"):
+            column_map.read_map(make_map(tmp_path, change), ())
+    with pytest.raises(IrbcalError, match="expected a new name for the column, found 'c1_deg'"):
+        column_map.read_map(make_map(tmp_path, MAP.replace("pose: p,", "pose: p, keep: {c1_deg: w},")), ())
+
+
+def test_degrees_declared_as_radians_are_seen_in_them_too(tmp_path):
+    rows = [f"{k},0.1,{k / 10},{40 * k},{50 * k},100,{k},0" for k in range(1, 5)]
+    text = refused(write(tmp_path / "f.csv", "p,a,b,ca,cb,x,y,z", *rows), make_map(tmp_path, MAP))
+    assert "these look like deg" in text
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_joints_files_hold_them(tmp_path, own):
+    points = write(tmp_path / "smr1.csv", "x,y,z", "1000,2,3", "1000,4,5")
+    head = "q1_deg,q2_deg,c1_deg,c2_deg" if own else "a,b,ca,cb"
+    joints = write(tmp_path / "joints.csv", head, "10,20,11,21", "30,40,31,42")
+    section = "joints_file={columns: {joints: [a, b], programmed: [ca, cb]}, units: {joints: deg}}"
+    changes = ["units.lengths=mm", *([] if own else [section])]
+    found = understood(points, "per-target", *changes, joints=joints)
+    assert found.table[["c1_deg", "c2_deg"]].to_numpy().tolist() == [[11, 21], [31, 42]]
+    if own:
+        gap = write(tmp_path / "gap.csv", "q1_deg,q2_deg,c1_deg", "10,20,11", "30,40,31")
+        assert "missing column c2_deg: programmed joints" in refused(points, "per-target", *changes, joints=gap)
+
+
+def test_robodk_poses_are_runs_of_the_same_joints(tmp_path):
+    a, b = "1,2,30,4,5,6", "2,2,30,4,5,6"
+    rows = [f"{q},100,200,300,{t}" for q, t in [(a, "s"), (a, "t"), (a, "s"), (b, "s"), (b, "t"), (a, "s")]]
+    found = understood(write(tmp_path / "r.csv", "h", *rows), "robodk", "fixed.group=iso")
+    assert found.table["pose"].tolist() == ["1", "1", "2", "3", "3", "4"]
+    assert set(found.table["group"]) == {"iso"}
+
+
+def test_a_joint_measured_against_the_ground(tmp_path):
+    path = write(tmp_path / "f.csv", "h", "1,20,30,4,5,6,100,200,300", "1,40,-30,4,5,6,100,200,300")
+    found = understood(path, "robodk", "joints.add={3: 2}")
+    assert found.table["q3_deg"].tolist() == [50, 10]
+
+
+def test_one_pose_has_one_set_of_joints(tmp_path):
+    chosen = make_map(
+        tmp_path,
+        "{columns: {pose: p, joints: [a], position: [x, y, z]}, units: {joints: deg, lengths: mm}, fixed: {target: t}}",
+    )
+    path = write(tmp_path / "r.csv", "p,a,x,y,z", "1,10,100,0,0", "2,11,100,0,0", "1,12,100,0,0")
+    assert "row 4: expected the joints of pose 1 as in row 2" in refused(path, chosen)
+    path = write(tmp_path / "r.csv", "p,a,x,y,z", "1,10,100,0,0", "1,10,101,0,0")
+    assert any("1 rows repeat a target" in text for text in understood(path, chosen).warnings)
+    path = write(tmp_path / "r.csv", "p,a,x,y,z", "1,10,100,0,0", ",10,101,0,0")
+    assert "row 3, column p: expected the name of a pose, found nothing" in refused(path, chosen)
+
+
+def test_groups_by_name_and_by_order(tmp_path):
+    chosen = make_map(
+        tmp_path,
+        "{columns: {pose: p, joints: [a], position: [x, y, z]}, units: {joints: deg, lengths: mm}, fixed: {target: t}, "
+        "groups: [{group: iso, poses: 'I*'}, {group: late, first: 2}, {group: never, poses: Z}]}",
+    )
+    path = write(tmp_path / "r.csv", "p,a,x,y,z", "A,10,100,0,0", "I1,11,100,0,0", "B,12,100,0,0")
+    found = understood(path, chosen)
+    assert found.table["group"].tolist() == ["", "iso", "late"]
+    assert "The rule for group never fits no pose" in found.warnings
+
+
+def test_rows_of_a_pose_that_contradict_carry_file_and_row(tmp_path):
+    chosen = make_map(
+        tmp_path,
+        "{columns: {pose: p, joints: [a], position: [x, y, z]}, units: {joints: deg, lengths: mm}, fixed: {target: t}}",
+    )
+    path = write(tmp_path / "r.csv", "p,a,x,y,z", "1,10,100,0,0", "1,12,100,0,0")
+    with pytest.raises(MeasurementError) as caught:
+        reader.understand([path], column_map.read_map(chosen))
+    assert (caught.value.file, caught.value.row) == (str(path), 3)
+
+
+def test_declared_radians_that_are_degrees_and_a_way_round(tmp_path):
+    path = write(tmp_path / "r.csv", "h", *[f"{k}0,-20,30,0,45,90,1200,-35,640" for k in range(3)])
+    assert "expected joints in rad as declared, found 90" in refused(path, "robodk", "units.joints=rad")
+    small = write(tmp_path / "s.csv", "h", *[f"0.{k},-1.5,0.3,0,0.1,3.1,900,0,1" for k in range(4)])
+    assert understood(small, "robodk", "trust_units=true").table["q1_deg"].tolist() == [0, 0.1, 0.2, 0.3]
+    joints = write(tmp_path / "joints.csv", "q1_deg,q2_deg", *[f"0.{k},1.5" for k in range(3)])
+    points = write(tmp_path / "smr1.csv", "x,y,z", *["900,0,1"] * 3)
+    text = refused(points, "per-target", "units.lengths=mm", joints=joints)
+    assert text.startswith(f"{joints}: row 2, joint 2: expected joints in deg")
+
+
+def test_positions_in_another_unit_carry_file_and_row(tmp_path):
+    path = write(tmp_path / "r.csv", "h", *[f"{k}0,-15,3,0,1,31,0.9,0,1.{k}" for k in range(4)])
+    with pytest.raises(MeasurementError) as caught:
+        reader.understand([path], column_map.read_map("robodk"))
+    assert (caught.value.file, caught.value.row) == (str(path), 5)
+    found = reader.understand([path], column_map.read_map("robodk", {"trust_units": True}))
+    assert found.table["z_mm"].tolist() == [1.0, 1.1, 1.2, 1.3]
+
+
+def test_what_looks_strange_is_said(tmp_path):
+    rows = [f"{q},0,30,0,45,90,{x},-35,640,{t}" for q, x, t in [(1, 900, "a"), (2, 901, "a"), (3, 902, "a")]]
+    path = write(tmp_path / "r.csv", "h", *rows, "3,0,30,0,45,90,0,0,0,b")
+    found = understood(path, "robodk")
+    assert found.warnings == ("Every point of target b is lost", "Joint 2, 3, 4, 5, 6 never moves")
+
+
+def test_what_the_reader_would_refuse_is_said_in_rows_of_the_source(tmp_path):
+    chosen = make_map(
+        tmp_path,
+        "{columns: {joints: [a], position: [x, y, z], u95: u}, units: {joints: deg, lengths: mm}, fixed: {target: t}}",
+    )
+    path = write(tmp_path / "r.csv", "a,x,y,z,u", "", "10,100,0,0,0.1", "11,100,0,0,-1")
+    text = refused(path, chosen)
+    assert text.startswith(f"{path}: row 4, column u95_mm: expected an uncertainty above zero")
+
+
+@pytest.fixture
+def robodk(tmp_path):
+    """Two points of one pose and a lost one of another."""
+    rows = [ROW + ",smr1", ROW.replace("1200.5", "1210.5") + ",ref1", ROW.replace("10,", "11,", 1) + ",smr1"]
+    return write(tmp_path / "r.csv", "h", *rows[:2], rows[2].replace("1200.5,-35.25,640.75", "0,0,0"))
+
+
+def test_import_measurements_writes_what_it_returns(robodk, tmp_path):
+    out = tmp_path / "new" / "m.csv"
+    found = import_measurements(robodk, as_="robodk", out=out)
+    assert found.out == out
+    assert [path.name for path in out.parent.iterdir()] == ["m.csv"]
+    assert out.read_bytes() == found.csv()
+    written, seen = table.read(out), found.measurements()
+    assert seen.sha256 == written.sha256
+    assert seen.source == str(robodk)
+    assert np.array_equal(seen.positions(), written.positions(), equal_nan=True)
+    assert np.array_equal(seen.joints(), written.joints())
+    assert found.report()[-1] == f"Written to {out}"
+
+
+def test_nothing_is_written_without_out_and_in_a_dry_run(robodk, tmp_path):
+    before = sorted(path.name for path in tmp_path.iterdir())
+    found = import_measurements(robodk, as_="robodk", out=tmp_path / "m.csv", dry_run=True)
+    assert found.out is None
+    import_measurements(str(robodk), as_="robodk")
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+    assert found.report()[0] == "3 rows, 2 poses, 1 lost points; points: ref1 1, smr1 1 (and 1 lost)"
+    shown = found.report()[1]
+    assert shown.columns == ("row of file", "2", "3", "4")
+    assert ("x_mm", 1200.5, 1210.5, "") in shown.rows
+
+
+def test_options_of_the_function(robodk, tmp_path):
+    assert len(import_measurements(robodk, as_=column_map.read_map("robodk")).table) == 3
+    with pytest.raises(CalibrationError, match="this is the file to read from") as caught:
+        import_measurements(robodk, as_="robodk", out=tmp_path / "." / "r.csv")
+    assert caught.value.parameter == "out"
+    mine = make_map(tmp_path, column_map.preset_text("robodk"))
+    with pytest.raises(CalibrationError, match="this is the file to read from"):
+        import_measurements(robodk, as_=mine, out=mine)
+    with pytest.raises(OptionError, match="no changes beside an ImportMap"):
+        import_measurements(robodk, as_=column_map.read_map("robodk"), set_={"trust_units": True})
+    with pytest.raises(OptionError, match="expected one file or more"):
+        import_measurements(as_="robodk")
+    with pytest.raises(CalibrationError, match="expected a file to write, found a folder"):
+        import_measurements(robodk, as_="robodk", out=tmp_path)
+    blocked = write(tmp_path / "file", "x")
+    with pytest.raises(CalibrationError, match="cannot write to this folder"):
+        import_measurements(robodk, as_="robodk", out=blocked / "m.csv")
+
+
+def test_several_files_and_a_joints_file(tmp_path):
+    joints = write(tmp_path / "joints.csv", FOUR_JOINTS.rstrip())
+    files = [write(tmp_path / f"{name}.csv", "x,y,z", "1000,2,3", "1000,4,5") for name in ("smr1", "ref1")]
+    found = import_measurements(*files, as_="per-target", joints=joints, set_={"units.lengths": "mm"})
+    seen = found.measurements()
+    assert (len(seen), seen.poses) == (4, 2)
+    assert np.abs(np.degrees(seen.joints()[1]) - [11, 21, 31, 41, 51, 61]).max() < 1e-12
+
+
+def test_nobody_can_change_what_was_understood(robodk):
+    found = import_measurements(robodk, as_="robodk")
+    before = found.csv()
+    for frame, column, value in (
+        (found.table, "x_mm", 1.0),
+        (found.origin, "row", 0),
+        (found.to_frame(), "target", "x"),
+    ):
+        frame[column] = value
+    with pytest.raises(FrozenInstanceError):
+        found.warnings = ()
+    assert found.csv() == before
+    assert found.origin["row"].tolist() == [2, 3, 4]
+    again = pickle.loads(pickle.dumps(found))
+    assert again.csv() == before
+    assert again.map == found.map
+
+
+def test_words(robodk, tmp_path):
+    found = import_measurements(robodk, as_="robodk", set_={"rename": {"none": "x"}})
+    assert len(repr(found)) < 2000
+    assert "There is no target none to rename" in found.summary()
+    assert "units: {joints: deg, lengths: mm}" in found.summary()
+    assert "<table>" in found._repr_html_()
+
+
+def test_an_import_is_measurements(robodk, tmp_path):
+    found = import_measurements(robodk, as_="robodk")
+    assert table.read(found).sha256 == found.measurements().sha256

@@ -1,4 +1,4 @@
-"""Promised standard deviations against simulated calibrations."""
+"""A plan as data: when each reflector is measured, and where it is expected."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,40 @@ from design_support import PLACES, TARGETS, poses
 from support import arm, measured, random_robot
 
 from irbcal.identification.fit import identify
+from irbcal.modeling import frames
 from irbcal.planning import planned_poses
+from irbcal.planning.conditions import SOLID
 from irbcal.planning.information import Model
+from irbcal.planning.measuring_plan import make, plan
+from irbcal.planning.scene import open_scene
+from irbcal.planning.wish import READINGS_S, Wish
 from irbcal.units import DEG, MM
+
+
+def test_expected_points_and_times_are_those_of_the_poses():
+    made = plan("irb1600", axis=0, cube=3, all_range=0, without=SOLID, level="nominal", references=2, wait_s=3.0)
+    pose, target, xyz, time = made.expected()
+    assert len(pose) == made.asked.sum()
+    T = made.scene.setting.arm.forward(made.q)
+    for k in range(len(pose)):
+        local = made.scene.setting.targets.places[target[k]]
+        there = frames.apply(made.scene.T_world_base, T[pose[k], :3, :3] @ local + T[pose[k], :3, 3])
+        np.testing.assert_allclose(xyz[k], there, rtol=0, atol=1e-12)
+    first = np.flatnonzero(np.diff(pose, prepend=-1))
+    np.testing.assert_allclose(time[first], made.stops + 3.0, rtol=0, atol=1e-9)
+    count = made.asked[-1].sum() + 2
+    assert made.duration_s == made.stops[-1] + 3.0 + READINGS_S * count
+
+
+def test_times_follow_from_speed_wait_and_readings():
+    """The first axis move: 30 degrees with the tip 815 mm from axis 1, at 250 mm/s."""
+    scene = open_scene("irb1600", without=SOLID)
+    made = make(scene, Wish(cube=0, all_range=0, level="nominal", speed=0.25, wait_s=3.0, references=0))
+    _, _, _, time = made.expected()
+    first = np.pi / 6 * 0.815 / 0.25
+    assert time[:4] == pytest.approx([first + 3, first + 5.5, first + 8, first + 10.5 + first + 3], rel=1e-3)
+    quick = make(scene, Wish(cube=0, all_range=0, level="nominal", speed=7.0, wait_s=3.0))
+    assert quick.stops[0] == pytest.approx(30 / 150)  # joint 1 turns 150 degrees a second
 
 
 def test_predicted_deviations_are_those_of_simulated_calibrations():
