@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, locked
+from irbcal.arrays import FloatArray, Locked, locked
 from irbcal.cell.external_axes import ExternalAxis, carried, moving
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions

@@ -29,7 +29,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, Locked, NameArray
 from irbcal.cell import external_axes
 from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile
 from irbcal.cell.external_axes import carried
