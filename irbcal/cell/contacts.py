@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, cell_of
 from irbcal.cell.robot_derivatives import point_derivatives
 from irbcal.errors import RobotError
@@ -29,7 +29,7 @@ CONTACT = "contact"
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
+class Contacts(Locked):
     """Touches with the points of the other robot in place of its joints.
 
     Attributes
@@ -45,9 +45,6 @@ class Contacts:
     table: pd.DataFrame
     rows: IntArray
     covariance: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def with_contacts(touches: TableLike, other: CalibrationLike, other_cell: CellFile | str | Path) -> Contacts:

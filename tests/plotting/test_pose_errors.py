@@ -57,7 +57,8 @@ def test_classes_of_errors_have_as_many_decimals(poses):
     assert len(decimals) == 1
 
 
-def test_worst_poses_are_those_of_the_table_of_points(record):
+def test_worst_poses_are_those_of_the_table_of_points(demo_calibration):
+    record = irbcal.load(demo_calibration).record
     found = irbcal.evaluate(record, robots.demo_file("demo_verification.csv"))
     worst = worst_poses(found.errors, found.origin.joints)
     table = found.to_frame()
