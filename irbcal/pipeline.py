@@ -23,7 +23,7 @@ import pandas as pd
 from irbcal import __version__
 from irbcal.arrays import BoolArray, FloatArray, Locked, locked
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification import commanded_poses
+from irbcal.identification import commanded_poses, feature_errors
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.axis_calibration import PARALLELS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, method_of
@@ -111,6 +111,8 @@ LARGEST_TURN = 3 * DEG
 """Median angle from the nominal robot above which measured orientations are refused, radians."""
 OPEN = 0.5
 """Share of what was not known of the tool's position that rows at features may leave open without a doubt."""
+LENGTH_ERROR = 0.1 * MM
+"""Error of known lengths below which it is no doubt, metres."""
 LINKS = ("base_link", "tip_link", "coupling")
 FEATURE_OPTIONS = ("model", "free", "hold", "terms", "seed", *LINKS, "features", "leave_out", "payload_place")
 """Options that rows at features take."""
@@ -950,7 +952,7 @@ def fit_features(inputs: Inputs, say: Progress) -> Doubted:
             )
             for k in np.flatnonzero(np.isin(rows.row, list(left_out)))
         ),
-        doubts=(doubt,) if doubt else (),
+        doubts=(*((doubt,) if doubt else ()), *feature_errors.doubts(feature_fit)),
         fit_points=points,
         fit_motion=motion,
         heldout_points=points.select(nobody),
@@ -1000,6 +1002,18 @@ def _feature_doubts(section: FeaturesSection) -> list[str]:
             "tracker measured."
         ]
     )
+    known = [each for each in section.lengths if each.nominal_mm is not None and each.heldout_mm is not None]
+    if known:
+        nominal, heldout = (
+            float(np.sqrt(np.mean([value(each) ** 2 for each in known])))
+            for value in (lambda each: each.nominal_mm, lambda each: each.heldout_mm)
+        )
+        if heldout > max(nominal, LENGTH_ERROR / MM):
+            doubts.append(
+                f"Known lengths come out {heldout:.3f} mm wrong (root mean square) while their places are left out, "
+                f"with the nominal robot {nominal:.3f} mm: a length is wrong, features moved, or rows are at others "
+                "than they say."
+            )
     if section.open_mm <= OPEN * section.before_mm:
         return doubts
     return [

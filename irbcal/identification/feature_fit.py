@@ -68,8 +68,9 @@ BASE_REASON = "nothing ties the features to a measuring frame: places are those 
 MOST_GROSS = 0.1
 """Share of the rows that may be gross errors: of more, none is left out."""
 
-TOO_LARGE = 2e-3
-"""Share by which a robot may come out larger than nominal before what gave the scale is doubted."""
+TOO_LARGE, FAR_TOO_LARGE = 2e-3, 1e-2
+"""Share by which a robot may come out larger than nominal before what gave the scale is doubted; where that
+was measured as a length, the second."""
 
 
 class FeatureModel(LinearModel):
@@ -216,10 +217,14 @@ class FeatureFit(EvidenceFit):
                     "do not belong together, or a lens that is another."
                 )
         larger = self._larger()
-        if self.scale_from and abs(larger) > TOO_LARGE:
+        if abs(larger) > (TOO_LARGE if self.scale_from else FAR_TOO_LARGE):
+            rests = (
+                f"and its scale rests on {self.scale_from}: measure these"
+                if self.scale_from
+                else ("which no arm is: a known length is wrong, or the URDF is another robot's")
+            )
             found.append(
-                f"The robot comes out {abs(larger):.2%} {'larger' if larger > 0 else 'smaller'} than nominal, and its "
-                f"scale rests on {self.scale_from}: measure these."
+                f"The robot comes out {abs(larger):.2%} {'larger' if larger > 0 else 'smaller'} than nominal, {rests}."
             )
         return [text for text in dict.fromkeys(found) if text]
 
