@@ -1002,12 +1002,9 @@ def _feature_doubts(section: FeaturesSection) -> list[str]:
             "tracker measured."
         ]
     )
-    known = [each for each in section.lengths if each.nominal_mm is not None and each.heldout_mm is not None]
-    if known:
-        nominal, heldout = (
-            float(np.sqrt(np.mean([value(each) ** 2 for each in known])))
-            for value in (lambda each: each.nominal_mm, lambda each: each.heldout_mm)
-        )
+    pairs = [(e.nominal_mm, e.heldout_mm) for e in section.lengths if None not in (e.nominal_mm, e.heldout_mm)]
+    if pairs:
+        nominal, heldout = np.sqrt(np.mean(np.array(pairs, dtype=float) ** 2, axis=0))
         if heldout > max(nominal, LENGTH_ERROR / MM):
             doubts.append(
                 f"Known lengths come out {heldout:.3f} mm wrong (root mean square) while their places are left out, "
