@@ -32,7 +32,8 @@ LARGEST_INCLUDE = 5_000_000
 ANCESTORS = 5
 """Folders above a file in which and beside which packages are looked up."""
 
-_IS_XACRO = re.compile(rb"<\s*xacro:|\$\{|\$\((find|arg|eval|env|optenv|dirname)\b")
+_IS_XACRO = re.compile(rb"<\s*xacro:|xmlns:xacro.*(\$\{|\$\((find|arg|eval|env|optenv|dirname)\b)", re.DOTALL)
+"""Expressions count where the name space is declared: in other files they are texts like any."""
 _LOCK = threading.Lock()
 
 _OF_MATH = (
