@@ -28,6 +28,14 @@ SHORTEST_TEXT = 12
 GAP = 2
 """Columns of text between two columns of a table."""
 
+PAGE_STYLE = (
+    "body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#1c2733}"
+    "table{border-collapse:collapse;margin:1.5em 0;font-variant-numeric:tabular-nums}"
+    "caption{font-weight:bold;padding:.3em 0}th{border-bottom:2px solid #8aa}"
+    "td,th{padding:.25em .8em}td{border-bottom:1px solid #dde}"
+)
+"""Of pages of results."""
+
 LONGEST_REPR = 1_500
 """Characters of the text that the interpreter shows."""
 
@@ -200,8 +208,14 @@ class Result(Locked, ABC):
         return text if len(text) <= LONGEST_REPR else text[: LONGEST_REPR - 2] + "…>"
 
     def _repr_html_(self) -> str:
-        html = [
-            paragraph.html() if isinstance(paragraph, Table) else f"<p>{escape(paragraph)}</p>"
-            for paragraph in self.report()
-        ]
-        return f"<div><b>{escape(type(self).__name__)}</b>{''.join(html)}</div>"
+        return f"<div><b>{escape(type(self).__name__)}</b>{_html(self.report())}</div>"
+
+    def page(self, title: str, more: Sequence[Paragraph] = ()) -> str:
+        """The report, and more paragraphs, as one HTML page that loads nothing and runs no script."""
+        head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{PAGE_STYLE}</style>'
+        content = f"<h1>{escape(title)}</h1>{_html([*self.report(), *more])}"
+        return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{content}</body></html>\n'
+
+
+def _html(paragraphs: Sequence[Paragraph]) -> str:
+    return "".join(part.html() if isinstance(part, Table) else f"<p>{escape(part)}</p>" for part in paragraphs)

@@ -184,8 +184,7 @@ class CellFile(Result):
 
     def report(self, notation: Notation = AS_URDF) -> list[Paragraph]:
         """The frames with their intervals, and by how much the controller's differ; see `Result.report`."""
-        sizes = [np.linalg.norm([getattr(one, name) for one in self.touches], axis=1) / MM for name in RESIDUALS]
-        by = [f"mean {size.mean():.3f}, largest {size.max():.3f} mm" for size in sizes]
+        by = [f"mean {size.mean():.3f}, largest {size.max():.3f} mm" for size in self._residual_sizes()]
         headline = (
             f"{'SIMULATED: ' if self.simulated else ''}{len(self.touches)} touches by the calibrated {self.robot}: "
             f"they miss by {by[0]}; by the nominal robot {by[1]}"
@@ -217,6 +216,19 @@ class CellFile(Result):
             "u95 is that of touching; with what is unknown of the robot, which programs share and irbcal filter --cell "
             f"reckons with, {', '.join(f'{size:.2f}' for size in sizes)} mm"
         )
+
+    def page(self, title: str = "Cell", more: Sequence[Paragraph] = ()) -> str:
+        """The report with all touches as one HTML page; see `Result.page`."""
+        rows = [
+            (touch.row, touch.frame.replace("_", " "), touch.name, touch.point, touch.tool, touch.u95 / MM, *sizes)
+            for touch, sizes in zip(self.touches, self._residual_sizes().T.tolist(), strict=True)
+        ]
+        heads = ("row", "frame", "name", "point", "tool", "u95 mm", "residual mm", "by nominal mm")
+        return super().page(f"{title} of {self.robot}", [Table("Touches", heads, tuple(rows)), *more])
+
+    def _residual_sizes(self) -> FloatArray:
+        """Lengths of residuals by the calibrated and by the nominal robot, shape (2, touches), mm."""
+        return np.array([[np.linalg.norm(getattr(touch, name)) for touch in self.touches] for name in RESIDUALS]) / MM
 
     def _axes_in_words(self) -> list[str]:
         """How far external axes are from where the controller has them, at the touches."""

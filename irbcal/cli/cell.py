@@ -66,6 +66,10 @@ def cell(
         Path | None,
         typer.Option(help="File for the URDF of the whole cell: calibrated robot, axes, tools, work objects."),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="File for a page of the cell: frames with intervals, axes, touches with residuals (HTML)."),
+    ] = None,
     touch: Annotated[
         list[str] | None,
         typer.Option(
@@ -95,7 +99,9 @@ def cell(
     for name in () if programs else sorted(FOR_PROGRAMS & options.keys()):
         raise typer.BadParameter("it goes with --program", param_hint=f"--{name.replace('_', '-')}")
     touches = _touches(options.pop("touches", None), touch, bool(programs))
-    refuse_overwriting({"out": out, "declare": declare, "urdf": urdf}, [touches], programs, calibration)
+    refuse_overwriting(
+        {"out": out, "declare": declare, "urdf": urdf, "report": report}, [touches], programs, calibration
+    )
     maker = None if as_ is None else languages.by_name()[DECLARATIONS[as_].language].MAKER
     program_maker = languages.files_of(programs)[0].MAKER if programs else maker
     tools, work_objects = (program_words.frames(options.pop(name, None), f"--{name}", program_maker) for name in NAMES)
@@ -122,6 +128,8 @@ def cell(
         contents[declare] = declared(as_, *true).encode()
     if urdf is not None:
         contents[urdf] = with_cell(saved.urdf, saved.record.arm(), cell_file)
+    if report is not None:
+        contents[report] = cell_file.page().encode()
     write_set(contents)
     cell_file.save(out)
     if json:
@@ -131,6 +139,8 @@ def cell(
     show.say(f"Written to {out}: irbcal filter {calibration} PROGRAM --cell {out}")
     if declare is not None:
         show.say(f"Written to {declare}: frames of the controller, for irbcal filter --controller-frames from-cell")
+    if report is not None:
+        show.say(f"Written to {report}: the cell as a page")
     if urdf is not None:
         show.say(f"Written to {urdf}: the whole cell, joints of external axes within the touches")
 

@@ -1,5 +1,6 @@
 """``irbcal filter --cell`` in the SIMULATED cell of ../shared/data/cell_example, whose robot irbcal has not made."""
 
+import io
 import json
 import os
 import re
@@ -130,8 +131,15 @@ def test_the_command_takes_axes_and_writes_the_whole_cell(example, tmp_path):
     done = run("cell", example / "cal", tmp_path / "touches.csv", "--axes", axes, "--out", out, "--urdf", whole)
     assert (done.exit_code, out.exists(), whole.exists()) == (1, False, False)
     assert "how the external axis of base moves" in str(done.exception)
-    done = run("cell", example / "cal", FOLDER / "touches.csv", "--out", out, "--urdf", whole)
+    done = run(
+        "cell", example / "cal", FOLDER / "touches.csv", "--out", out, "--urdf", whole, "--report", tmp_path / "c.html"
+    )
     assert done.exit_code == 0
+    page = (tmp_path / "c.html").read_text()
+    assert "<script" not in page
+    (touches_table,) = (table for table in pd.read_html(io.StringIO(page)) if "residual mm" in table)
+    residuals = [np.linalg.norm(touch.residual) * 1e3 for touch in read_cell(out).touches]
+    np.testing.assert_allclose(touches_table["residual mm"], residuals, rtol=0, atol=6e-4)
     assert {'<link name="tool_3"/>', '<link name="work_object_1"/>'} <= {
         *map(str.strip, whole.read_text().splitlines())
     }
