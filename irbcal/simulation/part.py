@@ -106,7 +106,7 @@ class PartCell(Locked):
                 return PartCell(cell, tip, T_object, T_tool[:n], joints[n : n + SIDES], joints[n + SIDES :])
         raise RobotError(f"no fixture that {arm.name} reaches was found")
 
-    def touches(self, noise: float = 0.0, seed: int = 0) -> pd.DataFrame:
+    def touches(self, noise: float = 0.0, seed: int = 0, from_all_sides: bool = False) -> pd.DataFrame:
         """A table of touches, joints as the controller shows them.
 
         Parameters
@@ -114,6 +114,8 @@ class PartCell(Locked):
         noise : float
             Standard deviation of a touch in each direction, metres.
         seed : int
+        from_all_sides : bool
+            Come to each touch from another side, so that backlash acts by chance; else from the touch before.
         """
         import pandas as pd
 
@@ -121,8 +123,10 @@ class PartCell(Locked):
         corners = np.array([[*xy, 0.0] for xy in POINTS.values()]) * size
         socket = np.tile(GRID.mean(axis=0) * size, (SIDES, 1))
         xyz = frames.apply(self.T_base_object, np.vstack([socket, corners]))
-        xyz = xyz + np.random.default_rng(seed).normal(scale=noise, size=xyz.shape) if noise else xyz
-        q = reached(self.cell, np.vstack([self.sides, self.corners]), self.tip, xyz)
+        rng, near = np.random.default_rng(seed), np.vstack([self.sides, self.corners])
+        xyz = xyz + rng.normal(scale=noise, size=xyz.shape) if noise else xyz
+        starts = near + rng.uniform(-LARGEST_TURN, LARGEST_TURN, near.shape) if from_all_sides else None
+        q = reached(self.cell, near, self.tip, xyz, starts)
         head = {
             "frame": ["tool"] * SIDES + ["work_object"] * len(POINTS),
             "name": ["tGrip"] * SIDES + ["wPart"] * len(POINTS),
@@ -181,14 +185,21 @@ class PartCell(Locked):
         return np.linalg.norm(T[:, :3, :3] @ self.tip + T[:, :3, 3] - self.T_wanted[:, :3, 3], axis=1)
 
 
-def reached(cell: VirtualCell, q: FloatArray, tip: FloatArray, xyz: FloatArray) -> FloatArray:
+def reached(
+    cell: VirtualCell, q: FloatArray, tip: FloatArray, xyz: FloatArray, starts: FloatArray | None = None
+) -> FloatArray:
     """Joints next to others (n, joints) at which the true tip is at places (n, 3) in the base link, metres.
 
-    Steps by the nominal robot's derivative.
+    Each is come to from its start (n, joints), radians, or else from the one before. Steps by the nominal derivative.
     """
     joints, point = np.array(q), np.append(tip, 1.0)
     for _ in range(12):
-        off = xyz - cell.measure(joints).T_base_tip[:, :3] @ point
+        if starts is None:
+            T_true = cell.measure(joints).T_base_tip
+        else:
+            alone = zip(joints, starts, strict=True)
+            T_true = np.array([cell.measure(row[None], start=start).T_base_tip[0] for row, start in alone])
+        off = xyz - T_true[:, :3] @ point
         for k, row in enumerate(joints):
             T = cell.arm.forward(row + STEP * np.vstack([np.zeros(len(row)), np.eye(len(row))]))[:, :3] @ point
             joints[k] += np.linalg.lstsq((T[1:] - T[0]).T / STEP, off[k], rcond=None)[0]
