@@ -132,17 +132,3 @@ def test_refusals(run, data, arguments, sentence):
 )
 def test_wrong_calls(run, data, arguments):
     assert run(data / "moves.csv", *arguments)[0] == 2
-
-
-def test_its_name_before_still_works_but_is_not_shown(run, data, monkeypatch, capsys):
-    code, out, _ = run(data / "moves.csv")
-    monkeypatch.setattr("sys.argv", ["irbcal", "axes", str(data / "moves.csv")])
-    with pytest.raises(SystemExit) as end:
-        main.main()
-    assert (end.value.code or 0, capsys.readouterr().out) == (code, out)
-    monkeypatch.setattr("sys.argv", ["irbcal", "--help"])
-    with pytest.raises(SystemExit):
-        main.main()
-    shown = capsys.readouterr().out
-    assert " joints " in shown
-    assert " axes " not in shown
