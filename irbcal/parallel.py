@@ -16,11 +16,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import FrameType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from irbcal.errors import IrbcalError, OptionError
+from irbcal.options import number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,6 +40,8 @@ CHUNK = 50
 """Most tasks that go to a cluster's worker in one parcel: an empty parcel takes 3 ms, a small task 90."""
 SCHEME = "dask://"
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+MOST_WORKERS = 1024
+"""Threads or processes; a machine of fewer cores is not faster with more."""
 MOST_LOSSES = 2
 """How often a task may lose its worker before it runs alone, to see whether it is its own doing."""
 
@@ -113,10 +116,9 @@ def using(jobs: int | None = None, engine: str | None = None) -> Iterator[Worker
     Raises
     ------
     OptionError
-        If ``jobs`` is below 1, or the engine is none.
+        If ``jobs`` is not between 1 and `MOST_WORKERS`, or the engine is none.
     """
-    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
-        raise OptionError(f"jobs: expected 1 or more, found {jobs!r}", parameter="jobs")
+    jobs = None if jobs is None else number("jobs", jobs, 1, MOST_WORKERS, whole=True)
     previous = workers()
     if jobs is None and engine is None:
         current = previous
@@ -246,7 +248,7 @@ def each(
     apart = settings.address is not None or (count > 1 and (settings.asked or seconds * len(items) > PROCESSES_PAY))
     with _stopped_afterwards() as stopped, one_thread():
         if apart:
-            yield from _apart(function, shared, items, settings, stopped, lost)
+            yield from _apart(function, shared, items, replace(settings, jobs=count), stopped, lost)
         else:
             for index, task in enumerate(items):
                 yield index, function(shared, task)

@@ -163,7 +163,8 @@ def test_a_fleet_on_a_cluster_is_that_of_one_process_also_where_a_worker_is_kill
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"jobs": 0}, "jobs: expected 1 or more, found 0"),
+        ({"jobs": 0}, "jobs: expected a whole number from 1 to 1024, found 0"),
+        ({"jobs": 10**26}, "jobs: expected a whole number from 1 to 1024, found 100000000000000000000000000"),
         ({"engine": "spark://here:1"}, "engine: expected dask://HOST:PORT, found 'spark://here:1'"),
         ({"engine": "dask://here"}, "engine: expected dask://HOST:PORT, found 'dask://here'"),
     ],

@@ -7,6 +7,7 @@ from typing import Any
 
 from irbcal.cli import grid, show
 from irbcal.cli.signature import PLACE, Typed, command, public
+from irbcal.errors import IrbcalError
 
 
 @command(
@@ -25,6 +26,8 @@ def stream(options: dict[str, Any]) -> None:
     """
     from irbcal.exporting.running import run
 
+    if sys.stdin is None:
+        raise IrbcalError("there is no standard input")
     live = public("stream")(**options)
     simulated = ", from SIMULATED measurements" if live.simulated else ""
     show.warn(f"ready, calibration {live.fingerprint}{simulated}")

@@ -7,7 +7,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, Locked
@@ -15,10 +14,11 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
 from irbcal.exporting.plain import Plain
-from irbcal.io import calibration_folder, urdf_xml
+from irbcal.io import calibration_folder
 from irbcal.io.mesh_paths import MeshPaths
 from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
+from irbcal.io.urdf import speed_limits
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
 
@@ -92,7 +92,7 @@ class Source(Locked):
                 record.frame_terms.refuse()
             notes.append(record.frame_terms.in_words)
         robot = loaded(opened.robot, payload, payload_place).replace(frame_terms=None)
-        speed = None if opened.urdf_bytes is None else speeds(opened.urdf_bytes, robot.arm)
+        speed = None if opened.urdf_bytes is None else speed_limits(opened.urdf_bytes, robot.arm.joint_names)
         return Source.of_robot(
             robot, record, opened.urdf_bytes, opened.folder, nominal=opened.nominal, speed=speed, notes=tuple(notes)
         )
@@ -122,21 +122,6 @@ class Source(Locked):
         if not miss < EXACT:
             raise CalibrationError(f"the export would miss irbcal's own kinematics by {miss:.3g}: nothing is written")
         return Source(robot, parts, vectors, float(miss), record, urdf, folder)
-
-
-def speeds(data: bytes, arm: Arm) -> FloatArray:
-    """Largest joint speeds that a URDF tells, per second; infinite where it tells none, shape (joints,)."""
-    out = np.full(len(arm.joint_names), np.inf)
-    for joint in urdf_xml.parse(data, "calibrated.urdf").getroot().iter("joint"):
-        limit = joint.find("limit")
-        if joint.get("name") in arm.joint_names and limit is not None:
-            try:
-                value = float(limit.get("velocity", "nan"))
-            except ValueError:
-                continue
-            if np.isfinite(value) and value > 0.0:
-                out[arm.joint_names.index(joint.get("name"))] = value
-    return out
 
 
 def needed(package: str, target: str) -> Any:

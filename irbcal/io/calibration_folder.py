@@ -319,10 +319,9 @@ def checked(folder: str | Path) -> FolderCheck:
         differences, listed, changed = [NO_SEAL], {}, {}
     else:
         listed = section.files
-        changed = _changed_files(folder, saved.record, listed)
+        changed = _changed_files(folder, saved.record, dict.fromkeys((*listed, *MOVING_FILES)))
         differences = [f"{name} was changed after it was written" for name in integrity.broken(content)]
         differences += [f"{name} {how}" for name, how in changed.items()]
-        differences += [f"{name} is not listed in the seal" for name in (URDF_NAME, ORIGINS_NAME) if name not in listed]
     names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     return FolderCheck(
         saved.record,
@@ -341,11 +340,12 @@ def _contradictions(saved: Saved) -> list[str]:
 
 
 def _changed_files(folder: Path, record: Record, names: Iterable[str]) -> dict[str, str]:
-    """Files of the seal's list that are not as they are listed, with what is wrong; all are well without a seal."""
+    """Files that are not as the seal lists them, with what is wrong."""
     listed = {} if record.seal is None else record.seal.files
     changes = {}
     for name in names:
         if name not in listed:
+            changes[name] = "is not listed in the seal"
             continue
         try:
             content = read_bytes(folder / name, CalibrationError)

@@ -292,6 +292,8 @@ def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | Non
 
 def _limits(element: XmlElement, kind: str, title: str, source: str) -> tuple[float, float]:
     limit = element.find("limit")
+    if limit is not None and urdf_xml.numbers(limit.get("velocity", "0"), 1, f"{title}, limit velocity", source)[0] < 0:
+        raise RobotError(f"{title}, limit velocity: expected no negative number", file=source)
     if kind not in ("revolute", "prismatic") or limit is None:
         return -np.inf, np.inf
     lower, upper = (
@@ -635,7 +637,7 @@ def speed_limits(urdf: bytes, names: Sequence[str]) -> FloatArray:
         Radians (metres for prismatic joints) per second; infinite where the URDF says none, or zero.
     """
     limits = {
-        joint.get("name"): float(limit.get("velocity") or 0.0)
+        joint.get("name"): float(limit.get("velocity", "0"))
         for joint in urdf_xml.parse(urdf, "calibrated.urdf").getroot().findall("joint")
         if (limit := joint.find("limit")) is not None
     }

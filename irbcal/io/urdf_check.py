@@ -20,6 +20,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm, relative_difference
+from irbcal.reading import libraries_silent
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -204,7 +205,8 @@ def poses(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     """
     import pinocchio as pin
 
-    model = pin.buildModelFromXML(urdf_bytes.decode("utf-8"))
+    with libraries_silent():
+        model = pin.buildModelFromXML(urdf_bytes.decode("utf-8"))
     data = model.createData()
     arm_in_model = ArmInModel(model, arm)
     out = np.empty((len(q), 4, 4))

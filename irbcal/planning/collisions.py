@@ -16,6 +16,7 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import RobotError
 from irbcal.io.urdf_check import ArmInModel
 from irbcal.modeling.arm import Arm
+from irbcal.reading import libraries_silent
 from irbcal.units import MM
 
 BEAM_RADIUS = 5 * MM
@@ -73,8 +74,9 @@ class CollisionModel:
         self._obstacles: list[tuple[FloatArray, tuple[float, ...]]] = []
         text = _with_found_meshes(urdf_bytes, [Path(folder).resolve() for folder in package_dirs])
         try:
-            self.model = pin.buildModelFromXML(text)
-            self.geometry = pin.buildGeomFromUrdfString(self.model, text, pin.COLLISION, None, [])
+            with libraries_silent():
+                self.model = pin.buildModelFromXML(text)
+                self.geometry = pin.buildGeomFromUrdfString(self.model, text, pin.COLLISION, None, [])
         except (ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise RobotError(f"the collision geometry of {arm.name} cannot be read: {reason}") from None

@@ -14,7 +14,7 @@ from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.io import robots
 from irbcal.io.opening import RobotLike, open_robot
-from irbcal.io.urdf import UrdfArm
+from irbcal.io.urdf import speed_limits
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
@@ -231,7 +231,9 @@ def open_scene(
     on = tuple(name for name in on if solids is not None or name not in SOLID)
     setting = Setting(opened.robot, targets_seen, station, on, margin, acceptance, min_height, solids)
     where = _cube(setting) if cube is None else (place("cube_centre", cube[0]), length("cube_edge", cube[1]))
-    links, speed = (base_link, tip_link), _joint_speed(opened.urdf)
+    usual = np.where(arm.table.prismatic, USUAL_SPEED[1], USUAL_SPEED[0])
+    limits = speed_limits(opened.urdf_bytes, arm.joint_names)
+    links, speed = (base_link, tip_link), np.where(np.isfinite(limits), limits, usual)
     certainty, dirs = opened.robot.certainty, tuple(package_dirs)
     return Scene(robot, links, dirs, setting, opened.nominal, T_world_base, where, speed, tuple(notes), certainty)
 
@@ -290,14 +292,3 @@ def _cube(setting: Setting) -> tuple[FloatArray, float]:
         return good if setting.heights is None else good & setting.high(*setting.places(q)[:2])
 
     return iso_cube(setting.arm, keep)
-
-
-def _joint_speed(urdf: UrdfArm) -> FloatArray:
-    limits = {
-        joint.get("name"): joint.find("limit").get("velocity")
-        for joint in urdf.tree.getroot().findall("joint")
-        if joint.find("limit") is not None
-    }
-    usual = np.where(urdf.arm.table.prismatic, USUAL_SPEED[1], USUAL_SPEED[0])
-    speed = np.array([float(limits.get(name) or 0.0) for name in urdf.arm.joint_names])
-    return np.where(speed > 0, speed, usual)

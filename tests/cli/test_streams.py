@@ -50,6 +50,11 @@ def test_files_are_written_where_output_is_closed(tmp_path):
     assert "Written" not in (tmp_path / "m.csv").read_text()
 
 
+def test_a_stream_without_standard_input_is_refused(folder):
+    done = run("-m", "irbcal", "stream", folder, preexec_fn=lambda: os.close(0))
+    assert (done.stdout, done.stderr, done.returncode) == ("", "irbcal: there is no standard input\n", 1)
+
+
 @pytest.mark.parametrize("package", ["meshcat", "scipy"])
 @pytest.mark.parametrize("command", ["view", "plan"])
 def test_a_package_that_is_not_installed_is_named(package, command, tmp_path):

@@ -7,7 +7,7 @@ import irbcal
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.exporting import python
 from irbcal.exporting.batch import Batch
-from irbcal.exporting.source import EXACT, Source, speeds
+from irbcal.exporting.source import EXACT, Source
 
 
 def test_of_a_calibration_folder(folder):
@@ -21,16 +21,6 @@ def test_of_a_calibration_folder(folder):
     assert source.miss < EXACT
     assert np.degrees(source.parts.speed).round().tolist() == [150, 160, 170, 320, 400, 460]  # the URDF's
     assert Source.of(made).parts.fingerprint == source.parts.fingerprint
-
-
-def test_speeds_that_are_not_told_are_endless(folder):
-    arm = irbcal.load(folder).arm()
-    text = (folder / "calibrated.urdf").read_bytes()
-    for wrong in (b'velocity="0"', b'velocity="fast"', b""):
-        start = text.index(b"velocity=")
-        end = text.index(b'"', start + 10) + 1
-        found = speeds(text[:start] + wrong + text[end:], arm)
-        assert np.isinf(found).sum() == 1
 
 
 def test_a_load_that_is_not_known_is_refused(folder):

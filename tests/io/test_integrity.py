@@ -100,6 +100,14 @@ def test_every_file_is_listed(copy):
     irbcal.load(folder)  # no robot moves by what was changed here
 
 
+@pytest.mark.parametrize("name", ["calibrated.urdf", "joint_origins.yaml"])
+def test_a_file_by_which_robots_move_that_is_not_listed_is_refused(copy, name):
+    folder = copy(lambda d: d["seal"]["files"].pop(name))
+    with pytest.raises(CalibrationError, match=f"{name} was changed after irbcal wrote it"):
+        irbcal.load(folder)
+    assert irbcal.verify(folder).differences == (f"{name} is not listed in the seal",)
+
+
 @pytest.mark.parametrize(("old", "new"), [("x: ", "x: 1"), ("irbcal_", "irbcal_0")])
 def test_joint_origins_of_another_robot_are_refused(copy, old, new):
     folder = copy(lambda d: None)

@@ -314,6 +314,8 @@ def test_levels_name_existing_parameters():
     [
         ('xyz="0 0 1"/>', 'xyz="0 0 0"/>', "the axis has no direction"),
         ('upper="', 'upper="-9', "expected limits from below"),
+        ('velocity="', 'velocity="-', "joint 'joint_1', limit velocity: expected no negative number"),
+        ('velocity="', 'velocity="" a="', "joint 'joint_1', limit velocity: expected 1 numbers, found ''"),
     ],
 )
 def test_numbers_that_no_robot_has_are_refused(old, new, words):

@@ -173,3 +173,10 @@ def test_beam_capsules_point_along_the_beams():
     assert np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max() < 1e-14
     assert np.abs(np.linalg.det(R) - 1).max() < 1e-14
     assert frames.rotation_distance(R[-1], R[-1]) < 1e-9
+
+
+def test_what_pinocchio_prints_of_a_urdf_is_not_shown(capfd):
+    data, arm = made(*TWO_JOINTS, box("base_link", "1 1 1"))
+    with pytest.raises(RobotError, match=r"the collision geometry of made cannot be read: \S.*"):
+        CollisionModel(data.replace(b'effort="1"', b'effort="much"'), arm)
+    assert capfd.readouterr() == ("", "")
