@@ -7,7 +7,7 @@ and inside moves. Where a component is missing the value before stays, so that s
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -424,7 +424,8 @@ ALTERNATIVE = ("else", "case", "default")
 CLOSE = ("endif", "endswitch", "endfor", "endwhile", "until", "endloop")
 ROUTINE = ("def", "deffct", "defdat", "end", "endfct", "enddat")
 NULLFRAME = "0"
-KNOWN = ("wait", "continue", "bas", "pulse", "halt", "return", "ini", "user_msg")
+SETS_NO_FRAME = ("wait", "continue", "bas", "pulse", "halt", "return", "ini", "user_msg", "set_cd_params")
+"""What is called in programs of any robot and leaves tool and base."""
 TAKES_FDAT = ("#frames", "#ptp_params", "#cp_params")
 """Commands of ``BAS`` that set tool and base from ``FDAT_ACT``."""
 NO_FRAMES = (
@@ -440,6 +441,10 @@ NO_FRAMES = (
     "#out_async",
 )
 """Commands of ``BAS`` that leave tool and base."""
+NUMBERED, ANY = ("tool_data", "base_data"), ""
+SETS_FRAMES = ("$tool", "$base", "$ipo_mode", "bas", "fdat_act", "trigger", "interrupt", *NUMBERED)
+"""What a routine says that may set tool or base."""
+NO_CALLS = (*OPEN, *LOOPS, *CLOSE, "and", "or", "not", "exor", "=", "(")
 FIXED_TOOL = "the tool is fixed and the part on the robot (#TCP)"
 
 
@@ -472,8 +477,23 @@ class Statements:
         self._fdat: FrameState | None = None
         self._fdat_taken = True
         self._before_spline = FrameState()
-        self._called = False
+        self._changed: dict[tuple[str, str], int] = {}
+        self._quiet: set[str] = set()
         self._mentioned: list[tuple[Token, int]] = []
+
+    def follow(self, lines: Iterable[TokenLine]) -> None:
+        """Learn which routines set no tool or base, and call nothing."""
+        inside: dict[str, bool] = {}
+        name = ""
+        for line in lines:
+            words = [token.word for token in line.tokens]
+            if "def" in words[:2] or "deffct" in words[:3]:
+                name = words[words.index("(") - 1] if "(" in words else ""
+                inside.setdefault(name, True)
+            else:
+                calls = {word for word, behind in pairwise([*words, ""]) if behind == "("} - {*NO_CALLS, *SETS_NO_FRAME}
+                inside[name] = inside.get(name, True) and not calls and not {*words} & {*SETS_FRAMES}
+        self._quiet = {name for name, quiet in inside.items() if quiet}
 
     def statement(self, line: TokenLine) -> None:
         """Take one line."""
@@ -600,6 +620,13 @@ class Statements:
             self._fdat = FrameState(None, None, f"a part of FDAT_ACT is set in line {self.listing.line(line.start)}")
             self._fdat_taken = False
             return
+        if member and first.word in ("$tool", "$base"):
+            reason = f"a part of {first.word.upper()} is set in line {self.listing.line(first.start)}"
+            (self.flow.tool if first.word == "$tool" else self.flow.frame)(None, reason)
+            return
+        if first.word in NUMBERED:
+            self._changed[first.word, str(index[0]) if index else ANY] = first.start
+            return
         if member and variable is not None and line.word(2) == "=":
             variable.changes.append(first.start)
             self._mention(tokens[line.at :], line.part)
@@ -607,10 +634,11 @@ class Statements:
         self._mention(tokens, line.part)
         if line.word() == "(" or len(tokens) == 1:
             self.flow.forget()
-            if first.word not in KNOWN and not self._called:
-                self._called = True
+            if first.word not in (*SETS_NO_FRAME, *self._quiet):
                 name = self.listing.quote(first.start, first.end)
-                self.notes.append((first.start, f"{name} is called: it is not followed, and may set tool or base"))
+                reason = f"{name}, called in line {self.listing.line(first.start)}, may set the tool or base"
+                self.flow.state = FrameState(None, None, reason)
+                self._forget_fdat()
 
     def _assigned(self, line: TokenLine, first: Token, index: tuple[int, ...] | None) -> None:
         word = first.word
@@ -620,19 +648,21 @@ class Statements:
             (self.flow.tool if word == "$tool" else self.flow.frame)(name, reason)
             return
         if word == "$ipo_mode":
-            if any(token.word == "#tcp" for token in line.tokens):
+            if line.word() != "#base":
                 self.flow.state = FrameState(None, None, FIXED_TOOL)
             return
         if word == "fdat_act":
             self._set_fdat(line)
             return
-        if word in ("tool_data", "base_data") and index:
+        if word in NUMBERED:
+            number = str(index[0]) if index else ANY
             braces = aggregate(line, self.listing)
             numbers = [braces.values[key].number for key in POSE if key in braces.values] if braces is not None else []
             plain = [number.value for number in numbers if number is not None]
             frames = self.tools if word == "tool_data" else self.frames
-            if len(plain) == 6:
-                frames[str(index[0])] = KUKA.frame(plain)
+            frame = KUKA.frame(plain) if len(plain) == 6 else None
+            if frame is None or number == ANY or not np.array_equal(frames.setdefault(number, frame), frame):
+                self._changed[word, number] = first.start
             return
         variable = self.data.lookup(line.part, word)
         if variable is not None:
@@ -696,8 +726,7 @@ class Statements:
             if token.word in ("$tool", "$base", "$ipo_mode") and behind.word == "=":
                 line.at = k + 2
                 if token.word == "$ipo_mode":
-                    fixed = any(name.word == "#tcp" for name in tokens[k:])
-                    state = FrameState(None, None, FIXED_TOOL) if fixed else state
+                    state = state if line.word() == "#base" else FrameState(None, None, FIXED_TOOL)
                     continue
                 name = self._frame_value(line, token.word == "$tool")
                 reason = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
@@ -778,11 +807,17 @@ class Statements:
         self._mentioned += [(token, file) for token in names_in(tokens)]
 
     def conclude(self) -> None:
-        """Tell the targets where they are used in another way than as the target of a move."""
+        """Tell targets where they are used in another way than in a move, and where their tools and bases change."""
         for token, file in self._mentioned:
             variable = self.data.lookup(file, token.word)
             for mentioned in variable.targets.values() if variable is not None else ():
                 self.flow.mention(mentioned, token.start)
+        for used in [*self.literals, *(each for v in self.data.variables.values() for each in v.targets.values())]:
+            for word in NUMBERED if self._changed else ():
+                for number in {(use.tool if word == "tool_data" else use.work_object) or ANY for use in used.uses}:
+                    at = self._changed.get((word, number), self._changed.get((word, ANY)))
+                    if at is not None:
+                        used.conflicts.append(f"line {self.listing.line(at)} changes {word.upper()}[{number}]")
 
     def _rest(self, line: TokenLine, begin: int, end: int | None = None) -> str:
         tokens = line.tokens[begin:end]
@@ -827,6 +862,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
     statements = Statements(listing, data)
     statements_left = _values_first(statements, data, statements_left)
     data.collect()
+    statements.follow(statements_left)
     for line in statements_left:
         line.at = 0
         statements.statement(line)
@@ -857,7 +893,7 @@ def _is_value(line: TokenLine, data: KrlData) -> bool:
     member = line.word() == "." and line.word(2) == "="
     setup = line.take("=") and line.word() != ""
     line.at = 0
-    if name in ("tool_data", "base_data"):
+    if name in NUMBERED:
         return setup and bool(index)
     variable = data.lookup(line.part, name)
     return (setup or member) and variable is not None and variable.type in TYPES

@@ -186,11 +186,13 @@ class _Script:
         self._changed: dict[str, int] = {}
         self._mentioned: list[Token] = []
         self._set_tcp = 0
+        self._routines: set[str] = set()
         self._ends: list[tuple[str, FrameState]] = []
 
     def declare(self, tokens: list[Token]) -> None:
         """Note variables and everything that gives them another value."""
         self._set_tcp += sum(token.word == "set_tcp" for token in tokens)
+        self._routines |= {token.word for token in tokens[1:2] if tokens[0].word in ("def", "thread")}
         name, value = _assignment(tokens)
         if name is None:
             return
@@ -240,6 +242,8 @@ class _Script:
                 self.flow.close(at)
         elif first not in QUIET and "(" in words_of_line:
             self.flow.forget()
+            if first in self._routines and self._set_tcp > 1:
+                self.flow.tool(None, f"{first}, called in line {self.listing.line(at)}, may set the TCP")
         if inside is not None:
             text = self.listing.quote(at, tokens[-1].end)
             self.flow.leave(at, inside, text, "its target is computed while the program runs")

@@ -151,6 +151,8 @@ FRAMES = {"tools": {"1": np.eye(4)}, "work_objects": {"2": np.eye(4)}}
         (f"P={POINT}\nIF n==1 THEN\n$TOOL=TOOL_DATA[3]\nENDIF\nLIN P\n", "branch or loop"),
         (f"P={POINT}\nLOOP\nLIN P\n$TOOL=TOOL_DATA[3]\nENDLOOP\n", "branch or loop"),
         (f"P={POINT}\nSLIN P WITH $IPO_MODE=#TCP\n", "the part on the robot"),
+        (f"grip()\nLIN {POINT}\nEND\nDEF grip()\n$TOOL=TOOL_DATA[1]\n", "grip, called in line 6, may set the tool"),
+        (f"grip()\nLIN {POINT}\nEND\nDEF grip()\nchange()\n", "grip, called in line 6, may set the tool or base"),
         ("LIN {X 1675.117,Y -311.39,Z 1471.544,A -174.596,B 53.668,C -163.224}\n", "nothing says which"),
     ],
 )
@@ -173,6 +175,7 @@ def test_what_cannot_be_corrected_is_left_with_its_reason(robots, body, reason):
         "PTP {A1 10,A2 -80,A3 90,A4 10,A5 20,A6 0}\nLIN {X 1675.117,Y -311.39,Z 1471.544,A -174.596,B 53.668,C -163.224}\n",
         'DECL FDAT FP={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " "}\nFDAT_ACT=FP\nBAS(#FRAMES)\nBAS(#TOOL,1)\n'
         f"LIN {POINT}\n",
+        f"grip(TRUE)\nLIN {POINT}\nEND\nDEF grip(n:IN)\nIF (n) THEN\n$OUT[1]=TRUE\nENDIF\nWAIT SEC 1\n",
     ],
 )
 def test_what_can_be_corrected(robots, body):
@@ -413,6 +416,7 @@ def run(*lines):
     for line in lines_of(listing)[0]:
         if not data.declaration(line):
             statements.statement(line)
+    statements.conclude()
     return statements
 
 
@@ -484,6 +488,14 @@ def test_inline_forms_set_tool_and_base(lines, tool, base):
         (("$IPO_MODE=#TCP", "LIN {P}"), "the part on the robot"),
         (("BAS(#EX_BASE,2)", "LIN {P}"), "external axis"),
         (("BAS(n,2)", "LIN {P}"), "computes the tool or base"),
+        (("grip()", "LIN {P}"), "grip, called in line 3, may set the tool or base"),
+        ((FP1, "FDAT_ACT=FP1", "grip()", "BAS(#FRAMES)", "LIN {P}"), "FDAT_ACT, which is not set"),
+        (("$IPO_MODE=mode", "LIN {P}"), "the part on the robot"),
+        (("$TOOL.X=5", "LIN {P}"), "a part of $TOOL is set in line 3"),
+        (("$BASE.A=5", "LIN {P}"), "a part of $BASE is set in line 3"),
+        (("LIN {P}", "TOOL_DATA[7].X=5"), "changes TOOL_DATA[7]"),
+        (("LIN {P}", "BASE_DATA[n]=$POS_ACT"), "changes BASE_DATA[8]"),
+        (("BASE_DATA[8]={P}", "LIN {P}", "BASE_DATA[8]={X 9,Y 0,Z 0,A 0,B 0,C 0}"), "changes BASE_DATA[8]"),
         (("SPLINE WITH $TOOL=TOOL_DATA[1]", "SPL {P}", "ENDSPLINE", "LIN {P}"), "spline block"),
     ],
 )

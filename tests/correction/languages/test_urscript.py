@@ -135,6 +135,10 @@ TCP = "set_tcp(p[0,0,0.1,0,0,0])\n"
         (f"x={Q}\nmovej(x)\ny=x", "uses it in another way"),
         (f"movej({Q})\nset_tcp(other)\nmovel({P})", "the TCP of line 3 is computed"),
         (f"movej({Q})\nif a:\n set_tcp({P})\nend\nmovej(get_inverse_kin({P}, qnear={Q}))", "branch or loop"),
+        (
+            f"def grip():\n {TCP}end\nmovej({Q})\ngrip()\nmovej(get_inverse_kin({P}, qnear={Q}))",
+            "grip, called in line 6, may set the TCP",
+        ),
         ("movej(Waypoint_p)", "its target is computed"),
         (f"servoj({Q}, 0, 0, 0.1)", "while the program runs"),
         ("movec(p[1,2,3,4,5,6])", "its target is missing"),
