@@ -161,6 +161,6 @@ def this_command() -> str:
     """How the command is to be typed that is running: by its name where the shell finds it, else with its folder."""
     called = Path(sys.argv[0])
     installed = shutil.which("irbcal")
-    if called.name != "irbcal" or (installed is not None and Path(installed).samefile(called)):
+    if called.name != "irbcal" or (installed is not None and Path(installed).resolve() == called.resolve()):
         return "irbcal"
     return shlex.quote(str(called.absolute()))

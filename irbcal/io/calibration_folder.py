@@ -23,7 +23,7 @@ from irbcal.atomic import recover, write_together
 from irbcal.errors import CalibrationError
 from irbcal.io import integrity, joint_origins
 from irbcal.io.integrity import contradictions, refuse_absurd
-from irbcal.io.schema import Record
+from irbcal.io.schema import Record, Seal
 from irbcal.names import comment
 from irbcal.reading import read_bytes
 from irbcal.section import Section
@@ -322,13 +322,18 @@ def checked(folder: str | Path) -> FolderCheck:
         changed = _changed_files(folder, saved.record, dict.fromkeys((*listed, *MOVING_FILES)))
         differences = [f"{name} was changed after it was written" for name in integrity.broken(content)]
         differences += [f"{name} {how}" for name, how in changed.items()]
-    names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     return FolderCheck(
         saved.record,
         (*differences, *_contradictions(saved)),
         tuple(name for name in (JSON_NAME, *listed) if name not in changed),
-        tuple(name for name in names if name not in {JSON_NAME, SIGNATURE_NAME, *listed}),
+        _unlisted(folder, listed),
     )
+
+
+def _unlisted(folder: Path, listed: Iterable[str]) -> tuple[str, ...]:
+    """Files in a folder that a seal does not list."""
+    names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
+    return tuple(name for name in names if name not in {JSON_NAME, SIGNATURE_NAME, *listed})
 
 
 def _contradictions(saved: Saved) -> list[str]:
@@ -357,7 +362,7 @@ def _changed_files(folder: Path, record: Record, names: Iterable[str]) -> dict[s
     return changes
 
 
-def reseal(folder: str | Path, reason: str) -> str:
+def reseal(folder: str | Path, reason: str) -> FolderCheck:
     """Accept deliberate changes of a ``calibration.json``.
 
     Parameters
@@ -368,8 +373,8 @@ def reseal(folder: str | Path, reason: str) -> str:
 
     Returns
     -------
-    str
-        The line as it was added.
+    FolderCheck
+        Of the folder as it is written; it is not read again.
 
     Raises
     ------
@@ -385,7 +390,8 @@ def reseal(folder: str | Path, reason: str) -> str:
     files = {name: read_bytes(folder / name, CalibrationError) for name in names if (folder / name).is_file()}
     document = integrity.resealed(content, integrity.hashes(files), comment(reason))
     write_together(folder, {JSON_NAME: _text(document)})
-    return str(document[integrity.KEY]["changes"][-1])
+    sealed = saved.record.model_copy(update={integrity.KEY: Seal.model_validate(document[integrity.KEY])})
+    return FolderCheck(sealed, (), (JSON_NAME, *sorted(files)), _unlisted(folder, files))
 
 
 def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:

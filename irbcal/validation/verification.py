@@ -215,14 +215,13 @@ def _verify_folder(
 ) -> FolderVerification | FileVerification:
     if not isinstance(calibration, (str, Path)):
         raise OptionError("expected a URDF or a program to compare with the calibration: one of them", parameter="urdf")
-    if reseal is not None:
-        calibration_folder.reseal(calibration, reseal)
+    resealed = None if reseal is None else calibration_folder.reseal(calibration, reseal)
     folder = calibration_folder.folder_of(calibration)
     is_signed = os.path.lexists(folder / calibration_folder.SIGNATURE_NAME)
     fault = signature.fault_of(calibration, public_key) if is_signed or public_key is not None else None
     if public_key is not None and folder.is_file():
         return FileVerification(fault is None, fault or "it is as it was signed with this key")
-    check = calibration_folder.checked(folder)
+    check = resealed or calibration_folder.checked(folder)
     differences = check.differences + (() if fault is None or public_key is None else (fault,))
     signed: Literal["absent", "unchecked", "stale", "good", "bad"] = "absent"
     if public_key is not None:
