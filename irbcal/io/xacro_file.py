@@ -2,7 +2,8 @@
 
 The package ``xacro`` expands macros. It evaluates expressions as Python, which whoever wrote the file could use to run
 code: here they are computed by `_Expression`, which knows numbers, texts, lists and the functions of `FUNCTIONS`, and
-calls nothing else. Included files are read like any other input: no document types, no pipes, bounded sizes.
+calls nothing else. Included files are read like any other input: no document types, no pipes, bounded sizes, and none
+outside the packages of the robot: what is read may stand in results that are given away.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ MOST_STEPS = 50_000
 """Expressions and elements of one expansion; the largest public descriptions take some thousands."""
 LONGEST = 100_000
 """Characters, or members, of a value."""
+MOST_TEXT = 20_000_000
+"""Characters of all values of one expansion."""
+LARGEST_NUMBER = 2**63
+"""Of whole numbers; Python's have no limit."""
 LARGEST_INCLUDE = 5_000_000
 """Bytes of an included file."""
 ANCESTORS = 5
@@ -34,6 +39,7 @@ ANCESTORS = 5
 
 _IS_XACRO = re.compile(rb"<\s*xacro:|xmlns:xacro.*(\$\{|\$\((find|arg|eval|env|optenv|dirname)\b)", re.DOTALL)
 """Expressions count where the name space is declared: in other files they are texts like any."""
+_PACKAGE = re.compile(r"[A-Za-z]\w*(-\w+)*")
 _LOCK = threading.Lock()
 
 _OF_MATH = (
@@ -42,8 +48,8 @@ _OF_MATH = (
 )  # fmt: skip
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     function.__name__: function
-    for function in (*_OF_MATH, abs, min, max, round, int, float, str, bool, len, list, dict, tuple, sum, sorted)
-}
+    for function in (*_OF_MATH, abs, min, max, int, float, str, bool, len, list, dict, tuple, sum, sorted)
+} | {"round": lambda value, digits=0: round(float(value), digits) if digits else round(value)}
 """What expressions may call, with or without ``math.``, ``python.`` or ``xacro.`` before it."""
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
@@ -121,6 +127,7 @@ def _guarded(file: Path) -> Iterator[None]:
         (xacro, "safe_eval", evaluation.of_text),
         (xacro, "parse", evaluation.document),
         (xacro, "eval_all", evaluation.counted(xacro.eval_all)),
+        (xacro, "eval_text", evaluation.counted(xacro.eval_text)),
         (substituted, "_eval", lambda text, context: str(evaluation.of_text(text, context["arg"]))),
         (substituted, "_eval_find", evaluation.package),
         (substituted, "_eval_env", _no_environment),
@@ -150,21 +157,27 @@ class _Expression:
     """
 
     def __init__(self, file: Path) -> None:
-        self.file, self.steps = file, 0
+        self.file, self.steps, self.characters = file, 0, 0
+        self.above = file.resolve().parents[:ANCESTORS]
+        self.folders = [folder for folder in self.above if (folder / "package.xml").is_file()][:1] or [self.above[0]]
         self.functions = FUNCTIONS | {"load_yaml": self.yaml, "abs_filename": self.path, "dotify": lambda value: value}
 
     def step(self) -> None:
         """Count a step of the expansion."""
         self.steps += 1
         if self.steps > MOST_STEPS:
-            raise _refusal(self.file, f"it takes more than {MOST_STEPS} steps")
+            raise ValueError(f"it takes more than {MOST_STEPS} steps")
 
     def counted(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """A function whose calls are steps."""
+        """A function whose calls are steps, and whose results are bounded."""
 
         def call(*arguments: Any, **named: Any) -> Any:
             self.step()
-            return function(*arguments, **named)
+            result = bounded(function(*arguments, **named))
+            self.characters += len(result) if isinstance(result, str) else 0
+            if self.characters > MOST_TEXT:
+                raise ValueError(f"it makes more than {MOST_TEXT} characters")
+            return result
 
         return call
 
@@ -176,7 +189,11 @@ class _Expression:
         return self.value(ast.parse(text.strip(), mode="eval").body, symbols)
 
     def value(self, node: ast.expr, symbols: Mapping[str, Any]) -> Any:
-        """The value of a node of an expression."""
+        """The value of a node of an expression, refused where it grows beyond all measure."""
+        value = self._value(node, symbols)
+        return value if isinstance(node, (ast.Name, ast.Attribute)) else bounded(value)
+
+    def _value(self, node: ast.expr, symbols: Mapping[str, Any]) -> Any:
         match node:
             case ast.Constant(value=bool() | int() | float() | str() | None as value):
                 return value
@@ -237,7 +254,7 @@ class _Expression:
         assert inp is None
         assert filename is not None
         try:
-            data = read_bytes(os.path.join(xacro.root_dir or "", filename), RobotError, limit_bytes=LARGEST_INCLUDE)
+            data = self.read(os.path.join(xacro.root_dir or "", filename))
         except RobotError as error:
             xacro.filestack.pop()
             raise xacro.XacroException(str(error), exc=OSError()) from None
@@ -266,17 +283,29 @@ class _Expression:
                 f"!{unit}",
                 lambda loader, node, size=size: float(self.of_text(loader.construct_scalar(node), {})) * size,
             )
-        data = read_bytes(self.path(name), RobotError, limit_bytes=LARGEST_INCLUDE)
+        if not name.endswith((".yaml", ".yml")):
+            raise ValueError(f"expected a YAML file, found {name}")
+        data = self.read(self.path(name))
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(data)):
+            raise ValueError(f"{name}: anchors and aliases are not taken")
         return yaml.load(data, Loader)  # a SafeLoader
+
+    def read(self, name: str) -> bytes:
+        """The content of a file of the robot's package, or of one that it finds."""
+        if not any(Path(name).resolve().is_relative_to(folder) for folder in self.folders):
+            raise RobotError("this file lies outside the packages of this robot", file=name)
+        return read_bytes(name, RobotError, limit_bytes=LARGEST_INCLUDE)
 
     def package(self, name: str) -> str:
         """The folder of a package: above, beside or below the robot's file, or among ROS's and irbcal's packages."""
-        above = self.file.resolve().parents[:ANCESTORS]
-        candidates = [folder for folder in above if folder.name == name or _is_package(folder, name)]
-        candidates += [folder / name for folder in above]
+        if not _PACKAGE.fullmatch(name):
+            raise ValueError(f"{name!r} is no name of a package")
+        candidates = [folder for folder in self.above if folder.name == name or _is_package(folder, name)]
+        candidates += [folder / name for folder in self.above]
         candidates += [Path(folder) / name for folder in robots.package_dirs()]
         for folder in candidates:
-            if folder.is_dir():
+            if folder.is_dir() and folder.resolve().parent != Path(folder.anchor):  # $(find etc)
+                self.folders.append(folder.resolve())
                 return str(folder)
         raise ValueError(f"the package {name} is not beside this file, nor where ROS_PACKAGE_PATH leads")
 
@@ -287,6 +316,25 @@ def _is_package(folder: Path, name: str) -> bool:
         return False
     data = read_bytes(manifest, RobotError, limit_bytes=LARGEST_INCLUDE)
     return re.search(rb"<name>\s*" + re.escape(name.encode()) + rb"\s*</name>", data) is not None
+
+
+def bounded(value: Any) -> Any:
+    """A value, if no number in it is too large, and its text not too long.
+
+    Raises
+    ------
+    ValueError
+        Otherwise.
+    """
+    if isinstance(value, int) and abs(value) >= LARGEST_NUMBER:
+        raise ValueError("a whole number is too large")
+    members = value.values() if isinstance(value, dict) else value if isinstance(value, (list, tuple)) else (value,)
+    characters = 0
+    for member in members:
+        characters += len(str(member))  # of a member, which is bounded already
+        if characters > LONGEST:
+            raise ValueError("a value is too long")
+    return value
 
 
 def _named(name: str) -> Any:

@@ -128,6 +128,9 @@ def test_expressions_have_the_values_that_xacro_gives_them(text):
         "f'{a}'",
         "a[lambda: 1]",
         "1 << 9",
+        "9999999999 * 9999999999",
+        "int('9' + '9999999999999999999')",
+        "load_yaml('/etc/passwd')",
     ],
 )
 def test_expressions_never_become_code(text):
@@ -169,6 +172,37 @@ def test_what_grows_without_end_is_stopped(tmp_path, monkeypatch):
     )
     with pytest.raises(RobotError, match="steps"):
         urdf.read(written(tmp_path, ARM.replace('<link name="base_link"/>', macros)))
+
+
+@pytest.mark.parametrize(
+    ("first", "next_value"),
+    [
+        ("${99999999999}", "${x%d * x%d}"),
+        ("${['a', 'a']}", "${[x%d, x%d, x%d, x%d]}"),
+        ("aaaaaaaaaa", "${x%d}${x%d}${x%d}${x%d}"),
+        ("a" * 90_000, "${x%d}"),
+    ],
+)
+def test_values_that_double_again_and_again_are_refused(tmp_path, first, next_value):
+    values = [first, *(next_value.replace("%d", str(k)) for k in range(40))]
+    properties = "".join(f'<xacro:property name="x{k}" value="{value}"/>' for k, value in enumerate(values))
+    used = "".join(f'<link name="${{x40}}{k}"/>' for k in range(300))
+    with pytest.raises(RobotError, match=r"too large|too long|characters"):
+        urdf.read(written(tmp_path, ARM.replace('<link name="base_link"/>', properties + used)))
+
+
+@pytest.mark.parametrize("name", ["../../secret.yaml", "$(find secrets)/../secret.yaml", "$(find ..)/secret.yaml"])
+def test_files_outside_the_packages_are_not_read(tmp_path, name):
+    file = written(tmp_path, ARM.replace("$(find arm_parts)/config/' + '$(arg kind)' + '.yaml", name))
+    (tmp_path / "secrets").mkdir()
+    (tmp_path / "secret.yaml").write_text("reach: 0.4\nknown: true\nside: 0.05\nlimit: 1.0\n")
+    with pytest.raises(RobotError, match=r"outside the packages of this robot|is no name of a package"):
+        urdf.read(file)
+
+
+def test_aliases_of_a_yaml_file_are_refused(tmp_path):
+    with pytest.raises(RobotError, match="anchors and aliases are not taken"):
+        urdf.read(written(tmp_path, **{"short.yaml": "a: &a [1, 1]\nb: [*a, *a]\n"}))
 
 
 def test_included_files_are_read_as_untrusted_input(tmp_path):
