@@ -163,8 +163,7 @@ def _series(fit: EvidenceFit) -> int:
     long = [row for row in fit.term_sets if "harmonics to " in row.name and row.weight > 0.0]
     if sum(row.weight for row in long) <= 0.5:
         return LOW
-    words = max(long, key=lambda row: row.weight).name.split("harmonics to ")
-    return int(words[1].split(",")[0])
+    return int(max(long, key=lambda row: row.weight).name.split("harmonics to ")[1].split(",")[0].split(";")[0])
 
 
 def _words(names: Sequence[str], everything: dict[str, list[Term]]) -> str:
