@@ -163,8 +163,7 @@ class Averaging:
                 self._choose_tau(item, taus)
             out.append(item)
             best = max(best, item.by_evidence.log_evidence)
-        evidences = np.array([item.by_evidence.log_evidence for item in out])
-        return out, term_sets.weights(evidences, [choice.bands for choice in choices]), float(best)
+        return out, term_sets.weights([item.by_evidence for item in out]), float(best)
 
     def _choose_tau(self, item: ComparedTermSet, taus: Sequence[float]) -> None:
         """The time constant of a term set's warm-up with the largest log evidence, from the longest downwards."""
@@ -178,12 +177,20 @@ class Averaging:
             item.term_set, item.by_evidence = other, found
 
     def weigh(self, compared: list[ComparedTermSet], weights: FloatArray) -> None:
-        """Give term sets their weights, and fit those that have some."""
+        """Fit the term sets that have a weight by their evidence, and multiply it with one over their squared
+        leave-one-out residuals.
+        """
         self.compared = compared
-        for item, weight in zip(compared, weights, strict=True):
+        chosen, precision = np.flatnonzero(weights), weights.copy()
+        for k in chosen:
+            item = compared[k]
+            item.by_fit = self.fit(item.term_set, self.fit_temper, item.by_evidence)
+            if len(chosen) > 1:
+                u, _, row = leave_one_out.residuals(self.linear, item.term_set.columns(self.linear.flat), item.by_fit)
+                precision[k] /= np.mean(u[row >= 0] ** 2)  # zero where a direction is open
+        for item, weight in zip(compared, term_sets.shares(precision if precision.any() else weights), strict=True):
             item.weight = float(weight)
-            if weight > 0.0:
-                item.by_fit = self.fit(item.term_set, self.fit_temper, item.by_evidence)
+            item.by_fit = item.by_fit if weight > 0.0 else None
 
     @property
     def kept(self) -> list[ComparedTermSet]:
@@ -551,9 +558,8 @@ def _with_type(
     test = chi_square_of_type(part, averaging.linear.flat, top.term_set, top.by_evidence, without.s2)
     weight = term_sets.share(theirs - best) if like_type(*test) else 0.0
     shares = np.concatenate([(1.0 - weight) * weights, weight * their_weights])
-    shares[shares < term_sets.LEAST_WEIGHT] = 0.0
     result = TypePriorResult(prior.type, len(prior.sisters), prior.simulated, theirs - best, weight, *test)
-    return [*compared, *others], shares / shares.sum(), result
+    return [*compared, *others], term_sets.shares(shares), result
 
 
 def _scan(

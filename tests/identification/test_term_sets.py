@@ -19,6 +19,7 @@ from irbcal.identification.evidence_maximisation import (
     VARIANCE_CAP,
     CoefficientPrior,
     NormalEquations,
+    Posterior,
     maximise_evidence,
 )
 from irbcal.identification.term_sets import (
@@ -45,18 +46,26 @@ from irbcal.measurement.motions import motion_of
 from irbcal.modeling.terms.situation import Motion
 
 
-def test_weights_fall_with_evidence_and_bands():
-    w = weights(np.array([100.0, 90.0, 100.0, 20.0]), [False, False, True, False])
+def posterior(evidence, gamma=0.0, freedom=100.0):
+    """A fit of which only what weighs it is known."""
+    none = np.zeros(0)
+    return Posterior(none, none, none, np.array([gamma]), 1.0, evidence, 1, 1.0, freedom)
+
+
+def test_weights_fall_with_evidence_and_with_what_it_is_too_high_by():
+    w = weights(
+        [posterior(100.0), posterior(90.0), posterior(100.0, 50.0 / np.log(2.0), 50.0 / np.log(2.0)), posterior(20.0)]
+    )
     assert w.sum() == pytest.approx(1.0)
     assert w[0] == pytest.approx(np.e * w[1])
-    assert w[2] == pytest.approx(w[1])
+    assert w[2] == pytest.approx(w[1])  # 0.2 x 50 nats
     assert w[3] == 0.0
 
 
 def test_there_are_twelve_dictionaries_for_an_arm_like_the_thesis():
     terms = superset(arm("irb120"), "all", True, None, [10.0, 20.0])
     found = candidates(terms, "all", 20.0)
-    assert [len(d.terms) + 15 for d in found] == [45, 51, 57, 81, 178, 196, 232, 352, 298, 442, 694, 748]
+    assert [len(d.terms) + 15 for d in found] == [45, 51, 57, 81, 178, 196, 232, 352, 352, 442, 694, 748]
     assert [d.bands for d in found] == [False] * 8 + [True] * 4
     found = candidates(superset(arm("irb120"), "joint-map", True, None, [20.0]), "joint-map", 20.0)
     assert 159 in [len(d.terms) + 15 for d in found]
@@ -64,14 +73,13 @@ def test_there_are_twelve_dictionaries_for_an_arm_like_the_thesis():
     assert len(candidates(superset(arm("irb120"), "joint-map", False, None, []), "joint-map", None)) == 8
 
 
-@given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.booleans()), min_size=1, max_size=14), st.floats(-1e4, 1e4))
+@given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.floats(0.0, 100.0)), min_size=1, max_size=14), st.floats(-1e4, 1e4))
 def test_weights_sum_to_one_whatever_the_unit_of_evidence(rows, shift):
-    evidence, bands = np.array([r[0] for r in rows]), [r[1] for r in rows]
-    w = weights(evidence, bands)
+    w = weights([posterior(evidence, gamma) for evidence, gamma in rows])
     assert w.sum() == pytest.approx(1.0)
     assert ((w == 0.0) | (w >= LEAST_WEIGHT)).all()
-    np.testing.assert_allclose(weights(evidence + shift, bands), w, atol=1e-6)
-    assert w[np.argmax(evidence - 10.0 * np.array(bands))] == w.max()
+    np.testing.assert_allclose(weights([posterior(evidence + shift, gamma) for evidence, gamma in rows]), w, atol=1e-6)
+    assert w[np.argmax([evidence - 0.2 * gamma * np.log1p(gamma / 100.0) for evidence, gamma in rows])] == w.max()
 
 
 def test_a_dictionary_is_its_families_and_geometry():
