@@ -731,6 +731,10 @@ def fit(inputs: SplitInputs, say: Progress) -> Fitted:
     say(f"identifying model {model}")
     sessions = () if points.session is None else session_names(points)
     identified = _identified(inputs, model, say)
+    screened, identified = _screened(inputs, identified, model, say)
+    if screened is not inputs:
+        inputs, points = screened, screened.fit_points
+        nominal = identify(arm, points, "nominal", known_targets=targets)
     all_points = inputs.whole
     if identified.other_bases:
         frames = identified.robot.T_world_base, identified.other_bases
@@ -825,6 +829,46 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
         parallel=checked("parallel", options.parallel, PARALLELS),
     )
     return replace(identified, robot=identified.robot.replace(certainty=certainty_of(identified)))
+
+
+ROUNDS, MOST_OUTLYING = 5, 0.1
+"""How often a fit is repeated without the points that contradict all others, and the share of the points that may."""
+
+
+def _screened(
+    inputs: SplitInputs, identified: Fit | EvidenceFit, model: str, say: Progress
+) -> tuple[SplitInputs, Fit | EvidenceFit]:
+    """The fit without single points that all others contradict.
+
+    They are smaller than what the level leaves that gross errors are looked for with.
+    """
+    start = inputs, identified
+    excluded: list[Exclusion] = []
+    for _ in range(ROUNDS):
+        points = inputs.fit_points
+        wrong = identified.outlying > 0.0 if isinstance(identified, EvidenceFit) else np.zeros(0, dtype=bool)
+        if not wrong.any():
+            break
+        excluded += [
+            Exclusion(
+                pose=str(points.pose_ids[points.pose[k]]),
+                target=points.target_names[points.target[k]],
+                reason=f"gross error: {distance / MM:.3g} mm from where the model puts it that all other poses give",
+            )
+            for k, distance in zip(np.flatnonzero(wrong), identified.outlying[wrong], strict=True)
+        ]
+        good = points.take(~wrong).with_seen_targets()
+        if len(excluded) > MOST_OUTLYING * len(start[0].fit_points) or good.target_names != points.target_names:
+            return start
+        say(f"identifying model {model} without {len(excluded)} gross errors")
+        poses = np.isin(np.arange(points.poses), good.pose)
+        inputs = replace(inputs, fit_points=good.select(poses), fit_motion=inputs.fit_motion.select(poses))
+        identified = _identified(inputs, model, say)
+    if not excluded:
+        return start
+    names = ", ".join(f"{point.pose}/{point.target}" for point in excluded)
+    note = f"{len(excluded)} points contradict all others and were left out (pose/target {names})."
+    return replace(inputs, excluded=(*inputs.excluded, *excluded), notes=(*inputs.notes, note)), identified
 
 
 def doubt(done: Fitted) -> Doubted:

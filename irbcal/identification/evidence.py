@@ -127,7 +127,14 @@ class Averaging:
         Of all terms that a term set may have.
     sums : NormalEquations
         Of all its columns.
+
+    Attributes
+    ----------
+    outlying : ndarray, shape (measurements,)
+        Of the average, see `irbcal.identification.leave_one_out.outlying`.
     """
+
+    outlying: FloatArray
 
     def __init__(self, linear: LinearModel, sums: NormalEquations) -> None:
         self.linear, self.sums = linear, sums
@@ -177,9 +184,7 @@ class Averaging:
             item.term_set, item.by_evidence = other, found
 
     def weigh(self, compared: list[ComparedTermSet], weights: FloatArray) -> None:
-        """Fit the term sets that have a weight by their evidence, and multiply it with one over their squared
-        leave-one-out residuals.
-        """
+        """Fit the term sets that have a weight by their evidence, and divide it by squared leave-one-out residuals."""
         self.compared = compared
         chosen, precision = np.flatnonzero(weights), weights.copy()
         for k in chosen:
@@ -246,7 +251,7 @@ class Averaging:
             starts = [*fits] if linear.restarts else starts
         for item, fit in zip(kept, fits, strict=True):
             item.by_fit = fit
-        loo, loo_blocks = self._left_out(linear, places, fits) if report else ({}, {})
+        loo, loo_blocks = self._left_out(linear, places, fits, mean) if report else ({}, {})
         top = max(range(len(kept)), key=lambda k: kept[k].weight)
         families: tuple[FamilyShown, ...] = ()
         if report:
@@ -265,7 +270,7 @@ class Averaging:
         return linear, mean, second - np.outer(mean, mean), results
 
     def _left_out(
-        self, linear: LinearModel, places: Sequence[IntArray], fits: Sequence[Posterior]
+        self, linear: LinearModel, places: Sequence[IntArray], fits: Sequence[Posterior], mean: FloatArray
     ) -> tuple[dict[str, float | None], dict[str, float | None]]:
         """Leave-one-pose-out and leave-a-fifth-out errors of the average, by target, metres."""
         single, fifths = list[FloatArray](), list[FloatArray]()
@@ -276,6 +281,7 @@ class Averaging:
             if linear.sequence:
                 fifths.append(item.weight * leave_one_out.block_residuals(linear, columns, fit))
         loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
+        self.outlying = leave_one_out.outlying(linear, mean, np.sum(single, axis=0), row)
         return loo, blocks[0] if blocks else loo
 
     def _row(self, item: ComparedTermSet) -> TermSetResult:
@@ -514,6 +520,10 @@ def identify_evidence(
     scale = linear.sizes[columns]
     other_bases = dict(zip(ready.problem.sessions[:-1], state.others, strict=True))
     loads = ready.motion.payload_kg
+    stop = stop_numbers(points, motion) if len(ready.motion) < len(motion) else np.arange(len(motion))
+    outlying = np.zeros((len(ready.motion), len(names)))
+    seen = ready.problem.points
+    outlying[seen.pose, seen.target] = averaging.outlying[: len(seen)] * MM
     return EvidenceFit(
         nominal=arm,
         arm=linear.problem.arm_at(state),
@@ -538,6 +548,7 @@ def identify_evidence(
         spectrum=spectrum,
         other_bases=other_bases,
         type_prior=of_type,
+        outlying=outlying[stop[points.pose], points.target],
         **results,
     )
 
@@ -659,6 +670,21 @@ SAME_STOP = 1e-6
 """Joints and last moves that agree within this are the same stop, radians or metres."""
 
 
+def stop_numbers(points: PointSet, motion: Motion) -> IntArray:
+    """Number of the stop that each pose is at, in the order of the first pose of each, shape (n,)."""
+    keys = np.round(np.column_stack([motion.q, motion.moves]) / SAME_STOP)
+    if motion.payload_kg is not None:
+        keys = np.column_stack([keys, motion.payload_kg])
+    if motion.payload_place is not None:
+        keys = np.column_stack([keys, motion.payload_place])
+    if points.session is not None:
+        keys = np.column_stack([keys, np.unique(points.session.astype(str), return_inverse=True)[1]])
+    _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=int)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return np.asarray(rank[which.ravel()])
+
+
 def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
     """Points and motion with repeats of one joint vector, reached by the same move, averaged into one pose.
 
@@ -676,20 +702,10 @@ def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]
     points : PointSet
     motion : Motion
     """
-    keys = np.round(np.column_stack([motion.q, motion.moves]) / SAME_STOP)
-    if motion.payload_kg is not None:
-        keys = np.column_stack([keys, motion.payload_kg])
-    if motion.payload_place is not None:
-        keys = np.column_stack([keys, motion.payload_place])
-    if points.session is not None:
-        keys = np.column_stack([keys, np.unique(points.session.astype(str), return_inverse=True)[1]])
-    _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    if len(first) == len(keys) or points.oriented().any():
+    pose = stop_numbers(points, motion)
+    if pose.max(initial=-1) + 1 == points.poses or points.oriented().any():
         return points, motion
-    rank = np.empty(len(first), dtype=int)
-    rank[np.argsort(first)] = np.arange(len(first))  # in the order of the first of each
-    pose = rank[which.ravel()]
-    first = np.sort(first)
+    first = np.unique(pose, return_index=True)[1]
     count = np.bincount(pose)
     cell = pose[points.pose] * len(points.target_names) + points.target
     cells, where = np.unique(cell, return_inverse=True)

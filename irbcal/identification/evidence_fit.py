@@ -281,6 +281,9 @@ class EvidenceFit(Result):
         Base in the measuring frame of each session but the last one; behind the target frames in the covariance.
     type_prior : TypePriorResult or None
         What a prior of the robot's type did, where there was one.
+    outlying : ndarray, shape (m,)
+        Of the points that contradict all others, how far they are from where the others put them, metres; zero for good
+        ones.
     level, method, objective : str
     value, lower_bound, least_squares, history : None
         What other ways to identify have.
@@ -316,6 +319,7 @@ class EvidenceFit(Result):
     spectrum: GearSpectrum | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
     type_prior: TypePriorResult | None = None
+    outlying: FloatArray = field(default_factory=lambda: np.zeros(0))
     level: Level | Literal["auto"] = "auto"
     method: Literal["evidence"] = "evidence"
     objective: Literal["rms"] = "rms"

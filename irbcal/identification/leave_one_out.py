@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray
-from irbcal.identification.evidence_maximisation import Posterior
+from irbcal.identification.evidence_maximisation import NOISE, Posterior
 from irbcal.identification.linear_model import LinearModel
 from irbcal.units import MM
 
@@ -220,6 +220,48 @@ def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, bloc
             rows = number[block.pose] == part
             out[-1][rows] = without[part].residuals(block.J[:, rows], e[rows], a)
     return np.concatenate(out)
+
+
+OUTLYING = 6.0
+"""Multiple of the median beyond which a point contradicts the others. Of an IRB 120, a UR10 and SIMULATED robots, 46 to
+400 poses, good points reach 3.9 (two of 300 on a grid more than 5); points that are 3 mm off stand at 4.5 to 30."""
+SMALLEST = 10.0 * NOISE
+"""Length below which no point does, millimetres."""
+
+
+def outlying(linear: LinearModel, mean: FloatArray, u: FloatArray, row: IntArray) -> FloatArray:
+    """Measurements that contradict all others: how far they are from where the others put them.
+
+    They are judged by the root of the product of the fit's residual e and the left-out one u: unlike u it does not grow
+    where the others hardly determine a pose, and unlike e it does not vanish where a point draws the fit to itself.
+    Wrong points spoil the fit at others: of those beyond `OUTLYING` medians only those count that reach half of the
+    largest.
+
+    Parameters
+    ----------
+    linear : LinearModel
+    mean : ndarray, shape (columns,)
+        Coefficients.
+    u : ndarray, shape (equations,)
+        Left-out residuals; where they are infinite nothing is said of a point.
+    row : ndarray of int, shape (equations,)
+        Which measurement each is of.
+
+    Returns
+    -------
+    ndarray, shape (measurements,)
+        Millimetres; zero for good ones.
+    """
+    e = np.concatenate([block.y - mean @ block.J for block in linear.blocks()])
+    judged = (row >= 0) & np.isfinite(u)
+    judged[judged] = linear.target[row[judged]] >= 0
+    square, distance = (np.bincount(row[judged], (x * u)[judged], len(linear.target)) for x in (e, u))
+    length = np.sqrt(np.maximum(square, 0.0))
+    measured = np.bincount(row[judged], minlength=len(length)) > 0
+    if not measured.any():
+        return np.zeros(len(length))
+    limit = max(OUTLYING * float(np.median(length[measured])), SMALLEST, 0.5 * float(length.max()))
+    return np.where(length > limit, np.sqrt(distance), 0.0)
 
 
 def lengths(linear: LinearModel, u: FloatArray, pose: IntArray, row: IntArray) -> dict[str, float | None]:

@@ -1,13 +1,18 @@
 """Leaving out against fits without the poses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from evidence_cases import linear_case, rows_of
+from support import arm, measured, random_robot
 
 from irbcal.identification import leave_one_out, linear_model, problem
+from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.evidence_maximisation import maximise_evidence
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import make
+from irbcal.modeling.terms.situation import Motion
 
 
 @pytest.mark.parametrize("temper", [1.0, 2 / 3])
@@ -125,3 +130,14 @@ def test_only_rows_that_depend_on_an_open_direction_are_infinite():
         assert np.isinf(found).tolist() == (~known).tolist()
         np.testing.assert_allclose(found[known], expected[known], rtol=0, atol=1e-10)
     assert leave_one_out.closed(leave_one_out.rms_length(together.reshape(-1, 3))) is None
+
+
+@pytest.mark.parametrize("off", [0.0, 3e-3])
+def test_points_that_contradict_all_others_are_outlying(off):
+    model, rng = arm("irb120"), np.random.default_rng(5)
+    points = measured(random_robot(model, "34", rng), model.random_joints(46, 3), 3e-5, rng)
+    wrong = np.isin(np.arange(len(points)), [17, 90])
+    moved = replace(points, xyz=points.xyz + off * wrong[:, None] * np.array([0.6, 0.0, 0.8]))
+    found = identify_evidence(model, moved, Motion.in_order(points.q), gear_scan=False)
+    np.testing.assert_array_equal(found.outlying > 0.0, wrong & (off > 0.0))
+    assert found.outlying[wrong] == pytest.approx(off, rel=0.2)
