@@ -846,16 +846,17 @@ def _screened(
     excluded: list[Exclusion] = []
     for _ in range(ROUNDS):
         points = inputs.fit_points
-        wrong = identified.outlying > 0.0 if isinstance(identified, EvidenceFit) else np.zeros(0, dtype=bool)
-        if not wrong.any():
+        if not isinstance(identified, EvidenceFit) or not identified.outlying.any():
             break
+        distances_off = identified.outlying
+        wrong = distances_off > 0.0
         excluded += [
             Exclusion(
                 pose=str(points.pose_ids[points.pose[k]]),
                 target=points.target_names[points.target[k]],
                 reason=f"gross error: {distance / MM:.3g} mm from where the model puts it that all other poses give",
             )
-            for k, distance in zip(np.flatnonzero(wrong), identified.outlying[wrong], strict=True)
+            for k, distance in zip(np.flatnonzero(wrong), distances_off[wrong], strict=True)
         ]
         good = points.take(~wrong).with_seen_targets()
         if len(excluded) > MOST_OUTLYING * len(start[0].fit_points) or good.target_names != points.target_names:

@@ -263,7 +263,7 @@ def test_points_of_a_ur10_that_are_3_mm_off_are_named_and_left_out(shared_data, 
     rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
     rows = rows[rows["group"] == "grid"].drop(columns=["qw", "qx", "qy", "qz"]).dropna(subset=["x_mm"])
     rows = rows.sample(240, random_state=1)
-    wrong = rows["pose"].iloc[[10, 30]].tolist()
+    wrong = rows["pose"].iloc[[10, 50]].tolist()
     rows.to_csv(tmp_path / "clean.csv", index=False)
     off = rows["pose"].isin(wrong)
     rows.loc[off, "z_mm"] = (rows.loc[off, "z_mm"].astype(float) + 3.0).astype(str)
