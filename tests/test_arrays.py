@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from irbcal.arrays import LockedDict, aligned, handed_on, lock, locked, row_arithmetic
+from irbcal.arrays import FloatArray, Locked, LockedDict, aligned, handed_on, lock, locked, row_arithmetic
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,3 +89,18 @@ def test_row_arithmetic_ends_with_its_block():
         assert np.getbufsize() == 16
         assert np.isnan(np.sqrt(np.array([-1.0]))).all()  # a warning would be an error here
     assert (np.getbufsize(), np.geterr()) == settings
+
+
+def test_results_are_locked_by_their_base():
+    @dataclass(frozen=True, eq=False)
+    class Shift(Locked):
+        vector: FloatArray
+        names: list[str]
+
+    given = np.zeros(3)
+    shift = Shift(given, ["x"])
+    with pytest.raises(ValueError, match="read-only"):
+        shift.vector[0] = 1.0
+    given[0] = 1.0
+    assert shift.vector[0] == 0.0
+    assert shift.names == ("x",)
