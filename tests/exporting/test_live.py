@@ -238,6 +238,7 @@ def test_the_exported_program_says_the_same(sources, tmp_path):
     source = sources["panda"]
     program = built(source, tmp_path, COMPILERS[0], "-O0", *WARNINGS)
     lines, at = fuzzed(source.robot, 400, 2)
+    lines += [b'{"id": 2000, "a": "\\C"}\n', b'{"id": 2001, "a": "\\u12g4"}\n', b'{"id": 2002, "a": "\\u00e9"}\n']
     lines += [b'{"joints": [' + b" " * 70_000 + b"]}\n", b'{"id": 12, "id": 4}\n', b"\n", b'{"model": [1]} x\n', b"{}"]
     assert b"99.9th percentile" in compare(program, source, lines, at)
     assert subprocess.run([program, "--to-speed", "none"], capture_output=True).returncode == 2
