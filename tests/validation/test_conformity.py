@@ -11,6 +11,7 @@ import irbcal
 from irbcal.errors import OptionError
 from irbcal.io import robots
 from irbcal.measurement.statistics import statistics
+from irbcal.modeling import frames
 from irbcal.reports import certificate
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy
@@ -173,6 +174,16 @@ def test_one_pose_far_away_does_not_widen_a_corner(record, fit):
     q[0], q[1] = fit.q.min(axis=0), fit.q.max(axis=0)
     covered = region(record.robot_calibrated(), replace(fit, q=q), fit)
     assert (covered.joint_shares < 0.6).all()
+
+
+def test_what_lies_beyond_the_fitted_points_covers_no_more_of_them(record, fit):
+    """Proof points from the middle of the fitted box to far beyond it: half of each side."""
+    robot = record.robot_calibrated()
+    inside = frames.apply(frames.inverse(robot.T_world_base), fit.xyz)
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    beyond = low + (high - low) * (0.5 + 1.5 * (inside - low) / (high - low))
+    covered = region(robot, replace(fit, xyz=frames.apply(robot.T_world_base, beyond)), fit)
+    np.testing.assert_allclose(covered.box_shares, 0.5, rtol=0, atol=1e-9)
 
 
 def test_unknown_fitted_points_prove_no_region(record, fit):
