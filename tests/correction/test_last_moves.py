@@ -174,6 +174,8 @@ def test_expected_errors_hold_what_is_not_known(robot, tmp_path):
     found = replace(found, expected_error=5e-5)
     assert found.expected_errors[0] == pytest.approx(np.hypot(5e-5, found.last_move_error[0]))
     assert found.expected_errors[1:] == pytest.approx([5e-5] * 3)
-    assert {"last_move_mm", "expected_mm"} <= set(found.to_frame())
+    table = found.to_frame()
+    for column, metres in (("last_move_mm", found.last_move_error), ("expected_mm", found.expected_errors)):
+        np.testing.assert_allclose(table[column] * 1e-3, metres, rtol=1e-12, atol=0)
     assert "before 3 of 4 stops" in found.summary()
     assert "is added" in found.summary()
