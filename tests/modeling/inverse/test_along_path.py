@@ -141,3 +141,11 @@ def test_where_the_first_pose_is_out_of_reach_nothing_is_found():
     assert np.isnan(found.joints).all()
     assert set(found.note) == {"no joints were found for the first pose"}
     assert any_arm.reach(nominal) > 0.3
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_joints_beyond_either_limit_are_noted(joint):
+    nominal = arm("irb1600")
+    q = np.tile(0.5 * (nominal.lower + nominal.upper), (3, 1))
+    q[1, joint], q[2, joint] = nominal.lower[joint] - 0.01, nominal.upper[joint] + 0.01
+    assert along_path._notes(nominal, q, ()).tolist() == ["", "outside the joint limits", "outside the joint limits"]
