@@ -968,7 +968,13 @@ def _feature_terms(options: Options, arm: Arm) -> tuple[Level | Literal["auto"],
     if options.model in (None, "auto") and not options.of_a_level:
         return "auto", options.terms
     level = default_level(arm) if options.model is None else checked("model", str(options.model), LEVELS)
-    return level, selected_parameters(level, options.free, options.hold, arm)
+    chosen = selected_parameters(level, options.free, options.hold, arm)
+    if not any(item.name.startswith("delta_") for item in chosen):
+        raise OptionError(
+            f"model {level} at features needs a constant of the geometry (delta_…), and none is left: hold fewer",
+            parameter="hold",
+        )
+    return level, chosen
 
 
 def fit_features(inputs: Inputs, say: Progress) -> Doubted:

@@ -122,16 +122,15 @@ def _guarded(file: Path) -> Iterator[None]:
     from xacro import substitution_args
 
     evaluation = _Expression(file)
-    substituted = substitution_args
     replaced: list[tuple[Any, str, Any]] = [
         (xacro, "safe_eval", evaluation.of_text),
         (xacro, "parse", evaluation.document),
         (xacro, "eval_all", evaluation.counted(xacro.eval_all)),
         (xacro, "eval_text", evaluation.counted(xacro.eval_text)),
-        (substituted, "_eval", lambda text, context: str(evaluation.of_text(text, context["arg"]))),
-        (substituted, "_eval_find", evaluation.package),
-        (substituted, "_eval_env", _no_environment),
-        (substituted, "_eval_optenv", lambda name, default="": default),
+        (substitution_args, "_eval", lambda text, context: str(evaluation.of_text(text, context["arg"]))),
+        (substitution_args, "_eval_find", evaluation.package),
+        (substitution_args, "_eval_env", _no_environment),
+        (substitution_args, "_eval_optenv", lambda name, default="": default),
     ]
     before = [(module, name, getattr(module, name)) for module, name, _ in replaced]
     try:

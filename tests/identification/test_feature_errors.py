@@ -1,6 +1,7 @@
 """Errors in rows at features are named, and none where there is none: SIMULATED sockets, and real contacts of two arms."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import feature_cases as cases
 import numpy as np
@@ -8,6 +9,7 @@ import pandas as pd
 import pytest
 
 import irbcal
+from irbcal import pipeline
 from irbcal.identification import feature_errors
 from irbcal.identification.feature_fit import identify_features
 from irbcal.io.opening import open_nominal
@@ -122,3 +124,10 @@ def test_a_known_length_that_is_wrong_is_doubted(tmp_path):
     known.loc[4, "length_mm"] -= 3.0
     result = irbcal.calibrate(table.assign(simulated="yes"), "irb1600", "26", features=known)
     assert not any("known length" in doubt for doubt in result.record.doubts)
+
+
+@pytest.mark.parametrize(("nominal", "heldout", "doubted"), [(0.2, 0.6, True), (0.6, 0.2, False), (0.02, 0.06, False)])
+def test_known_lengths_that_become_worse_are_doubted(nominal, heldout, doubted):
+    length = SimpleNamespace(nominal_mm=nominal, heldout_mm=heldout)
+    section = SimpleNamespace(scale_measured=True, scale_from="", lengths=[length], open_mm=0.0, before_mm=1.0)
+    assert bool(pipeline._feature_doubts(section)) == doubted
