@@ -11,6 +11,7 @@ import functools
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -145,8 +146,6 @@ def _address(engine: str | None) -> str | None:
 @contextmanager
 def one_thread() -> Iterator[None]:
     """One thread for linear algebra inside: more add up their sums in another order, and get in each other's way."""
-    from threadpoolctl import threadpool_limits
-
     if getattr(_inside, "limited", False):
         yield
         return
@@ -154,7 +153,7 @@ def one_thread() -> Iterator[None]:
     previous = {name: os.environ.get(name) for name in BLAS_THREADS}
     os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # for libraries that are loaded inside
     try:
-        with threadpool_limits(1):
+        with _linear_algebra(len(sys.modules)).limit(limits=1):
             yield
     finally:
         _inside.limited = False
@@ -163,6 +162,14 @@ def one_thread() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+@functools.lru_cache(maxsize=1)
+def _linear_algebra(modules: int) -> Any:
+    """The libraries of linear algebra that are loaded, looked for again where more modules are: that takes 1 ms."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def on_workers(function: Callable[P, R]) -> Callable[P, R]:

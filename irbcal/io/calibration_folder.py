@@ -283,6 +283,20 @@ def read(folder: str | Path) -> Saved:
     return saved
 
 
+def contents(folder: str | Path) -> tuple[tuple[str, bytes], ...] | None:
+    """Names and bytes of all files that `read` looks at; None where one of them cannot be read.
+
+    Folders with equal contents give the same calibration.
+    """
+    folder = folder_of(folder)
+    recover(folder)
+    names = [name for name in (JSON_NAME, URDF_NAME, ORIGINS_NAME, *TABLE_FILES.values()) if (folder / name).exists()]
+    try:
+        return tuple((name, read_bytes(folder / name, CalibrationError)) for name in names)
+    except CalibrationError:
+        return None
+
+
 @dataclass(frozen=True)
 class FolderCheck:
     """What `checked` finds in a calibration folder.

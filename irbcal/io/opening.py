@@ -27,6 +27,10 @@ SAME_ROBOT = 1e-9
 """Metres and radians within which a nominal robot put together again is the one that the calibration began from."""
 
 
+MOST_REMEMBERED, LARGEST_REMEMBERED = 8, 2**25
+"""Folders, and bytes of one, that stay open: as long as every byte is as it was checked, they are not checked again."""
+
+
 class HoldsRecord(Protocol):
     """A result that holds the content of a ``calibration.json``."""
 
@@ -120,6 +124,9 @@ RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
 """Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot, `Opened`."""
 
 
+_opened_folders: dict[tuple[str, str, bool, tuple[tuple[str, bytes], ...] | None], Opened] = {}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Opened(Locked):
     """A robot, and what it was opened from.
@@ -204,6 +211,10 @@ def open_robot(
         return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, urdf.source_bytes(path))
     folder: Path | None
     text: bytes | None
+    content = None if path is None else calibration_folder.contents(path)
+    key = (str(path), os.getcwd(), nominal, content)
+    if content is not None and not (base_link or tip_link or coupling is not None) and key in _opened_folders:
+        return _opened_folders[key]
     if path is not None:
         saved = calibration_folder.read(path)
         name, record, folder, text = str(path), saved.record, saved.folder, saved.urdf
@@ -227,7 +238,7 @@ def open_robot(
         )
     if nominal and text is not None:
         text = _with_nominal_origins(text, record)
-    return Opened(
+    opened = Opened(
         name=name,
         robot=record.robot_nominal() if nominal else record.robot_calibrated(),
         nominal=record.arm(calibrated=False),
@@ -236,6 +247,12 @@ def open_robot(
         urdf=None if text is None else _arm_of(text, record),
         urdf_bytes=text,
     )
+    if path is not None and content is not None and calibration_folder.contents(path) == content:
+        if sum(len(data) for _, data in content) <= LARGEST_REMEMBERED:
+            _opened_folders[key] = opened
+        while len(_opened_folders) > MOST_REMEMBERED:
+            _opened_folders.pop(next(iter(_opened_folders)), None)
+    return opened
 
 
 def _with_nominal_origins(data: bytes, record: Record) -> bytes:

@@ -1,6 +1,7 @@
 """A robot is opened by whatever names it."""
 
 import logging
+import shutil
 import warnings
 from types import SimpleNamespace
 
@@ -170,6 +171,21 @@ def test_what_cannot_be_opened(folder, tmp_path):
 
 def test_the_file_in_a_calibration_folder_is_the_calibration(folder):
     assert open_robot(folder / "calibration.json").record == irbcal.load(folder).record
+
+
+def test_an_open_folder_is_checked_again_after_every_change(folder, tmp_path):
+    moving = tmp_path / "cal"
+    shutil.copytree(folder, moving)
+    opened = open_robot(moving)
+    assert open_robot(moving) is opened
+    assert open_robot(moving, nominal=True) is not opened
+    for name in ("calibrated.urdf", "joint_origins.yaml", "calibration.json"):
+        whole = (moving / name).read_bytes()
+        (moving / name).write_bytes(whole.replace(b"0.1", b"0.2", 1))
+        with pytest.raises(CalibrationError):
+            open_robot(moving)
+        (moving / name).write_bytes(whole)
+        assert open_robot(moving) is opened
 
 
 LIMITS_DEG = {

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -237,8 +237,11 @@ class OrthoParallel(Locked):
         return f"<OrthoParallel of {self.name}>"
 
     @staticmethod
+    @lru_cache(maxsize=64)
     def of(arm: Arm, tolerance: float = EXACT) -> OrthoParallel:
         """The closed form of an arm, with the map from the tip to the wrist centre (Nubiola 2011, eqs. 6.2 and 6.3).
+
+        It is made once for each arm: arms cannot be changed.
 
         Parameters
         ----------
