@@ -27,7 +27,6 @@ from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, numb
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
 from irbcal.correction.program import ControllerSetup, Corrections, Kind, Left, Note, Program, Stop, WantedTargets
-from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 
@@ -541,18 +540,16 @@ class PostureProgram(TextProgram):
     ) -> Self:
         """A program from what a language found: targets, the moves that use them, and its frames.
 
-        Raises
-        ------
-        ProgramError
-            If a frame is not known, or in which frames the controller counts.
+        Poses whose frames are not known, or of which it is not known where the controller counts them, are left.
         """
         maker, listing = maker.of(arm), flow.listing
         source = source or listing.parts[0].name
         order = flow.order(targets)
         done = complete(targets, listing, maker, units, arm)
-        if any(target.kind == "pose" and target.correctable for target in done):
-            _check_ends(maker, arm, setup, source)
-        on_tip, in_base = needed_frames(done, setup, tools, work_objects, source)
+        if reason := _unknown_ends(maker, arm, setup):
+            for target in done:
+                target.conflicts += [reason] if target.kind == "pose" and target.correctable else []
+        on_tip, in_base = needed_frames(done, setup, tools, work_objects)
         return cls(
             source=source,
             listing=listing,
@@ -655,7 +652,7 @@ def complete(
         target.value = value
     for target in out:
         target.line, target.column = listing.line(target.start), listing.column(target.start)
-        if not target.conflicts and (problem := maker.problem(target.kind, target.written)) is not None:
+        if target.uses and not target.conflicts and (problem := maker.problem(target.kind, target.written)) is not None:
             target.conflicts.append(problem)
         if target.kind == "joint":
             written = np.array(target.written)
@@ -692,11 +689,10 @@ def needed_frames(
     setup: ControllerSetup,
     tools: Mapping[str, FloatArray],
     work_objects: Mapping[str, FloatArray],
-    source: str,
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Tools on the tip and work objects in the base link of all targets that may be corrected.
 
-    Poses need them; of joint targets those are taken that are known.
+    Poses need them, and are left where one is not known; of joint targets those are taken that are known.
 
     Parameters
     ----------
@@ -705,40 +701,28 @@ def needed_frames(
         Frames from the caller go before those of the program.
     tools, work_objects : dict of str to ndarray, shape (4, 4)
         What the program says, in the controller's flange and world.
-    source : str
-        For messages.
-
-    Raises
-    ------
-    ProgramError
-        If one is not known.
     """
     frame_values = {**tools, **setup.tools}, {**work_objects, **setup.work_objects}
     ends = setup.controller.T_tip_flange, setup.controller.T_base_world
-    missing: dict[str, tuple[str, Use]] = {}
     needed: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
     for target in targets:
+        against: list[str] = []
         for use in target.uses if target.correctable else ():
             for k, (kind, name) in enumerate((("tool", use.tool), ("frame", use.work_object))):
                 if name is None or name in needed[k]:
                     continue
                 if name not in frame_values[k]:
-                    if target.kind == "pose":
-                        missing.setdefault(f"--{kind} {name}=", (f"{kind} {name}", use))
+                    against.append(f"the program does not define the {kind} {name}: give it with --{kind} {name}=…")
                 elif np.isfinite(frame_values[k][name]).all():
                     needed[k][name] = ends[k] @ frame_values[k][name]
-                elif target.kind == "pose":
-                    raise ProgramError(f"{kind} {name}: found a number that is too large", file=source)
-    if missing:
-        option, (title, use) = next(iter(missing.items()))
-        more = f" (also: {', '.join(list(missing)[1:])})" if len(missing) > 1 else ""
-        message = f"{use.instruction} uses the {title}, which the program does not define: give it with {option}…{more}"
-        raise ProgramError(message, file=source, line=use.line)
+                else:
+                    against.append(f"{kind} {name}: found a number that is too large")
+        target.conflicts += dict.fromkeys(against) if target.kind == "pose" else ()
     return needed
 
 
-def _check_ends(maker: Maker, arm: Arm, setup: ControllerSetup, source: str) -> None:
-    """Refuse poses where it is not known in which frames the controller counts them."""
+def _unknown_ends(maker: Maker, arm: Arm, setup: ControllerSetup) -> str:
+    """Why it is not known in which frames the controller counts poses; empty where it is."""
     missing = [
         name
         for name, needed, present in (
@@ -747,9 +731,9 @@ def _check_ends(maker: Maker, arm: Arm, setup: ControllerSetup, source: str) -> 
         )
         if needed and not present
     ]
-    if missing:
-        raise ProgramError(
-            f"the URDF of {arm.name} has no link {' and no link '.join(missing)} that is fixed to its ends, or it is "
-            "not at hand: without it the poses of this program have no place",
-            file=source,
-        )
+    if not missing:
+        return ""
+    return (
+        f"the URDF of {arm.name} has no link {' and no link '.join(missing)} that is fixed to its ends, or it is not "
+        "at hand: without it a pose has no place"
+    )

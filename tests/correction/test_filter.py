@@ -226,8 +226,7 @@ def test_frames_are_given_in_metres(calibration, job):
         np.linalg.inv(WOBJ) @ irbcal.load(calibration).arm(False).forward([[0.1, 0, 0, 0, 0.5, 0]])[0] @ TOOL
     )
     job.write_text(JOB.format(more=rf"MoveL [[{xyz}],[{q}],[0,0,0,0],{FAR}],v1,z1,tGun\WObj:=wFix;"))
-    with pytest.raises(ProgramError, match="uses the tool tgun"):
-        correct(calibration, job)
+    assert "does not define the tool tgun" in correct(calibration, job).left[0].reason
     found = correct(calibration, job, tool={"tGun": TOOL}, wobj={"WFIX": WOBJ.tolist()})
     np.testing.assert_allclose(found.q_before[1], [0.1, 0, 0, 0, 0.5, 0], rtol=0, atol=1e-6)
     for wrong in (np.eye(3), 2 * np.eye(4), np.full((4, 4), np.nan), "here", [[1, 2], [3]]):
@@ -321,8 +320,9 @@ def two_modules(folder):
 
 def test_a_tool_of_one_module_serves_the_others(calibration, tmp_path):
     folder = two_modules(tmp_path / "job")
-    with pytest.raises(ProgramError, match="give it with --tool"):
-        correct(calibration, folder / "Job.mod")
+    with pytest.raises(NotWritten) as refused:
+        correct(calibration, folder / "Job.mod", out=tmp_path / "alone.mod")
+    assert "give it with --tool" in refused.value.filtered.left[0].reason
     found = correct(calibration, folder, out=tmp_path / "new")
     assert found.targets.tolist() == ["p in Job.mod"]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["CalibData.mod", "Job.mod"]

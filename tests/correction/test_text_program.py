@@ -11,7 +11,7 @@ from irbcal.correction.languages.krl import KUKA
 from irbcal.correction.listing import Listing, Number
 from irbcal.correction.maker import ConfData
 from irbcal.correction.program import WantedTargets, read_bytes, refuse_filtered
-from irbcal.correction.text_program import UNSET, ControlFlow, Target, complete
+from irbcal.correction.text_program import UNSET, ControlFlow, Target, Use, complete
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 
@@ -51,12 +51,12 @@ def test_configurations_are_rewritten():
     k = named(seen, "p10")
     written = rewritten(seen, {}, {k: ConfData(0, 2, -3, 1)})
     assert written.decode() == CELL.replace("[0,-1,-2,1]", "[0,2,-3,1]")
-    computed = rapid.parse(
-        module("MoveL p10,v1,fine,tool0;", data=f"CONST robtarget p10:=[[1,2,3],[1,0,0,0],conf,{EXT}];"), "m"
-    )
-    assert computed.correctable() == [0]
-    with pytest.raises(ProgramError, match="m: line 2: target p10 has no configuration in numbers to rewrite"):
-        rewritten(computed, {}, {0: ConfData(0, 0, 0, 0)})
+    for conf in ("conf", "[0,0,.5,0]"):
+        data = f"CONST robtarget p10:=[[1,2,3],[1,0,0,0],{conf},{EXT}];"
+        computed = rapid.parse(module("MoveL p10,v1,fine,tool0;", data=data), "m")
+        assert computed.targets[0].reason == "its configuration is computed, or not of whole numbers"
+        with pytest.raises(ProgramError, match="m: line 2: target p10 has no configuration in numbers to rewrite"):
+            rewritten(computed, {}, {0: ConfData(0, 0, 0, 0)})
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,10 @@ def test_frames_of_six_numbers():
 
 @pytest.mark.parametrize("value", [1e30, float("inf"), float("nan")])
 def test_absurd_numbers_are_no_targets(value):
-    (one,) = complete([Target("p", "pose", 0, [Number(value, 0, 1)] * 6)], Listing([("a", b"x")], "X"), KUKA)
+    unused, used = (Target("p", "pose", 0, [Number(value, 0, 1)] * 6) for _ in range(2))
+    used.uses.append(Use(1, 1, "LIN", "to", "0", "0"))
+    other, one = complete([unused, used], Listing([("a", b"x")], "X"), KUKA)
+    assert other.conflicts == []
     assert one.conflicts == ["found a number that is too large"]
     assert np.isnan(one.value).all()
 

@@ -87,7 +87,7 @@ class LsProgram(PostureProgram):
     Attributes
     ----------
     mark_number : int
-        Number of the mark's line.
+        Number of the mark's line; 0 where the lines have no numbers.
     """
 
     mark_number: int
@@ -98,7 +98,8 @@ class LsProgram(PostureProgram):
         Two, because older controllers take 32 characters each.
         """
         newline, number = self.listing.newline(), self.mark_number
-        text = f"{number:4d}:  !irbcal fake targets ;{newline}{number + 1:4d}:  !{fingerprint} ;{newline}"
+        first, second = (f"{number:4d}", f"{number + 1:4d}") if number else ("    ", "    ")
+        text = f"{first}:  !irbcal fake targets ;{newline}{second}:  !{fingerprint} ;{newline}"
         return self.mark_at, self.mark_at, text
 
     def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
@@ -160,13 +161,13 @@ def sections(listing: Listing) -> dict[str, tuple[int, int]]:
 
 
 def instructions(listing: Listing, start: int, end: int) -> list[Instruction]:
-    """Instructions, with the lines that go on behind a colon without a number."""
+    """Instructions with the lines on which they go on: those without a number behind a line that no ``;`` ends."""
     out: list[Instruction] = []
     for match in _LINE.finditer(listing.text, start, end):
-        if match[1] or not out:
-            out.append(Instruction(int(match[1][:9] or 0), match.start(2), match.end(2)))
+        if match[1] or not out or listing.text[out[-1].end - 1] == ";":
+            out.append(Instruction(int(match[1][:9] or 0), match.start(2), match.start(2) + len(match[2].rstrip())))
         else:
-            out[-1] = out[-1]._replace(end=match.end(2))
+            out[-1] = out[-1]._replace(end=match.start(2) + len(match[2].rstrip()))
     return out
 
 
@@ -291,7 +292,7 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> LsProgr
         notes=moves.notes(targets),
         comments=_joined(moves.comments),
         mark_at=sections_of["MN"][1],
-        mark_number=max((step.number for step in steps), default=0) + 1,
+        mark_number=max((step.number for step in steps), default=0) + 1 if any(step.number for step in steps) else 0,
     )
 
 

@@ -423,6 +423,8 @@ LOOPS = ("for", "while", "repeat", "loop")
 ALTERNATIVE = ("else", "case", "default")
 CLOSE = ("endif", "endswitch", "endfor", "endwhile", "until", "endloop")
 ROUTINE = ("def", "deffct", "defdat", "end", "endfct", "enddat")
+_HOME = re.compile(r"xhome\d*|\$h_pos|\$axis_home")
+"""Joint targets that stand in the controller's ``$config.dat`` and ``$machine.dat`` and serve all of its programs."""
 NULLFRAME = "0"
 SETS_NO_FRAME = ("wait", "continue", "bas", "pulse", "halt", "return", "ini", "user_msg", "set_cd_params")
 """What is called in programs of any robot and leaves tool and base."""
@@ -784,6 +786,9 @@ class Statements:
             line.at = len(line.tokens)
             return [], self._rest(line, begin), "its target is computed"
         variable = self.data.lookup(line.part, token.word)
+        if _HOME.fullmatch(token.word) and (variable is None or self.data.stems[variable.part].startswith("$")):
+            self.notes.append((token.start, f"{text} is a joint target of the controller's own: it is left as it was"))
+            return [], "", ""
         if variable is None:
             return [], text, f"{text} is not declared in these files"
         if self.data.stems[variable.part].startswith("$"):

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import bisect
 import functools
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -137,13 +136,6 @@ class Literal(Target):
     """
 
     mentioned: list[int] = field(default_factory=list)
-
-    @property
-    def problem(self) -> str | None:
-        """What is wrong with its numbers."""
-        if self.kind == "joint":
-            return None if all(map(math.isfinite, self.written)) else "found a number that is too large"
-        return ABB.problem("pose", self.written)
 
 
 class Arg(NamedTuple):
@@ -301,19 +293,21 @@ class Reader:
         return declared if declared is not None else self.data.get(name)
 
     def _declare(self, scope: Scope, data: RapidData, name: str) -> None:
-        if name in scope:
-            first = self.line(scope[name].start)
-            raise self.error(data.start, f"{data.spelling!r} is declared a second time, first in line {first}")
-        scope[name] = data
+        if name not in scope:
+            scope[name] = data
+            return
+        scope[name].changes.append(((), data.start))  # local data of two modules in one file: either may be meant
+        if data.node is not None:
+            self.loose.append(data.node)
 
-    def header(self) -> int:
-        """Number of the token behind the header of the module, which may follow the header of older files."""
+    def header(self, i: int = 0) -> int:
+        """Number of the token behind the next header of a module, which may follow the header of older files."""
         tokens = self.tokens
-        i = 0
         while tokens[i].kind != "end" and tokens[i].word != "module":
             i += 1
         if tokens[i].kind == "end":
             raise ProgramError("expected a RAPID module, found no MODULE", file=self.listing.parts[0].name)
+        i += tokens[i + 1].kind == "number" and tokens[i + 1].end == tokens[i + 2].start  # generators name one 1_Job
         self._name(i + 1, "the name of the module")
         i += 2
         if tokens[i].word == "(":
@@ -343,11 +337,13 @@ class Reader:
                 if word in STRUCTURE and not self._is_member(i):
                     if stack:
                         raise self.error(token.start, f"expected {CLOSING[stack[-1]]!r}, found {self._found(i)}")
-                    if word == "endmodule":
-                        break
                     if word == "module":
-                        raise self.error(token.start, "a second module in one file is not supported")
-                    i = handlers[word](i) if word in handlers else i + 1
+                        raise self.error(token.start, "MODULE stands in a module: the end of that one is missing")
+                    if word == "endmodule" and self.scope is not None:
+                        raise self.error(token.start, "ENDMODULE stands in a routine: its end is missing")
+                    if word == "endmodule" and tokens[i + 1].word != "module":
+                        break
+                    i = self.header(i) if word == "endmodule" else handlers[word](i) if word in handlers else i + 1
                 elif word in MOVES and not stack and not self._is_member(i):
                     i = self._move(i)
                 elif not stack and self._is_assignment(i):
@@ -361,8 +357,6 @@ class Reader:
             else:
                 self._bracket(stack, i)
                 i += 1
-        if self.scope is not None:
-            raise self.error(token.start, "ENDMODULE stands in a routine: its end is missing")
         if tokens[i + 1].kind != "end":
             spelling = self._found(i + 1)
             raise self.error(tokens[i + 1].start, f"expected the end of the file after ENDMODULE, found {spelling}")
@@ -730,35 +724,39 @@ class Literals:
                     data.changes.append((index, node.start))
                     continue
                 if sizes[0] is not None and len(node.items) != sizes[0]:
-                    raise self._wrong(node, data.type, data.spelling, f"{sizes[0]} elements", len(node.items))
+                    reason = f"expected {sizes[0]} elements, found {len(node.items)}"
+                    self.flow.leave(node.start, data.type, data.spelling, reason)
+                    data.changes.append((index, node.start))
+                    continue
                 new = [((*index, k + 1), node_of_element, sizes[1:]) for k, node_of_element in enumerate(node.items)]
                 pending.extend(reversed(new))
                 continue
             inside = ",".join("?" if k is None else str(k) for k in index)
-            literal = self.literal(node, kind, data.spelling + (f"{{{inside}}}" if index else ""))
+            name = data.spelling + (f"{{{inside}}}" if index else "")
+            literal, reason = self.literal(node, kind, name)
+            if reason:
+                self.flow.leave(node.start, data.type, name, reason)
             if literal is None:
                 data.changes.append((index, node.start))
             else:
                 data.entries.append((index, literal))
 
-    def _wrong(self, node: Node, type_name: str, name: str, expected: str, spelling: str | int) -> ProgramError:
-        return self.reader.error(node.start, f"{type_name} {name!r}: expected {expected}, found {spelling}")
-
-    def literal(self, node: Node, kind: Kind, name: str) -> Literal | None:
-        """The literal that a list of values is; None if some of its numbers are computed."""
+    def literal(self, node: Node, kind: Kind, name: str) -> tuple[Literal | None, str]:
+        """The literal that a list of values is, or None; and what is wrong where it is no target at all."""
         if node.items is None:
-            return None
-        self._check_parts(node, node.items, kind, name)
+            return None, ""
+        if wrong := self._wrong_part(node.items, kind):
+            return None, wrong
         values = [component.items for component in (node.items[:2] if kind == "pose" else node.items[:1])]
         numbers = [leaf for leaves in values for leaf in leaves or ()]
         if any(leaves is None for leaves in values):
-            return None
+            return None, ""
         for leaf in numbers:
             if leaf.items is not None:
-                raise self._wrong(leaf, TYPE_OF[kind], name, "a number", self.reader.quote(leaf.start, leaf.end))
+                return None, f"expected a number, found {self.reader.quote(leaf.start, leaf.end)}"
         if any(leaf.number is None for leaf in numbers):
-            return None
-        leaves = self._configuration(node.items[2], name) if kind == "pose" else []
+            return None, ""
+        leaves = self._configuration(node.items[2]) if kind == "pose" else []
         axes = node.items[-1]
         literal = Literal(
             name,
@@ -775,31 +773,29 @@ class Literals:
             },
         )
         absent = [k for k, value in enumerate(literal.written, start=1) if abs(value) >= ABSENT]
-        if kind == "joint" and absent and literal.problem is None:
+        if kind == "joint" and absent:
             literal.conflicts.append(f"joint {absent[0]} has no value (9E9)")
+        if kind == "pose" and not leaves:
+            literal.conflicts.append("its configuration is computed, or not of whole numbers")
         self.targets.append(literal)
-        return literal
+        return literal, ""
 
-    def _check_parts(self, node: Node, components: list[Node], kind: Kind, name: str) -> None:
-        """Refuse a list that has not the parts of a target."""
+    def _wrong_part(self, components: list[Node], kind: Kind) -> str:
+        """Which part of a list is none of a target; empty where all are."""
         if len(components) != len(_PARTS[kind]):
             expected = "[" + ", ".join(text for _, text in _PARTS[kind]) + "]"
-            raise self._wrong(node, TYPE_OF[kind], name, expected, f"{len(components)} parts")
+            return f"expected {expected}, found {len(components)} parts"
         for component, (size, text) in zip(components, _PARTS[kind], strict=True):
             if component.number is not None or (component.items is not None and len(component.items) != size):
-                raise self._wrong(
-                    component, TYPE_OF[kind], name, text, self.reader.quote(component.start, component.end)
-                )
+                return f"expected {text}, found {self.reader.quote(component.start, component.end)}"
+        return ""
 
-    def _configuration(self, component: Node, name: str) -> list[Node]:
-        """The four numbers of configuration data; empty if they are computed."""
+    def _configuration(self, component: Node) -> list[Node]:
+        """The four numbers of configuration data; empty if they are computed, or not whole."""
         numbers = [leaf.number for leaf in component.items or () if leaf.number is not None]
         if component.items is None or len(numbers) < len(component.items):
             return []
-        if any(abs(number) > ABSENT * 100 or number % 1 for number in numbers):
-            spelling = self.reader.quote(component.start, component.end)
-            raise self._wrong(component, TYPE_OF["pose"], name, "a configuration in whole numbers", spelling)
-        return component.items
+        return [] if any(abs(number) > ABSENT * 100 or number % 1 for number in numbers) else component.items
 
 
 def _looks_like_target(node: Node) -> bool:
@@ -953,10 +949,7 @@ class Uses:
     def gather(self) -> None:
         """Give every literal its uses, those of other modules, too.
 
-        Raises
-        ------
-        ProgramError
-            If a move uses what cannot be its target, its tool or its work object.
+        A move that uses what cannot be its target, its tool or its work object is left.
         """
         self.others.gather()
         for move in self.reader.moves:
@@ -1016,8 +1009,8 @@ class Uses:
         """Literals that an argument stands for, and why these are not all, or not to be changed."""
         reader = self.reader
         if arg.node is not None:
-            literal = self.literals.literal(arg.node, kind, f"of {move.name} in line {line}")
-            return ([], f"its numbers are computed: {arg.text}") if literal is None else ([literal], "")
+            literal, wrong = self.literals.literal(arg.node, kind, f"of {move.name} in line {line}")
+            return ([], wrong or f"its numbers are computed: {arg.text}") if literal is None else ([literal], "")
         if arg.name is None:
             if arg.text == "*":
                 return [], "the position * stands in the controller only"
@@ -1028,13 +1021,10 @@ class Uses:
         if data.type == "parameter":
             return [], f"{arg.text} is a parameter of the routine"
         if KIND_OF.get(data.type) != kind:
-            if data.type in KIND_OF:
-                message = f"{move.name} goes to a {TYPE_OF[kind]}, but {data.spelling} is a {data.type}"
-                raise reader.error(arg.start, message)
-            return [], f"{arg.text} is declared as {data.type}"
+            return data.literals(()), f"{arg.text} is declared as {data.type}"
         if len(arg.indices) != len(data.sizes):
             message = f"{data.spelling} has {len(data.sizes)} indices, but {arg.text} has {len(arg.indices)}"
-            raise reader.error(arg.start, message)
+            return data.literals(()), message
         literals = data.literals(arg.indices)
         changes = sorted(position for index, position in data.changes if may_be(index, arg.indices))
         if changes:
@@ -1059,7 +1049,7 @@ class Uses:
         if data.changes:
             return None, f"the {title} {arg.text} is changed in line {self.reader.line(data.changes[0][1])}"
         if data.type != type_name:
-            raise self.reader.error(arg.start, f"expected a {type_name}, but {arg.text} is declared as {data.type}")
+            return None, f"expected a {type_name}, but {arg.text} is declared as {data.type}"
         return arg.name, ""
 
     def _mentions(self) -> None:
@@ -1070,18 +1060,8 @@ class Uses:
                 literal.mentioned.append(start)
 
     def module(self) -> Module:
-        """The module, once the uses of all modules are gathered.
-
-        Raises
-        ------
-        ProgramError
-            If the numbers of a target that is used are none, or a tool or work object is not known.
-        """
+        """The module, once the uses of all modules are gathered."""
         reader, literals, listing = self.reader, self.literals.targets, self.reader.listing
-        for literal in literals:
-            if literal.problem and literal.uses:
-                message = f"{TYPE_OF[literal.kind]} {literal.name!r}: {literal.problem}"
-                raise listing.error(literal.start, message)
         complete(literals, listing, ABB)
         for literal in literals:
             lines = {reader.line(start): start for start in sorted(literal.mentioned)}
@@ -1094,9 +1074,7 @@ class Uses:
             literal.conflicts = list(dict.fromkeys(literal.conflicts))
         declared = self._declared_frames()
         setup = ControllerSetup(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
-        tools, work_objects = needed_frames(
-            literals, setup, declared["tooldata"], declared["wobjdata"], listing.parts[0].name
-        )
+        tools, work_objects = needed_frames(literals, setup, declared["tooldata"], declared["wobjdata"])
         targets = tuple(sorted(literals, key=lambda literal: literal.start))
         in_order = self._in_order(breaks(reader))
         header = reader.tokens[reader.header() - 1].end
@@ -1129,10 +1107,9 @@ class Uses:
                     ):
                         continue
                     try:
-                        out[type_name][name] = read_frame(self.reader, self.reader.data[name], use.line)
-                    except ProgramError:
-                        if literal.kind == "pose":
-                            raise
+                        out[type_name][name] = read_frame(self.reader, self.reader.data[name])
+                    except ValueError as problem:
+                        literal.conflicts += [str(problem)] if literal.kind == "pose" else []
         return out
 
     def _in_order(self, starts_of_breaks: Sequence[int]) -> list[InOrder]:
@@ -1157,7 +1134,7 @@ class Uses:
         return out
 
 
-def read_frame(reader: Reader, data: RapidData, line: int) -> FloatArray:
+def read_frame(reader: Reader, data: RapidData) -> FloatArray:
     """Frame of a tool on the flange or of a work object in the base.
 
     Parameters
@@ -1165,8 +1142,6 @@ def read_frame(reader: Reader, data: RapidData, line: int) -> FloatArray:
     reader : Reader
     data : RapidData
         Of the type ``tooldata`` or ``wobjdata``.
-    line : int
-        Of the move that needs it.
 
     Returns
     -------
@@ -1175,21 +1150,22 @@ def read_frame(reader: Reader, data: RapidData, line: int) -> FloatArray:
 
     Raises
     ------
-    ProgramError
+    ValueError
         If it does not stand there in numbers, or is of a kind that is not supported.
     """
     tool = data.type == "tooldata"
-    title = f"{'tool' if tool else 'work object'} {data.spelling}"
+    title = f"{'tool' if tool else 'work object'} {data.spelling} of line {reader.line(data.start)}"
     nodes = data.node.items if data.node is not None else None
     if nodes is None or len(nodes) != (3 if tool else 5):
-        raise reader.error(data.start, f"{title} has no frame in numbers, but line {line} uses it: give its frame")
+        option = f"--{'tool' if tool else 'wobj'} {data.spelling}=…"
+        raise ValueError(f"{title} has no frame in numbers: give it with {option}")
     texts = [reader.text[node_of_item.start : node_of_item.end].lower() for node_of_item in nodes]
     if texts[0] != ("true" if tool else "false"):
         holder = "is not held by the robot" if tool else "is held by the robot"
-        raise reader.error(data.start, f"{title} {holder} (robhold {texts[0].upper()}): this is not supported")
+        raise ValueError(f"{title} {holder} (robhold {texts[0].upper()}): this is not supported")
     if not tool and texts[1] != "true":
         moved = f"is moved by a mechanical unit (ufprog {texts[1].upper()})"
-        raise reader.error(data.start, f"{title} {moved}: this is not supported")
+        raise ValueError(f"{title} {moved}: this is not supported")
     T = np.eye(4)
     for node in nodes[1:2] if tool else nodes[3:5]:
         lists = [leaf_nodes.items or [] for leaf_nodes in node.items or []]
@@ -1197,10 +1173,10 @@ def read_frame(reader: Reader, data: RapidData, line: int) -> FloatArray:
         if [len(leaf_nodes) for leaf_nodes in lists] != [3, 4] or len(leaves) < 7:
             expected = "a frame [[x, y, z], [q1, q2, q3, q4]] in numbers"
             spelling = reader.quote(node.start, node.end)
-            raise reader.error(node.start, f"{title}: expected {expected}, found {spelling}")
+            raise ValueError(f"{title}: expected {expected}, found {spelling}")
         problem = ABB.problem("pose", leaves)
         if problem:
-            raise reader.error(node.start, f"{title}: {problem}")
+            raise ValueError(f"{title}: {problem}")
         T = T @ ABB.frame(leaves)
     return T
 
@@ -1210,8 +1186,8 @@ def frames_in_numbers(reader: Reader) -> dict[str, dict[str, FloatArray]]:
     out: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
     for name, declared in reader.data.items():
         if declared.type in out:
-            with suppress(ProgramError):  # refused where a move needs it
-                out[declared.type][name] = read_frame(reader, declared, reader.line(declared.start))
+            with suppress(ValueError):  # targets that need it are left
+                out[declared.type][name] = read_frame(reader, declared)
     return out
 
 

@@ -125,6 +125,28 @@ def test_the_robot_goes_where_it_was_meant_to(robots):
     assert [new[2 * k + 2][1] for k in range(30)] == [config(found.q[30 + k]) for k in range(30)]
 
 
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_lines_without_numbers_are_lines_of_their_own(robots, newline):
+    """Exports of some controllers number no line; a line goes on only where no ``;`` ended the one before."""
+    nominal, robot, _ = robots
+    lines = ["J P[1] 10% FINE", "! a remark", "C P[2]\n    :  P[3] 50mm/sec FINE", "L P[4] 9mm/sec FINE\n    :  ACC50"]
+    q = in_front(nominal, 4)
+    joints = [point(k, pendant(row)) for k, row in enumerate(q, start=1)]
+    numbered = listing(lines, joints, newline)
+    blank = re.sub(rb"(?m)^ +\d+:", b"    :", numbered)
+    assert blank != numbered
+    seen, plain = (parsed(robots, data) for data in (blank, numbered))
+    assert [len(target.uses) for target in seen.targets] == [1] * 4
+    assert [(stop.target, stop.previous) for stop in seen.order] == [(0, None), (2, 0), (3, 2)]
+    assert [(use.role, use.instruction) for t in seen.targets for use in t.uses] == [
+        (use.role, use.instruction) for t in plain.targets for use in t.uses
+    ]
+    one, other = (corrected(robot, nominal, program).data for program in (seen, plain))
+    assert one.split(b"/POS")[1] == other.split(b"/POS")[1]
+    assert b"    :  !irbcal fake targets ;" in one
+    assert fanuc.fingerprint(one) == "abc123"
+
+
 def test_a_turn_is_rewritten_where_the_joint_crosses_it(robots):
     nominal, robot, at = robots
     q = in_front(nominal, 1)
@@ -197,10 +219,10 @@ def test_what_belongs_to_other_languages_and_groups(robots):
 def test_frames_are_asked_for(robots):
     nominal, _, at = robots
     data = program(nominal, at, in_front(nominal, 1))
-    with pytest.raises(ProgramError, match=r"job.ls: line 9: .* uses the tool 1.*\(also: --frame 2=\)"):
-        parsed(robots, data, tools={})
-    with pytest.raises(ProgramError, match="has no link base"):
-        fanuc.parse(nominal, data, "job.ls", given(unknown_frames(), **FRAMES))
+    ((_, _, reason),) = parsed(robots, data, tools={}).left()
+    assert all(words in reason for words in ("give it with --tool 1=…", "give it with --frame 2=…"))
+    ((_, _, reason),) = fanuc.parse(nominal, data, "job.ls", given(unknown_frames(), **FRAMES)).left()
+    assert "has no link base" in reason
     joints_only = listing(["J P[1] 10% FINE"], [point(1, pendant(in_front(nominal, 1))[0])])
     assert len(fanuc.parse(nominal, joints_only, "job.ls", given(unknown_frames())).targets) == 1
 

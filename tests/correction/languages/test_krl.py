@@ -208,18 +208,31 @@ def test_inline_forms_are_corrected_with_the_tool_of_their_point(robots):
 
 
 def test_missing_tools_are_named(robots):
-    with pytest.raises(ProgramError, match=r"job.src: line 6: .* uses the tool 1.*--tool 1=… \(also: --frame 2=\)"):
-        parsed(robots, {"job.src": f"{HEAD}LIN {POINT}\nEND\n"})
-    with pytest.raises(ProgramError, match="tool active"):
-        parsed(robots, {"job.src": f"DEF job()\nLIN {POINT}\nEND\n"})
+    joints = "PTP {A1 0,A2 -90,A3 90,A4 0,A5 10,A6 0}\n"
+    seen = parsed(robots, {"job.src": f"{HEAD}{joints}LIN {POINT}\nEND\n"})
+    ((_, line, reason),) = seen.left()
+    assert line == 7
+    assert all(words in reason for words in ("give it with --tool 1=…", "give it with --frame 2=…"))
+    assert [target.kind for target in seen.targets if target.correctable] == ["joint"], "it needs no frame"
+    assert "--tool active=" in parsed(robots, {"job.src": f"DEF job()\nLIN {POINT}\nEND\n"}).left()[0].reason
 
 
 def test_tools_stand_in_config_dat(robots):
     config = "DEFDAT $CONFIG\nTOOL_DATA[1]={X 0,Y 0,Z 100,A 0,B 0,C 0}\nBASE_DATA[2]={X 0,Y 0,Z 0,A 0,B 0,C 0}\nE6AXIS XHOME={A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nENDDAT\n"
     seen = parsed(robots, {"job.src": f"{HEAD}PTP XHOME\nLIN {POINT}\nEND\n", "$config.dat": config})
     np.testing.assert_allclose(seen.tools["1"][:3, 3], [0, 0, 0.1], rtol=0, atol=1e-12)
-    assert any("other programs share" in note.text for note in seen.notes)
     assert [target.name for target in seen.targets if target.correctable] == ["of LIN in line 7 of job.src"]
+
+
+@pytest.mark.parametrize("home", ["XHOME", "$H_POS", "xHome1"])
+def test_the_controllers_own_joint_targets_are_noted_and_stop_nothing(robots, home):
+    """Every ordinary program begins and ends there."""
+    seen = parsed(robots, {"job.src": f"{HEAD}PTP {home}\nLIN {POINT}\nPTP {home} C_PTP\nEND\n"}, **FRAMES)
+    assert len(seen.correctable()) == 1
+    assert seen.left() == []
+    assert [(note.line, "left as it was" in note.text) for note in seen.notes] == [(6, True), (8, True)]
+    mine = f"{HEAD}E6AXIS XHOME={{A1 0,A2 -90,A3 90,A4 0,A5 10,A6 0}}\nPTP XHOME\nEND\n"
+    assert len(parsed(robots, {"job.src": mine}).correctable()) == 1, "one that the program declares is a target"
 
 
 def test_the_check_pair_of_a_posted_controller_line(robots):

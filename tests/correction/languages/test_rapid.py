@@ -15,8 +15,8 @@ from support import arm, random_robot
 from irbcal.correction import notation
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import rapid
-from irbcal.correction.languages.rapid import Literal, RapidData, Reader, may_be
-from irbcal.correction.listing import Listing, Number, one_word
+from irbcal.correction.languages.rapid import RapidData, Reader, may_be
+from irbcal.correction.listing import Listing, one_word
 from irbcal.correction.maker import ConfData, configuration_of
 from irbcal.correction.program import ControllerSetup
 from irbcal.errors import ProgramError
@@ -202,8 +202,9 @@ def test_encodings_give_the_bytes_back():
         (b"MODULE m\nPROC main()\nENDPROC\n", "line 4: the module has no ENDMODULE: the file is not whole"),
         (b"MODULE ;", "line 1: expected the name of the module, found ';'"),
         (b"MODULE m(NOVIEW", "line 1: expected ')' after the attributes of the module"),
-        (b"MODULE m ENDMODULE MODULE n ENDMODULE", "line 1: expected the end of the file after ENDMODULE, found 'MODULE'"),
-        (b"MODULE m MODULE n ENDMODULE", "line 1: a second module in one file is not supported"),
+        (b"MODULE m ENDMODULE PROC n ENDMODULE", "line 1: expected the end of the file after ENDMODULE, found 'PROC'"),
+        (b"MODULE m MODULE n ENDMODULE", "line 1: MODULE stands in a module: the end of that one is missing"),
+        (b"MODULE m PROC a() ENDMODULE MODULE n ENDMODULE", "line 1: ENDMODULE stands in a routine: its end is missing"),
         (b"MODULE m PROC a() ENDMODULE", "line 1: ENDMODULE stands in a routine: its end is missing"),
         (b"MODULE m PROC a() PROC b()", "line 1: PROC stands in a routine: the end of that one is missing"),
         (b"MODULE m ENDPROC ENDMODULE", "line 1: ENDPROC ends no routine"),
@@ -219,31 +220,67 @@ def test_encodings_give_the_bytes_back():
         (module("VAR num 5;"), "line 4: expected a name, found '5'"),
         (module("VAR num p"), "line 5: expected ';', found 'ENDPROC'"),
         (module(f"VAR robtarget p:={P}"), "line 5: expected ';', found 'ENDPROC'"),
-        (module("VAR num x; VAR num X;"), "line 4: 'X' is declared a second time, first in line 4"),
         (module("VAR robtarget p:=[[1,2,3]"), "line 5: expected ',' or ']', found 'ENDPROC'"),
         (module("VAR robtarget p:=[[1,2 3]];"), "line 4: expected an operator or ']', found '3'"),
         (module("VAR robtarget p:=[[1,2,]];"), "line 4: expected a value, found ']'"),
         (module("VAR robtarget p:=" + "[" * 1000), "line 4: more than 12 lists within each other"),
-        (module("VAR robtarget p:=[[1,2,3],[1,0,0,0]];"), "line 4: robtarget 'p': expected [[x, y, z], [q1, q2, q3, q4], [cf1, cf4, cf6, cfx], [six external axes]], found 2 parts"),
-        (module(f"VAR robtarget p:=[[1,2],[1,0,0,0],[0,0,0,0],{EXT}];"), "line 4: robtarget 'p': expected [x, y, z], found [1,2]"),
-        (module(f"VAR robtarget p:=[7,[1,0,0,0],[0,0,0,0],{EXT}];"), "line 4: robtarget 'p': expected [x, y, z], found 7"),
-        (module(f"VAR robtarget p:=[[1,2,[3]],[1,0,0,0],[0,0,0,0],{EXT}];"), "line 4: robtarget 'p': expected a number, found [3]"),
-        (module(f"VAR robtarget p:=[[1,2,3],[1,0,0,0],[0,0,.5,0],{EXT}];"), "line 4: robtarget 'p': expected a configuration in whole numbers, found [0,0,.5,0]"),
-        (module(f"VAR jointtarget j:=[[1,2,3,4,5],{EXT}];"), "line 4: jointtarget 'j': expected [six joints], found [1,2,3,4,5]"),
-        (module(f"VAR robtarget p{{3}}:=[{P},{P}];"), "line 4: robtarget 'p': expected 3 elements, found 2"),
-        (module(f"MoveL [[1,2,3],[1,0.1,0,0],[0,0,0,0],{EXT}],v1,z1,tool0;"), "line 4: robtarget 'of MoveL in line 4': expected a unit quaternion, found one of length 1.005"),
-        (module(f"MoveL [[1,2,1E999],[1,0,0,0],[0,0,0,0],{EXT}],v1,z1,tool0;"), "line 4: robtarget 'of MoveL in line 4': found a number that is too large"),
         (module("MoveL p10,v1,z1;"), "line 4: MoveL: expected 4 arguments that are not optional, found 3"),
         (module("MoveL p10,v1,z1,tool0,1;"), "line 4: MoveL: expected 4 arguments that are not optional, found 5"),
         (module("MoveL p10,,v1,z1,tool0;"), "line 4: expected an argument of MoveL, found ','"),
         (module("MoveL p10,v1,z1,tool0"), "line 5: expected ',' or '\\' or ';', found 'ENDPROC'"),
         (module("MoveL p10,v1,z1,tool0", "MoveL p10,v1,z1,tool0;"), "line 5: expected an operator or ';', found 'MoveL'"),
-        (module("MoveAbsJ p10,v1,z1,tool0;"), "line 4: MoveAbsJ goes to a jointtarget, but p10 is a robtarget"),
-        (module("MoveL p10{1},v1,z1,tool0;"), "line 4: p10 has 0 indices, but p10{1} has 1"),
     ],
 )  # fmt: skip
 def test_refusals_name_the_line(content, expected):
     assert refused(content) == expected
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("VAR robtarget p:=[[1,2,3],[1,0,0,0]];", "expected [[x, y, z], [q1, q2, q3, q4], [cf1, cf4, cf6, cfx], [six external axes]], found 2 parts"),
+        (f"VAR robtarget p:=[[1,2],[1,0,0,0],[0,0,0,0],{EXT}];", "expected [x, y, z], found [1,2]"),
+        (f"VAR robtarget p:=[7,[1,0,0,0],[0,0,0,0],{EXT}];", "expected [x, y, z], found 7"),
+        (f"VAR robtarget p:=[[1,2,[3]],[1,0,0,0],[0,0,0,0],{EXT}];", "expected a number, found [3]"),
+        (f"VAR jointtarget j:=[[1,2,3,4,5],{EXT}];", "expected [six joints], found [1,2,3,4,5]"),
+        (f"VAR robtarget p{{3}}:=[{P},{P}];", "expected 3 elements, found 2"),
+        (f"MoveL [[1,2,3],[1,0.1,0,0],[0,0,0,0],{EXT}],v1,z1,tool0;", "expected a unit quaternion, found one of length 1.005"),
+        (f"MoveL [[1,2,3],[0,0,0,0],[0,0,0,0],{EXT}],v1,z1,tool0;", "expected a unit quaternion, found one of length 0"),
+        (f"MoveL [[1,2,1E999],[1,0,0,0],[0,0,0,0],{EXT}],v1,z1,tool0;", "found a number that is too large"),
+        (f"MoveAbsJ [[1,2,1E999,4,5,6],{EXT}],v1,z1,tool0;", "joint 3 has no value (9E9)"),
+        ("MoveAbsJ p10,v1,z1,tool0;", "p10 is declared as robtarget"),
+        ("MoveL p10{1},v1,z1,tool0;", "p10 has 0 indices, but p10{1} has 1"),
+        ("MoveL p10,v1,z1,tNone;", "the program does not define the tool tnone: give it with --tool tnone=…"),
+    ],
+)  # fmt: skip
+def test_one_target_that_is_wrong_stops_no_other(line, expected):
+    seen = rapid.parse(
+        module(line, "MoveL p20,v1,z1,tool0;", data=f"CONST robtarget p10:={P}; CONST robtarget p20:={P};")
+    )
+    assert expected in [left.reason for left in seen.left()]
+    assert [seen.targets[k].name for k in seen.correctable()] == ["p20"]
+
+
+def test_several_modules_in_one_file():
+    first, second = (
+        module(USE, data=TOOLS + f"CONST robtarget p10:={P};"),
+        module("MoveL p20,v1,z1,tA;", data=f"CONST robtarget p20:={P};"),
+    )
+    whole = first + second.replace(b"MODULE m", b"MODULE 2_Job")
+    seen = rapid.parse(whole)
+    assert [(seen.targets[k].name, seen.targets[k].line) for k in seen.correctable()] == [("p10", 2), ("p20", 8)]
+    at = seen.mark("abc")[0]
+    assert whole[:at] == b"MODULE m\n"
+    both = rapid.parse(first + first)  # which p10 and which tool a move means is not known
+    assert both.correctable() == []
+    assert len(both.left()) >= 2
+
+
+def test_data_that_are_declared_twice_may_be_either():
+    seen = rapid.parse(module("VAR num x; VAR num X; MoveL p10,v1,z1,tool0;"))
+    assert seen.correctable() == [0]
+    twice = rapid.parse(module("MoveL p10,v1,z1,tool0;", data=f"CONST robtarget p10:={P}; CONST robtarget p10:={P};"))
+    assert twice.correctable() == []
 
 
 def value(text):
@@ -349,10 +386,6 @@ def test_joints_without_a_value_are_left():
     assert np.isnan(seen.targets[0].value).tolist() == [False, True] + [False] * 4
 
 
-def literal(kind, *numbers):
-    return Literal("p", kind, 0, [Number(number, 0, 1) for number in numbers])
-
-
 @pytest.mark.parametrize(
     ("kind", "numbers", "problem"),
     [
@@ -364,7 +397,7 @@ def literal(kind, *numbers):
     ],
 )
 def test_numbers_that_are_no_target(kind, numbers, problem):
-    assert literal(kind, *numbers).problem == problem
+    assert rapid.ABB.problem(kind, numbers) == problem
 
 
 def test_entries_are_looked_up_as_they_would_be_looked_through():
@@ -434,8 +467,8 @@ def test_what_does_not_conflict():
     unused = rapid.parse(
         module(data=f"VAR robtarget p10:={P}; VAR robtarget p20:=[[0,0,0],[0,0,0,0],[0,0,0,0],{EXT}];")
     )
-    reasons = ["no move of this module uses it", "expected a unit quaternion, found one of length 0"]
-    assert [target.reason for target in unused.targets] == reasons
+    assert [target.reason for target in unused.targets] == ["no move of this module uses it"] * 2
+    assert unused.left() == [], "an element that was never taught and that nobody uses"
 
 
 def test_routines_have_data_of_their_own():
@@ -610,33 +643,33 @@ LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        (f"PERS tooldata t:=[FALSE,{FRAME},{LOAD}];", "line 3: tool t is not held by the robot (robhold FALSE): this is not supported"),
-        (f"PERS tooldata t:=[TRUE,[[1,0,0],[1,0,1,0]],{LOAD}];", "line 3: tool t: expected a unit quaternion, found one of length 1.414"),
-        (f"PERS tooldata t:=[TRUE,[[1,0,n],[1,0,0,0]],{LOAD}];", "line 3: tool t: expected a frame [[x, y, z], [q1, q2, q3, q4]] in numbers, found [[1,0,n],[1,0,0,0]]"),
-        (f"PERS tooldata t:=[TRUE,[[1,0,1E999],[1,0,0,0]],{LOAD}];", "line 3: tool t: found a number that is too large"),
-        ("PERS tooldata t:=other;", "line 3: tool t has no frame in numbers, but line 5 uses it: give its frame"),
-        ("PERS tooldata t;", "line 3: tool t has no frame in numbers, but line 5 uses it: give its frame"),
-        ("VAR num t;", "line 5: expected a tooldata, but t is declared as num"),
-        (f'PERS wobjdata w:=[TRUE,TRUE,"",{FRAME},{FRAME}];', "line 3: work object w is held by the robot (robhold TRUE): this is not supported"),
-        (f'PERS wobjdata w:=[FALSE,FALSE,"STN1",{FRAME},{FRAME}];', "line 3: work object w is moved by a mechanical unit (ufprog FALSE): this is not supported"),
-        (f'PERS wobjdata w:=[FALSE,TRUE,"",{FRAME},[[1,0,0],[1,0,0]]];', "line 3: work object w: expected a frame [[x, y, z], [q1, q2, q3, q4]] in numbers, found [[1,0,0],[1,0,0]]"),
+        (f"PERS tooldata t:=[FALSE,{FRAME},{LOAD}];", "tool t of line 3 is not held by the robot (robhold FALSE): this is not supported"),
+        (f"PERS tooldata t:=[TRUE,[[1,0,0],[1,0,1,0]],{LOAD}];", "tool t of line 3: expected a unit quaternion, found one of length 1.414"),
+        (f"PERS tooldata t:=[TRUE,[[1,0,n],[1,0,0,0]],{LOAD}];", "tool t of line 3: expected a frame [[x, y, z], [q1, q2, q3, q4]] in numbers, found [[1,0,n],[1,0,0,0]]"),
+        (f"PERS tooldata t:=[TRUE,[[1,0,1E999],[1,0,0,0]],{LOAD}];", "tool t of line 3: found a number that is too large"),
+        ("PERS tooldata t:=other;", "tool t of line 3 has no frame in numbers: give it with --tool t=…"),
+        ("PERS tooldata t;", "tool t of line 3 has no frame in numbers: give it with --tool t=…"),
+        ("VAR num t;", "expected a tooldata, but t is declared as num"),
+        (f'PERS wobjdata w:=[TRUE,TRUE,"",{FRAME},{FRAME}];', "work object w of line 3 is held by the robot (robhold TRUE): this is not supported"),
+        (f'PERS wobjdata w:=[FALSE,FALSE,"STN1",{FRAME},{FRAME}];', "work object w of line 3 is moved by a mechanical unit (ufprog FALSE): this is not supported"),
+        (f'PERS wobjdata w:=[FALSE,TRUE,"",{FRAME},[[1,0,0],[1,0,0]]];', "work object w of line 3: expected a frame [[x, y, z], [q1, q2, q3, q4]] in numbers, found [[1,0,0],[1,0,0]]"),
     ],
 )  # fmt: skip
 def test_frames_that_are_not_supported(data, expected):
     move = r"MoveL p10,v1,z1,tool0\WObj:=w;" if " w:" in data else "MoveL p10,v1,z1,t;"
     content = module(move, data=f"CONST robtarget p10:={P};\n{data}")
-    assert refused(content) == expected
-    assert rapid.parse(content.replace(move.encode(), b"")).correctable() == []  # nobody needs it
+    assert expected in rapid.parse(content).targets[0].reason
+    assert rapid.parse(content.replace(move.encode(), b"")).left() == [], "nobody needs it"
 
 
 def test_frames_from_the_caller():
     content = module(r"MoveL p10,v1,z1,tGrip\WObj:=wFix;")
-    assert refused(content) == (
-        "line 4: MoveL uses the tool tgrip, which the program does not define: give it with --tool tgrip=… "
-        "(also: --frame wfix=)"
-    )
+    assert rapid.parse(content).targets[0].conflicts == [
+        "the program does not define the tool tgrip: give it with --tool tgrip=…",
+        "the program does not define the frame wfix: give it with --frame wfix=…",
+    ]
     T = pose(1, 2, 3, frames.rot_y(0.3))
-    assert "uses the frame wfix, which" in refused(content, tools={"TGRIP": T})
+    assert len(rapid.parse(content, tools={"TGRIP": T}).targets[0].conflicts) == 1
     seen = rapid.parse(content, tools={"TGRIP": T}, work_objects={"wFix": T})
     assert seen.correctable() == [0]
     assert np.array_equal(seen.tools["tgrip"], T)
