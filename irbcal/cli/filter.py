@@ -10,10 +10,14 @@ import typer
 from irbcal.cli import program_words, show
 from irbcal.cli.program_words import PROGRAM_FLAGS, PROGRAM_TEXTS, PROGRAM_TYPED
 from irbcal.cli.shared_options import Json
-from irbcal.cli.signature import MM, PLACE, Typed, command, public
+from irbcal.cli.signature import MM, PLACE, Typed, command, numbers, public
+from irbcal.units import DEG
 
 if TYPE_CHECKING:
     from irbcal.correction.filtered import Filtered
+
+
+JOINTS = numbers("J1,…,J6", 6, units=[DEG])
 
 
 @command(
@@ -24,13 +28,15 @@ if TYPE_CHECKING:
         "program": Typed(list[Path], "PATH"),
         "payload_place": PLACE,
         "path_tolerance": MM,
+        "start": JOINTS,
+        "posture": JOINTS,
     },
     flags=PROGRAM_FLAGS,
     without=("out",),
     panels={
         "Everyday": ("allow_partial", "changes", "path_tolerance", "payload", "payload_place", "json"),
         "Tools and work objects": ("cell", "tool", "wobj", "controller_frames", "frames_measured", "strict"),
-        "Points": ("points", "re_express"),
+        "Points": ("points", "re_express", "start", "posture"),
         "Controllers": ("controller_model", "pulses", "where"),
     },
     texts=PROGRAM_TEXTS,

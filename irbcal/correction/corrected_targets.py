@@ -9,13 +9,13 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
-from irbcal.correction.maker import ConfData, seeds_of
+from irbcal.correction.maker import NO_CONFDATA, ConfData, seeds_of
 from irbcal.correction.program import Corrections, Program, WantedTargets
 from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrames
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.inverse import closed_form, own_model
 from irbcal.modeling.robot import Robot
 
 TAUGHT = "it is a taught point, right as it is"
@@ -84,8 +84,7 @@ def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: A
     seed, determined = seeds_of(nominal, batch.values, confs, controller)
     branch = closed_form.configuration(nominal, np.nan_to_num(seed))
     corrections = correct_poses(robot, nominal, batch.values, seed, branch, controller)
-    reason = "its configuration data fit no solution of the robot within the joint limits"
-    return refused(corrections, ["" if whole_posture else reason for whole_posture in determined])
+    return refused(corrections, ["" if whole_posture else NO_CONFDATA for whole_posture in determined])
 
 
 def corrected(
@@ -149,10 +148,11 @@ def as_written(
 def writable(program: Program, nominal: Arm, batch: WantedTargets, fake: Corrected) -> Corrected:
     """Corrections without those that would write another configuration of the arm, or that the language refuses."""
     written = refused(fake, program.refused(batch, fake))
-    if batch.kind == "joint" or not closed_form.has_closed_form(nominal):
+    form = own_model.nearest_form(nominal) if batch.kind == "pose" and nominal.six_revolute else None
+    if form is None:
         return written
     configuration_before, configuration_after = (
-        closed_form.configuration(nominal, np.nan_to_num(q)) for q in (written.q_nominal, written.q)
+        form.configuration(np.nan_to_num(q)) for q in (written.q_nominal, written.q)
     )
     changed = written.ok & (configuration_before != configuration_after)
     return refused(written, [*np.where(changed, "its correction would need another configuration of the arm", "")])

@@ -21,6 +21,7 @@ from irbcal.correction import languages
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, writable
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.last_moves import LastMoves, with_last_moves
+from irbcal.correction.maker import BEYOND
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.program import (
     ControllerSetup,
@@ -101,6 +102,8 @@ def correct(
     controller_frames: ControllerNumbers = "same",
     points: str | None = None,
     re_express: bool = False,
+    start: ArrayLike | None = None,
+    posture: ArrayLike | None = None,
     frames_measured: bool = False,
     strict: bool = False,
 ) -> Filtered:
@@ -146,6 +149,12 @@ def correct(
         on the real robot, so they stay as they are. ``offline`` unless given.
     re_express : bool
         Rewrite the taught points as offline points of the true frames, and correct nothing.
+    start : ndarray, shape (6,), optional
+        Joints where the program begins, as the controller counts them, radians. Poses whose configuration the program
+        does not say are meant next to the stop before.
+    posture : ndarray, shape (6,), optional
+        Joints in whose configuration, and next to which, poses are meant where the program does not say it and no stop
+        before is known; radians.
     frames_measured : bool
         Tools and work objects that are not in the cell file were measured independently of the robot.
     strict : bool
@@ -176,7 +185,8 @@ def correct(
     read_too = [path for path in (controller_model, cell) if isinstance(path, (str, os.PathLike))]
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
-    opened = read_programs(calibration, programs_given, tool, wobj, pulses, controller_model, where)
+    places = start, posture
+    opened = read_programs(calibration, programs_given, tool, wobj, pulses, controller_model, where, *places)
     record, nominal, language, sources, programs, setup, model, urdf = opened
     tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
     origin = point_origin(points, re_express)
@@ -257,6 +267,8 @@ def read_programs(
     pulses: Sequence[float] | None = None,
     controller_model: str | Path | None = None,
     where: tuple[ArrayLike, ArrayLike] | None = None,
+    start: ArrayLike | None = None,
+    posture: ArrayLike | None = None,
 ) -> OpenedPrograms:
     """Read programs for the robot of a calibration; arguments and errors as of `correct`."""
     language, sources = languages.files_of(program)
@@ -267,7 +279,8 @@ def read_programs(
     ends = _controller(urdf, record)
     frames_given = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
     counts, controller_arm = pulses_per_degree(pulses), None if model is None else model.arm
-    setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language))
+    joints = (joints_of_place(name, q, nominal, language) for name, q in (("start", start), ("posture", posture)))
+    setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language), *joints)
     programs = language.read_for(nominal, sources, setup)
     return OpenedPrograms(record, nominal, language, sources, programs, setup, model, urdf)
 
@@ -330,6 +343,29 @@ def place_pair(
     if joints.shape != (6,) or pose.shape != (4, 4) or not (np.isfinite(joints).all() and np.isfinite(pose).all()):
         raise OptionError("where: expected joints of shape (6,) and a pose of shape (4, 4)", parameter="where")
     return joints, frames_by_name({"pose": pose}, "where")["pose"]
+
+
+def joints_of_place(name: str, q: ArrayLike | None, nominal: Arm, language: languages.Language) -> FloatArray | None:
+    """Joints of the URDF from those of the controller (6,), radians; None where there are none.
+
+    Raises
+    ------
+    OptionError
+        If they are not six numbers, or beyond the limits of the arm.
+    """
+    if q is None:
+        return None
+    try:
+        joints = np.array(q, dtype=float)
+    except (TypeError, ValueError):
+        joints = np.zeros(0)
+    if joints.shape != (6,) or not nominal.six_revolute:
+        raise OptionError(f"{name}: expected six joints of an arm with six revolute joints", parameter=name)
+    maker = language.MAKER
+    joints = nominal.from_controller(joints[None])[0] if maker is None else maker.of(nominal).joints(joints)
+    if not ((joints >= nominal.lower - BEYOND) & (joints <= nominal.upper + BEYOND)).all():
+        raise OptionError(f"{name}: the joints are beyond the limits of {nominal.name}", parameter=name)
+    return joints
 
 
 def _not_written(filtered: Filtered, reason: str = "") -> NotWritten:

@@ -32,6 +32,10 @@ BEYOND = 10 * DEG
 
 TURNS = 2 * np.pi * np.array([0, -1, 1, -2, 2])
 NO_POSTURE = "nothing says which of the arm's solutions is meant: no configuration, and no known stop just before it"
+EITHER = "which one the controller takes is not sure"
+FARTHEST = 170 * DEG
+"""Radians by which a joint may turn from one stop to the next where no configuration says to which side."""
+NO_CONFDATA = "its configuration data fit no solution of the robot within the joint limits"
 NO_SOLUTION = "its configuration fits no solution of the robot within the joint limits"
 NO_REACH = "the nominal robot does not reach it within its joint limits in this configuration"
 
@@ -258,6 +262,26 @@ class Solutions:
         ]
         return q, reasons
 
+    def unclear(self, start: FloatArray, end: FloatArray) -> str:
+        """What speaks against joints (6,) being where a controller ends that comes from others; empty: nothing.
+
+        The configuration must stay (a joint within a degree of where it changes may be on either side), and no joint
+        may turn by nearly half a turn: there the solution that is nearest need not be the one that is taken.
+        """
+        form = own_model.nearest_form(self.arm)
+        turn = np.abs(end - start)
+        if turn.max() > FARTHEST:
+            return (
+                f"joint {int(turn.argmax()) + 1} turns by {turn.max() / DEG:.0f} degrees from the stop before: {EITHER}"
+            )
+        if form is None:
+            return ""
+        steps = np.array(np.meshgrid(*[[0.0, -DEG, DEG]] * 3)).reshape(3, -1).T
+        around = np.tile(start, (len(steps), 1))
+        around[:, [1, 2, 4]] += steps
+        same = int(form.configuration(end)) in form.configuration(around)
+        return "" if same else f"the nearest solution is another configuration than that of the stop before: {EITHER}"
+
     def _searched(self, rows: IntArray, near: FloatArray, has_seed: BoolArray) -> tuple[FloatArray, list[str]]:
         """Of an arm without closed form."""
         q = np.full((len(rows), 6), np.nan)
@@ -340,7 +364,8 @@ def seeds_of(
     q : ndarray, shape (n, 6)
         Radians; NaN where the pose is out of reach or nothing fits.
     told : ndarray of bool, shape (n,)
-        False where the pose can be reached, but not with its configuration data.
+        False where the pose can be reached, but not with its configuration data, or where these do not tell which of
+        several solutions is meant.
     """
     branches = own_model.branches(nominal, T_base_tip, controller_arm)
     nearest, _ = closed_form.nearest(nominal, branches, np.zeros(6))
@@ -359,6 +384,8 @@ def seeds_of(
     cost[np.arange(n), np.clip(cfx, 0, 7)] -= np.where((cfx >= 0) & (cfx <= 7), 1e6, 0.0)
     cost[~usable] = np.inf
     best = np.argmin(cost, axis=1)
+    if not closed_form.has_closed_form(nominal):  # a branch may have been missed, so that its number must fit
+        usable &= (best == cfx)[:, None]
     usable_any: BoolArray = np.any(usable, axis=1)
     chosen = np.where(usable_any[:, None], q[np.arange(n), best], np.nan)
     reachable = np.isfinite(nearest).all(axis=1)

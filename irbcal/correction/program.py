@@ -115,6 +115,8 @@ class ControllerSetup(NamedTuple):
         What the controller itself computes with where that is not the nominal arm.
     where : tuple of ndarray, shapes (6,) and (4, 4), or None
         Joints as the controller counts them, radians, and the pose that it reports there with no tool and base, metres.
+    start, posture : ndarray, shape (6,), or None
+        Joints of the URDF, radians: where the program begins, and those whose posture is meant where nothing else says.
     """
 
     tools: Mapping[str, FloatArray]
@@ -123,6 +125,8 @@ class ControllerSetup(NamedTuple):
     pulses: tuple[float, ...] = ()
     own_model: Arm | None = None
     where: tuple[FloatArray, FloatArray] | None = None
+    start: FloatArray | None = None
+    posture: FloatArray | None = None
 
 
 class Program(ABC):

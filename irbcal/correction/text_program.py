@@ -14,7 +14,7 @@ objects (``wobj0``).
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
@@ -102,7 +102,8 @@ class Target:
     near : ndarray, shape (6,), or None
         Joints of the URDF that the program names as the ones to start from, radians.
     after : list of int or None
-        For each use the number of the target that the arm comes from; None where it may come from elsewhere.
+        For each use the number of the target that the arm comes from, `AT_START` for the place where the program
+        begins; None where it may come from elsewhere.
     line, column : int
         Where the literal begins; both start at 1.
     value : ndarray, shape (6,) or (4, 4)
@@ -146,6 +147,12 @@ EXTERNAL_AXES = "has external axes: where they carry the robot or the work, its 
 UNSET = "active"
 """Name of the tool and frame that hold before the program sets any."""
 
+START = Target("the start", "joint", 0, ())
+"""Stands for the place where a program begins, among the targets that stops come from."""
+
+AT_START = -1
+"""Its number in `Target.after`."""
+
 
 @dataclass(frozen=True)
 class FrameState:
@@ -186,7 +193,7 @@ class ControlFlow:
         self.state = FrameState()
         self.stops: list[tuple[int, Target | None, Target | None]] = []
         self.moves_left: list[Left] = []
-        self.previous: Target | None = None
+        self.previous: Target | None = START
         self._passed: list[tuple[Target, Target | None]] = []
         self._blocks: list[_Block] = []
 
@@ -203,8 +210,10 @@ class ControlFlow:
         self.previous = None
 
     def restart(self) -> None:
-        """A routine begins: nothing is known."""
-        self.state, self.previous, self._blocks = FrameState(), None, []
+        """A routine begins: nothing is known, but that the first begins where the program does."""
+        self.state, self._blocks = FrameState(), []
+        if self.stops:
+            self.previous = None
 
     def use(
         self, target: Target, at: int, instruction: str, role: Role = "to", state: FrameState | None = None
@@ -270,11 +279,12 @@ class ControlFlow:
 
     def order(self, targets: Iterable[Target]) -> tuple[Stop, ...]:
         """The stops with the numbers of their targets; notes in each target where the arm comes from."""
-        numbers = {id(target): k for k, target in enumerate(targets)}
+        numbers = {id(target): k for k, target in enumerate(targets)} | {id(START): AT_START}
         out = []
         for at, target, previous_target in self.stops:
             previous = None if previous_target is None else numbers.get(id(previous_target))
-            out.append(Stop(self.listing.line(at), None if target is None else numbers.get(id(target)), previous))
+            number = None if target is None else numbers.get(id(target))
+            out.append(Stop(self.listing.line(at), number, None if previous == AT_START else previous))
             if target is not None:
                 target.after.append(previous)
         for target, previous_target in self._passed:
@@ -311,6 +321,9 @@ class TextProgram(Locked, Program):
         Where the mark goes.
     axes : tuple of ExternalAxis
         External axes of the cell, where they are known.
+    start, assumed : ndarray, shape (6,), or None
+        Joints of the URDF, radians: where the program begins, and those next to which poses are meant where nothing
+        else says.
     """
 
     source: str
@@ -325,6 +338,8 @@ class TextProgram(Locked, Program):
     fingerprint: str | None
     mark_at: int
     axes: tuple[ExternalAxis, ...] = field(default=(), kw_only=True)
+    start: FloatArray | None = field(default=None, kw_only=True)
+    assumed: FloatArray | None = field(default=None, kw_only=True)
 
     def on_axes(self, axes: Sequence[ExternalAxis]) -> Self:
         """The program in a cell with external axes: targets that do not say where these are stay as they are."""
@@ -385,6 +400,66 @@ class TextProgram(Locked, Program):
     def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray | None, Sequence[str]]:
         """Joints (n, 6) that the controller takes for poses, and why there are none; None: configurations tell them."""
         return None, ()
+
+    def next_to_stops(
+        self,
+        poses: Sequence[int],
+        q: FloatArray,
+        reasons: list[str],
+        waiting: Iterable[int],
+        solutions: Solutions,
+        check: Callable[[FloatArray, FloatArray], str] | None = None,
+    ) -> None:
+        """Find joints of poses next to the stop before, in the order of the program, in place.
+
+        Parameters
+        ----------
+        poses : sequence of int, length n
+            Numbers of the targets.
+        q : ndarray, shape (n, 6)
+            Joints that are known, radians; NaN elsewhere.
+        reasons : list of str, length n
+            Why there are none.
+        waiting : iterable of int
+            Rows to find joints for.
+        solutions : Solutions
+            Of the poses.
+        check : callable, optional
+            What speaks against going from joints (6,) to others; empty where nothing does.
+        """
+        row_of = {number: row for row, number in enumerate(poses)}
+        stops = [stop.target for stop in self.order if stop.target is not None]
+        wanted = set(waiting)
+        in_order = [*(row_of[number] for number in stops if number in row_of), *range(len(poses))]  # vias last
+        for row in dict.fromkeys(row for row in in_order if row in wanted):
+            known = [self._joints_of(number, row_of, q) for number in self.targets[poses[row]].after or (None,)]
+            assumed = self.assumed is not None and not np.isfinite(known).all()
+            starts = np.array(known)
+            if self.assumed is not None:
+                starts = np.where(np.isfinite(starts), starts, self.assumed)
+            if not np.isfinite(starts).all():
+                continue
+            q_ends, reasons_found = solutions.next_to(np.full(len(starts), row), starts)
+            q[row], reasons[row] = q_ends[0], next(filter(None, reasons_found), "")
+            if not reasons[row] and np.abs(q_ends - q_ends[0]).max() > 1e-6:
+                reasons[row] = "the stops before its moves lead to different solutions of the arm"
+            judge = solutions.unclear if assumed else check
+            if not reasons[row] and judge is not None:
+                reasons[row] = next(filter(None, (judge(s, e) for s, e in zip(starts, q_ends, strict=True))), "")
+            if reasons[row]:
+                q[row] = np.nan
+
+    def _joints_of(self, number: int | None, row_of: Mapping[int, int], q: FloatArray) -> FloatArray:
+        """Joints of the URDF at a target, NaN where they are not known."""
+        if number == AT_START and self.start is not None:
+            return self.start
+        if number is not None and number >= 0 and self.targets[number].kind == "joint":
+            return self.joints_at(self.targets[number])
+        return np.full(6, np.nan) if number is None or number not in row_of else q[row_of[number]]
+
+    def joints_at(self, target: Target) -> FloatArray:
+        """Joints of the URDF of a joint target, radians."""
+        return target.value
 
     def _batch(
         self,
@@ -564,6 +639,8 @@ class PostureProgram(TextProgram):
             mark_at=mark_at,
             arm=arm,
             own_model=setup.own_model,
+            start=setup.start,
+            assumed=setup.posture,
             **more,
         )
 
@@ -606,23 +683,8 @@ class PostureProgram(TextProgram):
         q[rows], reasons_found = solutions.next_to(rows, near[rows])
         for k, reason in zip(rows.tolist(), reasons_found, strict=True):
             reasons[k] = reason
-        row_of = {number: row for row, number in enumerate(poses)}
-        stops = [stop.target for stop in self.order if stop.target is not None]
-        waiting = [*(row_of[number] for number in stops if number in row_of), *range(len(poses))]  # vias last
-        for row in dict.fromkeys(row for row in waiting if not determined[row]):
-            starts = [self._joints_of(number, row_of, q) for number in targets[row].after]
-            if not starts or not np.isfinite(starts).all():
-                continue
-            q_ends, reasons_found = solutions.next_to(np.full(len(starts), row), np.array(starts))
-            q[row], reasons[row] = q_ends[0], next(filter(None, reasons_found), "")
-            if not reasons[row] and np.abs(q_ends - q_ends[0]).max() > 1e-6:
-                q[row], reasons[row] = unknown, "the stops before its moves lead to different solutions of the arm"
+        self.next_to_stops(poses, q, reasons, np.flatnonzero(~determined).tolist(), solutions)
         return q, reasons
-
-    def _joints_of(self, number: int | None, row_of: Mapping[int, int], q: FloatArray) -> FloatArray:
-        if number is not None and self.targets[number].kind == "joint":
-            return self.targets[number].value
-        return np.full(6, np.nan) if number is None or number not in row_of else q[row_of[number]]
 
 
 def complete(

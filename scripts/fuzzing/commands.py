@@ -76,6 +76,10 @@ def _filter(random: Random) -> list[str]:
         ],
         ["--wobj", random.choice(("w=0,0,0,1,0,0,0", "1=0,0,0,0,0,0", "wobj1=0,0,0,0,0,0,0"))],
         ["--pulses", random.choice(("1000,1000,1000,1000,1000,1000", "0,0,0,0,0,0", "nan,1,1,1,1,1"))],
+        [
+            random.choice(("--start", "--posture")),
+            random.choice(("0,0,0,0,30,0", "0,-90,90,0,30,0", "0,0", "nan,0,0,0,0,0")),
+        ],
     )
     if random.random() < 0.6:
         more.append("--allow-partial")

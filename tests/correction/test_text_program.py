@@ -11,7 +11,7 @@ from irbcal.correction.languages.krl import KUKA
 from irbcal.correction.listing import Listing, Number
 from irbcal.correction.maker import ConfData
 from irbcal.correction.program import WantedTargets, read_bytes, refuse_filtered
-from irbcal.correction.text_program import UNSET, ControlFlow, Target, Use, complete
+from irbcal.correction.text_program import AT_START, UNSET, ControlFlow, Target, Use, complete
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 
@@ -127,7 +127,7 @@ def test_stops_and_where_they_are_come_from():
         (4, None, 0),
         (5, 1, None),
     ]
-    assert (a.after, b.after, via.after) == ([None, None], [0, None], [0])
+    assert (a.after, b.after, via.after) == ([AT_START, None], [0, None], [0])
 
 
 def test_frames_of_six_numbers():

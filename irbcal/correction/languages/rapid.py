@@ -21,16 +21,27 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, locked
+from irbcal.arrays import BoolArray, FloatArray, locked
 from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
-from irbcal.correction.maker import ConfData, Maker, configuration_of
+from irbcal.correction.maker import (
+    NO_CONFDATA,
+    NO_POSTURE,
+    NO_REACH,
+    ConfData,
+    Maker,
+    Posture,
+    Solutions,
+    configuration_of,
+    seeds_of,
+)
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
 from irbcal.correction.paths import CutPath, PathMove
 from irbcal.correction.program import ControllerSetup, Kind, Note, read_bytes
 from irbcal.correction.text_program import (
     EXTERNAL_AXES,
+    START,
     Configuration,
     ControlFlow,
     Role,
@@ -44,6 +55,7 @@ from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse import closed_form, own_model
 from irbcal.units import DEG, MM
 
 NAME = "RAPID"
@@ -133,9 +145,12 @@ class Literal(Target):
     ----------
     mentioned : list of int
         Where its variable is used in another way than as the target of a move.
+    monitored : set of bool or None
+        Whether its configuration counts in its moves: ``ConfJ`` or ``ConfL`` is on; None where that is not known.
     """
 
     mentioned: list[int] = field(default_factory=list)
+    monitored: set[bool | None] = field(default_factory=set)
 
 
 class Arg(NamedTuple):
@@ -160,6 +175,15 @@ class MoveInstruction(NamedTuple):
     work_object: Arg | None
     args: list[Arg]
     options: dict[str, Arg | None]
+
+
+class Monitoring(NamedTuple):
+    """An instruction that switches whether configurations count, in joint moves (``j``) or others (``l``)."""
+
+    scope: Scope | None
+    start: int
+    moves: str
+    on: bool
 
 
 class Assignment(NamedTuple):
@@ -245,6 +269,9 @@ class Reader:
         Of the module.
     scopes : list of dict
         The same for each routine.
+    routines : list of (str, dict, int)
+        Names in lower case, the data of each, and where it begins.
+    monitoring : list of Monitoring
     moves, assignments : list of MoveInstruction, Assignment
     loose : list of Node
         Lists of values in any other place.
@@ -259,6 +286,8 @@ class Reader:
         self.scope: Scope | None = None
         self.data: Scope = {}
         self.scopes: list[Scope] = []
+        self.routines: list[tuple[str, Scope, int]] = []
+        self.monitoring: list[Monitoring] = []
         self.moves: list[MoveInstruction] = []
         self.assignments: list[Assignment] = []
         self.loose: list[Node] = []
@@ -286,6 +315,11 @@ class Reader:
                 append(make((_KINDS[k], word, end - len(word), end)))
 
         append(Token("end", "", len(self.text), len(self.text)))
+
+    @functools.cached_property
+    def branches(self) -> list[int]:
+        """Places of the words that begin, split or end a branch, a loop or a routine."""
+        return [token.start for token in self.tokens if token.kind == "name" and token.word in BRANCHES]
 
     def lookup(self, scope: Scope | None, name: str) -> RapidData | None:
         """What a name stands for in a routine or in the module; None if it is not declared here."""
@@ -330,7 +364,7 @@ class Reader:
         stack: list[str] = []
         while True:
             token = tokens[i]
-            kind, word = token.kind, token.word
+            kind, word, start = token.kind, token.word, token.start
             if kind == "end":
                 raise self.error(token.start, "the module has no ENDMODULE: the file is not whole")
             if kind == "name":
@@ -349,6 +383,8 @@ class Reader:
                 elif not stack and self._is_assignment(i):
                     i = self._assignment(i)
                 else:
+                    if word in ("confj", "confl") and not self._is_member(i):
+                        self.monitoring.append(Monitoring(self.scope, start, word[-1], tokens[i + 2].word != "off"))
                     self._mention(i)
                     i += 1
             elif word == "[":
@@ -423,6 +459,7 @@ class Reader:
             raise self.error(start, f"the module makes its own {MOVES[name.word][0]}: this is not supported")
         self.scope = {}
         self.scopes.append(self.scope)
+        self.routines.append((name.word, self.scope, start))
         return self._parameters(i + 2, self.scope) if self.tokens[i + 2].word == "(" else i + 2
 
     def _parameters(self, i: int, scope: Scope) -> int:
@@ -775,8 +812,6 @@ class Literals:
         absent = [k for k, value in enumerate(literal.written, start=1) if abs(value) >= ABSENT]
         if kind == "joint" and absent:
             literal.conflicts.append(f"joint {absent[0]} has no value (9E9)")
-        if kind == "pose" and not leaves:
-            literal.conflicts.append("its configuration is computed, or not of whole numbers")
         self.targets.append(literal)
         return literal, ""
 
@@ -967,11 +1002,12 @@ class Uses:
         unknown = no_tool or no_wobj if kind == "pose" else ""
         points: list[tuple[list[Literal], bool]] = []
         self.goals.append((move, points))
+        monitored = self._monitored(move) if kind == "pose" else True
         for role, arg in move.points:
             if role == "w":
                 continue
             as_role: Role = "via" if role == "via" else "to"
-            if self._goes_to_other_module(move, arg, kind, replace(use, role=as_role), unknown):
+            if self._goes_to_other_module(move, arg, kind, replace(use, role=as_role), unknown, monitored):
                 points.append(([], True))
                 continue
             literals, reason = self._goals(move, arg, kind, line)
@@ -979,10 +1015,33 @@ class Uses:
             if reason or unknown:
                 self.literals.flow.leave(move.start, move.name, arg.text, reason or unknown)
             for literal in literals:
+                literal.monitored.add(monitored)
                 literal.uses.append(replace(use, role=as_role))
                 literal.conflicts.extend(text for text in (reason, unknown) if text)
 
-    def _goes_to_other_module(self, move: MoveInstruction, arg: Arg, kind: Kind, use: Use, unknown: str) -> bool:
+    def _monitored(self, move: MoveInstruction) -> bool | None:
+        """Whether the configuration of a pose counts in a move; None where that depends on who calls the routine."""
+        moves = "j" if _JOINT_MOVE.search(move.name) else "l"
+        switches = [s for module in self.others.modules for s in module.reader.monitoring if s.moves == moves]
+        if all(switch.on for switch in switches):
+            return True
+        own = [switch for switch in self.reader.monitoring if switch.moves == moves and switch.scope is move.scope]
+        before = [switch for switch in own if switch.start < move.start]
+        if not before:
+            return None
+        first, last = before[0], before[-1]
+        branches = self.reader.branches
+        straight = bisect.bisect(branches, last.start) == bisect.bisect(branches, move.start)
+        from_begin = next((start for _, scope, start in self.reader.routines if scope is move.scope), 0)
+        alike = bisect.bisect(branches, from_begin) == bisect.bisect(branches, first.start)
+        if not straight and not (alike and all(switch.on is first.on for switch in own)):
+            return None
+        others = [switch for switch in switches if switch.scope is not move.scope]  # a routine that is called, or calls
+        return last.on if all(switch.on is last.on for switch in others) else None
+
+    def _goes_to_other_module(
+        self, move: MoveInstruction, arg: Arg, kind: Kind, use: Use, unknown: str, monitored: bool | None
+    ) -> bool:
         """Give a target of another module this use; false where it is none, or none that can be corrected."""
         data: RapidData | None = None
         if arg.name is not None and self.reader.lookup(move.scope, arg.name) is None:
@@ -998,6 +1057,8 @@ class Uses:
         against += ["it is computed or changed in its own module"] if changes else []
         for literal in literals:
             literal.uses.append(replace(use, file=file))
+            literal.after.append(None)
+            literal.monitored.add(monitored)
             literal.conflicts.extend(against)
         if against or not literals:
             self.literals.flow.leave(
@@ -1059,11 +1120,13 @@ class Uses:
             for literal in data.literals(index) if data is not None else ():
                 literal.mentioned.append(start)
 
-    def module(self) -> Module:
+    def module(self, arm: Arm | None = None, controller: ControllerSetup | None = None) -> Module:
         """The module, once the uses of all modules are gathered."""
         reader, literals, listing = self.reader, self.literals.targets, self.reader.listing
         complete(literals, listing, ABB)
         for literal in literals:
+            if literal.kind == "pose" and literal.uses and not literal.configuration and literal.monitored != {False}:
+                literal.conflicts.append("its configuration is computed, or not of whole numbers")
             lines = {reader.line(start): start for start in sorted(literal.mentioned)}
             quoted = list(lines.items())[:_QUOTED]
             literal.conflicts += [
@@ -1091,6 +1154,10 @@ class Uses:
             notes=_notes(reader, literals),
             fingerprint=_mark_of(reader),
             mark_at=header,
+            arm=arm,
+            own_model=controller.own_model if controller else None,
+            start=controller.start if controller else None,
+            assumed=controller.posture if controller else None,
             moves=functools.cache(lambda: paths(reader, in_order, targets, tools)),
         )
 
@@ -1116,12 +1183,15 @@ class Uses:
         """The moves as they stand in the text, each with the one before where that is known; notes their stops."""
         out: list[InOrder] = []
         flow, last = self.literals.flow, 0
+        entry = self._entry(starts_of_breaks)
+        flow.forget()
         previous_move: tuple[MoveInstruction, Target] | None = None
         for move, points in sorted(self.goals, key=lambda goal: goal[0].start):
             if bisect.bisect_left(starts_of_breaks, move.start) > bisect.bisect_left(starts_of_breaks, last):
                 flow.forget()
                 previous_move = None
             last = move.start
+            flow.previous = START if move is entry else flow.previous
             ends = [literals[0] if len(literals) == 1 and not computed else None for literals, computed in points]
             out.append(InOrder(move, ends, previous_move))
             for (literals, _), end in zip(points, ends, strict=True):
@@ -1132,6 +1202,22 @@ class Uses:
                 flow.forget()
             previous_move = None if flow.previous is None else (move, flow.previous)
         return out
+
+    def _entry(self, starts_of_breaks: Sequence[int]) -> MoveInstruction | None:
+        """The move with which the program begins: the first of ``main``, or of the only routine that moves."""
+        if not self.reader.moves:
+            return None
+        routines = [(scope, start) for name, scope, start in self.reader.routines if name == "main"]
+        mains = sum(name == "main" for module in self.others.modules for name, _, _ in module.reader.routines)
+        moving = {id(move.scope) for module in self.others.modules for move in module.reader.moves}
+        if not mains and len(moving) == 1:
+            routines = [(s, start) for _, s, start in self.reader.routines if s is self.reader.moves[0].scope]
+        elif mains != 1 or not routines:
+            return None
+        ((scope, start),) = routines
+        entry = next((move for move in self.reader.moves if move.scope is scope), None)
+        at = bisect.bisect_right(starts_of_breaks, start)
+        return None if entry is None or bisect.bisect_left(starts_of_breaks, entry.start) > at else entry
 
 
 def read_frame(reader: Reader, data: RapidData) -> FloatArray:
@@ -1202,6 +1288,9 @@ _HARMLESS = (
     "triggint triggio triggspeed unload velset waitai waitao waitdi waitdo waitgi waitgo waitrob waittime waituntil "
     "worldacclim write writebin writestrbin"
 )
+_OPENING, _CLOSING = frozenset(["if", "for", "while", "test"]), frozenset(["endif", "endfor", "endwhile", "endtest"])
+_DECLARING = frozenset(["const", "pers", "var", "local", "task"])
+_JUMPS = frozenset(["goto", "error", "undo", "backward", "raise", "retry", "trynext", "connect"])
 _BEFORE = frozenset(["then", "else", "do", "default", "error"])
 BRANCHES = frozenset(_BRANCHES.split())
 HARMLESS = frozenset(_HARMLESS.split())
@@ -1210,25 +1299,38 @@ HARMLESS = frozenset(_HARMLESS.split())
 
 def breaks(reader: Reader) -> list[int]:
     """Places in the text behind which the stop before is not known, in order."""
-    positions = []
+    positions: list[int] = []
     tokens = reader.tokens
-    begin, compact = True, False
+    begin, compact, head = True, False, False
+    opened: list[int] = []  # how many places there were where a branch or loop began; a place is lasting that is more
+    lasting = -1
     for i, (kind, word, start, _) in enumerate(tokens[:-1]):
         if kind == "name":
-            if word in BRANCHES:
+            if word in BRANCHES and not reader._is_member(i):
+                if word in _OPENING:
+                    opened.append(len(positions))
+                compact = compact or (word == "if" and not _has_then(reader, i))
+                head = word in ("proc", "func", "trap")
                 positions.append(start)
-                if word == "if":
-                    compact = not _has_then(reader, i)
-            elif begin and word not in MOVES and word not in HARMLESS and not reader._is_assignment(i):
-                positions.append(start)  # a declaration, a label or a call
+                if word in _CLOSING and opened and lasting <= opened[-1]:
+                    del positions[opened[-1] :]  # nothing in it moves the robot
+                opened = opened[:-1] if word in _CLOSING else [] if head else opened
+                lasting = len(positions) if word in _JUMPS else lasting
+            elif begin and word in MOVES:
+                lasting = len(positions)
+            elif begin and word not in HARMLESS | _DECLARING and not reader._is_assignment(i):
+                lasting = len(positions)
+                positions.append(start)  # a label or a call
             begin = word in _BEFORE
             continue
         if begin and word == "%":  # a routine by its name in a text
+            lasting = len(positions)
             positions.append(start)
         if word == ";" and compact:  # the move behind IF without THEN may not have been made
             positions.append(start)
-            compact = False
-        begin = word == ";" or word == ":"
+            lasting, opened, compact = len(positions), opened[:-1], False
+        begin = word == ";" or word == ":" or (head and word == ")")
+        head = head and word != ")"
     return positions
 
 
@@ -1322,6 +1424,7 @@ def _path(
     return path, PathText(move.start, via, arguments, work_object, tool)
 
 
+_JOINT_MOVE = re.compile(r"J(DO|AO|GO|Sync|IOs|Start|End|\d)*$")
 _ONE_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
 
 
@@ -1416,6 +1519,15 @@ def _points(cut: CutPath, to: Target, T_base_wobj: FloatArray) -> list[str]:
     return out
 
 
+NOT_MONITORED = (
+    "its configuration does not count (ConfJ or ConfL is off), and no stop just before it is known: say where the "
+    "program begins (--start), or next to which joints it is meant (--posture)"
+)
+MAY_BE_MONITORED = (
+    "whether its configuration counts (ConfJ, ConfL) depends on who calls the routine, and the solution next to the "
+    "stop before is another one"
+)
+
 _NOTES = {
     **dict.fromkeys(["pdispon", "pdispset"], "a program displacement moves targets that are corrected without it"),
     **dict.fromkeys(["getdataval", "setdataval", "setalldataval"], "data are reached by a name that is not followed"),
@@ -1432,10 +1544,50 @@ class Module(TextProgram):
         Gives its straight and circular moves in the order of the text, and their text; gathered when asked for.
     cuts : tuple of CutPath
         What is put into these; empty: nothing.
+    arm : Arm or None
+        What the controller computes with.
+    own_model : Arm or None
+        What the controller itself computes with where that is not ``arm``.
     """
 
     moves: Callable[[], tuple[tuple[PathMove, PathText], ...]] = tuple
     cuts: tuple[CutPath, ...] = ()
+    arm: Arm | None = None
+    own_model: Arm | None = None
+
+    def joints_at(self, target: Target) -> FloatArray:
+        """Joints of the URDF of a joint target, radians."""
+        return target.value if self.arm is None else self.arm.from_controller(target.value[None])[0]
+
+    def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray | None, Sequence[str]]:
+        """Joints that the controller takes for poses: those of the configuration, or next to the stop before.
+
+        Where ``ConfJ`` or ``ConfL`` is off the controller goes to the solution that is nearest. Where it is not known
+        whether it is, both must be the same. None where all configurations count and the arm has a closed form.
+        """
+        targets = [self.targets[k] for k in poses]
+        sets = [target.monitored if isinstance(target, Literal) else {True} for target in targets]
+        free = np.array([monitored != {True} for monitored in sets], dtype=bool)
+        arm = self.arm
+        if arm is None or (closed_form.has_closed_form(arm) and not free.any()):
+            return None, ()
+        q, reasons = np.full((len(poses), 6), np.nan), ["no closed form is near the arm's: " + NO_POSTURE] * len(poses)
+        if own_model.nearest_form(arm) is not None:
+            confs = [t.configuration if isinstance(t.configuration, ConfData) else None for t in targets]
+            q, told = seeds_of(arm, T_base_tip, confs, self.own_model)
+            reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
+            reasons = ["" if r else NO_REACH if t else NO_CONFDATA for r, t in zip(reached, told, strict=True)]
+        configured = q.copy()
+        rows = np.flatnonzero(free).tolist()
+        for row in rows:
+            q[row], reasons[row] = np.nan, NOT_MONITORED
+        solutions = Solutions(ABB, arm, T_base_tip, [Posture()] * len(poses), self.own_model)
+        self.next_to_stops(poses, q, reasons, rows, solutions, solutions.unclear)
+        for row in rows:
+            agree = np.abs(q[row] - configured[row]).max() < 1e-6
+            if not reasons[row] and sets[row] != {False} and not agree:
+                q[row], reasons[row] = np.nan, MAY_BE_MONITORED
+        return q, reasons
 
     def path_moves(self) -> list[PathMove]:
         """The straight and circular moves, see `irbcal.correction.languages.rapid`."""
@@ -1475,9 +1627,14 @@ class Module(TextProgram):
         return [*(edit for edit in plain if not any(a <= edit[0] < b for a, b in replaced)), *inserted]
 
     def new_configurations(self, targets: Sequence[Target], q: FloatArray) -> list[Configuration | None]:
-        """Quadrants of the axes; ``cfx`` stays."""
-        pairs = zip(q, (target.configuration for target in targets), strict=True)
-        return [configuration_of(row, old.cfx) if isinstance(old, ConfData) else None for row, old in pairs]
+        """Quadrants of the axes; ``cfx`` stays, and so does what does not count."""
+        return [
+            configuration_of(row, target.configuration.cfx)
+            if isinstance(target.configuration, ConfData)
+            and not (isinstance(target, Literal) and target.monitored == {False})
+            else None
+            for row, target in zip(q, targets, strict=True)
+        ]
 
 
 def looks_like(data: bytes) -> bool:
@@ -1515,7 +1672,7 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Mo
         gathered.append(Uses(module, available, beside))
     for uses in gathered:
         uses.gather()
-    return [uses.module() for uses in gathered]
+    return [uses.module(arm, setup) for uses in gathered]
 
 
 def _listing(data: bytes, source: str) -> Listing:

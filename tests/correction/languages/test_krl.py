@@ -23,6 +23,7 @@ from irbcal.correction.languages.krl import (
     target,
 )
 from irbcal.correction.listing import Listing
+from irbcal.correction.text_program import START
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 
@@ -452,7 +453,8 @@ def test_tools_and_bases():
 
 def test_stops_follow_one_another_until_the_program_branches():
     stops = run(f"PTP {P}", f"LIN {P}", "IF x THEN", f"LIN {P}", "ENDIF", f"LIN {P}", f"CIRC {P},{P}").flow.stops
-    assert [before is not None for _, _, before in stops] == [False, True, False, False, True]
+    assert [before not in (None, START) for _, _, before in stops] == [False, True, False, False, True]
+    assert stops[0][2] is START
 
 
 def test_circles_have_a_point_on_the_way():
