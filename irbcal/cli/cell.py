@@ -103,7 +103,7 @@ def cell(
         {"out": out, "declare": declare, "urdf": urdf, "report": report}, [touches], programs, calibration
     )
     maker = None if as_ is None else languages.by_name()[DECLARATIONS[as_].language].MAKER
-    program_maker = languages.files_of(programs)[0].MAKER if programs else maker
+    program_maker = languages.files_of(programs).language.MAKER if programs else maker
     tools, work_objects = (program_words.frames(options.pop(name, None), f"--{name}", program_maker) for name in NAMES)
     saved = read(calibration)
     robot = saved.record.robot

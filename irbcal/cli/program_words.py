@@ -42,7 +42,7 @@ def read_frames(options: dict[str, Any], program: Any) -> None:
     if not given:
         return
     files = program if isinstance(program, list) else [] if program is None else [program]
-    maker = files_of(files)[0].MAKER if files else None
+    maker = files_of(files).language.MAKER if files else None
     for name in given:
         read = where(options[name], maker) if name == "where" else frames(options[name], f"--{name}", maker)
         options[name] = read

@@ -10,7 +10,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
 from irbcal.correction.maker import NO_CONFDATA, ConfData, seeds_of
-from irbcal.correction.program import Corrections, Program, WantedTargets
+from irbcal.correction.program import Corrections, Program, Unread, WantedTargets
 from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrames
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -190,6 +190,8 @@ def commanded(program: Program, nominal: Arm) -> FloatArray:
     ProgramError
         If a stop is computed by the program, or nothing tells its joints; names the line.
     """
+    if isinstance(program, Unread):
+        raise ProgramError(program.reason, file=program.source)
     joints: dict[int, FloatArray] = {}
     why: dict[int, str] = {}
     order: list[int] = []

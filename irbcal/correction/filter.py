@@ -27,7 +27,9 @@ from irbcal.correction.program import (
     ControllerSetup,
     Corrections,
     Left,
+    Note,
     Program,
+    Unread,
     read_bytes,
     refuse_filtered,
 )
@@ -115,7 +117,7 @@ def correct(
         Calibration folder, or its content.
     program : str, Path or sequence of these
         File of a language that is known (docs/programs.md), CSV of joints or of tip poses among them; several files of
-        one language, or a folder with such.
+        one language, or a folder, which is searched to its end. A file of several that cannot be read is left.
     out : str or Path, optional
         File for the program with fake targets, or, where it lies in several files, the folder for them; without it the
         bytes are in the result only.
@@ -187,7 +189,8 @@ def correct(
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
     places = start, posture
     opened = read_programs(calibration, programs_given, tool, wobj, pulses, controller_model, where, *places)
-    record, nominal, language, sources, programs, setup, model, urdf = opened
+    record, nominal, given, programs, setup, model, urdf = opened
+    language = given.language
     tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
     origin = point_origin(points, re_express)
     true_frames = TrueFrames(
@@ -203,7 +206,8 @@ def correct(
         programs = [program.on_axes(axes) if isinstance(program, TextProgram) else program for program in programs]
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
-    if tolerance is not None and not all(isinstance(program_read, Cuttable) for program_read in programs):
+    readable = [program_read for program_read in programs if not isinstance(program_read, Unread)]
+    if tolerance is not None and not all(isinstance(program_read, Cuttable) for program_read in readable):
         raise OptionError(
             "path_tolerance: points are put into moves of RAPID only, where a move can name its point in numbers; this "
             f"is {language.NAME}",
@@ -212,8 +216,11 @@ def correct(
     speeds = None if urdf is None else speed_limits(urdf, nominal.joint_names)
     common = record.fingerprint, setup.own_model, tolerance, speeds
     filtered = together(
-        [filter_program(robot, nominal, program_read, *common, true_frames) for program_read in programs]
+        [filter_program(robot, nominal, program_read, *common, true_frames) for program_read in programs],
+        {str(path): place.as_posix() for path, place in given.relative.items()},
     )
+    skipped = tuple(Note(1, f"{path.name} was skipped: {reason}") for path, reason in given.skipped)
+    filtered = replace(filtered, notes=(*filtered.notes, *skipped))
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(filtered.q_before, "targets")):
         filtered = replace(filtered, cautions=(outside,))
     if robot.certainty is not None and frames_measured and (own := own_ends_in_words(robot.certainty)):
@@ -228,7 +235,8 @@ def correct(
         return filtered
     if not len(filtered.targets) or (filtered.left and not allow_partial):
         raise _not_written(filtered)
-    return _written(filtered, out, changes, folder=len(filtered.files) > 1 or len(sources) > 1)
+    folder = len(filtered.files) > 1 or len(given.files) > 1
+    return _written(filtered, out, changes, folder, [path for path in map(Path, programs_given) if path.is_dir()])
 
 
 class OpenedPrograms(NamedTuple):
@@ -238,8 +246,7 @@ class OpenedPrograms(NamedTuple):
     ----------
     record : Record
     nominal : Arm
-    language : Language
-    sources : list of Path
+    files : ProgramFiles
     programs : sequence of Program
     setup : ControllerSetup
         What the controller computes with.
@@ -251,8 +258,7 @@ class OpenedPrograms(NamedTuple):
 
     record: Record
     nominal: Arm
-    language: languages.Language
-    sources: list[Path]
+    files: languages.ProgramFiles
     programs: Sequence[Program]
     setup: ControllerSetup
     model: ControllerModel | None
@@ -271,7 +277,8 @@ def read_programs(
     posture: ArrayLike | None = None,
 ) -> OpenedPrograms:
     """Read programs for the robot of a calibration; arguments and errors as of `correct`."""
-    language, sources = languages.files_of(program)
+    files = languages.files_of(program)
+    language = files.language
     record = open_calibration(calibration)
     nominal = record.arm(calibrated=False)
     urdf = _urdf(calibration)
@@ -281,17 +288,18 @@ def read_programs(
     counts, controller_arm = pulses_per_degree(pulses), None if model is None else model.arm
     joints = (joints_of_place(name, q, nominal, language) for name, q in (("start", start), ("posture", posture)))
     setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language), *joints)
-    programs = language.read_for(nominal, sources, setup)
-    return OpenedPrograms(record, nominal, language, sources, programs, setup, model, urdf)
+    return OpenedPrograms(record, nominal, files, language.read_for(nominal, files.files, setup), setup, model, urdf)
 
 
-def _written(filtered: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool) -> Filtered:
-    """Write what was asked for, all or nothing."""
+def _written(
+    filtered: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool, searched: Sequence[Path]
+) -> Filtered:
+    """Write what was asked for, all or nothing; files of folders that were searched lie as they did there."""
     contents: dict[Path, bytes] = {}
     if changes is not None:
         contents[Path(changes)] = csv_bytes(filtered.to_frame(), float_format="%.6f")
     if out is not None:
-        targets_of_files = _places(Path(out), filtered.files, folder)
+        targets_of_files = _places(Path(out), filtered.files, folder, searched)
         refuse_overwriting({"out": [*targets_of_files], "changes": changes}, [*filtered.files])
         contents |= targets_of_files
         filtered = replace(filtered, written=Path(out))
@@ -299,14 +307,18 @@ def _written(filtered: Filtered, out: str | Path | None, changes: str | Path | N
     return filtered
 
 
-def _places(out: Path, files: Mapping[str, bytes], folder: bool) -> dict[Path, bytes]:
+def _places(out: Path, files: Mapping[str, bytes], folder: bool, searched: Sequence[Path]) -> dict[Path, bytes]:
     """Where files go: all into a folder, or the one into a file."""
     if not folder:
         return {out: next(iter(files.values()))}
     if out.is_file() or (not out.is_dir() and out.suffix and out.suffix == Path(next(iter(files))).suffix):
         names = ", ".join(Path(name).name for name in files)
         raise OptionError(f"out: expected a folder for {names}, found the file {out}", parameter="out")
-    return {out / Path(name).name: data for name, data in files.items()}
+    inside = {name: next((root for root in searched if Path(name).is_relative_to(root)), None) for name in files}
+    relative = {
+        name: Path(name).name if root is None else Path(name).relative_to(root) for name, root in inside.items()
+    }
+    return {out / relative[name]: data for name, data in files.items()}
 
 
 def _urdf(calibration: CalibrationLike) -> bytes | None:

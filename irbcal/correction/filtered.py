@@ -282,11 +282,12 @@ class Filtered(Result):
         )
 
 
-def together(programs: Sequence[Filtered]) -> Filtered:
-    """What the filter made of several programs, as one; targets are named with their files."""
+def together(programs: Sequence[Filtered], places: Mapping[str, str]) -> Filtered:
+    """What the filter made of several programs, as one; targets are named with their files, by their ``places``."""
     if len(programs) == 1:
         return programs[0]
-    names = [Path(program.source).name for program in programs]
+    names = [places.get(program.source, Path(program.source).name) for program in programs]
+    named = [*zip(programs, names, strict=True)]
 
     def joined(key: str) -> FloatArray:
         return np.concatenate([getattr(program, key) for program in programs])
@@ -295,17 +296,9 @@ def together(programs: Sequence[Filtered]) -> Filtered:
         programs[0],
         source=", ".join(names),
         files={name: data for program in programs for name, data in program.files.items()},
-        targets=np.concatenate(
-            [[f"{t} in {name}" for t in program.targets] for program, name in _named(programs)]
-        ).astype(object),
-        left=tuple(
-            Left(f"{t} in {name}", line, reason)
-            for program, name in _named(programs)
-            for t, line, reason in program.left
-        ),
-        notes=tuple(
-            Note(note.line, f"{name}: {note.text}") for program, name in _named(programs) for note in program.notes
-        ),
+        targets=np.concatenate([[f"{t} in {name}" for t in program.targets] for program, name in named]).astype(object),
+        left=tuple(Left(f"{t} in {name}", line, reason) for program, name in named for t, line, reason in program.left),
+        notes=tuple(Note(note.line, f"{name}: {note.text}") for program, name in named for note in program.notes),
         lines=joined("lines").astype(int),
         q_before=joined("q_before"),
         q=joined("q"),
@@ -325,7 +318,3 @@ def together(programs: Sequence[Filtered]) -> Filtered:
 def _sum(counts: Sequence[tuple[int, int] | None]) -> tuple[int, int] | None:
     counted = [count for count in counts if count is not None]
     return (sum(k for k, _ in counted), sum(n for _, n in counted)) if counted else None
-
-
-def _named(programs: Sequence[Filtered]) -> list[tuple[Filtered, str]]:
-    return [(program, Path(program.source).name) for program in programs]

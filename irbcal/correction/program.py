@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal, NamedTuple, TypeAlias
+from typing import ClassVar, Literal, NamedTuple, TypeAlias, TypeVar
 
 from irbcal import reading
 from irbcal.arrays import FloatArray, IntArray, Locked
@@ -14,6 +14,8 @@ from irbcal.correction.fake_targets import Corrected
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling.arm import Arm
+
+T = TypeVar("T")
 
 Kind: TypeAlias = Literal["joint", "pose"]
 """What a target is: a set of joints, or a pose of the tool centre point in a work object."""
@@ -173,6 +175,59 @@ class Program(ABC):
     def refused(self, batch: WantedTargets, fake: Corrected) -> Sequence[str]:
         """Why corrections that were found cannot be written, for each target; empty where they can."""
         return [""] * len(batch.names)
+
+
+@dataclass(frozen=True)
+class Unread(Program):
+    """A file among others that cannot be read: all of it is left, and nothing is written for it.
+
+    Attributes
+    ----------
+    source : str
+    reason : str
+        Why, one sentence part.
+    """
+
+    source: str
+    reason: str
+    fingerprint: None = None
+    notes: tuple[Note, ...] = ()
+
+    def wanted_targets(self) -> Sequence[WantedTargets]:
+        """None is known."""
+        return ()
+
+    def stops(self) -> Sequence[Stop]:
+        """None is known."""
+        return ()
+
+    def with_fake_targets(self, corrections: Corrections, fingerprint: str | None) -> dict[str, bytes]:
+        """No files."""
+        return {}
+
+    def left(self) -> Sequence[Left]:
+        """The whole file."""
+        return (Left("the file", 1, self.reason),)
+
+
+def each_read(files: Sequence[Path], read: Callable[[Path], T]) -> tuple[list[T], list[Unread]]:
+    """What is read from files, and the files that cannot be read.
+
+    Raises
+    ------
+    ProgramError
+        If none can be read.
+    """
+    out: list[T] = []
+    unread: list[Unread] = []
+    for file in files:
+        try:
+            out.append(read(file))
+        except ProgramError as refusal:
+            if len(unread) == len(files) - 1:
+                raise
+            unread.append(Unread(str(file), str(refusal).removeprefix(f"{file}: ")))
+    return out, unread
 
 
 def refuse_filtered(program: Program) -> None:

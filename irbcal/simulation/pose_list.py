@@ -164,7 +164,7 @@ def given_for(
     at = unknown_frames()
     if opened.urdf_bytes is not None:
         at = controller_frames(opened.urdf_bytes, str(robot), arm.base_link, arm.tip_link)
-    pair = None if where is None or program is None else place_pair(where, languages.files_of([program])[0])
+    pair = None if where is None or program is None else place_pair(where, languages.files_of([program]).language)
     return ControllerSetup(*frames, at, pulses_per_degree(pulses), where=pair)
 
 
@@ -191,7 +191,8 @@ def read_program(program: str | Path, arm: Arm, setup: ControllerSetup) -> tuple
     ProgramError
         If it cannot be read_program, moves nowhere, or the joints of a stop are not known.
     """
-    language, files = languages.files_of([program])
+    found = languages.files_of([program])
+    language, files = found.language, found.files
     read_joints = [(program.source, commanded(program, arm)) for program in language.read_for(arm, files, setup)]
     moving = [(source, q) for source, q in read_joints if len(q)]
     if not moving:

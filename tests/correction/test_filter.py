@@ -345,6 +345,30 @@ def test_several_files_go_into_a_folder_and_never_over_themselves(calibration, t
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
+def test_a_backup_comes_back_in_its_shape_and_one_bad_file_stops_no_other(calibration, tmp_path):
+    """Two tasks with modules of one name; a module that is not whole, and one that hides in a folder."""
+    backup = tmp_path / "backup"
+    for task in ("TASK1", "TASK2"):
+        (backup / "RAPID" / task).mkdir(parents=True)
+        two_modules(backup / "RAPID" / task / "PROGMOD")
+    (backup / "RAPID" / "TASK1" / "PROGMOD" / "Cut.mod").write_text("MODULE Cut\nPROC a()\n")
+    (backup / "RAPID" / "TASK2" / "PROGMOD" / "CalibData.mod").unlink()
+    with pytest.raises(NotWritten):
+        correct(calibration, backup, out=tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+    found = correct(calibration, backup, out=tmp_path / "new", allow_partial=True)
+    assert found.targets.tolist() == ["p in RAPID/TASK1/PROGMOD/Job.mod"]
+    reasons = {left.target: left.reason for left in found.left}
+    assert "the file is not whole" in reasons["the file in RAPID/TASK1/PROGMOD/Cut.mod"]
+    assert "--tool tgrip=…" in reasons["p in RAPID/TASK2/PROGMOD/Job.mod"], "a tool of another task is none"
+    new = {path.relative_to(tmp_path / "new").as_posix() for path in (tmp_path / "new").rglob("*.mod")}
+    assert new == {"RAPID/TASK1/PROGMOD/CalibData.mod", "RAPID/TASK1/PROGMOD/Job.mod", "RAPID/TASK2/PROGMOD/Job.mod"}
+    unchanged = "RAPID/TASK2/PROGMOD/Job.mod"
+    assert (tmp_path / "new" / unchanged).read_bytes() == (backup / unchanged).read_bytes()
+    alone = correct(calibration, backup / "RAPID" / "TASK1" / "PROGMOD" / "Job.mod", tool={"tGrip": TOOL})
+    np.testing.assert_allclose(found.q, alone.q, rtol=0, atol=1e-7)
+
+
 @pytest.mark.parametrize("pulses", [[1, 2], "abc", [1000.0] * 5 + ["x"], [1000.0] * 5 + [0.0]])
 def test_pulses_are_six_numbers(calibration, job, pulses):
     with pytest.raises(OptionError, match="pulses: expected six numbers"):

@@ -13,7 +13,7 @@ import irbcal
 from irbcal.cell.cell_file import read_cell
 from irbcal.cli import main
 from irbcal.correction.filter import OpenedPrograms
-from irbcal.correction.languages import by_name
+from irbcal.correction.languages import ProgramFiles, by_name
 from irbcal.correction.program import ControllerSetup
 from irbcal.correction.program_touches import _points
 from irbcal.errors import MeasurementError, ProgramError
@@ -32,7 +32,8 @@ def test_points_have_the_joints_to_which_the_controller_moves(language):
     arguments = {"krl": (nominal, q), "fanuc": (nominal, at, q)}.get(language, (robots, q))
     program = tests.parsed(robots, tests.program(*arguments))
     setup = ControllerSetup({}, {}, at)
-    points = _points(OpenedPrograms(None, nominal, by_name()[language], [], [program], setup, None, None))
+    files = ProgramFiles(by_name()[language], [], {}, [])
+    points = _points(OpenedPrograms(None, nominal, files, [program], setup, None, None))
     kinds = {"joint": 0, "pose": 0}
     for number in program.correctable():
         target = program.targets[number]

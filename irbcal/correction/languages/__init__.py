@@ -15,9 +15,11 @@ from __future__ import annotations
 
 import re
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -132,6 +134,11 @@ def of_robot(name: str) -> Language | None:
 
 SHARED = (".yaml", ".yml")
 """Endings of other files, too: in a folder only what looks like a program is taken."""
+_UNREADABLE = {
+    ".tp": (".ls", "a binary FANUC program: have the controller write it as .LS"),
+    ".urp": (".script", "a compressed PolyScope program: export it as .script"),
+}
+"""Endings of programs that hold no text, the ending of the text of the same name, and what to do."""
 _ELSEWISE = (
     (b"\x1f\x8b", "a compressed file (a PolyScope .urp is one: export the program as .script)"),
     (b"PK\x03\x04", "a zip archive: unpack it"),
@@ -165,37 +172,77 @@ def of(path: str | Path) -> Language:
     raise ProgramError(f"expected a program in one of {expected}, found {actual}", file=path)
 
 
-def files_of(programs: Sequence[str | Path]) -> tuple[Language, list[Path]]:
-    """The language and the files of programs, of all files in folders that are of a language.
+class ProgramFiles(NamedTuple):
+    """Files of programs.
+
+    Attributes
+    ----------
+    language : Language
+    files : list of Path
+    relative : dict of Path to Path
+        Where each lies in the folder that was searched; its name where it was named itself.
+    skipped : list of (Path, str)
+        Files of folders that are passed over, and why.
+    """
+
+    language: Language
+    files: list[Path]
+    relative: dict[Path, Path]
+    skipped: list[tuple[Path, str]]
+
+
+def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
+    """The language and the files of programs; folders are searched to their end for files of a language.
+
+    In folders the language with most files is taken, a robot's before tables and trajectories.
 
     Raises
     ------
     ProgramError
-        If there is none, or there are several languages.
+        If there is none, or files of several languages are named.
     """
-    endings = {ending for language in known() for ending in language.ENDINGS}
-    files: list[Path] = []
-    for program in map(Path, programs):
-        if program.is_dir():
-            inside = sorted(path for path in program.iterdir() if path.is_file() and path.suffix.lower() in endings)
-            inside = [
-                path for path in inside if path.suffix.lower() not in SHARED or of(path).looks_like(read_bytes(path))
-            ]
-            if not inside:
-                raise ProgramError("expected a robot program or a folder with some, found none", file=program)
-            files += inside
-        else:
-            files.append(program)
-    files = list(dict.fromkeys(files))
-    languages = [of(file) for file in files]
-    for file, language in zip(files, languages, strict=True):
-        if language is not languages[0]:
-            message = f"this is {language.NAME}, but {files[0].name} is {languages[0].NAME}: filter them one by one"
-            raise ProgramError(message, file=file)
-    doubled = [file for k, file in enumerate(files) if file.name in {earlier.name for earlier in files[:k]}]
+    endings = {ending: language for language in known() for ending in language.ENDINGS}
+    named = {path: path.name for path in map(Path, programs) if not path.is_dir()}
+    relative = {path: Path(name) for path, name in named.items()}
+    skipped: list[tuple[Path, str]] = []
+    for folder in (path for path in map(Path, programs) if path.is_dir()):
+        inside = sorted(path for path in folder.rglob("*") if path.is_file() and path not in named)
+        for path in inside:
+            ending = path.suffix.lower()
+            if ending in endings and _looks_like(endings[ending], path):
+                relative[path] = path.relative_to(folder)
+            elif ending in endings and ending not in SHARED:
+                skipped.append((path, f"it does not look like {endings[ending].NAME}"))
+            elif ending in _UNREADABLE and not path.with_suffix(_UNREADABLE[ending][0]).exists():
+                skipped.append((path, f"it is {_UNREADABLE[ending][1]}"))
+        if not any(path in relative for path in inside):
+            raise ProgramError("expected a robot program or a folder with some, found none", file=folder)
+    languages = {path: of(path) for path in relative}
+    counts = Counter(language for path, language in languages.items() if path not in named)
+    robots = [language for language in counts if language.MAKER is not None or language.ROBOTS]
+    language = next(
+        iter([languages[path] for path in named] or sorted(robots or counts, key=lambda found: -counts[found]))
+    )
+    for path, other in languages.items():
+        if other is not language and path in named:
+            first = next(iter(named.values()))
+            raise ProgramError(
+                f"this is {other.NAME}, but {first} is {language.NAME}: filter them one by one", file=path
+            )
+        if other is not language:
+            skipped.append((path, f"it is {other.NAME}, this call corrects {language.NAME}: filter it by itself"))
+    relative = {path: place for path, place in relative.items() if languages[path] is language}
+    doubled = [path for path, count in Counter(relative.values()).items() if count > 1]
     if doubled:
-        raise ProgramError("there are two files of this name: filter them one by one", file=doubled[0])
-    return languages[0], files
+        second = [path for path, place in relative.items() if place == doubled[0]][-1]
+        raise ProgramError("there are two files of this name: filter them one by one", file=second)
+    return ProgramFiles(language, [*relative], relative, skipped)
+
+
+def _looks_like(language: Language, path: Path) -> bool:
+    with suppress(ProgramError):
+        return language.looks_like(read_bytes(path))
+    return False
 
 
 def write(language: Language, moves: Moves) -> dict[str, bytes]:

@@ -20,7 +20,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import ControllerSetup, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
 from irbcal.correction.text_program import Configuration, ControlFlow, FrameState, PostureProgram, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -250,10 +250,11 @@ def looks_like(data: bytes) -> bool:
     return re.search(rb"^/PROG\b", data, re.MULTILINE) is not None and b"/MN" in data
 
 
-def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[LsProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read FANUC listings for an arm, each a program; see `irbcal.correction.languages.Language`."""
     FANUC.check(arm, str(files[0]))
-    return [parse(arm, read_bytes(file), str(file), setup) for file in files]
+    programs, unread = each_read(files, lambda file: parse(arm, read_bytes(file), str(file), setup))
+    return [*programs, *unread]
 
 
 def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> LsProgram:

@@ -20,7 +20,7 @@ from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import ControllerSetup, Note, WantedTargets, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, Program, WantedTargets, each_read, read_bytes
 from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -113,10 +113,11 @@ def looks_like(data: bytes) -> bool:
     return re.match(rb"(?:\xef\xbb\xbf)?\s*/JOB\b", data) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[JobProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read Yaskawa jobs for an arm, each a program; see `irbcal.correction.languages.Language`."""
     YASKAWA.check(arm, str(files[0]))
-    return [parse(arm, read_bytes(file), str(file), setup) for file in files]
+    programs, unread = each_read(files, lambda file: parse(arm, read_bytes(file), str(file), setup))
+    return [*programs, *unread]
 
 
 def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> JobProgram:

@@ -21,7 +21,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import ControllerSetup, read_bytes
+from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
 from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Role, Target
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import ControllerFrames
@@ -256,10 +256,20 @@ def looks_like(data: bytes) -> bool:
     return _BEGIN.search(data) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[AsProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read Kawasaki files for an arm: all are one program; see `irbcal.correction.languages.Language`."""
     KAWASAKI.check(arm, str(files[0]))
-    return [parse(arm, [(str(file), read_bytes(file)) for file in files], setup)]
+    contents, unread = each_read(files, _checked)
+    return [parse(arm, contents, setup), *unread]
+
+
+def _checked(file: Path) -> tuple[str, bytes]:
+    """Name and content of a file of Kawasaki AS."""
+    data = read_bytes(file)
+    if not looks_like(data):
+        raise ProgramError("expected a Kawasaki file with .PROGRAM, .TRANS or .JOINTS", file=file)
+    Listing([(str(file), data)], "Kawasaki AS")
+    return str(file), data
 
 
 def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) -> AsProgram:
@@ -273,9 +283,6 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         If the pair of joints and pose does not fit the arm.
     """
     listing = Listing(files, "Kawasaki AS")
-    for file in listing.parts:
-        if not looks_like(listing.text[file.start : file.end].encode("latin-1")):
-            raise ProgramError("expected a Kawasaki file with .PROGRAM, .TRANS or .JOINTS", file=file.name)
     sections = read(listing)
     reader = _Reader(listing, sections)
     for line in sections.lines:

@@ -20,7 +20,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import BOM, Edit, Listing, Number, Token, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import ControllerSetup, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
 from irbcal.correction.text_program import Configuration, ControlFlow, FrameState, PostureProgram, Role, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -363,6 +363,10 @@ class KrlData:
         """The variable that a name stands for in a file."""
         return self.variables.get((self.stems[file], name)) or self.variables.get(("", name))
 
+    def system(self, file: int) -> bool:
+        """Whether a file is one of the controller's own, such as ``$config.dat``."""
+        return Path(self.stems[file]).name.startswith("$")
+
     def declaration(self, line: TokenLine) -> bool:
         """Take a declaration; whether the line is one."""
         begin = line.at
@@ -376,14 +380,17 @@ class KrlData:
             line.at = begin
             return False
         line.at += 1
-        shared = public or self.stems[line.part].startswith("$")
+        shared = public or self.system(line.part)
         while line.next.kind == "name":
             token = line.next
             line.at += 1
             spelling = self.listing.text[token.start : token.end]
             index = line.index()
             variable = Variable(spelling, kind, line.part)
-            self.variables.setdefault(("" if shared else self.stems[line.part], token.word), variable)
+            known = self.variables.setdefault(("" if shared else self.stems[line.part], token.word), variable)
+            if known is not variable:  # copies of a program in one folder: either may be meant
+                known.changes.append(token.start)
+                variable = known
             if line.take("="):
                 self.value(variable, () if index is None else index, line)
             if not line.take(","):
@@ -786,12 +793,12 @@ class Statements:
             line.at = len(line.tokens)
             return [], self._rest(line, begin), "its target is computed"
         variable = self.data.lookup(line.part, token.word)
-        if _HOME.fullmatch(token.word) and (variable is None or self.data.stems[variable.part].startswith("$")):
+        if _HOME.fullmatch(token.word) and (variable is None or self.data.system(variable.part)):
             self.notes.append((token.start, f"{text} is a joint target of the controller's own: it is left as it was"))
             return [], "", ""
         if variable is None:
             return [], text, f"{text} is not declared in these files"
-        if self.data.stems[variable.part].startswith("$"):
+        if self.data.system(variable.part):
             self.notes.append((token.start, f"{text} stands in a file that other programs share: it is left as it was"))
             return [], "", ""
         return self._of_variable(variable, index, text)
@@ -837,14 +844,33 @@ def looks_like(data: bytes) -> bool:
     return data.lstrip(b"\xef\xbb\xbf \r\n\t").upper().startswith(b"&ACCESS") or _BEGIN.search(data) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[KrlProgram]:
+_SYSTEM = frozenset(["mada", "steu", "system", "tp"])
+"""Folders of a backup (``KRC``) that hold the controller's own files; of those ``$config.dat`` says tools and bases."""
+
+
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read KRL for an arm: all files are one program; see `irbcal.correction.languages.Language`."""
     KUKA.check(arm, str(files[0]))
-    files = list(files)
+    files = [path for path in files if not _of_the_system(path) or path.name.lower() == "$config.dat"] or list(files)
     for file in [file for file in files if file.suffix.lower() in (".src", ".sub")]:
         beside = [path for path in sorted(file.parent.glob("*")) if path.name.lower() == file.stem.lower() + ".dat"]
         files += [path for path in beside if path not in files]
-    return [parse(arm, [(str(file), read_bytes(file)) for file in files], setup)]
+    contents, unread = each_read(files, _checked)
+    return [parse(arm, contents, setup), *unread]
+
+
+def _of_the_system(path: Path) -> bool:
+    words = [word.lower() for word in path.parts]
+    return "krc" in words and bool(_SYSTEM & {*words[words.index("krc") :]})
+
+
+def _checked(file: Path) -> tuple[str, bytes]:
+    """Name and content of a file of KRL."""
+    data = read_bytes(file)
+    if not looks_like(data):
+        raise ProgramError("expected a KRL program with DEF or DEFDAT", file=file)
+    lines_of(Listing([(str(file), data)], "KUKA KRL"))
+    return str(file), data
 
 
 def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, maker: Maker = KUKA) -> KrlProgram:
@@ -858,11 +884,8 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
     # declarations before routines, so that moves find their targets
     ordered = sorted(files, key=lambda file: (Path(file[0]).suffix.lower() != ".dat", files.index(file)))
     listing = Listing(ordered, "KUKA KRL")
-    for part in listing.parts:
-        if not looks_like(listing.text[part.start : part.end].encode("latin-1")):
-            raise ProgramError("expected a KRL program with DEF or DEFDAT", file=part.name)
     lines, comments = lines_of(listing)
-    data = KrlData(listing, [Path(file.name).stem.lower() for file in listing.parts])
+    data = KrlData(listing, [str(Path(file.name).with_suffix("")).lower() for file in listing.parts])
     statements_left = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
     statements = Statements(listing, data)
     statements_left = _values_first(statements, data, statements_left)

@@ -38,7 +38,7 @@ from irbcal.correction.maker import (
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
 from irbcal.correction.paths import CutPath, PathMove
-from irbcal.correction.program import ControllerSetup, Kind, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Kind, Note, Program, each_read, read_bytes
 from irbcal.correction.text_program import (
     EXTERNAL_AXES,
     START,
@@ -1642,15 +1642,30 @@ def looks_like(data: bytes) -> bool:
     return re.search(rb"^\s*(?:%%%[\s\S]{0,200}?)?MODULE\s+\w+", data, re.IGNORECASE | re.MULTILINE) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Module]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read RAPID modules for an arm; see `irbcal.correction.languages.Language`.
 
-    Tools and work objects that one of them defines in numbers serve all others.
+    Tools and work objects that one of them defines in numbers serve all others of its task.
     """
     if not arm.six_revolute:
         raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=files[0])
-    modules = [Literals(_listing(read_bytes(path), str(path))) for path in files]
-    numbers = {module.source: frames_in_numbers(module.reader) for module in modules} if len(files) > 1 else {}
+    modules, unread = each_read(files, lambda path: Literals(_listing(read_bytes(path), str(path))))
+    tasks: dict[str, list[Literals]] = {}
+    for module in modules:
+        tasks.setdefault(task_of(Path(module.source)), []).append(module)
+    return [*(module for task in tasks.values() for module in _of_task(arm, task, setup)), *unread]
+
+
+def task_of(path: Path) -> str:
+    """Folder of the task that a module of a backup belongs to, ``RAPID/TASK1``; empty elsewhere."""
+    words = [word.upper() for word in path.parts]
+    k = words.index("RAPID") if "RAPID" in words else len(words)
+    return "/".join(path.parts[: k + 2]) if k < len(words) - 2 else ""
+
+
+def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> list[Module]:
+    """The modules of a task."""
+    numbers = {module.source: frames_in_numbers(module.reader) for module in modules} if len(modules) > 1 else {}
     everywhere = _with_null(setup.tools, setup.work_objects)
     gathered = []
     for module in modules:

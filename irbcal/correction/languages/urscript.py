@@ -18,7 +18,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import ControllerSetup, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
 from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Role, Target
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -134,10 +134,11 @@ def looks_like(data: bytes) -> bool:
     )
 
 
-def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[ScriptProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read URScript for an arm, each file a program; see `irbcal.correction.languages.Language`."""
     UNIVERSAL_ROBOTS.check(arm, str(files[0]))
-    return [parse(arm, read_bytes(file), str(file), setup) for file in files]
+    programs, unread = each_read(files, lambda file: parse(arm, read_bytes(file), str(file), setup))
+    return [*programs, *unread]
 
 
 def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptProgram:

@@ -19,7 +19,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import ControllerSetup, read_bytes
+from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
 from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -185,14 +185,17 @@ def looks_like(data: bytes) -> bool:
     return b"/VAL3/" in data[:2000] and b"<" in data[:10]
 
 
-def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Val3Program]:
-    """Read a VAL3 application for an arm, with all files beside those named."""
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
+    """Read VAL3 applications for an arm, one a folder, with all files beside those named."""
     STAUBLI.check(arm, str(files[0]))
-    if len({file.parent for file in files}) > 1:
-        raise ProgramError("these are files of several VAL3 applications: filter them one by one", file=files[-1])
-    beside = [path for path in sorted(files[0].parent.glob("*")) if path.suffix.lower() in (".dtx", ".pgx", ".pjx")]
-    every = list(dict.fromkeys([*files, *beside]))
-    return [parse(arm, [(str(file), read_bytes(file)) for file in every], setup)]
+
+    def application(folder: Path) -> Val3Program:
+        beside = [path for path in sorted(folder.glob("*")) if path.suffix.lower() in ENDINGS]
+        every = dict.fromkeys([*(file for file in files if file.parent == folder), *beside])
+        return parse(arm, [(str(file), read_bytes(file)) for file in every], setup)
+
+    programs, unread = each_read(list(dict.fromkeys(file.parent for file in files)), application)
+    return [*programs, *unread]
 
 
 def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) -> Val3Program:

@@ -225,6 +225,31 @@ def test_tools_stand_in_config_dat(robots):
     assert [target.name for target in seen.targets if target.correctable] == ["of LIN in line 7 of job.src"]
 
 
+def test_a_backup_of_kuka_is_one_program_with_modules_of_one_name(robots, tmp_path):
+    """Points are those of the .dat beside; the system's own programs are passed over, its tools are used."""
+    nominal, _, at = robots
+    files = {
+        "KRC/R1/System/$config.dat": "DEFDAT $CONFIG\nTOOL_DATA[1]={X 0,Y 0,Z 100,A 0,B 0,C 0}\nENDDAT\n",
+        "KRC/R1/System/bas.src": "DEF BAS()\nPTP $AXIS_ACT\nEND\n",
+        "KRC/STEU/Mada/$machine.dat": "DEFDAT $MACHINE\nENDDAT\n",
+        "KRC/R1/Program/a/job.src": f"{HEAD}LIN XP1\nEND\n",
+        "KRC/R1/Program/a/job.dat": f"DEFDAT job\nDECL E6POS XP1={POINT}\nENDDAT\n",
+        "KRC/R1/Program/b/job.src": f"{HEAD}LIN XP1\nLIN P9\nEND\n",
+        "KRC/R1/Program/b/job.dat": f"DEFDAT job\nDECL E6POS XP1={POINT}\nDECL GLOBAL E6POS P9={POINT}\nENDDAT\n",
+        "KRC/R1/Program/c.dat": f"DEFDAT c\nDECL GLOBAL E6POS P9={POINT}\nENDDAT\n",
+        "KRC/R1/Program/d.src": 'DEF d()\nMsgNotify("x\nEND\n',
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    setup = given(at, work_objects=FRAMES["work_objects"])
+    seen, unread = krl.read_for(nominal, [tmp_path / name for name in files], setup)
+    assert [target.name for target in seen.targets if target.correctable] == ["XP1 of job.dat"] * 2
+    assert {(left.target, left.line) for left in seen.left()} == {("P9 of job.dat", 3), ("LIN P9", 7)}
+    assert unread.source.endswith("d.src")
+    assert "string" in unread.reason
+
+
 @pytest.mark.parametrize("home", ["XHOME", "$H_POS", "xHome1"])
 def test_the_controllers_own_joint_targets_are_noted_and_stop_nothing(robots, home):
     """Every ordinary program begins and ends there."""

@@ -61,10 +61,37 @@ def test_folders_and_several_files(tmp_path):
         languages.files_of([tmp_path])
     for name in ("b.mod", "a.mod", "notes.txt"):
         (tmp_path / name).write_text("MODULE M\nENDMODULE\n")
-    assert languages.files_of([tmp_path]) == (rapid, [tmp_path / "a.mod", tmp_path / "b.mod"])
-    (tmp_path / "c.csv").write_text("q1_deg\n1\n")
+    assert languages.files_of([tmp_path])[:2] == (rapid, [tmp_path / "a.mod", tmp_path / "b.mod"])
+    (tmp_path / "c.csv").write_text("q1_deg,q2_deg\n1,2\n")
     with pytest.raises(ProgramError, match=r"this is CSV, but a\.mod is RAPID"):
-        languages.files_of([tmp_path])
+        languages.files_of([tmp_path / "a.mod", tmp_path / "c.csv"])
+
+
+def test_a_folder_is_searched_to_its_end_and_what_is_passed_over_is_listed(tmp_path):
+    texts = {
+        "RAPID/TASK1/PROGMOD/Job.mod": "MODULE Job\nENDMODULE\n",
+        "RAPID/TASK2/PROGMOD/Job.mod": "MODULE Job\nENDMODULE\n",
+        "HOME/encoded.sys": "\x00\x01",
+        "HOME/notes.csv": "q1_deg,q2_deg\n1,2\n",
+        "HOME/other.ls": "/PROG X\n/MN\n/POS\n/END\n",
+        "HOME/other.tp": "binary",
+        "HOME/alone.tp": "binary",
+        "HOME/settings.yaml": "a: 1\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    found = languages.files_of([tmp_path])
+    assert found.language is rapid
+    assert [place.as_posix() for place in found.relative.values()] == [*texts][:2]
+    assert {path.name: reason.partition(",")[0].partition(":")[0] for path, reason in found.skipped} == {
+        "encoded.sys": "it does not look like RAPID",
+        "notes.csv": "it is CSV",
+        "other.ls": "it is FANUC LS",
+        "alone.tp": "it is a binary FANUC program",
+    }
+    with pytest.raises(ProgramError, match="two files of this name"):
+        languages.files_of([tmp_path / name for name in [*texts][:2]])
 
 
 def test_languages_offer_what_they_must():
