@@ -15,6 +15,7 @@ from irbcal.identification.fit import ParameterReport
 from irbcal.identification.term_sets import TypePrior
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
+from irbcal.io.importing import MeasurementFiles
 from irbcal.io.mesh_paths import MeshPaths
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Errors, EvidenceChoice, Record
@@ -336,7 +337,7 @@ class Calibration(Result):
 
 @on_workers
 def calibrate(
-    measurements: MeasurementsLike,
+    measurements: MeasurementFiles,
     robot: str | Path | None = None,
     model: str | int | None = None,
     *,
@@ -373,7 +374,9 @@ def calibrate(
 
     Parameters
     ----------
-    measurements : str, Path, DataFrame, MeasurementSet or a result that holds one
+    measurements : str, Path, DataFrame, MeasurementSet, a result that holds one, or a list of files
+        In irbcal's own format, or as other programs write them: these are recognised, as `irbcal.import_measurements`
+        does, and a note says what was understood. Several files hold points and joints together.
     robot : str or Path
         URDF file, a robot's name (`irbcal.robots`), or a calibration, as for ``with_``. Left out only with ``with_``.
     model : {"auto", "best-level", "nominal", "11", "16", "26", "34", "34b", "offsets", "placement"}, optional

@@ -44,6 +44,7 @@ from irbcal.identification.problem import session_names
 from irbcal.identification.term_sets import TypePrior
 from irbcal.io import integrity, prior_file, robots, urdf, urdf_check
 from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
+from irbcal.io.importing import MeasurementFiles, measurements_of
 from irbcal.io.opening import CalibrationLike, calibration_at, open_nominal
 from irbcal.io.schema import (
     CertaintySection,
@@ -73,7 +74,7 @@ from irbcal.io.schema import (
     texts,
 )
 from irbcal.io.urdf import UrdfArm
-from irbcal.measurement import cleaning, repeats, table, tools
+from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.columns import TableLike, read_targets
@@ -404,7 +405,7 @@ def _next(kind: type[T], inputs: Inputs, **changes: Any) -> T:
 
 
 def run(
-    measurements: MeasurementsLike, robot: str | Path | None, options: Options, progress: Progress | None = None
+    measurements: MeasurementFiles, robot: str | Path | None, options: Options, progress: Progress | None = None
 ) -> tuple[Record, bytes, Proven]:
     """All steps; parameters and errors as `irbcal.calibrate`.
 
@@ -430,7 +431,7 @@ def run(
     return *record(proven, started), proven
 
 
-def read(measurements: MeasurementsLike, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
+def read(measurements: MeasurementFiles, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
     """Open robot and measurements, with targets, prior, features and the earlier calibration that options name."""
     if options.features is not None:
         return _read_features(measurements, robot, options, say)
@@ -448,7 +449,7 @@ def read(measurements: MeasurementsLike, robot: str | Path | None, options: Opti
         earlier.check(nominal.arm)
     targets = read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
-    points = table.read(measurements).of_arm(nominal.arm)
+    points = measurements_of(measurements, nominal.arm).of_arm(nominal.arm)
     file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
     source = _source(robot) if saved is None else (saved.record.robot.urdf, saved.record.robot.urdf_sha256)
     return Inputs(
@@ -457,7 +458,9 @@ def read(measurements: MeasurementsLike, robot: str | Path | None, options: Opti
         robot_file=file,
         nominal_source=source,
         measurements=points,
-        verification=None if options.verify is None else table.read(options.verify).of_arm(nominal.arm),
+        verification=None
+        if options.verify is None
+        else measurements_of(options.verify, nominal.arm).of_arm(nominal.arm),
         earlier=earlier,
         known_targets=targets,
         prior=prior_file.of_robot(options.prior, nominal.arm.name, source[1], points.simulated),
@@ -917,7 +920,7 @@ def prove(done: Doubted) -> Proven:
     return _next(Proven, done, errors=PointErrors(*map(locked, errors)))
 
 
-def _read_features(measurements: MeasurementsLike, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
+def _read_features(measurements: MeasurementFiles, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
     """Rows at features and their nominal robot; options that such rows do not take are refused."""
     for name, value in vars(options).items():
         if name not in FEATURE_OPTIONS and value != getattr(Options(), name):
@@ -932,6 +935,10 @@ def _read_features(measurements: MeasurementsLike, robot: str | Path | None, opt
         )
     nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling)
     say("reading the measurements")
+    if isinstance(measurements, (list, tuple)):
+        raise MeasurementError(
+            f"expected one file of rows at features, found {len(measurements)}", parameter="measurements"
+        )
     if not isinstance(measurements, (str, PathLike, pd.DataFrame)):
         if not isinstance(measurements, MeasurementSet):
             measurements = measurements.measurements()

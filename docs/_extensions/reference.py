@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 from enum import Enum
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -85,10 +86,64 @@ def schema() -> str:
     return json.dumps(Record.model_json_schema(), indent=1)
 
 
+def import_map() -> str:
+    """Markdown of all keys of an import map, by its schema."""
+    from irbcal.measurement.imports.column_map import ImportMap
+
+    whole = ImportMap.model_json_schema()
+    parts = ["# Keys of an import map", "", "Of `irbcal import`, in YAML; or one by one: `--set file.decimal=,`.", ""]
+    parts += _keys("", whole, whole["$defs"])
+    return "\n".join(parts)
+
+
+def _keys(prefix: str, schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
+    text = inspect.cleandoc(schema.get("description", "")).replace("``", "`").split("Attributes\n")[0].strip()
+    attributes = inspect.cleandoc(schema.get("description", "")).partition("Attributes\n----------\n")[2]
+    rows, inner = ["| key | value | default |", "| --- | --- | --- |"], []
+    for name, field in schema["properties"].items():
+        kinds = [_kind(kind, definitions) for kind in field.get("anyOf", [field])]
+        groups = [ref for kind in field.get("anyOf", [field]) if (ref := _group(kind)) is not None]
+        about = re.search(rf"^{name}(?:, \w+)* : .*\n((?:    .*\n?)*)", attributes, re.MULTILINE)
+        words = "; ".join(kind for kind in dict.fromkeys(kinds) if kind != "nothing")
+        words += f". {' '.join(about[1].split())}" if about and about[1].strip() else ""
+        default = field.get("default")
+        shown = "" if default in (None, "", {}, []) or isinstance(default, dict) else f"`{json.dumps(default)}`"
+        rows.append(f"| `{prefix}{name}` | {words.replace('|', chr(92) + '|').replace('``', '`')} | {shown} |")
+        for group in groups:
+            inner += ["", f"## {prefix}{name}", "", *_keys(f"{prefix}{name}.", definitions[group], definitions)]
+    return [text, "", *rows, *inner]
+
+
+def _group(kind: dict[str, Any]) -> str | None:
+    """The part of a schema that a value refers to, itself or each of a list."""
+    reference = kind.get("$ref") or (kind.get("items") or {}).get("$ref")
+    return reference.rpartition("/")[2] if reference else None
+
+
+def _kind(kind: dict[str, Any], definitions: dict[str, Any]) -> str:
+    """A value's kind in words."""
+    if "$ref" in kind:
+        return "keys below"
+    if "enum" in kind:
+        return "one of " + ", ".join(f"`{json.dumps(value)}`" for value in kind["enum"])
+    if "const" in kind:
+        return f"`{json.dumps(kind['const'])}`"
+    if "anyOf" in kind:
+        return " or ".join(dict.fromkeys(_kind(one, definitions) for one in kind["anyOf"]))
+    if kind.get("type") == "array":
+        return f"list of {_kind(kind.get('items', {}), definitions)}"
+    if kind.get("type") == "object":
+        values = [kind.get("additionalProperties"), *kind.get("patternProperties", {}).values()]
+        return f"`name: value` with {_kind(next(filter(None, values), {}), definitions)}"
+    names = {"string": "text", "integer": "whole number", "number": "number", "boolean": "`true` or `false`"}
+    return names.get(kind.get("type", ""), "nothing" if kind.get("type") == "null" else "column, by name or number")
+
+
 def write(app: Any) -> None:
     """Write them where they changed."""
     GENERATED.mkdir(exist_ok=True)
     pages = {"commands.md": commands(), "api.md": api(), "calibration.schema.json": schema()}
+    pages["import-map.md"] = import_map()
     for name, text in pages.items():
         path = GENERATED / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:

@@ -18,6 +18,7 @@ STEPS = 6
     "calibrate",
     arguments=("measurements",),
     typed={
+        "measurements": Typed(list[Path], None, lambda files, option: files[0] if len(files) == 1 else files),
         "robot": Typed(str, None),
         "frame": NAMES,
         "session_by": Typed(str, "COLUMN"),

@@ -46,7 +46,13 @@ def import_files(
 ) -> None:
     """Turn files of other programs into a measurement file.
 
-    A preset or a map of your own (YAML) says which columns mean what. Units are declared, never guessed.
+    Tables as text, workbooks and zip archives are understood without a map: columns by their names in several
+    languages and by a trial fit of the robot, which also proves units that no file declares. What was understood is
+    shown, and its map is written beside the measurement file.
+
+    irbcal import points.txt joints.csv --robot irb120 --out measured.csv
+
+    A preset, or a map of your own (YAML), says it in place of that: --as.
 
     Presets, with an example each:
 
@@ -84,7 +90,7 @@ def import_files(
     if "out" not in options and not dry_run:
         raise typer.BadParameter("expected a file to write to, or --dry-run", param_hint="--out")
     sources = options.pop("sources")
-    if is_of_features(options["as_"]):
+    if is_of_features(options.get("as_")):
         if "joints" in options:
             raise typer.BadParameter("rows at features have their joints beside them", param_hint="--joints")
         show.result(public("import_features")(*sources, **options), json)

@@ -198,7 +198,7 @@ def clean(
         raise MeasurementError(
             f"no usable point is left of {int(rows.tool.sum())}: {excluded[0].reason}", file=measurements.source
         )
-    notes = [*swaps, *measurements.joint_notes(), *notes]
+    notes = [*measurements.notes, *swaps, *measurements.joint_notes(), *notes]
     return Cleaned(_point_set(measurements, rows, keep, names), excluded, registration, tuple(notes))
 
 

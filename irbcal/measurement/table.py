@@ -14,6 +14,7 @@ order is free and unknown columns are kept. A position that is empty, NaN or exa
 being line 1; in a DataFrame the position plus one) and the column.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from os import PathLike
@@ -101,12 +102,15 @@ class MeasurementSet(ReadOnlyTables, Result):
         Of the file's content (of a DataFrame's: as ``frame.to_csv(index=False)`` writes it).
     coupling : ndarray, shape (joints, joints), optional
         Of the arm that was measured, see `of_arm`.
+    notes : tuple of str
+        What the user should know of how they were read, in sentences.
     """
 
     table: pd.DataFrame
     source: str
     sha256: str
     coupling: FloatArray | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def _rows(self) -> pd.DataFrame:
@@ -321,24 +325,20 @@ def read(source: MeasurementsLike) -> MeasurementSet:
     try:
         return _checked(InputTable.read(source, REQUIRED, typed=_of_numbers))
     except MeasurementError as error:
-        raise _with_proposal(error, source) from None
+        raise _with_import(error, source) from None
 
 
 read_measurements = read
 
 
-def _with_proposal(error: MeasurementError, source: TableLike) -> MeasurementError:
-    """A refusal of a file's header, with the line that would import the file where its columns can be guessed."""
-    from irbcal.measurement.imports.proposed import proposed
-
+def _with_import(error: MeasurementError, source: TableLike) -> MeasurementError:
+    """A refusal of a file's header, with the command that imports files of other programs."""
     if isinstance(source, pd.DataFrame) or error.row != 1 or Path(source).suffix == ".parquet":
         return error
-    command = proposed(Path(source).read_bytes(), str(source))
-    if command is None:
-        return error
     message = str(error).removeprefix(str(MeasurementError("", file=error.file, row=error.row, column=error.column)))
+    command = f"irbcal import {shlex.quote(str(source))} --robot ROBOT --out measured.csv"
     return MeasurementError(
-        f"{message.removeprefix(': ')}; a file of another program is imported, check names and units: {command}",
+        f"{message.removeprefix(': ')}; a file of another program is imported first: {command}",
         file=error.file,
         row=error.row,
         column=error.column,

@@ -87,7 +87,8 @@ def test_refused_input_is_one_sentence_and_leaves_an_earlier_file(source, tmp_pa
 
 def test_wrong_calls(source, tmp_path):
     assert run(source, "--as", "robodk").exit_code == 2
-    assert run(source, "--out", tmp_path / "m.csv").exit_code == 2
+    assert run(source, "--out", tmp_path / "m.csv").exit_code == 1  # three rows, and no robot
+    assert not (tmp_path / "m.csv").exists()
     assert run("--as", "robodk", "--dry-run").exit_code == 2
     before = source.read_text()
     assert run(source, "--as", "robodk", "--out", source).exit_code == 1

@@ -5,6 +5,7 @@ Units are declared in the map or the import is refused; nothing about them is gu
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    model_validator,
+)
 
 from irbcal.errors import MeasurementError
 from irbcal.reading import read_bytes
@@ -39,6 +49,7 @@ Column: TypeAlias = Annotated[str | int, BeforeValidator(_column)]
 Name: TypeAlias = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")
 ]
+Comment: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=100)]
 Three: TypeAlias = Annotated[list[Column], Field(min_length=3, max_length=3)]
 JointUnit: TypeAlias = Literal["deg", "rad", "mm", "m", "inch"]
 AngleUnit: TypeAlias = Literal["deg", "rad"]
@@ -49,19 +60,40 @@ class _MapModel(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class Dialect(_MapModel):
-    """How a text file is cut into cells.
+def _codec(name: str) -> str:
+    try:
+        if name == "auto" or codecs.lookup(name)._is_text_encoding:
+            return name
+    except LookupError:
+        pass
+    raise ValueError("expected auto, or an encoding of Python such as utf-8, cp1252, gbk, shift_jis")
 
-    ``encoding: auto`` is UTF-8, or what a byte order mark says; ``delimiter: auto`` looks for tabs, semicolons, bars,
-    commas and blanks, in this order; ``decimal: auto`` takes a comma only where it can be nothing else.
+
+class Dialect(_MapModel):
+    """How a file is cut into cells.
+
+    ``sheet`` is one of a workbook, or a file in a zip archive. ``encoding`` is one of Python's; ``auto`` is UTF-8, or
+    what a byte order mark says. ``delimiter: auto`` looks for tabs, semicolons, bars, commas and blanks, in this order;
+    ``fixed`` cuts lines at ``starts``, numbers of characters from 0. ``decimal: auto`` takes a comma only where it can
+    be nothing else. Lines that begin with ``comment``, one text or several, are left out. A header may have
+    ``title_rows`` rows (a title above others holds until the next one), and a row of units below.
     """
 
-    encoding: Literal["auto", "utf-8", "utf-16", "latin-1", "cp1252"] = "auto"
-    delimiter: Literal["auto", ",", ";", "\t", "|", "tab", "space"] = "auto"
+    sheet: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = None
+    encoding: Annotated[str, StringConstraints(max_length=40), AfterValidator(_codec)] = "auto"
+    delimiter: Literal["auto", ",", ";", "\t", "|", "tab", "space", "fixed"] = "auto"
+    starts: Annotated[list[Annotated[int, Field(ge=0, le=10_000)]], Field(max_length=2000)] = []
     decimal: Literal["auto", ".", ","] = "."
-    comment: Annotated[str, StringConstraints(min_length=1, max_length=10)] | None = None
+    comment: Comment | Annotated[list[Comment], Field(max_length=50)] | None = None
     skip_rows: Annotated[int, Field(ge=0, le=10_000)] = 0
     header: bool = True
+    title_rows: Annotated[int, Field(ge=1, le=3)] = 1
+    units_row: bool = False
+
+    @property
+    def comments(self) -> tuple[str, ...]:
+        """What lines that are left out begin with."""
+        return (self.comment,) if isinstance(self.comment, str) else tuple(self.comment or ())
 
 
 class Columns(_MapModel):
@@ -213,13 +245,16 @@ class ImportMap(_MapModel):
     lost : Lost
     joints : JointRules
     names : list of str
-        Patterns such as ``{pose}_{target}`` for ``columns.name``; the first that fits all names is used.
+        Patterns such as ``{pose}_{target}`` for ``columns.name``; the first that fits all names is used, else for each
+        name the first that fits it. ``{target=K}`` takes only what begins with K.
     file_name : str or None
         Pattern for the name of each source without its ending, such as ``{target}``.
-    pose_by : ``row`` or ``joints``
-        Without a pose column: each row is a pose, or neighbouring rows with the same joints are one.
-    join : ``name``, ``order`` or None
-        How a joints file is joined; None: by name where the source names its poses, else by order.
+    pose_by : ``row``, ``joints`` or ``target``
+        Without a pose column: each row is a pose, neighbouring rows with the same joints are one, or the rows of a
+        target are one pose after the other.
+    join : ``name``, ``number``, ``order`` or None
+        How a joints file is joined: by the poses' names, by the last number in them, or by order; None: by name where
+        the source names its poses, else by order.
     rename : dict of str to str
         New names of targets; those that begin with ``ref`` are fixed to the floor.
     groups : list of GroupRule
@@ -239,8 +274,8 @@ class ImportMap(_MapModel):
     joints: JointRules = JointRules()
     names: Annotated[list[Name], Field(max_length=10)] = []
     file_name: Name | None = None
-    pose_by: Literal["row", "joints"] = "row"
-    join: Literal["name", "order"] | None = None
+    pose_by: Literal["row", "joints", "target"] = "row"
+    join: Literal["name", "number", "order"] | None = None
     rename: dict[Name, Name] = {}
     groups: Annotated[list[GroupRule], Field(max_length=200)] = []
     fixed: Fixed = Fixed()
@@ -251,7 +286,7 @@ class ImportMap(_MapModel):
     def names_poses(self) -> bool:
         """Whether the source gives its poses names."""
         patterns = [*self.names, self.file_name or ""]
-        return self.columns.pose is not None or any("{pose}" in text for text in patterns)
+        return self.columns.pose is not None or any(has_field(text, "pose") for text in patterns)
 
     @property
     def lost_texts(self) -> list[str]:
@@ -312,29 +347,36 @@ class ImportMap(_MapModel):
         return self
 
 
+def has_field(pattern: str, name: str) -> bool:
+    """Whether a name pattern has a field, with or without what it begins with."""
+    return re.search(rf"\{{{name}[=}}]", pattern) is not None
+
+
 def pattern_regex(pattern: str) -> str:
     """Regular expression of a name pattern: fields in braces, all else as it stands; no field holds ``::``.
+
+    ``{pose=P}`` is a field that begins with P.
 
     Raises
     ------
     ValueError
-        If a field is unknown, stands there twice or touches another one.
+        If a field is unknown, stands there twice or touches another one that may begin with anything.
     """
     pieces = re.split(r"\{([^{}]*)\}", pattern)
-    fields = pieces[1::2]
-    strange = [name for name in fields if name not in FIELDS]
+    fields = [text.partition("=") for text in pieces[1::2]]
+    strange = [name for name, _, _ in fields if name not in FIELDS]
     if strange or not 1 <= len(fields) <= len(FIELDS):
         problem = f"{{{strange[0]}}}" if strange else pattern
         raise ValueError(f"expected a pattern of {', '.join(f'{{{name}}}' for name in FIELDS)}, found {problem!r}")
-    double = [name for name in fields if name != "ignore" and fields.count(name) > 1]
-    if double or any(piece == "" for piece in pieces[2:-1:2]):
+    names = [name for name, _, _ in fields]
+    double = [name for name in names if name != "ignore" and names.count(name) > 1]
+    if double or any(
+        piece == "" and not start for piece, (_, _, start) in zip(pieces[2:-1:2], fields[1:], strict=True)
+    ):
         raise ValueError(f"expected each field once with something between the fields, found {pattern!r}")
-    text = ""
-    for k, part in enumerate(pieces):
-        if k % 2 == 0:
-            text += re.escape(part)
-        else:
-            text += ("(" if part == "ignore" else f"(?P<{part}>") + "(?:(?!::).)+)"
+    text = re.escape(pieces[0])
+    for (name, _, start), literal in zip(fields, pieces[2::2], strict=True):
+        text += ("(" if name == "ignore" else f"(?P<{name}>") + re.escape(start) + "(?:(?!::).)+)" + re.escape(literal)
     return text
 
 

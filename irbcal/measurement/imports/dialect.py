@@ -1,17 +1,22 @@
-"""Foreign text files: bytes to cells, with the line in the file kept for every row."""
+"""Foreign files: text, workbooks and archives to cells, with the line in the file kept for every row.
+
+What stands in a workbook or an archive is addressed by the file's name, ``!`` and the name inside: ``a.xlsx!Sheet1``.
+"""
 
 from __future__ import annotations
 
 import csv
 import re
 import warnings
+import zipfile
+import zlib
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from io import StringIO
+from io import BytesIO, StringIO
 from os import PathLike
 from pathlib import Path
-from typing import Literal, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 import pandas as pd
@@ -24,16 +29,32 @@ from irbcal.reading import read_bytes
 LARGEST_FILE = 200 * 10**6
 """Bytes of a file."""
 MOST_COLUMNS = 2000
-CODECS = {"auto": "utf-8", "utf-8": "utf-8", "utf-16": "utf-16", "latin-1": "latin-1", "cp1252": "cp1252"}
+MOST_MEMBERS = 1000
+"""Files of an archive, sheets of a workbook."""
+WORKBOOKS, ARCHIVES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"), (".zip",)
 MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+OLDER_CODECS = ("cp1252", "gbk", "shift_jis", "euc_kr", "big5", "cp1251", "cp1250")
+"""Encodings of files of older programs, the likelier first."""
+TITLE_MARK = re.compile(r"^\s*(?://|#|%)\s*(?=\w)")
+"""A mark of a comment before the titles of columns."""
 CANDIDATES = ("\t", ";", "|", ",")
 BLANKS = r"\s+"
 UNITS = {
-    "mm": ("mm", "millimeter", "millimeters", "millimetre", "millimetres"),
-    "m": ("m", "meter", "meters", "metre", "metres"),
-    "inch": ("inch", "inches", "in", '"'),
-    "deg": ("deg", "degree", "degrees", "°"),
-    "rad": ("rad", "radian", "radians"),
+    "mm": (
+        "mm",
+        "millimeter",
+        "millimeters",
+        "millimetre",
+        "millimetres",
+        "millimètres",
+        "毫米",
+        "ミリ",
+        "ミリメートル",
+    ),
+    "m": ("m", "meter", "meters", "metre", "metres", "mètre", "mètres", "米", "メートル"),
+    "inch": ("inch", "inches", "in", '"', "zoll", "pouce", "pouces", "pulgada", "pulgadas", "英寸", "インチ"),
+    "deg": ("deg", "degree", "degrees", "°", "grad", "degré", "degrés", "gradi", "grados", "度"),
+    "rad": ("rad", "radian", "radians", "radiant", "弧度", "ラジアン"),
 }
 """Spellings of units in headers."""
 
@@ -264,22 +285,30 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
     MeasurementError
         If the file cannot be read or is no table.
     """
-    source = str(path)
-    lines = _decode(_bytes(Path(path), source), dialect.encoding, source)
+    source = str(path) if dialect.sheet is None else f"{path}!{dialect.sheet}"
+    lines = text_lines(source, dialect.encoding)
     rows = [(k, line) for k, line in enumerate(lines, 1) if k > dialect.skip_rows and line.strip()]
     if dialect.comment:
-        rows = [(k, line) for k, line in rows if not line.lstrip().startswith(dialect.comment)]
-    if len(rows) < 1 + dialect.header:
+        rows = [(k, line) for k, line in rows if not line.lstrip().startswith(dialect.comments)]
+    titles = dialect.title_rows + dialect.units_row if dialect.header else 0
+    if len(rows) < 1 + titles:
         content = "a header and rows" if dialect.header else "rows"
         raise MeasurementError(
             f"expected {content} after {dialect.skip_rows} skipped rows, found {len(rows)} rows", file=source
         )
     separator = _separator(dialect, [line for _, line in rows[:50]])
-    names = None
+    if dialect.delimiter == "fixed":
+        if not dialect.starts:
+            raise MeasurementError(
+                "expected file.starts, where the columns begin, for file.delimiter: fixed", file=source
+            )
+        rows = [(k, "\t".join(cut(line, dialect.starts))) for k, line in rows]
+        separator = "\t"
     header_line = rows[0][0]
+    names = None
     if dialect.header:
-        names = [name.strip() for name in _fields(rows[0][1], separator)]
-        rows = rows[1:]
+        names = _names(rows[:titles], separator, dialect, len(_fields(rows[titles][1], separator)))
+    rows = rows[titles:]
     width = max(len(names or ()), len(_fields(rows[0][1], separator)))
     if width > MOST_COLUMNS:
         raise MeasurementError(f"expected at most {MOST_COLUMNS} columns, found {width}", file=source, row=rows[0][0])
@@ -290,19 +319,194 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
     _refuse_short_rows(cells, lines, separator, source, allowed_short)
     cells = _named_columns(cells, names, source)
     header = None if names is None else tuple(names[: cells.shape[1]])
-    return TextTable(source, cells, header, header_line, "." if separator == "," else dialect.decimal)
+    alone = separator == "," and dialect.decimal == "auto"
+    return TextTable(source, cells, header, header_line, "." if alone else dialect.decimal)
 
 
-def _bytes(path: Path, source: str) -> bytes:
-    data = read_bytes(path, MeasurementError, limit_bytes=LARGEST_FILE)
+def titles_of(line: str, separator: str, width: int) -> list[str]:
+    """Names of columns in a line; where blanks separate them and stand in them, two part them if that fits better."""
+    line = TITLE_MARK.sub("", line)
+    names = [name.strip() for name in _fields(line, separator)]
+    if separator == BLANKS and len(names) != width:
+        parted = re.split(r"\s{2,}", line.strip())
+        names = parted if len(parted) == width else names
+    return names
+
+
+def _names(rows: Sequence[tuple[int, str]], separator: str, dialect: Dialect, width: int) -> list[str]:
+    """Names of the columns: titles one above the other, and units in brackets."""
+    cells = [titles_of(line, separator, width) for _, line in rows]
+    units = cells.pop() if dialect.units_row else []
+    width = max(map(len, cells))
+    cells = [row + [""] * (width - len(row)) for row in cells]
+    for upper in cells[:-1]:  # a title above others holds until the next one
+        for k in range(1, width):
+            upper[k] = upper[k] or (upper[k - 1] if cells[-1][k] else "")
+    names = [" ".join(dict.fromkeys(text for text in column if text)) for column in zip(*cells, strict=True)]
+    for k, unit in enumerate(units[:width]):
+        unit = unit.strip("[]() ")
+        if unit and unit_of(unit) and _without_unit(names[k])[1] is None:
+            names[k] = f"{names[k]} [{unit}]"
+    return names
+
+
+def cut(line: str, starts: Sequence[int]) -> list[str]:
+    """Cells of a line of fixed columns."""
+    line = line.expandtabs()
+    return [line[start:end].strip() for start, end in zip(starts, [*starts[1:], None], strict=True)]
+
+
+def unit_of(text: str) -> str | None:
+    """A unit by one of its spellings."""
+    return next((unit for unit, spellings in UNITS.items() if text.casefold() in spellings), None)
+
+
+def parts_of(path: str | PathLike[str]) -> list[str]:
+    """What a file holds, as sources: the sheets of a workbook, the files of an archive; else the file itself.
+
+    Raises
+    ------
+    MeasurementError
+        If it cannot be read.
+    """
+    source = str(path)
+    suffix = Path(source).suffix.lower()
+    if suffix in WORKBOOKS:
+        return [f"{source}!{name}" for name in _workbook(_bytes(source), source).sheet_names[:MOST_MEMBERS]]
+    if suffix in ARCHIVES:
+        members = [name for name in _archive(_bytes(source), source).namelist() if not name.endswith("/")]
+        return [part for name in members[:MOST_MEMBERS] for part in parts_of(f"{source}!{name}")]
+    return [source]
+
+
+def file_of(source: str | PathLike[str]) -> Path:
+    """The file in which a source stands."""
+    text = str(source)
+    while "!" in text and not Path(text).exists():
+        text = text.rpartition("!")[0]
+    return Path(text if Path(text).exists() else str(source))
+
+
+def text_lines(source: str, encoding: str = "auto") -> list[str]:
+    """Lines of a text file; rows of a workbook's sheet with tabs between their cells.
+
+    Raises
+    ------
+    MeasurementError
+        If it cannot be read.
+    """
+    container, mark, sheet = source.rpartition("!")
+    if mark and Path(container).suffix.lower() in WORKBOOKS and not Path(source).exists():
+        return _sheet_lines(_workbook(_bytes(container), container), sheet, container)
+    parts = [] if Path(source).suffix.lower() not in (*WORKBOOKS, *ARCHIVES) else parts_of(source)
+    if len(parts) == 1:
+        return text_lines(parts[0], encoding)
+    if parts:
+        names = ", ".join(short(part.rpartition("!")[2]) for part in parts[:20])
+        raise MeasurementError(f"expected file.sheet, which names one of {names}", file=source)
+    return _decode(_bytes(source), encoding, source)
+
+
+def _workbook(data: bytes, source: str) -> Any:
+    from python_calamine import CalamineError, CalamineWorkbook
+
+    if data.startswith(b"PK"):
+        _archive(data, source)  # its size
+    try:
+        return CalamineWorkbook.from_filelike(BytesIO(data))
+    except (CalamineError, ValueError, OSError) as error:
+        raise MeasurementError(f"not a workbook: {' '.join(str(error).split())}", file=source) from None
+
+
+def _sheet_lines(workbook: Any, sheet: str, source: str) -> list[str]:
+    if sheet not in workbook.sheet_names:
+        raise MeasurementError(
+            f"expected a sheet of {', '.join(map(short, workbook.sheet_names[:20]))}, found {short(sheet)!r}",
+            file=source,
+        )
+    text = StringIO()
+    writer = csv.writer(text, delimiter="\t", lineterminator="\n")
+    for row in workbook.get_sheet_by_name(sheet).to_python(skip_empty_area=False):
+        writer.writerow([" ".join(_cell_text(cell).split()) for cell in row])
+    return text.getvalue().split("\n")
+
+
+def _cell_text(cell: Any) -> str:
+    """A workbook's cell: numbers as Python writes them, whole ones without a point."""
+    if isinstance(cell, float) and not isinstance(cell, bool):
+        return str(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
+    return str(cell)
+
+
+def _archive(data: bytes, source: str) -> zipfile.ZipFile:
+    try:
+        archive = zipfile.ZipFile(BytesIO(data))
+    except zipfile.BadZipFile as error:
+        raise MeasurementError(f"not a zip archive: {error}", file=source) from None
+    size = sum(member.file_size for member in archive.infolist())
+    if size > LARGEST_FILE:
+        raise MeasurementError(f"expected at most {LARGEST_FILE} bytes in the archive, found {size}", file=source)
+    return archive
+
+
+def _bytes(source: str) -> bytes:
+    """Content of a file, or of one in an archive."""
+    container, mark, member = source.rpartition("!")
+    if mark and not Path(source).exists() and Path(container.rpartition("!")[0] or container).suffix:
+        archive = _archive(_bytes(container), container)
+        try:
+            data = archive.read(member)
+        except (KeyError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+            raise MeasurementError(f"not in the archive, or not to be read: {error}", file=source) from None
+    else:
+        data = read_bytes(Path(source), MeasurementError, limit_bytes=LARGEST_FILE)
     if not data.strip():
         raise MeasurementError("the file is empty, expected rows", file=source)
     return data
 
 
+def encoding_of(data: bytes, words: Collection[str] = ()) -> str:
+    """The encoding of a text: what a mark says, UTF-16 by its zeros, UTF-8, else the likeliest of older ones.
+
+    Parameters
+    ----------
+    data : bytes
+    words : collection of str
+        Words that are likely; the encoding in which most of them stand is taken.
+    """
+    codec = next((codec for mark, codec in MARKS if data.startswith(mark)), None)
+    if codec is not None:
+        return codec
+    start = data[:100_000]
+    zeros = np.frombuffer(start[: len(start) // 2 * 2], dtype=np.uint8).reshape(-1, 2) == 0
+    if len(zeros) and zeros.any():
+        share = zeros.mean(axis=0)
+        return "utf-16-le" if share[1] > share[0] else "utf-16-be"
+    try:
+        data.decode("utf-8")
+        return "utf-8"
+    except UnicodeDecodeError:
+        pass
+    counts: dict[str, int] = {}
+    for codec in OLDER_CODECS:
+        try:
+            text = data.decode(codec).casefold()
+        except UnicodeDecodeError:
+            continue
+        counts[codec] = sum(word in text for word in words if not word.isascii())
+    best = max(counts, key=lambda codec: counts[codec], default="latin-1")
+    if counts.get(best):
+        return best
+    from charset_normalizer import from_bytes
+
+    match = from_bytes(start, cp_isolation=list(counts) or None).best()
+    return best if match is None else str(match.encoding)
+
+
 def _decode(data: bytes, encoding: str, source: str) -> list[str]:
     """Lines of a file."""
-    codec = next((codec for mark, codec in MARKS if data.startswith(mark)), CODECS[encoding])
+    marked = next((codec for mark, codec in MARKS if data.startswith(mark)), None)
+    codec = marked or ("utf-8" if encoding == "auto" else encoding)
     try:
         text = data.decode(codec)
     except UnicodeDecodeError as error:
@@ -414,5 +618,4 @@ def _without_unit(name: str) -> tuple[str, str | None]:
     match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", name[:200])
     if not match:
         return name, None
-    spelled = match[2].casefold()
-    return match[1], next((unit for unit, spellings in UNITS.items() if spelled in spellings), None)
+    return match[1], unit_of(match[2])

@@ -173,10 +173,10 @@ class ImportedRows(Result):
         return [*lines, *self.csv().decode().splitlines()[:6]]
 
 
-def is_of_features(name: str | PathLike[str]) -> bool:
+def is_of_features(name: str | PathLike[str] | None) -> bool:
     """Whether a map is one of rows at features: the general one by its name, or a file that says so."""
-    if str(name) == NAME:
-        return True
+    if name is None or str(name) == NAME:
+        return name is not None
     return Path(name).is_file() and column_map.values_of(name)[0].get("rows") == NAME
 
 

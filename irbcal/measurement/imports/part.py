@@ -363,7 +363,7 @@ class SourceFile:
 
 
 def take_apart(names: pd.Series, patterns: Sequence[str], source: str, rows: IntArray | None = None) -> pd.DataFrame:
-    """Fields of names by the first pattern that fits all of them.
+    """Fields of names by the first pattern that fits all of them, else each name by the first that fits it.
 
     Parameters
     ----------
@@ -397,18 +397,19 @@ def take_apart(names: pd.Series, patterns: Sequence[str], source: str, rows: Int
     worst = int(long.argmax())
     if long.any():
         raise refusal(worst, f"a name of at most {LONGEST_NAME} characters")
-    for pattern in patterns:
-        regex = re.compile(pattern_regex(pattern))
-        fits = names.str.fullmatch(regex).to_numpy(dtype=bool)
-        if fits.all():
-            fields = list(regex.groupindex)
-            fields_read = names.str.extract(regex)
-            fields_read.columns = [
-                next((name for name in fields if regex.groupindex[name] == k), None) for k in range(1, regex.groups + 1)
-            ]
-            return fields_read[fields]
-        worst = int(np.flatnonzero(~fits)[0])
-    raise refusal(worst, f"a name such as {' or '.join(patterns)}")
+    regexes = [re.compile(pattern_regex(pattern)) for pattern in patterns]
+    fits = np.column_stack([names.str.fullmatch(regex).to_numpy(dtype=bool) for regex in regexes])
+    if not fits.any(axis=1).all():
+        raise refusal(int(np.flatnonzero(~fits.any(axis=1))[0]), f"a name such as {' or '.join(patterns)}")
+    all_fit = fits.all(axis=0)
+    chosen = np.full(len(names), int(all_fit.argmax())) if all_fit.any() else fits.argmax(axis=1)
+    parts = []
+    for k in np.unique(chosen):
+        fields_read = names[chosen == k].str.extract(regexes[k])
+        by_number = {number: name for name, number in regexes[k].groupindex.items()}
+        fields_read.columns = [by_number.get(number) for number in range(1, regexes[k].groups + 1)]
+        parts.append(fields_read[list(by_number.values())])
+    return pd.concat(parts).loc[names.index]
 
 
 def joint_values(

@@ -1,10 +1,4 @@
-"""Import: foreign measurement files, understood by a map, as the table that irbcal reads.
-
-::
-
-    found = import_measurements("export.csv", as_="robodk", out="measured.csv")
-    found.table             # pose, q1_deg …, target, x_mm, y_mm, z_mm …
-    found.measurements()    # what irbcal reads from the measurement file
+"""Foreign measurement files, understood by a map, as the table that irbcal reads.
 
 Units are those that the map declares; numbers that look like others are refused, never converted by guess.
 """
@@ -23,11 +17,11 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, IntArray
 from irbcal.atomic import write_together
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, QUATERNION, joint_columns, programmed_columns
 from irbcal.measurement.imports import dialect
-from irbcal.measurement.imports.column_map import Changes, Column, Dialect, ImportMap, JointRules, read_map
+from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap, JointRules, has_field
 from irbcal.measurement.imports.dialect import short
 from irbcal.measurement.imports.part import (
     ANGLE_DEG,
@@ -260,6 +254,8 @@ class Imported(ReadOnlyTables, Result):
     warnings : tuple of str
     out : Path or None
         The file it was written to.
+    columns : tuple of (str, str, str)
+        Where the map was recognised: a column, what it holds, its unit and where that comes from.
     """
 
     table: pd.DataFrame
@@ -267,6 +263,7 @@ class Imported(ReadOnlyTables, Result):
     map: ImportMap
     warnings: tuple[str, ...]
     out: Path | None = None
+    columns: tuple[tuple[str, str, str], ...] = ()
 
     @property
     def lost(self) -> BoolArray:
@@ -338,7 +335,7 @@ class Imported(ReadOnlyTables, Result):
         return data, reread
 
     def written_to(self, out: str | PathLike[str]) -> "Imported":
-        """Write the measurement file, whole or not at all.
+        """Write the measurement file, and beside it the map where that was recognised; both whole or not at all.
 
         Returns
         -------
@@ -355,9 +352,11 @@ class Imported(ReadOnlyTables, Result):
             If it is one of the files that were read.
         """
         out = Path(out)
-        refuse_sources(out, self.origin["source"].unique())
-        data = self.csv()
-        write_together(out.parent, {out.name: data})
+        refuse_sources(out, [dialect.file_of(source) for source in self.origin["source"].unique()])
+        files = {out.name: self.csv()}
+        if self.columns:
+            files[map_beside(out).name] = f"{self.map_text()}\n".encode()
+        write_together(out.parent, files)
         return replace(self, out=out)
 
     def first_rows(self, count: int) -> list[dict[str, Any]]:
@@ -380,9 +379,12 @@ class Imported(ReadOnlyTables, Result):
             f"{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost points; points: {targets}",
             *(f"Note: {text}." for text in self.warnings),
         ]
+        if self.columns:
+            lines += [Table("What was understood", ("column", "holds", "unit"), self.columns), self._shown()]
         if self.out is not None:
-            return [*lines, f"Written to {self.out}"]
-        return [*lines, self._shown(), "The map in use:", self._map_in_use()]
+            beside = f"; its map to {map_beside(self.out)}, for --as" if self.columns else ""
+            return [*lines, f"Written to {self.out}{beside}"]
+        return [*lines, *([] if self.columns else [self._shown()]), "The map in use:", self.map_text()]
 
     def _shown(self) -> Table:
         """The first rows, a column each, as a row has too many values for a page."""
@@ -393,11 +395,17 @@ class Imported(ReadOnlyTables, Result):
         title = f"The first rows of {first[0]['source']} as they would be understood:"
         return Table(title, ("row of file", *(str(row["row"]) for row in first)), tuple(rows), digits=4)
 
-    def _map_in_use(self) -> str:
+    def map_text(self) -> str:
+        """The map in use, in YAML."""
         import yaml
 
         values = self.map.model_dump(exclude_defaults=True, exclude={"about"})
-        return str(yaml.safe_dump(values, sort_keys=False, default_flow_style=None)).rstrip()
+        return str(yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True)).rstrip()
+
+
+def map_beside(out: Path) -> Path:
+    """Where the map of a measurement file is written."""
+    return out.with_name(f"{out.stem}.map.yaml")
 
 
 def refuse_sources(out: Path, sources: Sequence[str | PathLike[str]]) -> None:
@@ -532,10 +540,10 @@ def join(
         if "target" not in frame.columns:
             return _row_by_row(frame, joints, path), warnings
         joints = _one_row_for_each_pose(joints)
-    how = import_map.join or ("name" if import_map.names_poses and "pose" in joints.columns else "order")
+    how: str = import_map.join or ("name" if import_map.names_poses and "pose" in joints.columns else "order")
     columns = joint_columns(joints.columns) + programmed_columns(joints.columns, str(path))
-    if how == "name":
-        row = _places_by_name(frame, joints, path)
+    if how != "order":
+        row = _places_by_name(frame, joints, path, how == "number")
     else:
         row, pose_names = pd.factorize(frame["pose"])
         _check_counts(frame, len(pose_names), len(joints), path, import_map)
@@ -550,7 +558,7 @@ def join(
         warnings.append(
             f"{len(unused)} poses of {path} have no row in the measurements, the first in row {joints[ROW][unused[0]]}"
         )
-    if how == "name":  # the joints file knows the order in which the robot visited them
+    if how != "order":  # the joints file knows the order in which the robot visited them
         frame = frame.iloc[np.argsort(row, kind="stable")].reset_index(drop=True)
     return frame, warnings
 
@@ -583,13 +591,22 @@ def _runs(joints: pd.DataFrame) -> IntArray:
     return np.cumsum(np.r_[True, np.abs(np.diff(q, axis=0)).max(axis=1) > 1e-6])
 
 
-def _places_by_name(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[str]) -> IntArray:
-    """Row of the joints file for each point, by the poses' names."""
+def _last_numbers(names: pd.Series) -> pd.Series:
+    """The last number in each name, as text without leading zeros; the name where it has none."""
+    numbers = names.str.extract(r"(\d+)\D*$")[0].str.lstrip("0")
+    return numbers.where(numbers != "", "0").fillna(names)
+
+
+def _places_by_name(
+    frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[str], by_number: bool = False
+) -> IntArray:
+    """Row of the joints file for each point, by the poses' names or the last numbers in them."""
     if "pose" not in joints.columns:
         raise MeasurementError(
             "expected a column pose to join by name, found none; --set join=order joins by order", file=path, row=1
         )
-    double = joints["pose"].duplicated()
+    keys = _last_numbers(joints["pose"]) if by_number else joints["pose"]
+    double = keys.duplicated()
     if double.any():
         k = int(np.flatnonzero(double)[0])
         raise MeasurementError(
@@ -598,7 +615,7 @@ def _places_by_name(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathL
             row=int(joints[ROW][k]),
             column="pose",
         )
-    place = np.asarray(pd.Index(joints["pose"]).get_indexer(frame["pose"]))
+    place = np.asarray(pd.Index(keys).get_indexer(_last_numbers(frame["pose"]) if by_number else frame["pose"]))
     if (place < 0).any():
         row = frame.iloc[int(np.flatnonzero(place < 0)[0])]
         raise MeasurementError(
@@ -612,7 +629,7 @@ def _places_by_name(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathL
 
 def _check_counts(frame: pd.DataFrame, poses: int, rows: int, path: str | PathLike[str], import_map: ImportMap) -> None:
     """Joining by order needs as many poses as rows of joints, in every file that counts its own."""
-    if not import_map.names_poses and "{target}" in (import_map.file_name or ""):
+    if not import_map.names_poses and has_field(import_map.file_name or "", "target"):
         counts = frame.groupby("target", sort=False)["pose"].nunique()
         wrong = counts[counts != rows]
         if len(wrong):
@@ -693,62 +710,6 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
     return frame
 
 
-def import_measurements(
-    *sources: str | PathLike[str],
-    as_: str | PathLike[str] | ImportMap,
-    out: str | PathLike[str] | None = None,
-    joints: str | PathLike[str] | None = None,
-    set_: Changes = (),
-    dry_run: bool = False,
-) -> Imported:
-    """Turn files of other programs into measurements: ``irbcal import`` as a function.
-
-    Parameters
-    ----------
-    *sources : str or Path
-        Files of one kind.
-    as_ : str, Path or ImportMap
-        Which columns mean what: a preset's name, a map file (YAML), or a map.
-    out : str or Path, optional
-        Measurement file to write (CSV), whole or not at all. Without it, nothing is written.
-    joints : str or Path, optional
-        Joints where the sources hold points only: a program whose targets are joints, or a file with q1_deg … and, at
-        will, c1_deg …, pose, group and target (a row for each point then).
-    set_ : dict, or sequence of str
-        Changes of the map, such as units.lengths=mm.
-    dry_run : bool
-        Show the first rows as they would be understood; write nothing.
-
-    Returns
-    -------
-    Imported
-        Degrees and millimetres in its table; ``measurements()`` gives what the other functions take.
-
-    Raises
-    ------
-    MeasurementError
-        If a file does not fit the map; the sentence names file, row, column, what was expected and what was found.
-    OptionError
-        If ``set_`` is to change an `ImportMap`.
-    """
-    if not sources:
-        raise OptionError("sources: expected one file or more, found none", parameter="sources")
-    if out is not None:
-        maps = [] if isinstance(as_, ImportMap) or not Path(as_).is_file() else [as_]
-        refuse_sources(Path(out), [*sources, *([] if joints is None else [joints]), *maps])
-    if isinstance(as_, ImportMap):
-        if set_:
-            raise OptionError("set_: expected no changes beside an ImportMap: change the map itself", parameter="set_")
-        import_map = as_
-    else:
-        import_map = read_map(as_, set_)
-    imported = understand(sources, import_map, joints)
-    if out is None or dry_run:
-        imported.csv()  # refuses what could not be written
-        return imported
-    return imported.written_to(out)
-
-
 def understand(
     sources: Sequence[str | PathLike[str]], import_map: ImportMap, joints: str | PathLike[str] | None = None
 ) -> Imported:
@@ -779,6 +740,8 @@ def understand(
         frames.append(source_file.frame(counted[target]))
         counted[target] += len(source_file.table.cells)
     frame = pd.concat(frames, ignore_index=True)
+    if import_map.pose_by == "target" and not import_map.names_poses:
+        frame["pose"] = _counted_by_target(frame)
     for name in ("group", "cycle"):
         if name in frame.columns:
             frame[name] = frame[name].fillna("")
@@ -809,6 +772,19 @@ def understand(
     return Imported(frame[order], origin, import_map, tuple(warnings))
 
 
+def _counted_by_target(frame: pd.DataFrame) -> pd.Series:
+    """Number of the pose of each row, from 1: the rows of each target are one pose after the other."""
+    counts = frame["target"].value_counts(sort=False)
+    if counts.nunique() > 1:
+        least = str(counts.idxmin())
+        raise MeasurementError(
+            f"expected as many rows of each target, as they are counted (pose_by: target), found {counts.min()} of "
+            f"{short(least)} and {counts.max()} of {short(str(counts.idxmax()))}",
+            file=frame[SOURCE].iloc[0],
+        )
+    return (frame.groupby("target").cumcount() + 1).astype(str)
+
+
 def _check_declared(import_map: ImportMap, with_joints_file: bool, source: str, targets_elsewhere: bool) -> None:
     """Refuse a map that leaves open what must be declared."""
     declared_units(import_map, source)
@@ -818,7 +794,7 @@ def _check_declared(import_map: ImportMap, with_joints_file: bool, source: str, 
         or columns.target is not None
         or import_map.fixed.target
         or isinstance(columns.position, dict)
-        or any("{target}" in text for text in (*import_map.names, import_map.file_name or ""))
+        or any(has_field(text, "target") for text in (*import_map.names, import_map.file_name or ""))
     )
     if not has_target:
         undeclared(source, "the target", "fixed.target=smr1", "another name, or columns.target")

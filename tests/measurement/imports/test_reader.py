@@ -10,9 +10,9 @@ from import_support import FOUR_JOINTS, JOINTS, QUATERNION, ROW, XYZ, make_map, 
 from scipy.spatial.transform import Rotation
 
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, OptionError
+from irbcal.io.importing import import_measurements
 from irbcal.measurement import table
 from irbcal.measurement.imports import column_map, reader
-from irbcal.measurement.imports.reader import import_measurements
 
 WIDE = """
 columns:

@@ -1,0 +1,204 @@
+"""Import: files of other programs as measurements.
+
+::
+
+    imported = import_measurements("export.xlsx", robot="irb120", out="measured.csv")
+    imported.table             # pose, q1_deg …, target, x_mm, y_mm, z_mm …
+    imported.measurements()    # what irbcal reads from the measurement file
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import TypeAlias
+
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.io.opening import open_nominal
+from irbcal.measurement import table
+from irbcal.measurement.columns import JOINTS
+from irbcal.measurement.imports import dialect
+from irbcal.measurement.imports.column_map import Changes, ImportMap, changed, read_map, validated
+from irbcal.measurement.imports.reader import Imported, refuse_sources, understand
+from irbcal.measurement.imports.recognition import recognise
+from irbcal.measurement.table import MeasurementSet, MeasurementsLike
+from irbcal.modeling.arm import Arm
+from irbcal.reading import read_bytes
+
+OWN_FORMAT = "irbcal"
+"""The preset of irbcal's own format."""
+DECLARED = {"units.lengths": "lengths", "units.joints": "joints", "joints_file.units.joints": "joints"}
+"""Keys of a map that declare units, and of what."""
+
+
+MeasurementFiles: TypeAlias = MeasurementsLike | list[str | PathLike[str]] | tuple[str | PathLike[str], ...]
+"""Measurements, or several files of other programs that hold them together, such as points and joints."""
+
+
+def import_measurements(
+    *sources: str | PathLike[str],
+    as_: str | PathLike[str] | ImportMap | None = None,
+    robot: str | Path | None = None,
+    out: str | PathLike[str] | None = None,
+    joints: str | PathLike[str] | None = None,
+    set_: Changes = (),
+    dry_run: bool = False,
+) -> Imported:
+    """Turn files of other programs into measurements: ``irbcal import`` as a function.
+
+    Parameters
+    ----------
+    *sources : str or Path
+        Files of one kind.
+    as_ : str, Path or ImportMap, optional
+        Which columns mean what: a preset's name, a map file (YAML), or a map. Recognised unless given.
+    robot : str or Path, optional
+        The nominal robot, whose trial fit proves units and columns that are recognised.
+    out : str or Path, optional
+        Measurement file to write (CSV), whole or not at all; with the map beside it (OUT.map.yaml) where that was
+        recognised. Without it, nothing is written.
+    joints : str or Path, optional
+        Joints where the sources hold points only: a program whose targets are joints, or a file with q1_deg … and, at
+        will, c1_deg …, pose, group and target (a row for each point then).
+    set_ : dict, or sequence of str
+        Changes of the map, such as units.lengths=mm.
+    dry_run : bool
+        Show the first rows as they would be understood; write nothing.
+
+    Returns
+    -------
+    Imported
+        Degrees and millimetres in its table; ``measurements()`` gives what the other functions take.
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not fit the map; the sentence names file, row, column, what was expected and what was found.
+    OptionError
+        If ``set_`` is to change an `ImportMap`.
+    """
+    if not sources:
+        raise OptionError("sources: expected one file or more, found none", parameter="sources")
+    if out is not None:
+        maps = [as_] if isinstance(as_, (str, PathLike)) and Path(as_).is_file() else []
+        files = [*sources, *([] if joints is None else [joints]), *maps]
+        refuse_sources(Path(out), [dialect.file_of(path) for path in files])
+    if as_ is None:
+        imported = recognised(sources, None if robot is None else open_nominal(robot).arm, joints, set_)
+    else:
+        if isinstance(as_, ImportMap) and set_:
+            raise OptionError("set_: expected no changes beside an ImportMap: change the map itself", parameter="set_")
+        import_map = as_ if isinstance(as_, ImportMap) else read_map(as_, set_)
+        imported = understand(sources, import_map, joints)
+    if out is None or dry_run:
+        imported.csv()  # refuses what could not be written
+        return imported
+    return imported.written_to(out)
+
+
+def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
+    """Measurements of an arm, in irbcal's own format or in files of other programs.
+
+    Parameters
+    ----------
+    source : as for `irbcal.read_measurements`, or several files
+        Files in other formats are recognised with the arm; the notes of the measurements say what was understood.
+    arm : Arm
+
+    Raises
+    ------
+    MeasurementError
+        If they cannot be read.
+    """
+    if isinstance(source, (list, tuple)):
+        files = [Path(path) for path in source]
+    elif isinstance(source, (str, PathLike)):
+        files = [Path(source)]
+    else:
+        return table.read(source)
+    if len(files) == 1:
+        try:
+            return table.read(files[0])
+        except MeasurementError:
+            if not files[0].is_file() or files[0].suffix == ".parquet" or _has_own_names(files[0]):
+                raise
+    imported = recognised(files, arm)
+    content = b"".join(read_bytes(file, MeasurementError) for file in files)
+    read = imported.measurements()
+    rows = read.table.assign(row=imported.origin["row"].to_numpy())
+    named = " + ".join(file.name for file in files)
+    joints = ", ".join(f"{name} is {text}" for name, text, _ in imported.columns if text.startswith("joint"))
+    unit = imported.map.units.lengths
+    note = (
+        f"{named} was understood without a map (positions in {unit}; {joints}): irbcal import shows it, and writes a "
+        "map to change"
+    )
+    return replace(
+        read,
+        table=rows,
+        source=str(files[0]),
+        sha256=hashlib.sha256(content).hexdigest(),
+        notes=(note, *imported.warnings),
+    )
+
+
+def _has_own_names(path: Path) -> bool:
+    """Whether a file begins as one in irbcal's own format: its faults are those of that format."""
+    start = read_bytes(path, MeasurementError)[:2000].decode("utf-8-sig", errors="replace").splitlines()[:1]
+    return any(name.strip() in (*JOINTS, "q1_mm") for line in start for name in line.split(","))
+
+
+def recognised(
+    sources: Sequence[str | PathLike[str]],
+    arm: Arm | None = None,
+    joints: str | PathLike[str] | None = None,
+    set_: Changes = (),
+) -> Imported:
+    """Understand files without a map.
+
+    Parameters
+    ----------
+    sources : sequence of str or Path
+        Files with points, and at will one with joints.
+    arm : Arm, optional
+        The nominal robot, whose trial fit proves units and columns.
+    joints : str or Path, optional
+        The file with joints.
+    set_ : dict, or sequence of str
+        Units that are declared, and changes of the map that was recognised.
+
+    Raises
+    ------
+    MeasurementError
+        If they are not understood.
+    """
+    if len(sources) == 1 and joints is None and _of_own_format(sources[0]):
+        return understand(sources, read_map(OWN_FORMAT, set_))
+    changes = dict(set_) if isinstance(set_, Mapping) else dict(text.partition("=")[::2] for text in set_)
+    declared = {DECLARED[key.strip()]: str(value).strip() for key, value in changes.items() if key.strip() in DECLARED}
+    recognition = recognise(sources, arm, joints, declared)
+    import_map = recognition.map
+    others = {key: value for key, value in changes.items() if key.strip() not in DECLARED}
+    if others:
+        others_as_set = others if isinstance(set_, Mapping) else [f"{key}={value}" for key, value in others.items()]
+        values = changed(_yaml_of(import_map), "the recognised map", others_as_set)
+        import_map = validated(ImportMap, values, "the recognised map")
+    imported = understand(recognition.sources, import_map, recognition.joints)
+    return replace(imported, warnings=(*recognition.notes, *imported.warnings), columns=recognition.columns)
+
+
+def _yaml_of(import_map: ImportMap) -> str:
+    import yaml
+
+    return str(yaml.safe_dump(import_map.model_dump(exclude_defaults=True), allow_unicode=True))
+
+
+def _of_own_format(path: str | PathLike[str]) -> bool:
+    try:
+        table.read(path)
+    except MeasurementError:
+        return False
+    return True

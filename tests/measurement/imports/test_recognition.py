@@ -1,0 +1,255 @@
+"""Files that are understood without a map: against generated exports with their truth, and what must be refused."""
+
+import sys
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from import_support import JOINTS, XYZ, write
+
+import irbcal
+from irbcal.errors import MeasurementError
+from irbcal.io.opening import open_nominal
+from irbcal.measurement.imports import dialect
+from irbcal.measurement.imports.column_map import Dialect, pattern_regex
+from irbcal.measurement.imports.recognition import recognise, trial_fit
+
+SCRIPT = Path(__file__).parents[3] / "scripts" / "messy_exports"
+
+
+def _module():
+    loader = SourceFileLoader("messy_exports", str(SCRIPT))
+    module = module_from_spec(spec_from_loader("messy_exports", loader))
+    sys.modules["messy_exports"] = module
+    loader.exec_module(module)
+    return module
+
+
+MESSY = _module()
+ARM = open_nominal("irb120").arm
+
+
+def measured(n=20, seed=1, targets=("K1", "K2")):
+    """Joints (degrees) and points (mm) of a robot that is a little wrong, with base and tool unknown to the reader."""
+    rng = np.random.default_rng(seed)
+    q = np.degrees(ARM.random_joints(n, seed)).round(4)
+    T = ARM.forward(np.radians(q + 0.05))
+    tool = rng.uniform(-0.1, 0.1, (len(targets), 3)) + np.array([0, 0, 0.1])
+    points = np.einsum("nij,kj->nki", T[:, :3, :3], tool) + T[:, None, :3, 3]
+    turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+    return q, (1e3 * (points @ turn.T) + [2000.0, 100.0, -300.0]).round(4)
+
+
+def long_rows(q, points, names=("K1", "K2"), mark=";"):
+    return [
+        mark.join([f"P{i + 1}", *map(str, q[i]), name, *map(str, points[i, k])])
+        for i in range(len(q))
+        for k, name in enumerate(names)
+    ]
+
+
+HEADER = "Pose;A1;A2;A3;A4;A5;A6;Ziel;X;Y;Z"
+
+
+@pytest.mark.parametrize("number", range(0, 200, 9))
+def test_a_messy_export_is_understood_as_its_truth_says(number, tmp_path):
+    case = MESSY.Case(number)
+    assert MESSY.outcome(case, tmp_path) == ("right", "")
+
+
+def test_the_judge_of_the_exports_sees_wrong_tables(tmp_path):
+    case = MESSY.Case(1)
+    table = MESSY.understood(
+        [tmp_path / name for name in case.files if (tmp_path / name).write_bytes(case.files[name])], case.robot
+    )
+    assert case.judge(table) == ""
+    first, second = table["target"].unique()[:2]
+    assert case.judge(table.assign(x_mm=table["y_mm"], y_mm=table["x_mm"])).startswith("point of row")
+    assert case.judge(table.assign(q1_deg=table["q1_deg"] + 1.0)) == "joints"
+    assert case.judge(table.assign(target=table["target"].replace(first, second))) == "targets"
+    assert "of" in case.judge(table.iloc[:-1])
+
+
+def test_the_trial_fit_finds_units_and_refuses_mirrors():
+    q, points = measured()
+    pose, target = np.repeat(np.arange(20), 2), np.tile([0, 1], 20)
+    xyz = points.reshape(-1, 3)
+    for factor in (1e-3, 1.0, 1 / 25.4):
+        fit = trial_fit(ARM, np.radians(q), pose, target, factor * xyz)
+        assert fit.agrees
+        assert fit.scale == pytest.approx(1e-3 / factor, rel=0.02)
+        assert fit.residual < 2e-3
+    assert not trial_fit(ARM, q, pose, target, xyz).agrees  # degrees taken as radians
+    assert not trial_fit(ARM, np.radians(q), pose, target, xyz * [1, 1, -1]).agrees
+    assert not trial_fit(ARM, np.radians(q[:, ::-1]), pose, target, xyz).agrees
+    assert trial_fit(ARM, np.radians(q[:2]), pose[:4], target[:4], xyz[:4]) is None
+    gross = xyz.copy()
+    gross[5] += 400.0
+    assert trial_fit(ARM, np.radians(q), pose, target, gross).residual < 2e-3
+
+
+def refusal(*paths, robot="irb120", **options):
+    with pytest.raises(MeasurementError) as caught:
+        irbcal.import_measurements(*paths, robot=robot, **options)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def test_what_contradicts_the_robot_is_refused(tmp_path):
+    q, points = measured()
+    path = write(tmp_path / "a.csv", HEADER, *long_rows(q, points))
+    assert "none that agree with it" in refusal(path, robot="ur10")
+    swapped = write(tmp_path / "b.csv", HEADER, *long_rows(q[:, [1, 0, 2, 3, 4, 5]], points))
+    assert "none that agree with it" in refusal(swapped)
+    lying = write(tmp_path / "c.csv", HEADER.replace("X;Y;Z", "X [m];Y [m];Z [m]"), *long_rows(q, points))
+    assert "units.lengths=mm" in refusal(lying)
+    stretched = write(tmp_path / "d.csv", HEADER, *long_rows(q, 3.0 * points))
+    assert "by the trial fit" in refusal(stretched)
+    T = ARM.forward(np.radians(q))
+    computed = 1e3 * T[:, None, :3, 3]
+    log = write(tmp_path / "e.csv", HEADER, *long_rows(q, np.repeat(computed, 2, axis=1).round(6)))
+    assert "a controller computed them" in refusal(log)
+
+
+def test_a_row_with_values_too_many_is_refused_and_not_left_out(tmp_path):
+    rows = long_rows(*measured())
+    rows[7] += ";9"
+    path = write(tmp_path / "a.csv", HEADER, *rows)
+    assert "row 9" in refusal(path)
+    rows[7] = "Mittelwert;1;2;3;4;5;6;;7;8;9;10"
+    imported = irbcal.import_measurements(write(tmp_path / "b.csv", HEADER, *rows), robot="irb120")
+    assert len(imported.table) == 39
+    assert any("Mittelwert" in note for note in imported.warnings)
+
+
+def test_without_a_robot_units_are_declared_or_asked_for(tmp_path):
+    q, points = measured()
+    path = write(tmp_path / "a.csv", HEADER, *long_rows(q, points))
+    text = refusal(path, robot=None)
+    assert "--robot" in text
+    assert "units.lengths=mm" in text
+    declared = irbcal.import_measurements(path, set_=["units.lengths=mm", "units.joints=deg"])
+    preamble = write(tmp_path / "b.csv", "Einheiten: mm, Grad", HEADER, *long_rows(q, points))
+    for imported in (declared, irbcal.import_measurements(preamble)):
+        assert np.abs(imported.table[XYZ].to_numpy() - points.reshape(-1, 3)).max() < 1e-9
+        assert np.abs(imported.table[JOINTS].to_numpy() - np.repeat(q, 2, axis=0)).max() < 1e-9
+    small = write(tmp_path / "c.csv", HEADER.replace("X;Y;Z", "X_mm;Y_mm;Z_mm"), *long_rows(q / 60, points))
+    assert "units.joints=deg" in refusal(small, robot=None)
+
+
+def test_names_keep_their_case_and_still_targets_are_references(tmp_path):
+    q, points = measured(targets=("K1", "Ref1", "Boden"))
+    points[:, 2] = [3000.0, 20.0, 10.0]
+    points[:, 2] += np.random.default_rng(2).normal(0, 0.01, (20, 3))
+    path = write(tmp_path / "a.csv", HEADER, *long_rows(q, points, ("K1", "Ref1", "Boden")))
+    imported = irbcal.import_measurements(path, robot="irb120", out=tmp_path / "m.csv")
+    assert set(imported.table["target"]) == {"K1", "smr_Ref1", "ref_Boden"}
+    assert irbcal.read_measurements(tmp_path / "m.csv").table["target"].nunique() == 3
+    again = irbcal.import_measurements(path, as_=tmp_path / "m.map.yaml")
+    assert again.table.equals(imported.table)
+    assert "trust_units" not in yaml.safe_load((tmp_path / "m.map.yaml").read_text(encoding="utf-8"))
+
+
+def test_calibrate_reads_files_of_other_programs(tmp_path):
+    q, points = measured(n=40, targets=("K1", "K2", "K3"))
+    names = [f"A::R::P{i:03d}_K{k + 1}, " + ", ".join(map(str, points[i, k])) for i in range(40) for k in range(3)]
+    cloud = write(tmp_path / "points.txt", "// points", *names)
+    joints = write(
+        tmp_path / "joints.csv", "Nr;A1;A2;A3;A4;A5;A6", *(f"XP{i};" + ";".join(map(str, q[i])) for i in range(40))
+    )
+    calibration = irbcal.calibrate([cloud, joints], "irb120", model="placement")
+    assert any("points.txt + joints.csv was understood without a map" in note for note in calibration.record.notes)
+    assert any("XP" in str(note) or "trial fit" in note for note in calibration.record.notes)
+    plain = irbcal.import_measurements(cloud, joints, robot="irb120", out=tmp_path / "m.csv")
+    same = irbcal.calibrate(tmp_path / "m.csv", "irb120", model="placement")
+    assert plain.poses == 40
+    assert np.allclose(
+        [value.value for value in same.record.parameters],
+        [value.value for value in calibration.record.parameters],
+        rtol=0,
+    )
+
+
+def test_points_and_joints_that_do_not_belong_together_are_refused(tmp_path):
+    q, points = measured()
+    cloud = write(
+        tmp_path / "p.csv", "Name;X;Y;Z", *(f"P{i}_K1;" + ";".join(map(str, points[i, 0])) for i in range(20))
+    )
+    text = refusal(cloud)
+    assert "points only" in text
+    other = write(
+        tmp_path / "j.csv", "Nr;A1;A2;A3;A4;A5;A6", *(f"{i};" + ";".join(map(str, q[19 - i])) for i in range(20))
+    )
+    assert "none that agree with it" in refusal(cloud, other)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "text"),
+    [("cp1252", "Prüfer"), ("gbk", "测点 实测"), ("shift_jis", "測定点 実測"), ("utf-16", "Prüfer"), ("utf-8", "测点")],
+)
+def test_encodings(encoding, text, tmp_path):
+    from irbcal.measurement.imports.recognition import _KNOWN_WORDS
+
+    data = f"{text};X;Y\n1;2;3\n".encode(encoding)
+    codec = dialect.encoding_of(data, _KNOWN_WORDS)
+    assert data.decode(codec).startswith(text)
+
+
+def test_sheets_members_and_fixed_columns(tmp_path):
+    book = tmp_path / "b.xlsx"
+    book.write_bytes(MESSY.xlsx({"One": [["a", "b"], ["1.25", "2"]], "Two": [["c"], ["3"]]}))
+    assert dialect.parts_of(book) == [f"{book}!One", f"{book}!Two"]
+    table = dialect.read(book, Dialect(sheet="One", delimiter="tab"))
+    assert table.names == ("a", "b")
+    assert table.cells.to_numpy().tolist() == [["1.25", "2"]]
+    with pytest.raises(MeasurementError, match=r"expected file\.sheet, which names one of One, Two"):
+        dialect.read(book, Dialect())
+    with pytest.raises(MeasurementError, match="expected a sheet of One, Two, found 'Three'"):
+        dialect.read(book, Dialect(sheet="Three"))
+    with pytest.raises(MeasurementError, match="not a workbook"):
+        dialect.parts_of(write(tmp_path / "c.xlsx", "no workbook"))
+    with pytest.raises(MeasurementError, match="not a zip archive"):
+        dialect.parts_of(write(tmp_path / "c.zip", "no archive"))
+    fixed = write(tmp_path / "f.txt", "name    value", "P 1       1.5", "P 2          ", "P 3      -2.5")
+    table = dialect.read(fixed, Dialect(delimiter="fixed", starts=[0, 7]))
+    assert table.cells.to_numpy().tolist() == [["P 1", "1.5"], ["P 2", ""], ["P 3", "-2.5"]]
+
+
+def test_an_archive_larger_than_files_may_be_is_refused(tmp_path, monkeypatch):
+    import zipfile
+
+    with zipfile.ZipFile(tmp_path / "z.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("zeros.csv", b"0" * 100_000)
+    monkeypatch.setattr(dialect, "LARGEST_FILE", 50_000)
+    with pytest.raises(MeasurementError, match="expected at most 50000 bytes in the archive, found 100000"):
+        dialect.parts_of(tmp_path / "z.zip")
+
+
+def test_fields_that_begin_with_letters():
+    import re
+
+    assert re.fullmatch(pattern_regex("{pose=P}{target=K}"), "P12K3").groupdict() == {"pose": "P12", "target": "K3"}
+    assert re.fullmatch(pattern_regex("{pose=P}_{target=K}"), "REF1_P12") is None
+    with pytest.raises(ValueError, match="something between"):
+        pattern_regex("{pose=P}{target}")
+
+
+def test_several_patterns_of_names_in_one_file(tmp_path):
+    q, points = measured(targets=("K1", "K2"))
+    names = [(f"P{i}_K1", f"K2@P{i}") for i in range(20)]
+    cloud = write(
+        tmp_path / "p.csv",
+        "Name;X;Y;Z",
+        *(f"{names[i][k]};" + ";".join(map(str, points[i, k])) for i in range(20) for k in range(2)),
+    )
+    joints = write(
+        tmp_path / "j.csv", "Nr;A1;A2;A3;A4;A5;A6", *(f"P{i};" + ";".join(map(str, q[i])) for i in range(20))
+    )
+    recognised = recognise([cloud, joints], ARM)
+    assert recognised.map.names == ["{pose=P}_{target=K}", "{target=K}@{pose=P}"]
+    imported = irbcal.import_measurements(cloud, joints, robot="irb120")
+    assert set(imported.table["target"]) == {"K1", "K2"}
