@@ -68,7 +68,7 @@ LEFT = [
     (f"MoveL [[1,2,n],[1,0,0,0],[0,0,0,0],{EXT}],v1,z1,tool0;", "its numbers are computed: [[1,2,n],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9…"),
     (f"MoveL [[1,2,-\n3],[1,0,0,0],[0,0,0,0],{EXT}],v1,z1,tool0;", "its numbers are computed: [[1,2,- 3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9…"),
     (f"MoveL [p10.trans,[1,0,0,0],[0,0,0,0],{EXT}],v1,z1,tool0;", "its numbers are computed: [p10.trans,[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9…"),
-    (f"ArcL {P},v1,s,w,z1,tool0;", "this is no move that is known"),
+    (f"MyMove {P},v1,z1;", "this is no move that is known"),
     (f"pElsewhere:={P};", "is not declared in this module"),
 ]  # fmt: skip
 TOOLS = (

@@ -36,7 +36,7 @@ JOINTS = numbers("J1,…,J6", 6, units=[DEG])
     panels={
         "Everyday": ("allow_partial", "changes", "path_tolerance", "payload", "payload_place", "json"),
         "Tools and work objects": ("cell", "tool", "wobj", "controller_frames", "frames_measured", "strict"),
-        "Points": ("points", "re_express", "start", "posture"),
+        "Points": ("points", "re_express", "start", "posture", "instructions"),
         "Controllers": ("controller_model", "pulses", "where"),
     },
     texts=PROGRAM_TEXTS,

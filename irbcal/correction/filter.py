@@ -20,6 +20,7 @@ from irbcal.cell.robot_derivatives import own_ends_in_words
 from irbcal.correction import languages
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, writable
 from irbcal.correction.filtered import Filtered, together
+from irbcal.correction.instructions import read as taught
 from irbcal.correction.last_moves import LastMoves, with_last_moves
 from irbcal.correction.maker import BEYOND
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
@@ -106,6 +107,7 @@ def correct(
     re_express: bool = False,
     start: ArrayLike | None = None,
     posture: ArrayLike | None = None,
+    instructions: str | Path | None = None,
     frames_measured: bool = False,
     strict: bool = False,
 ) -> Filtered:
@@ -157,6 +159,9 @@ def correct(
     posture : ndarray, shape (6,), optional
         Joints in whose configuration, and next to which, poses are meant where the program does not say it and no stop
         before is known; radians.
+    instructions : str or Path, optional
+        File that teaches motion instructions of RAPID, a line each: ``rapid ArcL to speed seam weld * tool``
+        (`irbcal.correction.instructions`).
     frames_measured : bool
         Tools and work objects that are not in the cell file were measured independently of the robot.
     strict : bool
@@ -184,10 +189,10 @@ def correct(
     programs_given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
     if not programs_given:
         raise OptionError("program: expected a file, found none", parameter="program")
-    read_too = [path for path in (controller_model, cell) if isinstance(path, (str, os.PathLike))]
+    read_too = [path for path in (controller_model, cell, instructions) if isinstance(path, (str, os.PathLike))]
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
-    places = start, posture
+    places = start, posture, instructions
     opened = read_programs(calibration, programs_given, tool, wobj, pulses, controller_model, where, *places)
     record, nominal, given, programs, setup, model, urdf = opened
     language = given.language
@@ -275,6 +280,7 @@ def read_programs(
     where: tuple[ArrayLike, ArrayLike] | None = None,
     start: ArrayLike | None = None,
     posture: ArrayLike | None = None,
+    instructions: str | Path | None = None,
 ) -> OpenedPrograms:
     """Read programs for the robot of a calibration; arguments and errors as of `correct`."""
     files = languages.files_of(program)
@@ -286,8 +292,10 @@ def read_programs(
     ends = _controller(urdf, record)
     frames_given = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
     counts, controller_arm = pulses_per_degree(pulses), None if model is None else model.arm
-    joints = (joints_of_place(name, q, nominal, language) for name, q in (("start", start), ("posture", posture)))
-    setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language), *joints)
+    places = [joints_of_place(name, q, nominal, language) for name, q in (("start", start), ("posture", posture))]
+    setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language), places[0], places[1])
+    if instructions is not None:
+        setup = setup._replace(instructions=taught(instructions))
     return OpenedPrograms(record, nominal, files, language.read_for(nominal, files.files, setup), setup, model, urdf)
 
 

@@ -6,11 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import ClassVar, Literal, NamedTuple, TypeAlias, TypeVar
 
 from irbcal import reading
 from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.instructions import Table
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling.arm import Arm
@@ -119,6 +121,8 @@ class ControllerSetup(NamedTuple):
         Joints as the controller counts them, radians, and the pose that it reports there with no tool and base, metres.
     start, posture : ndarray, shape (6,), or None
         Joints of the URDF, radians: where the program begins, and those whose posture is meant where nothing else says.
+    instructions : dict of str to dict of str to Instruction
+        Motion instructions that the user teaches, by language.
     """
 
     tools: Mapping[str, FloatArray]
@@ -129,6 +133,7 @@ class ControllerSetup(NamedTuple):
     where: tuple[FloatArray, FloatArray] | None = None
     start: FloatArray | None = None
     posture: FloatArray | None = None
+    instructions: Table = MappingProxyType({})
 
 
 class Program(ABC):

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import bisect
 import functools
+import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,6 +24,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, locked
 from irbcal.correction import notation
+from irbcal.correction.instructions import ANY, BUILT_IN, TO, TOOL, VIA, WRITES, Instruction, line_for
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
 from irbcal.correction.maker import (
     NO_CONFDATA,
@@ -175,6 +177,7 @@ class MoveInstruction(NamedTuple):
     work_object: Arg | None
     args: list[Arg]
     options: dict[str, Arg | None]
+    taught: bool = False
 
 
 class Monitoring(NamedTuple):
@@ -233,22 +236,13 @@ class RapidData:
 
 
 CLOSING = {"(": ")", "{": "}"}
+POINTS = (TO, VIA, WRITES)
+_PREDEFINED = re.compile(r"v\d+|vmax|z\d+|fine|wobj0|load0|true|false")
 DEEPEST = 12  # lists in lists
 _NODE = partial(tuple.__new__, Node)  # half the time of Node(…)
 
-PATTERNS = {  # positional arguments of moves; s: anything, w: a point that the instruction writes, t: the tool
-    **dict.fromkeys(["MoveJ", "MoveL", "MoveAbsJ"], "to s s t"),
-    "MoveC": "via to s s t",
-    **{f"Move{a}{b}": "to s s t" for a in "JL" for b in ("DO", "AO", "GO", "Sync")},
-    **{f"MoveC{b}": "via to s s t" for b in ("DO", "AO", "GO", "Sync")},
-    **dict.fromkeys(["TriggJ", "TriggL", "TriggAbsJ"], "to s s s t"),
-    "TriggC": "via to s s s t",
-    **dict.fromkeys(["TriggJIOs", "TriggLIOs"], "to s s t"),
-    "SearchL": "s w to s t",
-    "SearchC": "s w via to s t",
-}
-MOVES = {name.lower(): (name, tuple(pattern.split())) for name, pattern in PATTERNS.items()}
-EXACT = frozenset(["MoveJ", "MoveL", "MoveAbsJ", "MoveC"])  # the others may have more arguments after the tool
+EXACT = frozenset(["MoveJ", "MoveL", "MoveAbsJ", "MoveC"])
+"""Moves that do nothing else on their way."""
 
 
 class Reader:
@@ -275,10 +269,16 @@ class Reader:
     moves, assignments : list of MoveInstruction, Assignment
     loose : list of Node
         Lists of values in any other place.
+    calls : list of int
+        Tokens with which statements begin that are no move that is known, and may be one.
+    wrong : list of (int, str)
+        Moves with another number of arguments than is known, and why they are none.
+    instructions : dict of str to Instruction
+        Moves that are known, by their names in lower case.
     """
 
-    def __init__(self, listing: Listing) -> None:
-        self.listing, self.text = listing, listing.text
+    def __init__(self, listing: Listing, instructions: Mapping[str, Instruction] = BUILT_IN["rapid"]) -> None:
+        self.listing, self.text, self.instructions = listing, listing.text, instructions
         self.line, self.error, self.quote = listing.line, listing.error, listing.quote
         self.tokens: list[Token] = []
         self.comments: list[str] = []
@@ -291,6 +291,8 @@ class Reader:
         self.moves: list[MoveInstruction] = []
         self.assignments: list[Assignment] = []
         self.loose: list[Node] = []
+        self.calls: list[int] = []
+        self.wrong: list[tuple[int, str]] = []
         self._level = 0
         self._tokenize()
 
@@ -378,13 +380,15 @@ class Reader:
                     if word == "endmodule" and tokens[i + 1].word != "module":
                         break
                     i = self.header(i) if word == "endmodule" else handlers[word](i) if word in handlers else i + 1
-                elif word in MOVES and not stack and not self._is_member(i):
+                elif word in self.instructions and not stack and not self._is_member(i):
                     i = self._move(i)
                 elif not stack and self._is_assignment(i):
                     i = self._assignment(i)
                 else:
                     if word in ("confj", "confl") and not self._is_member(i):
                         self.monitoring.append(Monitoring(self.scope, start, word[-1], tokens[i + 2].word != "off"))
+                    if not stack and word not in HARMLESS and tokens[i - 1].word in _BEFORE_STATEMENT:
+                        self.calls.append(i)
                     self._mention(i)
                     i += 1
             elif word == "[":
@@ -455,8 +459,6 @@ class Reader:
             self._name(i + 1, "a data type")
             i += 1
         name = self._name(i + 1, "the name of the routine")
-        if name.word in MOVES:
-            raise self.error(start, f"the module makes its own {MOVES[name.word][0]}: this is not supported")
         self.scope = {}
         self.scopes.append(self.scope)
         self.routines.append((name.word, self.scope, start))
@@ -492,7 +494,8 @@ class Reader:
         return i + 1
 
     def _move(self, i: int) -> int:
-        name, pattern = MOVES[self.tokens[i].word]
+        instruction = self.instructions[self.tokens[i].word]
+        name = instruction.name
         start, stops = self.tokens[i].start, (",", "\\", ";")
         args: list[Arg] = []
         options: dict[str, Arg | None] = {}
@@ -507,8 +510,7 @@ class Reader:
                     arg, i = self._arg(i + 1, stops, option in ("wobj", "tool"))
                     options[option] = arg._replace(node=None, name=None) if computed else arg
             else:
-                role = pattern[len(args)] if len(args) < len(pattern) else "s"
-                arg, i = self._arg(i, stops, role != "s")
+                arg, i = self._arg(i, stops, plain=True)
                 args.append(arg)
             if self.tokens[i].word == ",":
                 i += 1
@@ -516,13 +518,41 @@ class Reader:
                     raise self.error(self.tokens[i].start, f"expected an argument of {name}, found {self._found(i)}")
             elif self.tokens[i].word not in ("\\", ";"):
                 raise self.error(self.tokens[i].start, f"expected ',' or ';', found {self._found(i)}")
-        need = len(pattern) - (options.get("tool") is not None)
-        if len(args) < need or (name in EXACT and len(args) > need):
-            raise self.error(start, f"{name}: expected {need} arguments that are not optional, found {len(args)}")
-        points = [(role, arg) for role, arg in zip(pattern, args, strict=False) if role in ("to", "via", "w")]
-        tool = options.get("tool") or args[len(pattern) - 1]
-        self.moves.append(MoveInstruction(name, start, self.scope, points, tool, options.get("wobj"), args, options))
+        roles = instruction.roles(len(args), options.get("tool") is not None)
+        for role, arg in zip(roles or [ANY] * len(args), args, strict=True):
+            if role not in POINTS and arg.name is not None and (role != TOOL):
+                self.mentions.append(
+                    Mention(self.scope, arg.name, () if None in arg.indices else arg.indices, arg.start)
+                )
+            if role not in POINTS and arg.node is not None:
+                self.loose.append(arg.node)
+        if roles is None:
+            self.wrong.append((start, f"{name} is known as {' '.join(instruction.words)}, found {len(args)} arguments"))
+            return i + 1
+        points = [(role, arg) for role, arg in zip(roles, args, strict=True) if role in POINTS]
+        tool = options.get("tool") or args[roles.index(TOOL)]
+        move = MoveInstruction(name, start, self.scope, points, tool, options.get("wobj"), args, options)
+        self.moves.append(move._replace(taught=instruction.taught))
         return i + 1
+
+    def arguments(self, i: int) -> list[list[Token]]:
+        """Tokens of each argument of a statement that begins at token i, without the optional ones."""
+        out: list[list[Token]] = [[]]
+        depth, optional = 0, False
+        for token in itertools.islice(self.tokens, i + 1, None):
+            if token.word in (";", "") or (token.word in STRUCTURE and depth == 0):
+                break
+            if depth == 0 and token.word in (",", "\\"):
+                optional = token.word == "\\"
+                if out[-1] and not optional:
+                    out.append([])
+                continue
+            depth += (token.word in CLOSING or (token.word == "[" and token.kind == "symbol")) - (
+                token.word in (")", "}", "]")
+            )
+            if not optional:
+                out[-1].append(token)
+        return [tokens for tokens in out if tokens]
 
     def _arg(self, i: int, stops: tuple[str, ...], plain: bool) -> tuple[Arg, int]:
         """An argument that begins at token i; names count as mentioned unless this is what the move is about."""
@@ -710,8 +740,8 @@ class Literals:
         In the order in which they are come upon.
     """
 
-    def __init__(self, listing: Listing) -> None:
-        self.flow, self.reader = ControlFlow(listing), Reader(listing)
+    def __init__(self, listing: Listing, instructions: Mapping[str, Instruction] = BUILT_IN["rapid"]) -> None:
+        self.flow, self.reader = ControlFlow(listing), Reader(listing, instructions)
         self.source = listing.parts[0].name
         self.targets: list[Literal] = []
         self.reader.read()
@@ -731,13 +761,52 @@ class Literals:
             self._assignment(*assigned)
         for move in reader.moves:
             for role, arg in move.points:
-                goal = reader.lookup(move.scope, arg.name) if role == "w" and arg.name else None
+                goal = reader.lookup(move.scope, arg.name) if role == WRITES and arg.name else None
                 if goal is not None:
                     goal.changes.append((arg.indices, move.start))
+        for start, reason in reader.wrong:
+            self.flow.leave(start, "other", reader.listing.quote_line(start), reason)
+        self.lessons = self._lessons()
         for node in reader.loose:
             if _looks_like_target(node):
                 text = reader.quote(node.start, node.end)
-                self.flow.leave(node.start, "other", text, "this is no move that is known")
+                reason = "this is no move that is known" + self.lessons.get(reader.line(node.start), "")
+                self.flow.leave(node.start, "other", text, reason)
+
+    def _lessons(self) -> dict[int, str]:
+        """Of each line with a statement that may be a move, the line of a table that would teach it."""
+        reader = self.reader
+        out: dict[int, str] = {}
+        for i in reader.calls:
+            words: list[str] = []
+            unknown: list[int] = []  # arguments that may be a tool of another module
+            for k, tokens in enumerate(reader.arguments(i)):
+                first = tokens[0]
+                data = reader.lookup(self._scope_at(first.start), first.word) if first.kind == "name" else None
+                if first.kind == "name" and data is None and not _PREDEFINED.fullmatch(first.word) and len(tokens) == 1:
+                    unknown.append(k)
+                if first.word == "[" or (data is not None and data.type in KIND_OF):
+                    words.append(TO)
+                else:
+                    is_tool = first.word == "tool0" or (data is not None and data.type == "tooldata")
+                    words.append(TOOL if is_tool else f"argument{k + 1}")
+            count = words.count(TO)
+            if not 0 < count <= 2:
+                continue
+            if count == 2:
+                words[words.index(TO)] = VIA
+            if TOOL not in words and unknown:
+                words[unknown[-1]] = TOOL
+            if words.count(TOOL) == 1:
+                name = reader.text[reader.tokens[i].start : reader.tokens[i].end]
+                line = line_for("rapid", name, words)
+                out[reader.line(reader.tokens[i].start)] = f" (if it moves there, teach it with --instructions: {line})"
+        return out
+
+    def _scope_at(self, at: int) -> Scope | None:
+        """Data of the routine at a place in the text."""
+        before = [scope for _, scope, start in self.reader.routines if start <= at]
+        return before[-1] if before else None
 
     def _assignment(self, scope: Scope | None, name: str, index: Index, node: Node | None, start: int) -> None:
         data = self.reader.lookup(scope, name)
@@ -918,7 +987,9 @@ class OtherModules:
         ]
         for move in reader.moves:
             changes += [
-                (move.scope, arg.name, arg.indices, move.start) for role, arg in move.points if role == "w" and arg.name
+                (move.scope, arg.name, arg.indices, move.start)
+                for role, arg in move.points
+                if role == WRITES and arg.name
             ]
             for _, arg in move.points:
                 if arg.name in self.twice and reader.lookup(move.scope, arg.name) is None:
@@ -1004,7 +1075,7 @@ class Uses:
         self.goals.append((move, points))
         monitored = self._monitored(move) if kind == "pose" else True
         for role, arg in move.points:
-            if role == "w":
+            if role == WRITES:
                 continue
             as_role: Role = "via" if role == "via" else "to"
             if self._goes_to_other_module(move, arg, kind, replace(use, role=as_role), unknown, monitored):
@@ -1022,9 +1093,12 @@ class Uses:
     def _monitored(self, move: MoveInstruction) -> bool | None:
         """Whether the configuration of a pose counts in a move; None where that depends on who calls the routine."""
         moves = "j" if _JOINT_MOVE.search(move.name) else "l"
-        switches = [s for module in self.others.modules for s in module.reader.monitoring if s.moves == moves]
-        if all(switch.on for switch in switches):
+        every = [switch for module in self.others.modules for switch in module.reader.monitoring]
+        switches = [switch for switch in every if switch.moves == moves]
+        if all(switch.on for switch in (every if move.taught else switches)):
             return True
+        if move.taught:  # which kind of move it is, is not known
+            return None
         own = [switch for switch in self.reader.monitoring if switch.moves == moves and switch.scope is move.scope]
         before = [switch for switch in own if switch.start < move.start]
         if not before:
@@ -1130,7 +1204,8 @@ class Uses:
             lines = {reader.line(start): start for start in sorted(literal.mentioned)}
             quoted = list(lines.items())[:_QUOTED]
             literal.conflicts += [
-                f"line {line} uses it in another way: {listing.quote_line(start)}" for line, start in quoted
+                f"line {line} uses it in another way: {listing.quote_line(start)}{self.literals.lessons.get(line, '')}"
+                for line, start in quoted
             ]
             if len(lines) > _QUOTED:
                 literal.conflicts.append(f"so do {len(lines) - _QUOTED} more lines")
@@ -1291,6 +1366,7 @@ _HARMLESS = (
 _OPENING, _CLOSING = frozenset(["if", "for", "while", "test"]), frozenset(["endif", "endfor", "endwhile", "endtest"])
 _DECLARING = frozenset(["const", "pers", "var", "local", "task"])
 _JUMPS = frozenset(["goto", "error", "undo", "backward", "raise", "retry", "trynext", "connect"])
+_BEFORE_STATEMENT = frozenset([";", ")", ":", "then", "else", "do", "error", ""])
 _BEFORE = frozenset(["then", "else", "do", "default", "error"])
 BRANCHES = frozenset(_BRANCHES.split())
 HARMLESS = frozenset(_HARMLESS.split())
@@ -1316,7 +1392,7 @@ def breaks(reader: Reader) -> list[int]:
                     del positions[opened[-1] :]  # nothing in it moves the robot
                 opened = opened[:-1] if word in _CLOSING else [] if head else opened
                 lasting = len(positions) if word in _JUMPS else lasting
-            elif begin and word in MOVES:
+            elif begin and word in reader.instructions:
                 lasting = len(positions)
             elif begin and word not in HARMLESS | _DECLARING and not reader._is_assignment(i):
                 lasting = len(positions)
@@ -1464,7 +1540,7 @@ def _no_axes(external: str) -> bool:
 
 def _zone(reader: Reader, move: MoveInstruction) -> float | None:
     """Radius of the zone at the end of a move, metres; None where it is not known."""
-    position = len([role for role in PATTERNS[move.name].split() if role in ("to", "via", "w")]) + 1
+    position = len(move.points) + 1
     if move.name not in EXACT or "z" in move.options or len(move.args) <= position:
         return None
     zone: Arg = move.args[position]
@@ -1649,11 +1725,20 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
     """
     if not arm.six_revolute:
         raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=files[0])
-    modules, unread = each_read(files, lambda path: Literals(_listing(read_bytes(path), str(path))))
+    contents, _ = each_read(files, read_bytes)
+    instructions = _instructions(contents, setup.instructions.get("rapid", {}))
+    modules, unread = each_read(files, lambda path: Literals(_listing(read_bytes(path), str(path)), instructions))
     tasks: dict[str, list[Literals]] = {}
     for module in modules:
         tasks.setdefault(task_of(Path(module.source)), []).append(module)
     return [*(module for task in tasks.values() for module in _of_task(arm, task, setup)), *unread]
+
+
+def _instructions(contents: Iterable[bytes], taught: Mapping[str, Instruction]) -> dict[str, Instruction]:
+    """Moves that are known; a routine of the program's own goes before a built-in one of its name."""
+    own = {name.lower() for data in contents for name in re.findall(rb"(?i)\bPROC[ \t]+(\w+)", data)}
+    built_in = {name: move for name, move in BUILT_IN["rapid"].items() if name.encode() not in own}
+    return {**built_in, **taught}
 
 
 def task_of(path: Path) -> str:
@@ -1727,7 +1812,9 @@ def parse(
     ProgramError
         If this is not a whole RAPID module, or a needed tool or work object is not known or not supported.
     """
-    uses = Uses(Literals(_listing(data, source)), _with_null(tools or {}, work_objects or {}))
+    uses = Uses(
+        Literals(_listing(data, source), _instructions([data], {})), _with_null(tools or {}, work_objects or {})
+    )
     uses.gather()
     return uses.module()
 

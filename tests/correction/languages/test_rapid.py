@@ -12,14 +12,14 @@ from rapid_modules import CELL, EXT, LEFT, MOVES, TOOLS, USE, J, P, module, name
 from scipy.spatial.transform import Rotation, Slerp
 from support import arm, random_robot
 
-from irbcal.correction import notation
+from irbcal.correction import instructions, notation
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import rapid
 from irbcal.correction.languages.rapid import RapidData, Reader, may_be
 from irbcal.correction.listing import Listing, one_word
 from irbcal.correction.maker import ConfData, configuration_of
 from irbcal.correction.program import ControllerSetup
-from irbcal.errors import ProgramError
+from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import any_arm, closed_form
@@ -209,7 +209,6 @@ def test_encodings_give_the_bytes_back():
         (b"MODULE m PROC a() PROC b()", "line 1: PROC stands in a routine: the end of that one is missing"),
         (b"MODULE m ENDPROC ENDMODULE", "line 1: ENDPROC ends no routine"),
         (b"MODULE m RECORD a", "line 1: RECORD has no ENDRECORD"),
-        (b"MODULE m PROC MoveL(robtarget p) ENDPROC ENDMODULE", "line 1: the module makes its own MoveL: this is not supported"),
         (b"MODULE m PROC a(num b; ENDPROC ENDMODULE", "line 1: expected ')', found ';'"),
         (b"MODULE m\x00", "expected a program in RAPID, found binary data"),
         (module('TPWrite "abc;'), "line 4: the string is not closed in its line"),
@@ -224,8 +223,6 @@ def test_encodings_give_the_bytes_back():
         (module("VAR robtarget p:=[[1,2 3]];"), "line 4: expected an operator or ']', found '3'"),
         (module("VAR robtarget p:=[[1,2,]];"), "line 4: expected a value, found ']'"),
         (module("VAR robtarget p:=" + "[" * 1000), "line 4: more than 12 lists within each other"),
-        (module("MoveL p10,v1,z1;"), "line 4: MoveL: expected 4 arguments that are not optional, found 3"),
-        (module("MoveL p10,v1,z1,tool0,1;"), "line 4: MoveL: expected 4 arguments that are not optional, found 5"),
         (module("MoveL p10,,v1,z1,tool0;"), "line 4: expected an argument of MoveL, found ','"),
         (module("MoveL p10,v1,z1,tool0"), "line 5: expected ',' or '\\' or ';', found 'ENDPROC'"),
         (module("MoveL p10,v1,z1,tool0", "MoveL p10,v1,z1,tool0;"), "line 5: expected an operator or ';', found 'MoveL'"),
@@ -250,6 +247,8 @@ def test_refusals_name_the_line(content, expected):
         (f"MoveAbsJ [[1,2,1E999,4,5,6],{EXT}],v1,z1,tool0;", "joint 3 has no value (9E9)"),
         ("MoveAbsJ p10,v1,z1,tool0;", "p10 is declared as robtarget"),
         ("MoveL p10{1},v1,z1,tool0;", "p10 has 0 indices, but p10{1} has 1"),
+        ("MoveL p10,v1,z1;", "MoveL is known as to speed zone tool, found 3 arguments"),
+        ("MoveL p10,v1,z1,tool0,1;", "MoveL is known as to speed zone tool, found 5 arguments"),
         ("MoveL p10,v1,z1,tNone;", "the program does not define the tool tnone: give it with --tool tnone=…"),
     ],
 )  # fmt: skip
@@ -431,7 +430,7 @@ def test_moves_that_are_left_are_reported(line, reason):
 
 CONFLICTS = [
     ("MyMove p10,v1;", "line 5 uses it in another way: MyMove p10,v1;"),
-    ("ArcL p10,v1,s,w,fine,tA;", "line 5 uses it in another way: ArcL p10,v1,s,w,fine,tA;"),
+    ("MyMove p10,v1,tA;", "line 5 uses it in another way: MyMove p10,v1,tA; (if it moves there, teach it with --instructions: rapid MyMove to argument2 tool)"),
     ("p20:=p10;", "line 5 uses it in another way: p20:=p10;"),
     ("IF p10.trans.z>5 THEN ENDIF", "line 5 uses it in another way: IF p10.trans.z>5 THEN ENDIF"),
     ("MoveL Offs(p10,0,0,1),v1,z1,tA;", "line 5 uses it in another way: MoveL Offs(p10,0,0,1),v1,z1,tA;"),
@@ -456,6 +455,100 @@ def test_targets_that_do_more_are_not_corrected(line, reason):
     assert skipped(seen) == [(target, reason)]
     changed = rapid.parse(rewritten(seen, {0: pose(3, 4, 5)}))  # the caller may decide otherwise
     assert np.abs(changed.targets[0].value - pose(3, 4, 5)).max() < 1e-15
+
+
+PROCESS = [
+    ("ArcLStart p10,v1,seam1,weld1,fine,tA;", "to"),
+    (r"ArcL p10,v1,seam1,weld1\Weave:=weave1,z10,tA\WObj:=wA;", "to"),
+    (r"ArcL\On,p10,v1,seam1,weld1,weave1,z10,tA\WObj:=wA;", "to"),  # weave data of older versions
+    ("ArcC q,p10,v1,seam1,weld1,z10,tA;", "to"),
+    ("ArcCEnd p10,q,v1,seam1,weld1,fine,tA;", "via"),
+    (r"SpotL p10,v1,gun1,spot10\InPos,tA\WObj:=wA;", "to"),
+    ("SpotJ p10,v1,spot10,tA;", "to"),
+    (r"SpotML p10,v1\G1:=spot1\G2:=spot2,tA;", "to"),
+    (r"DispL\On,p10,v1,bead1,z30,tA;", "to"),
+    ("DispC q,p10,v1,bead1,z30,tA;", "to"),
+    ("PaintL p10,v1,z50,tA;", "to"),
+    ("CapL p10,v1,cdata,weavestart,weave,z50,tA;", "to"),
+    ("NutL p10,v1,nut1,tA;", "to"),
+    ("MoveLGO p10,v1,z1,tA,go1;", "to"),
+]
+
+
+@pytest.mark.parametrize(("line", "role"), PROCESS)
+def test_process_instructions_are_moves(line, role):
+    """As the manuals list their arguments; the tool is the declared one."""
+    seen = rapid.parse(module(line, data=TOOLS + f"VAR robtarget p10:={P}; VAR robtarget q:={P};"))
+    ((target),) = [target for target in seen.targets if target.name == "p10"]
+    assert seen.left() == []
+    (use,) = target.uses
+    assert (use.role, use.tool, use.work_object) == (role, "ta", "wa" if "WObj" in line else "wobj0")
+
+
+def test_a_routine_of_the_programs_own_is_no_built_in_move():
+    own = "PROC SpotL(robtarget p,tooldata t)\nMoveL Offs(p,0,0,9),v1,z1,t;\nENDPROC\n"
+    content = module("SpotL p10,v1,tA;", data=TOOLS + f"VAR robtarget p10:={P};").replace(
+        b"PROC main", own.encode() + b"PROC main"
+    )
+    assert rapid.parse(content).correctable() == []
+
+
+LESSONS = [
+    ("MyMove p10,v1,tA;", "rapid MyMove to argument2 tool"),
+    (f"MyArc p10,{P},v1,Grip;", "rapid MyArc via to argument3 tool"),
+    (r"Glue\On,p10,Speed(2,[1,2]),tA\WObj:=wA;", "rapid Glue to argument2 tool"),
+]
+
+
+@pytest.mark.parametrize(("line", "lesson"), LESSONS)
+def test_a_move_that_is_not_known_says_the_line_that_teaches_it(tmp_path, line, lesson):
+    content = module(line, data=TOOLS + f"VAR robtarget p10:={P};")
+    seen = rapid.parse(content)
+    assert seen.correctable() == []
+    assert any(f"--instructions: {lesson})" in left.reason for left in seen.left())
+    (tmp_path / "taught.txt").write_text(f"# of our cell\n{lesson}  # so\n")
+    (tmp_path / "m.mod").write_bytes(content)
+    tools = {"Grip": np.eye(4)}
+    setup = ControllerSetup(tools, {}, unknown_frames(), instructions=instructions.read(tmp_path / "taught.txt"))
+    (again,) = rapid.read_for(arm(), [tmp_path / "m.mod"], setup)
+    assert again.left() == []
+    assert all(target.uses[0].tool in ("ta", "grip") for target in again.targets)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("krl MyMove to tool", "line 1: expected an instruction of the language rapid, found 'krl'"),
+        ("\nrapid", "line 2: expected the name of an instruction"),
+        ("rapid 5 to tool", "line 1: expected the name"),
+        ("rapid A to to tool", "line 1: expected one 'to' and one 'tool'"),
+        ("rapid A to speed", "line 1: expected one 'to' and one 'tool'"),
+        ("rapid A to * * tool", "line 1: expected one 'to' and one 'tool'"),
+    ],
+)
+def test_lines_that_teach_nothing_are_refused(tmp_path, text, fault):
+    (tmp_path / "taught.txt").write_text(text)
+    with pytest.raises(OptionError, match=re.escape(fault)) as refused:
+        instructions.read(tmp_path / "taught.txt")
+    assert refused.value.parameter == "instructions"
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(sorted(instructions.BUILT_IN["rapid"])), st.integers(0, 3), NUMBERS)
+def test_any_target_of_any_instruction_of_the_table(name, more, numbers):
+    """A literal in the place of the target is corrected, and no other byte changes."""
+    move = instructions.BUILT_IN["rapid"][name]
+    if "AbsJ" in move.name:
+        return
+    words = [word for known in move.words for word in ([known] if known != "*" else ["x"] * more)]
+    args = [
+        "tool0" if word == "tool" else "q" if word in ("via", "writes") else P if word == "to" else "x"
+        for word in words
+    ]
+    seen = rapid.parse(module(f"{move.name} {','.join(args)};", data=f"VAR robtarget q:={P};"))
+    ((target),) = [target for target in seen.targets if target.line == 4]
+    assert target.correctable
+    assert check_rewriting(seen.data, numbers)
 
 
 def test_what_does_not_conflict():
