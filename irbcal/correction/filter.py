@@ -18,7 +18,7 @@ from irbcal.atomic import write_set
 from irbcal.cell.cell_file import CellFile, cell_of, frames_by_name
 from irbcal.cell.robot_derivatives import own_ends_in_words
 from irbcal.correction import languages
-from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, writable
+from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, refused, writable
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.instructions import read as taught
 from irbcal.correction.last_moves import LastMoves, with_last_moves
@@ -34,7 +34,7 @@ from irbcal.correction.program import (
     read_bytes,
     refuse_filtered,
 )
-from irbcal.correction.text_program import TextProgram
+from irbcal.correction.text_program import PROBE, TextProgram
 from irbcal.correction.trajectories import Timed, follow
 from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, point_origin
 from irbcal.errors import OptionError, ProgramError
@@ -50,6 +50,7 @@ from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse import any_arm
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import csv_bytes
 from irbcal.options import number, pulses_per_degree
@@ -293,7 +294,9 @@ def read_programs(
     frames_given = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
     counts, controller_arm = pulses_per_degree(pulses), None if model is None else model.arm
     places = [joints_of_place(name, q, nominal, language) for name, q in (("start", start), ("posture", posture))]
-    setup = ControllerSetup(*frames_given, ends, counts, controller_arm, place_pair(where, language), places[0], places[1])
+    setup = ControllerSetup(
+        *frames_given, ends, counts, controller_arm, place_pair(where, language), places[0], places[1]
+    )
     if instructions is not None:
         setup = setup._replace(instructions=taught(instructions))
     return OpenedPrograms(record, nominal, files, language.read_for(nominal, files.files, setup), setup, model, urdf)
@@ -458,6 +461,9 @@ def filter_program(
         (batch, writable(program, nominal, batch, as_written(nominal, batch, fake, controller, at, true_frames)))
         for (batch, fake), at in zip(corrections, frames_of, strict=True)
     ]
+    shift_notes: list[Note] = []
+    if isinstance(program, TextProgram) and program.shifts:
+        corrections, shift_notes = _with_shifts(robot, nominal, program, corrections, controller, true_frames)
     names: list[str] = []
     unchanged = 0
     for batch, fake in corrections:
@@ -490,7 +496,7 @@ def filter_program(
         turn=np.concatenate([none[:, 0], *(fake.turn[fake.ok] for fake in fakes)]),
         residual=np.concatenate([none[:, 0], *(fake.residual[fake.ok] for fake in fakes)]),
         left=tuple(sorted(left, key=lambda target: target.line)),
-        notes=(*program.notes, *(last_moves.notes if last_moves else ())),
+        notes=(*program.notes, *shift_notes, *(last_moves.notes if last_moves else ())),
         joint_columns=tuple(nominal.joint_columns),
         fingerprint=fingerprint,
         last_move_error=last_move_error,
@@ -500,6 +506,49 @@ def filter_program(
         frames=TargetFrames.of(robot, controller or nominal, corrections, frames_of, true_frames),
         unchanged=unchanged,
     )
+
+
+def _with_shifts(
+    robot: Robot,
+    nominal: Arm,
+    program: TextProgram,
+    corrections: Corrections,
+    controller: Arm | None,
+    true_frames: TrueFrames,
+) -> tuple[Corrections, list[Note]]:
+    """Corrections with what they do to moves that shift a corrected target, in words.
+
+    With true tools and work objects the error of a shifted target is not computed: such targets are left.
+    """
+    shifted = {id(shift.target) for shift in program.shifts}
+    if true_frames.cell is not None or true_frames.points.re_express:
+        reason = "moves also go to it with an offset, whose error is not known with true tools and work objects"
+        left = [
+            [reason if id(program.targets[k]) in shifted else "" for k in batch.numbers] for batch, _ in corrections
+        ]
+        return [(batch, refused(fake, why)) for (batch, fake), why in zip(corrections, left, strict=True)], []
+    values: dict[int, FloatArray] = {}
+    q: dict[int, FloatArray] = {}
+    for batch, fake in corrections:
+        rows = np.flatnonzero(fake.ok) if batch.kind == "pose" else np.zeros(0, dtype=int)
+        chosen = batch.numbers[rows].tolist()
+        values |= program.values_for_tip_poses(chosen, fake.T_fake[rows])
+        q |= dict(zip(chosen, fake.q[rows], strict=True))
+    notes = []
+    for k, shift, before, after, tool in program.shifted(values):
+        seeds = np.tile(q[k], (2 * len(before), 1))
+        commands = np.concatenate([before, after])
+        found = any_arm.solve(Robot(controller or nominal), nominal, commands, seed=seeds, thorough=False)
+        off = (robot.forward(np.nan_to_num(found.joints)) @ tool)[:, :3, 3] - (np.tile(before, (2, 1, 1)) @ tool)[
+            :, :3, 3
+        ]
+        distance = np.where(found.converged, np.linalg.norm(off, axis=1), np.nan).reshape(2, -1).max(axis=1) / MM
+        at = "" if shift.known else f", at {PROBE / MM:.0f} mm"
+        words = f"off by {distance[1]:.3f} mm{at} ({distance[0]:.3f} mm without the correction)"
+        words = words if np.isfinite(distance).all() else "not reached by the nominal robot near the target"
+        text = f"{shift.instruction} {shift.text}: {shift.target.name} is corrected, the shifted target is {words}"
+        notes.append(Note(program.listing.line(shift.at), text))
+    return corrections, notes
 
 
 def _in_course(

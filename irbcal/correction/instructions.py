@@ -79,7 +79,7 @@ rapid CapC via to speed cap * zone tool
 """Of ABB's options, as their manuals list the arguments."""
 
 
-class Instruction(NamedTuple):
+class MotionInstruction(NamedTuple):
     """A motion instruction.
 
     Attributes
@@ -113,11 +113,11 @@ class Instruction(NamedTuple):
         return None if more < 0 else (*words[:k], *[ANY] * more, *words[k + 1 :])
 
 
-Table: TypeAlias = Mapping[str, Mapping[str, Instruction]]
+Table: TypeAlias = Mapping[str, Mapping[str, MotionInstruction]]
 """Instructions by language and by name in lower case."""
 
 
-def parse(text: str, source: str | None = None) -> dict[str, dict[str, Instruction]]:
+def parse(text: str, source: str | None = None) -> dict[str, dict[str, MotionInstruction]]:
     """Instructions of a text.
 
     Raises
@@ -125,7 +125,7 @@ def parse(text: str, source: str | None = None) -> dict[str, dict[str, Instructi
     OptionError
         If a line is no such line; names it.
     """
-    out: dict[str, dict[str, Instruction]] = {}
+    out: dict[str, dict[str, MotionInstruction]] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         language, *words = line.split("#", maxsplit=1)[0].split() or [""]
         if not language:
@@ -139,11 +139,13 @@ def parse(text: str, source: str | None = None) -> dict[str, dict[str, Instructi
             fault = "expected one 'to' and one 'tool', at most one 'via' and at most one '*'"
         if fault:
             raise OptionError(f"line {number}: {fault}", file=source, parameter="instructions")
-        out.setdefault(language, {})[words[0].lower()] = Instruction(words[0], tuple(words[1:]), source is not None)
+        out.setdefault(language, {})[words[0].lower()] = MotionInstruction(
+            words[0], tuple(words[1:]), source is not None
+        )
     return out
 
 
-def read(path: str | Path) -> dict[str, dict[str, Instruction]]:
+def read(path: str | Path) -> dict[str, dict[str, MotionInstruction]]:
     """Instructions that a user's file teaches; see `parse`."""
     data = reading.read_bytes(path, OptionError)
     return parse(data.decode("utf-8-sig", errors="replace"), str(path))

@@ -121,7 +121,7 @@ class ControllerSetup(NamedTuple):
         Joints as the controller counts them, radians, and the pose that it reports there with no tool and base, metres.
     start, posture : ndarray, shape (6,), or None
         Joints of the URDF, radians: where the program begins, and those whose posture is meant where nothing else says.
-    instructions : dict of str to dict of str to Instruction
+    instructions : dict of str to dict of str to MotionInstruction
         Motion instructions that the user teaches, by language.
     """
 

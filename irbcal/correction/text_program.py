@@ -16,7 +16,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -163,6 +163,39 @@ class FrameState:
     why: str = ""
 
 
+class Shift(NamedTuple):
+    """A move to a target that the program shifts where it is used; the target itself stays.
+
+    Attributes
+    ----------
+    target : Target
+    at : int
+        Place of the move.
+    instruction, text : str
+        Of the move, and its argument.
+    T_left, T_right : ndarray, shape (4, 4)
+        ``T_wobj_tcp = T_left @ target @ T_right``, metres.
+    known : bool
+        Whether the numbers of the shift stand in the program; else `PROBE` in each direction stands for them.
+    tool, work_object : str or None
+        Names in lower case; None where the program computes them.
+    """
+
+    target: Target
+    at: int
+    instruction: str
+    text: str
+    T_left: FloatArray
+    T_right: FloatArray
+    known: bool
+    tool: str | None
+    work_object: str | None
+
+
+PROBE = 0.1
+"""Metres by which a target is shifted to tell what becomes of shifts that are computed."""
+
+
 @dataclass
 class _Block:
     loop: bool
@@ -186,6 +219,8 @@ class ControlFlow:
         The target that the arm comes from; None where it is not known.
     moves_left : list of Left
         Moves to targets that are not in numbers.
+    shifts : list of Shift
+        Moves to targets that are shifted; those that count are left by `settle`.
     """
 
     def __init__(self, listing: Listing) -> None:
@@ -194,6 +229,7 @@ class ControlFlow:
         self.stops: list[tuple[int, Target | None, Target | None]] = []
         self.moves_left: list[Left] = []
         self.previous: Target | None = START
+        self.shifts: list[Shift] = []
         self._passed: list[tuple[Target, Target | None]] = []
         self._blocks: list[_Block] = []
 
@@ -241,6 +277,17 @@ class ControlFlow:
     def mention(self, target: Target, at: int) -> None:
         """Something else than a move uses a target."""
         target.conflicts.append(f"line {self.listing.line(at)} uses it in another way")
+
+    def settle(self) -> None:
+        """Take shifts of targets that moves go to directly, with the same tool and frame; others use them otherwise."""
+        shifts, self.shifts = self.shifts, []
+        for shift in shifts:
+            frames_of_uses = {(use.tool, use.work_object) for use in shift.target.uses}
+            if shift.target.kind == "pose" and frames_of_uses == {(shift.tool, shift.work_object)}:
+                self.shifts.append(shift)
+            else:
+                self.leave(shift.at, shift.instruction, shift.text, f"its target is computed: {shift.text}")
+                self.mention(shift.target, shift.at)
 
     def external_axes(self, targets: Iterable[Target]) -> list[Note]:
         """A note if targets of moves have external axes."""
@@ -321,6 +368,8 @@ class TextProgram(Locked, Program):
         Where the mark goes.
     axes : tuple of ExternalAxis
         External axes of the cell, where they are known.
+    shifts : tuple of Shift
+        Moves to corrected targets that are shifted where they are used.
     start, assumed : ndarray, shape (6,), or None
         Joints of the URDF, radians: where the program begins, and those next to which poses are meant where nothing
         else says.
@@ -338,6 +387,7 @@ class TextProgram(Locked, Program):
     fingerprint: str | None
     mark_at: int
     axes: tuple[ExternalAxis, ...] = field(default=(), kw_only=True)
+    shifts: tuple[Shift, ...] = field(default=(), kw_only=True)
     start: FloatArray | None = field(default=None, kw_only=True)
     assumed: FloatArray | None = field(default=None, kw_only=True)
 
@@ -561,6 +611,36 @@ class TextProgram(Locked, Program):
         values = np.array([self.targets[k].value for k in indices]).reshape(-1, 4, 4)
         return T_base_wobj @ values @ frames.inverse(T_tip_tcp)
 
+    def shifted(self, values: Mapping[int, FloatArray]) -> list[tuple[int, Shift, FloatArray, FloatArray, FloatArray]]:
+        """Shifts of pose targets that get new values.
+
+        Parameters
+        ----------
+        values : dict of int to ndarray, shape (4, 4)
+            New values by the number of the target.
+
+        Returns
+        -------
+        list of tuple
+            Number of the target, the shift, poses of the tip in the base link (m, 4, 4) before and after, one for each
+            probe, and the tool (4, 4).
+        """
+        numbers = {id(target): k for k, target in enumerate(self.targets)}
+        out = []
+        for shift in self.shifts:
+            k = numbers.get(id(shift.target), -1)
+            if k not in values:
+                continue
+            (T_base_wobj,), (T_tip_tcp,) = self._frames_of([k])
+            probes = [np.eye(4)] if shift.known else [frames.transform(None, PROBE * axis) for axis in np.eye(3)]
+            behind = frames.inverse(T_tip_tcp)
+            before, after = (
+                np.array([T_base_wobj @ (shift.T_left @ probe) @ value @ shift.T_right @ behind for probe in probes])
+                for value in (self.targets[k].value, values[k])
+            )
+            out.append((k, shift, before, after, T_tip_tcp))
+        return out
+
     def values_for_tip_poses(self, indices: Sequence[int], T_base_tip: ArrayLike) -> dict[int, FloatArray]:
         """Values of pose targets that make the flange reach given poses; the inverse of `tip_poses`."""
         T_base_wobj, T_tip_tcp = self._frames_of(indices)
@@ -618,6 +698,7 @@ class PostureProgram(TextProgram):
         Poses whose frames are not known, or of which it is not known where the controller counts them, are left.
         """
         maker, listing = maker.of(arm), flow.listing
+        flow.settle()
         source = source or listing.parts[0].name
         order = flow.order(targets)
         done = complete(targets, listing, maker, units, arm)
@@ -641,6 +722,7 @@ class PostureProgram(TextProgram):
             own_model=setup.own_model,
             start=setup.start,
             assumed=setup.posture,
+            shifts=tuple(flow.shifts),
             **more,
         )
 

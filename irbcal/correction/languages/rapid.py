@@ -1,7 +1,8 @@
 r"""ABB RAPID modules: which targets stand in them as numbers, and which moves use them.
 
 Literals of ``robtarget`` and ``jointtarget`` in declarations, in assignments and inside moves are read; a move whose
-target the program computes (``Offs``, ``RelTool``, arithmetic, a function) is reported and left. A target is not
+target the program computes (arithmetic, a function) is reported and left. A target that is also shifted by ``Offs`` or
+``RelTool`` is corrected for its direct moves, and what becomes of the shifted one is told. A target is not
 corrected where its literal does more than the direct moves that use it: where it is also an argument of something
 else, where its variable is also computed, where moves use it with different tools or work objects. Uses in
 other modules of the same call count, see `OtherModules`; what is not in the call is not seen.
@@ -24,7 +25,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, locked
 from irbcal.correction import notation
-from irbcal.correction.instructions import ANY, BUILT_IN, TO, TOOL, VIA, WRITES, Instruction, line_for
+from irbcal.correction.instructions import ANY, BUILT_IN, TO, TOOL, VIA, WRITES, MotionInstruction, line_for
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
 from irbcal.correction.maker import (
     NO_CONFDATA,
@@ -47,6 +48,7 @@ from irbcal.correction.text_program import (
     Configuration,
     ControlFlow,
     Role,
+    Shift,
     Target,
     TextProgram,
     Use,
@@ -92,6 +94,7 @@ RESERVED = STRUCTURE | OPERATORS | {"true", "false"}
 
 _SPACE = r"[ \t\r\n\f\v]*"
 _NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_SIGNED = rf"{_SPACE}[+-]?{_SPACE}{_NUMBER}{_SPACE}"
 TOKEN = re.compile(
     rf"""{_SPACE}
     (?:(?P<list>\[{_SPACE}[+-]?{_NUMBER}(?:{_SPACE},{_SPACE}[+-]?{_NUMBER})*{_SPACE}\])
@@ -178,6 +181,17 @@ class MoveInstruction(NamedTuple):
     args: list[Arg]
     options: dict[str, Arg | None]
     taught: bool = False
+
+
+class Shifted(NamedTuple):
+    """``Offs(point,x,y,z)`` or ``RelTool(point,x,y,z)`` as the target of a move."""
+
+    move: int
+    name: str
+    indices: Index
+    start: int
+    in_tool: bool
+    numbers: tuple[float, ...] | None
 
 
 class Monitoring(NamedTuple):
@@ -271,13 +285,15 @@ class Reader:
         Lists of values in any other place.
     calls : list of int
         Tokens with which statements begin that are no move that is known, and may be one.
+    shifted : list of Shifted
+        By the number of their moves.
     wrong : list of (int, str)
         Moves with another number of arguments than is known, and why they are none.
-    instructions : dict of str to Instruction
+    instructions : dict of str to MotionInstruction
         Moves that are known, by their names in lower case.
     """
 
-    def __init__(self, listing: Listing, instructions: Mapping[str, Instruction] = BUILT_IN["rapid"]) -> None:
+    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = BUILT_IN["rapid"]) -> None:
         self.listing, self.text, self.instructions = listing, listing.text, instructions
         self.line, self.error, self.quote = listing.line, listing.error, listing.quote
         self.tokens: list[Token] = []
@@ -293,6 +309,7 @@ class Reader:
         self.loose: list[Node] = []
         self.calls: list[int] = []
         self.wrong: list[tuple[int, str]] = []
+        self.shifted: list[Shifted] = []
         self._level = 0
         self._tokenize()
 
@@ -499,6 +516,7 @@ class Reader:
         start, stops = self.tokens[i].start, (",", "\\", ";")
         args: list[Arg] = []
         options: dict[str, Arg | None] = {}
+        shifts: dict[int, Shifted] = {}
         i += 1
         while self.tokens[i].word != ";":
             if self.tokens[i].word == "\\":
@@ -510,8 +528,11 @@ class Reader:
                     arg, i = self._arg(i + 1, stops, option in ("wobj", "tool"))
                     options[option] = arg._replace(node=None, name=None) if computed else arg
             else:
+                first = i
                 arg, i = self._arg(i, stops, plain=True)
                 args.append(arg)
+                if (shift := self._shift(first, i)) is not None:
+                    shifts[len(args) - 1] = shift
             if self.tokens[i].word == ",":
                 i += 1
                 if self.tokens[i].word in (",", ";"):
@@ -533,7 +554,33 @@ class Reader:
         tool = options.get("tool") or args[roles.index(TOOL)]
         move = MoveInstruction(name, start, self.scope, points, tool, options.get("wobj"), args, options)
         self.moves.append(move._replace(taught=instruction.taught))
+        for k, shift in shifts.items():
+            if roles[k] in (TO, VIA):
+                self.shifted.append(shift)
+                last = range(len(self.mentions) - 1, -1, -1)
+                del self.mentions[next(k for k in last if self.mentions[k].start == shift.start)]
         return i + 1
+
+    def _shift(self, first: int, behind: int) -> Shifted | None:
+        """What the tokens of an argument shift, and by how much; None where they are nothing of the kind."""
+        words = [token.word for token in self.tokens[first : first + 3]]
+        if words[0] not in ("offs", "reltool") or words[1] != "(" or not self._is_data(first + 2):
+            return None
+        if any(token.word == "\\" for token in self.tokens[first:behind]):  # turned, too
+            return None
+        index, k = (), first + 3
+        if self.tokens[k].word == "{":
+            k = self._behind_index(k)
+            index = self._plain_index(first + 3)
+            if not k or not index:
+                return None
+        text = self.text[self.tokens[k].start : self.tokens[behind - 1].start]
+        numbers = re.fullmatch(rf"{_SPACE},({_SIGNED}),({_SIGNED}),({_SIGNED})", text)
+        if self.tokens[k].word != ",":
+            return None
+        values = None if numbers is None else tuple(float(re.sub(r"\s", "", number)) for number in numbers.groups())
+        start = self.tokens[first + 2].start
+        return Shifted(len(self.moves), words[2], index, start, words[0] == "reltool", values)
 
     def arguments(self, i: int) -> list[list[Token]]:
         """Tokens of each argument of a statement that begins at token i, without the optional ones."""
@@ -740,7 +787,7 @@ class Literals:
         In the order in which they are come upon.
     """
 
-    def __init__(self, listing: Listing, instructions: Mapping[str, Instruction] = BUILT_IN["rapid"]) -> None:
+    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = BUILT_IN["rapid"]) -> None:
         self.flow, self.reader = ControlFlow(listing), Reader(listing, instructions)
         self.source = listing.parts[0].name
         self.targets: list[Literal] = []
@@ -1051,16 +1098,39 @@ class Uses:
         self.others = other_modules or OtherModules(literals)
         self.literals, self.reader, self.given = literals, literals.reader, frames_given
         self.goals: list[tuple[MoveInstruction, list[tuple[list[Literal], bool]]]] = []
+        self._shifted: set[tuple[int, str]] = set()
 
     def gather(self) -> None:
         """Give every literal its uses, those of other modules, too.
 
         A move that uses what cannot be its target, its tool or its work object is left.
         """
+        self._shifts()
         self.others.gather()
         for move in self.reader.moves:
             self._move(move)
         self._mentions()
+
+    def _shifts(self) -> None:
+        """Note moves that shift a target of this module; other shifts are uses in another way."""
+        reader = self.reader
+        for shift in reader.shifted:
+            move = reader.moves[shift.move]
+            data = reader.lookup(move.scope, shift.name)
+            literals = data.literals(shift.indices) if data is not None and data.type == "robtarget" else []
+            if not literals or data is None or data.changes or len(shift.indices) != len(data.sizes):
+                reader.mentions.append(Mention(move.scope, shift.name, shift.indices, shift.start))
+                continue
+            tool, _ = self._frame_name(move, move.tool, "tooldata", "tool")
+            wobj, _ = self._frame_name(move, move.work_object, "wobjdata", "work object")
+            T = frames.transform(None, np.array(shift.numbers or (0.0, 0.0, 0.0)) * MM)
+            left, right = (np.eye(4), T) if shift.in_tool else (T, np.eye(4))
+            known = shift.numbers is not None
+            text = next(arg.text for _, arg in move.points if arg.start <= shift.start < arg.end)
+            for literal in literals:
+                made = Shift(literal, move.start, move.name, text, left, right, known, tool, wobj)
+                self.literals.flow.shifts.append(made)
+            self._shifted.add((move.start, text))
 
     def _move(self, move: MoveInstruction) -> None:
         """Give the literals that a move goes to this use, or report what is in the way."""
@@ -1083,6 +1153,8 @@ class Uses:
                 continue
             literals, reason = self._goals(move, arg, kind, line)
             points.append((literals, bool(reason)))
+            if (move.start, arg.text) in self._shifted and not unknown:
+                continue
             if reason or unknown:
                 self.literals.flow.leave(move.start, move.name, arg.text, reason or unknown)
             for literal in literals:
@@ -1197,6 +1269,7 @@ class Uses:
     def module(self, arm: Arm | None = None, controller: ControllerSetup | None = None) -> Module:
         """The module, once the uses of all modules are gathered."""
         reader, literals, listing = self.reader, self.literals.targets, self.reader.listing
+        self.literals.flow.settle()
         complete(literals, listing, ABB)
         for literal in literals:
             if literal.kind == "pose" and literal.uses and not literal.configuration and literal.monitored != {False}:
@@ -1233,6 +1306,7 @@ class Uses:
             own_model=controller.own_model if controller else None,
             start=controller.start if controller else None,
             assumed=controller.posture if controller else None,
+            shifts=tuple(self.literals.flow.shifts),
             moves=functools.cache(lambda: paths(reader, in_order, targets, tools)),
         )
 
@@ -1734,7 +1808,7 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
     return [*(module for task in tasks.values() for module in _of_task(arm, task, setup)), *unread]
 
 
-def _instructions(contents: Iterable[bytes], taught: Mapping[str, Instruction]) -> dict[str, Instruction]:
+def _instructions(contents: Iterable[bytes], taught: Mapping[str, MotionInstruction]) -> dict[str, MotionInstruction]:
     """Moves that are known; a routine of the program's own goes before a built-in one of its name."""
     own = {name.lower() for data in contents for name in re.findall(rb"(?i)\bPROC[ \t]+(\w+)", data)}
     built_in = {name: move for name, move in BUILT_IN["rapid"].items() if name.encode() not in own}

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from moves_cases import check_comments, written
 from rapid_modules import CELL, EXT, LEFT, MOVES, TOOLS, USE, J, P, module, named, pose, refused, rewritten, skipped
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation, Slerp
 from support import arm, random_robot
 
@@ -45,14 +46,11 @@ def test_declared_targets_with_their_uses():
     assert [(use.instruction, use.tool, use.work_object) for use in home.uses] == [("MoveAbsJ", "tool0", "wobj0")]
     assert [(use.instruction, use.role) for use in (*inline.uses, *rest.uses)] == [("MoveC", "via"), ("MoveC", "to")]
     assert row_1.uses == row_2.uses
-    assert seen.correctable() == [1, 2, 3, 4, 5]
+    assert seen.correctable() == [0, 1, 2, 3, 4, 5]
     assert seen.correctable("joint") == [4]
-    assert skipped(seen) == [
-        (p10, r"line 22 uses it in another way: MoveL Offs(p10,0,0,10),v100,z10,tGrip\WObj:=wFix;")
-    ]
-    (left,) = seen.moves_left
-    assert (left.line, left.target) == (22, "MoveL Offs(p10,0,0,10)")
-    assert left.reason == "its target is computed: Offs(p10,0,0,10)"
+    assert seen.left() == []
+    (shift,) = seen.shifts
+    assert (shift.target, shift.instruction, shift.text, shift.known) == (p10, "MoveL", "Offs(p10,0,0,10)", True)
     assert [note.line for note in seen.notes] == [21]  # its first external axis has a value
     with pytest.raises(ValueError, match="read-only"):
         p10.value[0, 0] = 0.0
@@ -433,7 +431,10 @@ CONFLICTS = [
     ("MyMove p10,v1,tA;", "line 5 uses it in another way: MyMove p10,v1,tA; (if it moves there, teach it with --instructions: rapid MyMove to argument2 tool)"),
     ("p20:=p10;", "line 5 uses it in another way: p20:=p10;"),
     ("IF p10.trans.z>5 THEN ENDIF", "line 5 uses it in another way: IF p10.trans.z>5 THEN ENDIF"),
-    ("MoveL Offs(p10,0,0,1),v1,z1,tA;", "line 5 uses it in another way: MoveL Offs(p10,0,0,1),v1,z1,tA;"),
+    ("MoveL Offs(p10,0,0,1),v1,z1,tB;", "line 5 uses it in another way"),
+    (r"MoveL RelTool(p10,0,0,1\Rz:=9),v1,z1,tA;", r"line 5 uses it in another way: MoveL RelTool(p10,0,0,1\Rz:=9),v1,z1,tA;"),
+    ("MoveL Offs(Offs(p10,0,0,1),1,2,3),v1,z1,tA;", "line 5 uses it in another way: MoveL Offs(Offs(p10,0,0,1),1,2,3),v1,z1,tA;"),
+    ("MoveL Offs(p10,p10.trans.x,2,3),v1,z1,tA;", "line 5 uses it in another way: MoveL Offs(p10,p10.trans.x,2,3),v1,z1,tA;"),
     ("p10.trans.x:=p10.trans.x+1;", "p10 is computed or changed in line 5; line 5 uses it in another way: p10.trans.x:=p10.trans.x+1;"),
     ("p10:=CRobT();", "p10 is computed or changed in line 5"),
     ("SearchL di,p10,q,v1,tA;", "p10 is computed or changed in line 5"),
@@ -455,6 +456,66 @@ def test_targets_that_do_more_are_not_corrected(line, reason):
     assert skipped(seen) == [(target, reason)]
     changed = rapid.parse(rewritten(seen, {0: pose(3, 4, 5)}))  # the caller may decide otherwise
     assert np.abs(changed.targets[0].value - pose(3, 4, 5)).max() < 1e-15
+
+
+SHIFTS = [  # its argument, whether the shift is in the tool, the shifts to look at, mm
+    ("Offs(p10,0,0,50)", False, [[0, 0, 50]]),
+    ("Offs( p10 , -20 , 5 , 60.5 )", False, [[-20, 5, 60.5]]),
+    ("RelTool(p10,10,0,-80)", True, [[10, 0, -80]]),
+    ("Offs(p10,0,0,height)", False, [[100, 0, 0], [0, 100, 0], [0, 0, 100]]),
+]
+
+
+@pytest.mark.parametrize(("argument", "in_tool", "shifts"), SHIFTS)
+def test_a_point_that_is_also_shifted_is_corrected_and_the_shifted_one_is_told(argument, in_tool, shifts):
+    """The figures in the note against the new numbers of the file, read by hand, and joints by least squares."""
+    nominal = arm()
+    robot = random_robot(nominal, "16", np.random.default_rng(5), size=0.5)
+    q = np.radians([10, -20, 30, 5, 40, 20])
+    tool, table = pose(0, 0, 120, frames.rot_y(0.4)), pose(300, -100, 50, frames.rot_z(0.3))
+    T = frames.inverse(table) @ nominal.forward(q[None])[0] @ tool
+
+    def listed(T):
+        x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat()
+        return f"[{','.join(f'{1e3 * v:.6f}' for v in T[:3, 3])}],[{w:.9f},{x:.9f},{y:.9f},{z:.9f}]"
+
+    data = f"PERS tooldata t:=[TRUE,[{listed(tool)}],[1,[0,0,1],[1,0,0,0],0,0,0]];"
+    data += f'PERS wobjdata w:=[FALSE,TRUE,"",[{listed(table)}],[[0,0,0],[1,0,0,0]]];'
+    data += f"CONST robtarget p10:=[{listed(T)},[0,0,0,0],{EXT}];"
+    moves = [rf"MoveL {argument},v1,z1,t\WObj:=w;", r"MoveL p10,v1,fine,t\WObj:=w;"]
+    found = filter_program(robot, nominal, rapid.parse(module(*moves, data=data)), "abc")
+    assert (found.left, found.targets.tolist()) == ((), ["p10"])
+    (note,) = found.notes
+    assert note.line == 4
+    told = [float(value) for value in re.findall(r"(\d+\.\d+) mm", note.text)]
+    assert ("at 100 mm" in note.text) == (len(shifts) == 3)
+    text = re.search(r"p10:=\[\[([^\]]*)\],\[([^\]]*)\]", found.data.decode())
+    x, w = (np.array([float(v) for v in text[k].split(",")]) for k in (1, 2))
+    new = frames.transform(Rotation.from_quat(w[[1, 2, 3, 0]]).as_matrix(), x / 1e3)
+
+    def error(value, shift):
+        d = frames.transform(None, np.array(shift) / 1e3)
+        wanted, asked = (table @ (v @ d if in_tool else d @ v) @ frames.inverse(tool) for v in (T, value))
+
+        def misses(q):
+            at = nominal.forward(q[None])[0]
+            return np.r_[at[:3, 3] - asked[:3, 3], Rotation.from_matrix(at[:3, :3] @ asked[:3, :3].T).as_rotvec()]
+
+        joints = least_squares(misses, q, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+        return 1e3 * np.linalg.norm((robot.poses(joints[None])[0] @ tool - wanted @ tool)[:3, 3])
+
+    expected = [max(error(value, shift) for shift in shifts) for value in (new, T)]
+    np.testing.assert_allclose(told[-2:], expected, rtol=0, atol=1e-3)
+    assert told[-2] < told[-1]
+
+
+def test_what_is_only_shifted_is_no_target():
+    seen = rapid.parse(module("MoveL Offs(p10,0,0,1),v1,z1,tA;", data=TOOLS + f"VAR robtarget p10:={P};"))
+    assert seen.correctable() == []
+    assert [left.reason for left in seen.left()] == [
+        "line 4 uses it in another way",
+        "its target is computed: Offs(p10,0,0,1)",
+    ]
 
 
 PROCESS = [
