@@ -286,7 +286,8 @@ class ControlFlow:
             if shift.target.kind == "pose" and frames_of_uses == {(shift.tool, shift.work_object)}:
                 self.shifts.append(shift)
             else:
-                self.leave(shift.at, shift.instruction, shift.text, f"its target is computed: {shift.text}")
+                reason = f"it is shifted, and no move goes to {shift.target.name} itself with the same tool and frame"
+                self.leave(shift.at, shift.instruction, shift.text, reason)
                 self.mention(shift.target, shift.at)
 
     def external_axes(self, targets: Iterable[Target]) -> list[Note]:

@@ -22,7 +22,7 @@ from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
-from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Role, Target
+from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Role, Shift, Target
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling import frames
@@ -227,6 +227,13 @@ def keyed(name: str, index: str | None) -> str:
     return name.lower() if index is None else f"{name.lower()}[{''.join(index.split())}]"
 
 
+def _number(tokens: Tokens) -> float | None:
+    """A plain number with its sign; None where the tokens are something else."""
+    sign = -1.0 if tokens and tokens[0].word == "-" else 1.0
+    rest = tokens[1:] if tokens and tokens[0].word in ("-", "+") else tokens
+    return sign * float(rest[0].word) if len(rest) == 1 and rest[0].kind == "number" else None
+
+
 def split(tokens: Tokens) -> list[Tokens]:
     """Tokens between commas that stand in no brackets."""
     out: list[Tokens] = []
@@ -338,6 +345,8 @@ class _Reader:
             self._go(word, arguments[first:], at, "via" if word == "cir1" else "to")
         elif word in ("tool", "base"):
             self._frame(word, arguments, at)
+        elif word in ("jappro", "lappro") and self._approach(word, arguments, at):
+            self.flow.stop(None, at)
         elif word in RELATIVE:
             self.flow.leave(at, word.upper(), self.listing.quote(at, tokens[-1].end), "it moves by a distance")
             self.flow.stop(None, at)
@@ -345,6 +354,22 @@ class _Reader:
         else:
             self._flow(word, tokens, at)
             self._mention(tokens, at)
+
+    def _approach(self, word: str, arguments: Tokens, at: int) -> bool:
+        """Take a location from which a move stays away along the tool's axis, ``LAPPRO location,distance``."""
+        points = split(arguments)
+        keys = self._named(points[0]) if points else None
+        targets = [self.sections.locations[key] for key in keys or ()]
+        if len(points) != 2 or not targets or any(target.kind == "joint" for target in targets):
+            return False
+        distance = _number(points[1])
+        T = frames.transform(None, [0.0, 0.0, -(distance or 0.0) * MM])
+        text = self.listing.quote(arguments[0].start, arguments[-1].end)
+        tool, frame = self.flow.state.tool, self.flow.state.frame
+        known = distance is not None
+        self.flow.shifts += [Shift(t, at, word.upper(), text, np.eye(4), T, known, tool, frame) for t in targets]
+        self._mention(points[1], at)
+        return True
 
     def _without_label(self, tokens: Tokens) -> Tokens:
         """The statement behind a label; behind one nothing is known."""

@@ -21,7 +21,15 @@ from irbcal.correction.listing import BOM, Edit, Listing, Number, Token, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
-from irbcal.correction.text_program import Configuration, ControlFlow, FrameState, PostureProgram, Role, Target
+from irbcal.correction.text_program import (
+    Configuration,
+    ControlFlow,
+    FrameState,
+    PostureProgram,
+    Role,
+    Shift,
+    Target,
+)
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -751,12 +759,18 @@ class Statements:
         state = self._checked_fdat(self.flow.state)
         state = self._with(line, state) if ends else state
         line.at = 1
+        if line.word() in ("$axis_act", "$pos_act") and not ends:  # to where the arm stands
+            return
         roles: tuple[Role, ...] = ("via", "to") if name in ("CIRC", "SCIRC") else ("to",)
         goal: Target | None = None
         for k, role in enumerate(roles):
             if k and not line.take(","):
                 self.flow.leave(line.start, name, self._rest(line, 1), "its end point is missing")
                 break
+            shifted = self._shifted(line, name, state)
+            if shifted:
+                goal = None
+                continue
             targets, text, reason = self._point(line, name)
             if reason:
                 self.flow.leave(line.start, name, text, reason)
@@ -768,6 +782,24 @@ class Statements:
         self.flow.stop(goal, line.start)
         unused = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
         self._mention([token for token in unused if not token.word.startswith("c_")], line.part)
+
+    def _shifted(self, line: TokenLine, move: str, state: FrameState) -> bool:
+        """Take a point with a shift in its own axes, ``P:{X …,Y …,Z …,A …,B …,C …}``, if the next argument is one."""
+        begin = line.at
+        variable = self.data.lookup(line.part, line.word()) if line.next.kind == "name" else None
+        line.at += 1
+        index = line.index()
+        braces = aggregate(line, self.listing) if line.take(":") else None
+        numbers = [braces.values[key].number for key in POSE if key in braces.values] if braces is not None else []
+        plain = [number.value for number in numbers if number is not None]
+        targets = [] if variable is None else [t for at, t in variable.targets.items() if index in (None, at)]
+        if variable is None or not targets or variable.changes or len(plain) < 6 or line.word() == ":":
+            line.at = begin
+            return False
+        at, text = line.tokens[0].start, self._rest(line, begin, line.at)
+        T = KUKA.frame(plain)
+        self.flow.shifts += [Shift(t, at, move, text, np.eye(4), T, True, state.tool, state.frame) for t in targets]
+        return True
 
     def _point(self, line: TokenLine, move: str) -> tuple[list[Target], str, str]:
         """Targets that an argument stands for, its text, and why they are not all or not to be changed."""

@@ -568,7 +568,8 @@ class Reader:
             return None
         if any(token.word == "\\" for token in self.tokens[first:behind]):  # turned, too
             return None
-        index, k = (), first + 3
+        index: Index = ()
+        k = first + 3
         if self.tokens[k].word == "{":
             k = self._behind_index(k)
             index = self._plain_index(first + 3)

@@ -20,7 +20,7 @@ from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
-from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Target
+from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Shift, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -239,6 +239,10 @@ def _shown(name: str, index: str = "0") -> str:
     return f"{name}[{index or '0'}]".lower()
 
 
+_APPROACH = re.compile(r"\s*appro\s*\(\s*([A-Za-z_]\w*\s*(?:\[[^\[\]]*\])?)\s*,(.*)\)\s*")
+_SIX = re.compile(r"\s*\{\s*" + r"\s*,\s*".join([r"[-+]?(?:\d+\.?\d*|\.\d+)"] * 6) + r"\s*\}\s*")
+
+
 class _Application:
     """Follows the program texts."""
 
@@ -328,6 +332,9 @@ class _Application:
         name = _shown(tool[1], index) if tool is not None and index.isdecimal() else None
         stop: Target | None = None
         for role, argument in zip(roles, arguments, strict=False):
+            if self._approach(at, move, argument, name):
+                stop = None
+                continue
             goals, reason = self._goal(argument)
             if reason:
                 self.flow.leave(at, move, argument.strip()[:50], reason)
@@ -338,6 +345,21 @@ class _Application:
             if not goals:
                 self._mention(at, argument)
         self.flow.stop(stop, at)
+
+    def _approach(self, at: int, move: str, argument: str, tool: str | None) -> bool:
+        """Take a point with a shift in its own axes, ``appro(point,{x,y,z,rx,ry,rz})``; whether it is one."""
+        match = _APPROACH.fullmatch(argument)
+        goals = [] if match is None else self._goal(match[1])[0]
+        if match is None or not goals or any(target.kind == "joint" for _, target in goals):
+            return False
+        numbers = [float(number) for number in match[2].strip(" {}").split(",")] if _SIX.fullmatch(match[2]) else []
+        T = STAUBLI.frame(numbers) if numbers else np.eye(4)
+        for value, target in goals:
+            text = argument.strip()[:50]
+            frame = self._father(value)
+            self.flow.shifts.append(Shift(target, at, move, text, np.eye(4), T, bool(numbers), tool, frame))
+        self._mention(at, "" if numbers else match[2])
+        return True
 
     def _goal(self, argument: str) -> tuple[list[tuple[DatumValue, Target]], str]:
         reference = _ITEM.match(argument)

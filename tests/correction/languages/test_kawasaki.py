@@ -138,7 +138,7 @@ P, J = "a 400 50 300 10 120 20", "#p 10 20 -60 10 50 5"
     [
         (["TOOL NULL", "BASE NULL", "LMOVE a"], "no configuration, and no known stop"),
         (["TOOL NULL", "BASE NULL", "JMOVE #p", "LMOVE a + TRANS(0,0,5,0,0,0)"], "computed"),
-        (["JMOVE #p", "LAPPRO a,50"], "by a distance"),
+        (["JMOVE #p", "LAPPRO a,50"], "no move goes to a itself"),
         (["JMOVE #p", "POINT #p = #q"], "line 8 uses it in another way"),
         (["JMOVE #p", "CALL pick(#p)"], "line 8 uses it in another way"),
         (["JMOVE #p", "TOOL a", "BASE NULL", "LMOVE a"], "line 8 uses it in another way"),

@@ -144,7 +144,7 @@ FRAMES = {"tools": {"1": np.eye(4)}, "work_objects": {"2": np.eye(4)}}
         (f"P={POINT}\nLIN P\nn=DIST(P)\n", "uses it in another way"),
         (f"P={POINT}\nP={POINT}\nLIN P\n", "computed, changed"),
         ("LIN_REL {X 10}\n", "its target is relative"),
-        ("PTP $AXIS_ACT\n", "is not declared"),
+        ("PTP $AXIS_ACT_MEAS\n", "is not declared"),
         ("LIN {X 1,Y 2}\n", "it has no Z"),
         ("LIN {X 1+n,Y 2,Z 3,A 1,B 2,C 3}\n", "some of its numbers are computed"),
         (f"P={POINT}\nLIN P\n$TOOL=TOOL_DATA[n]\nLIN P\n", "TOOL is computed in line"),

@@ -514,7 +514,7 @@ def test_what_is_only_shifted_is_no_target():
     assert seen.correctable() == []
     assert [left.reason for left in seen.left()] == [
         "line 4 uses it in another way",
-        "its target is computed: Offs(p10,0,0,1)",
+        "it is shifted, and no move goes to p10 itself with the same tool and frame",
     ]
 
 

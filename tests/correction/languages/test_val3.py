@@ -181,7 +181,7 @@ GOOD = 'shoulder="lefty" elbow="epositive" wrist="wpositive" fatherId="world[0]"
 @pytest.mark.parametrize(
     ("code", "more", "reason"),
     [
-        ("movel(appro(p[0],tr),tGrip,m)", GOOD, "its target is computed"),
+        ("movel(appro(p[0],tr),tGrip,m)", GOOD, "no move goes to p[0] itself"),
         ("movel(q,tGrip,m)", GOOD, "not declared"),
         ("movel(p[0],tGrip,m)\np[0].trsf.x=3", GOOD, "in another way"),
         ("movel(p[0],tGrip,m)\nmovel(p[0],flange,m)", GOOD, "different tools"),
