@@ -48,13 +48,14 @@ version_of() {
     "$1" -I -c 'import sys; print(sys.version)'
 }
 
-# Fingerprint of the project's place, its requirements, the interpreter and the extras $1.
+# Fingerprint of the project's place, its requirements, its kernel, the interpreter and the extras $1.
 fingerprint() {
     "$venv/bin/python" -I -c '
 import hashlib, pathlib, sys
 root, extras = pathlib.Path(sys.argv[1]), sys.argv[2]
 digest = hashlib.sha256(repr((str(root), sys.version, extras)).encode())
-for name in ("pyproject.toml", "scripts/locks/" + (extras or "demo") + ".txt"):
+kernel = ("hatch_build.py", "irbcal/kernel/kernel.hpp", "irbcal/kernel/binding.cpp")
+for name in ("pyproject.toml", "scripts/locks/" + (extras or "demo") + ".txt", *kernel):
     digest.update(hashlib.sha256((root / name).read_bytes()).digest())
 print(digest.hexdigest())' "$root" "$1"
 }

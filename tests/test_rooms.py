@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
-    ("errors", "units", "arrays", "chance"),
+    ("errors", "units", "arrays", "chance", "kernel"),
     (
         "literals",
         "options",

@@ -89,6 +89,10 @@ def _version(wanted: bool) -> None:
         from irbcal import __version__
 
         print(f"irbcal {__version__}")
+        if "--verbose" in sys.argv:  # which may stand behind it
+            from irbcal import kernel
+
+            print(f"kernel: {kernel.STATE}")
         raise typer.Exit
 
 
@@ -96,6 +100,7 @@ def common(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="With --version: say what computes kinematics.")] = False,
 ) -> None:
     """Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."""
 
@@ -169,7 +174,7 @@ def _called(arguments: list[str]) -> typer.Typer:
         typed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
         command = typed.split()[1:2] if len(typed.split()) > 2 or typed[-1:].isspace() else []
         return application(command) if set(command) & set(COMMANDS) else application(summary=True)
-    if arguments == ["--version"]:
+    if "--version" in arguments[:1]:
         return application(())
     if arguments[:1] and arguments[0] in COMMANDS:
         return application(arguments[:1])

@@ -1,8 +1,6 @@
 """What a calibrated robot is made of, as plain numbers that any language can hold: the source of all exports.
 
-Joints count from 0, lengths are metres, angles radians. What `irbcal.modeling` keeps as terms is summed up here: gains,
-series of cosines and sines, levers of gravity by link, compliances under a payload and under torques, and what the last
-move does.
+Joints count from 0, lengths are metres, angles radians. Terms are summed up by `irbcal.modeling.parts`.
 """
 
 from __future__ import annotations
@@ -16,16 +14,10 @@ import numpy as np
 
 from irbcal import __version__, literals
 from irbcal.arrays import BoolArray, FloatArray, Locked
-from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.parts import Bend, Chain, Lever, Wave, map_parts
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.direction import WIDTHS
-from irbcal.modeling.terms.payload import STANDARD_GRAVITY
-from irbcal.modeling.terms.situation import GRAVITY
-from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import TermMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,72 +38,8 @@ class ExportFiles(Locked):
 
 VERSION = "irbcal-export-1"
 """Name of the layout of exports; it changes when what they offer does."""
-SERIES = 64
-"""Highest order of a wave that is summed with its neighbours by a recurrence; others are computed one by one."""
 TESTS = 24
 """Test vectors in an export."""
-
-
-@dataclass(frozen=True, eq=False)
-class Chain(Locked):
-    """A chain of joints: before each joint turns (slides) about its z, its frame is placed by a constant.
-
-    Attributes
-    ----------
-    rotations : ndarray, shape (n, 3, 3)
-        Attitude of each joint's frame in the one before, the first in the base link, with the joint's offset.
-    places : ndarray, shape (n, 3)
-        Its origin there, metres.
-    tip_rotation : ndarray, shape (3, 3)
-    tip_place : ndarray, shape (3,)
-        The tip link in the last joint's frame.
-    """
-
-    rotations: FloatArray
-    places: FloatArray
-    tip_rotation: FloatArray
-    tip_place: FloatArray
-
-    @staticmethod
-    def of(arm: Arm) -> Chain:
-        """The chain of an arm's DHM table."""
-        steps = [arm.table.step(i) for i in range(len(arm.table))]
-        steps[0] = arm.T_base_0 @ steps[0]
-        T = np.array(steps)
-        return Chain(T[:, :3, :3], T[:, :3, 3], arm.T_last_tip[:3, :3], arm.T_last_tip[:3, 3])
-
-
-@dataclass(frozen=True)
-class Wave:
-    """Cosine and sine of a multiple of one joint's commanded value, in the effective one."""
-
-    joint: int
-    cycles: float
-    cosine: float
-    sine: float
-
-
-@dataclass(frozen=True)
-class Bend:
-    """``coefficient sin(sum of joints + phase)`` in the effective values of some joints (Nubiola 2011, eq. 5.14)."""
-
-    coefficient: float
-    phase: float
-    joints: tuple[int, ...]
-    targets: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Lever:
-    """``z . (sum of R_k v_k x g)`` about the axis of a joint, in the effective values of some joints.
-
-    ``links`` are the k with a vector; the vectors hold the coefficients, radians.
-    """
-
-    joint: int
-    targets: tuple[int, ...]
-    links: tuple[int, ...]
-    vectors: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,116 +189,13 @@ class Parts(Locked):
             "coupling": np.eye(n) if arm.coupling is None else arm.coupling,
             "chain": Chain.of(arm),
         }
-        empty: dict[str, Any] = {
-            name: np.zeros(n) for name in ("gain", "offset", "compliance", "torque", "direction", "move", "share")
-        }
-        empty |= {"cosine": np.zeros((0, n)), "sine": np.zeros((0, n)), "width": np.ones(n)}
-        empty |= {"waves": (), "bends": (), "levers": (), "gravity": np.array(GRAVITY)}
-        empty |= {"payload_kg": 0.0, "payload_place": np.zeros(3), "nominal": Chain.of(nominal or arm)}
         source = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
-        return Parts(**(common | empty | _of_terms(robot.joint_map, n) | source))
+        return Parts(**(common | map_parts(robot.joint_map.terms, robot.joint_map.payload_kg) | source))
 
     def carrying(self, payload_kg: float, payload_at: FloatArray | None = None) -> Parts:
         """The same with another load where none is told."""
         where = self.payload_place if payload_at is None else payload_at
         return replace(self, payload_kg=payload_kg, payload_place=np.asarray(where, dtype=float))
-
-
-def _of_terms(joint_map: JointMap, n: int) -> dict[str, Any]:
-    terms = joint_map.terms
-    values: dict[str, Any] = {
-        name: np.zeros(n) for name in ("gain", "offset", "compliance", "torque", "direction", "move", "share")
-    }
-    simple = {"q": "gain", "constant": "offset", "payload": "compliance", "torque": "torque"}
-    simple |= {"move": "move", "share_of_move": "share", "direction": "direction"}
-    widths: dict[int, float] = {}
-    centres = set()
-    waves: dict[tuple[int, float], list[float]] = {}
-    levers: dict[tuple[int, tuple[int, ...]], dict[int, FloatArray]] = {}
-    bends: list[Bend] = []
-    for term, coefficient in zip(terms.terms, map(float, terms.coefficients), strict=True):
-        if term.basis == "decay" or coefficient == 0.0:
-            continue  # the arm is warm
-        if term.basis == "gravity":
-            bend = _bend(term, coefficient, terms)
-            if bend is not None:
-                bends.append(bend)
-                continue
-            key = (term.joint, (term.joint, *term.also))
-            vectors = levers.setdefault(key, {})
-            link = int(str(term.parameters["link"])) - 1
-            vectors[link] = vectors.get(link, np.zeros(3)) + coefficient * _vector(term)
-            continue
-        if term.also:
-            raise _unknown(term)
-        if term.basis in ("cos", "sin"):
-            pair = waves.setdefault((term.joint, float(str(term.parameters["cycles_per_turn"]))), [0.0, 0.0])
-            pair[term.basis == "sin"] += coefficient
-        elif term.basis in simple:
-            if term.basis == "direction":
-                width = float(str(term.parameters.get("width_rad", term.parameters.get("width_m"))))
-                if widths.setdefault(term.joint, width) != width:
-                    raise _unknown(term)
-            if term.basis == "payload":
-                centres.add(tuple(np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float).tolist()))
-            values[simple[term.basis]][term.joint] += coefficient
-        else:
-            raise _unknown(term)
-    if len(centres) > 1:
-        raise CalibrationError("payload terms with several places cannot be exported")
-    cosine, sine, single = _series(waves, n)
-    return values | {
-        "nominal": Chain.of(terms.arm),
-        "cosine": cosine,
-        "sine": sine,
-        "waves": single,
-        "bends": tuple(bends),
-        "levers": tuple(
-            Lever(joint, targets, tuple(sorted(v)), tuple(tuple(map(float, v[k])) for k in sorted(v)))
-            for (joint, targets), v in levers.items()
-        ),
-        "gravity": np.array(terms.gravity, dtype=float),
-        "compliance": STANDARD_GRAVITY * values["compliance"],
-        "payload_kg": joint_map.payload_kg or 0.0,
-        "payload_place": np.array(next(iter(centres), (0.0, 0.0, 0.0))),
-        "width": np.array([widths.get(j, 1.0) for j in range(n)]),
-    }
-
-
-def _bend(term: Term, coefficient: float, terms: TermMap) -> Bend | None:
-    """A lever that is one sine of a sum of joints, as that; None for others."""
-    expansion = bases()[term.basis].expansion(term, terms.arm, terms.gravity)
-    if expansion is None or len(expansion) != 1:
-        return None
-    ((turns, weight),) = expansion.items()
-    if set(turns) != {0.0, 1.0}:
-        return None
-    joints = tuple(j for j, n in enumerate(turns) if n)
-    return Bend(coefficient * abs(weight), float(np.angle(1j * weight)), joints, (term.joint, *term.also))
-
-
-def _series(waves: dict[tuple[int, float], list[float]], n: int) -> tuple[FloatArray, FloatArray, tuple[Wave, ...]]:
-    """Waves of whole low orders as series, shape (orders, n), and the others."""
-    dense = {key: pair for key, pair in waves.items() if key[1] == int(key[1]) and 1 <= key[1] <= SERIES}
-    orders = max((int(cycles) for _, cycles in dense), default=0)
-    if orders > 4 * len({cycles for _, cycles in dense}):  # a few far apart
-        dense, orders = {}, 0
-    cosine, sine = np.zeros((orders, n)), np.zeros((orders, n))
-    for (joint, cycles), pair in dense.items():
-        cosine[int(cycles) - 1, joint], sine[int(cycles) - 1, joint] = pair
-    sparse = tuple(Wave(j, cycles, *pair) for (j, cycles), pair in waves.items() if (j, cycles) not in dense)
-    return cosine, sine, sparse
-
-
-def _vector(term: Term) -> FloatArray:
-    vector = term.parameters["vector"]
-    return np.eye(3)["xyz".index(vector)] if isinstance(vector, str) else np.asarray(vector, dtype=float)
-
-
-def _unknown(term: Term) -> CalibrationError:
-    return CalibrationError(
-        f"the joint map has a term ({term.name}) that exports do not know: calibrate with terms joint-map"
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -175,7 +175,7 @@ class Arm:
         return phases, Stiffness.guess(float(np.linalg.norm(upper)), float(np.linalg.norm(fore)))
 
     @cached_property
-    def _farthest(self) -> FloatArray:
+    def farthest(self) -> FloatArray:
         """Joint values, shape (n,), that only another unit explains: twice the limit, or two turns where that is more.
 
         A continuous joint may go on turning for ever: it is judged, at eight turns, only where no other joint could
@@ -207,7 +207,7 @@ class Arm:
             If the shape is another, or a number so large that it must be meant in degrees (millimetres).
         """
         q = self.check_shape(q)
-        far = np.abs(q) > self._farthest
+        far = np.abs(q) > self.farthest
         if far.any():
             row, joint = np.argwhere(far)[0]
             slides = self.table.prismatic[joint]

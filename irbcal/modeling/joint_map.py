@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.errors import RobotError
+from irbcal.errors import CalibrationError, RobotError
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.parts import compiled, map_parts
 from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.payload import largest_torque
 from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
@@ -87,6 +88,18 @@ class JointMap:
         for term, coefficient in zip(self.history.terms, self.history.coefficients, strict=True):
             squares[[term.joint, *term.also]] += coefficient**2
         return np.sqrt(squares)
+
+    @cached_property
+    def parts(self) -> dict[str, Any] | None:
+        """Its terms summed up as plain numbers; None where some cannot be, see `irbcal.modeling.parts.map_parts`."""
+        try:
+            return map_parts(self.terms, self.payload_kg)
+        except CalibrationError:
+            return None
+
+    @cached_property
+    def _kernel(self) -> Any:
+        return None if self.parts is None else compiled(self.terms.arm, self.parts)
 
     @property
     def in_words(self) -> str:
@@ -281,6 +294,11 @@ class JointMap:
         q = np.asarray(q, dtype=float)
         if self.is_identity or not len(q):
             return q
+        if payload_kg is None and payload_place is None and torques is None and self._kernel is not None:
+            theta = np.empty(q.shape)
+            before = None if previous is None else np.array(np.broadcast_to(previous, q.shape), dtype=float)
+            if self._kernel.effective(np.ascontiguousarray(q), before, theta):
+                return theta
         theta = q * (1.0 + self._gain)
         if payload_kg is None and payload_place is None:
             waves, remaining = self._usual

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -32,6 +33,7 @@ from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm, relative_difference
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.moves_along import strides
+from irbcal.modeling.parts import compiled
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners import jacobians
@@ -187,6 +189,7 @@ def _with_more(joint_map: JointMap, delta_kg: float, centre: ArrayLike | None) -
 
 Reference: TypeAlias = "str | pin.ReferenceFrame"
 """One of Pinocchio's reference frames, by name or as it is."""
+_REFERENCES = {LOCAL_WORLD_ALIGNED: 0, LOCAL: 1, WORLD: 2}
 WITHIN = 1e-9
 """How far a command may lie beyond a limit, radians or metres: rounding."""
 
@@ -503,6 +506,11 @@ class CalibratedModel(AlongTime, Result):
         ndarray, shape (n, 4, 4)
             ``T_relative_frame``.
         """
+        if previous is None and relative_to is None and isinstance(q, np.ndarray) and q.ndim == 2:
+            kernel = self._kernel(self._number(frame, self._place.tip), False)
+            T = np.empty((len(q), 4, 4))
+            if kernel is not None and kernel.poses(q, None, True, T):
+                return T
         theta = self.joint_map.effective(self.arm.check_joints(q), previous)
         numbers = (self._number(frame, self._place.tip), self._number(relative_to, self._place.base))
         T_universe_frame, T_universe_relative = (self._placements(theta, number) for number in numbers)
@@ -535,6 +543,11 @@ class CalibratedModel(AlongTime, Result):
         ndarray, shape (n, 6, joints)
             Rows: linear, then angular velocity.
         """
+        if previous is None and isinstance(q, np.ndarray) and q.ndim == 2 and str(reference) in _REFERENCES:
+            kernel = self._kernel(self._number(frame, self._place.tip), True)
+            out = np.empty((len(q), 6, len(self.arm.lower)))
+            if kernel is not None and kernel.jacobians(q, None, _REFERENCES[str(reference)], out):
+                return out
         q = self.arm.check_joints(q)
         J = self._effective_jacobians(self.joint_map.effective(q, previous), None, frame, reference)[0]
         return J @ self.joint_map.jacobian(q, previous)
@@ -562,6 +575,23 @@ class CalibratedModel(AlongTime, Result):
         J, dJ = self._effective_jacobians(self.joint_map.effective(q), dtheta, frame, reference)
         assert dJ is not None  # speeds were given
         return dJ @ M + J @ self.joint_map.jacobian_derivative(q, dq)
+
+    @cached_property
+    def _kernels(self) -> dict[tuple[int, bool], Any]:
+        return {}
+
+    def _kernel(self, frame: int, in_universe: bool) -> Any:
+        """The compiled kernel to a frame that is fixed to the tip, from the universe or the base link; else None."""
+        if (frame, in_universe) not in self._kernels:
+            made, parts = None, self.joint_map.parts
+            if self._fixed_to_tip(frame) and parts is not None:
+                listed, arm = self.model.frames, self.arm
+                T_tip_frame = listed[self._place.tip].placement.actInv(listed[frame].placement).homogeneous
+                T_base_0 = self.T_universe_base @ arm.T_base_0 if in_universe else arm.T_base_0
+                to_frame = replace(arm, T_base_0=T_base_0, T_last_tip=arm.T_last_tip @ T_tip_frame)
+                made = compiled(to_frame, None if self.joint_map.is_identity else parts)
+            self._kernels[frame, in_universe] = made
+        return self._kernels[frame, in_universe]
 
     def _number(self, frame: str | None, default: int) -> int:
         return default if frame is None else self._place.frame(frame)

@@ -101,7 +101,7 @@ def folder(tmp_path_factory):
 def test_a_shipped_robot_and_its_file_are_the_same():
     by_name, by_path = open_robot("irb120"), open_robot(robots.robot_file("irb120"))
     q = arm("irb120").random_joints(5, 1)
-    assert_same_poses(by_name.robot.poses(q), arm("irb120").forward(q), 0.0, 0.0)
+    assert_same_poses(by_name.robot.poses(q), arm("irb120").forward(q), 1e-14, 1e-14)
     assert_same_poses(by_path.robot.poses(q), by_name.robot.poses(q), 0.0, 0.0)
     for opened in (by_name, by_path):
         assert opened.record is None

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, row_arithmetic
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
-from irbcal.modeling.inverse.fixed_point import FixedPoint, FixedPointState, Work
+from irbcal.modeling.inverse.fixed_point import FixedPoint, FixedPointState
 from irbcal.modeling.inverse.orthoparallel import TAU
 from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
@@ -175,26 +174,15 @@ class _Solver:
         n = len(T)
         near, bad_seed, branch = self.asked_for(n, seed, configuration)
         state = FixedPointState(n)
-        bad_pose = np.zeros(n, dtype=bool)
-        later: dict[bool, list[Work]] = {False: [], True: []}
-        for start in range(0, n, BLOCK):
-            block = slice(start, min(start + BLOCK, n))
-            H = pose_columns(T[block])
-            good_pose = usable(T[block], H)
-            bad_pose[block] = ~good_pose
-            todo = np.flatnonzero(good_pose & ~bad_seed[block])
-            H = H if len(todo) == len(good_pose) else np.take(H, todo, axis=-1)
-            todo += start
-            first = np.full(len(todo), np.inf)
-            work = Work(todo, branch_signs(branch[todo]), first, H, H, None if near is None else near[:, todo])
-            unfinished, sums = self.iteration.run(work, state)
-            later[sums] += [] if unfinished is None else [unfinished]
-        # the few that take longer, of all blocks together
-        for sums, blocks in later.items():
-            together: list[NDArray[Any]] = [np.concatenate(values, axis=-1) for values in zip(*blocks, strict=True)]
-            for start in range(0, len(together[0]) if blocks else 0, BLOCK):
-                block = slice(start, start + BLOCK)
-                self.iteration.run(Work(*(np.ascontiguousarray(v[..., block]) for v in together)), state, sums)
+        blocks = [slice(start, start + BLOCK) for start in range(0, n, BLOCK)]
+        bad_pose = np.concatenate([~usable(T[k], pose_columns(T[k])) for k in blocks] or [np.zeros(0, dtype=bool)])
+        todo = np.flatnonzero(~bad_pose & ~bad_seed)
+        signs, close = branch_signs(branch[todo]), None if near is None else near[:, todo]
+        if not self.iteration.compiled(T, todo, signs, close, state):
+            for block in blocks:
+                H = pose_columns(T[todo[block]])
+                close_here = None if close is None else close[:, block]
+                self.iteration.run(todo[block], H, signs[:, block], close_here, state)
         done = self.good(state.position, state.rotation)
         state.method[done] = Method.FIXED_POINT
         self._newton(np.flatnonzero(~done & ~bad_pose & ~bad_seed), T, branch, near, state)

@@ -10,8 +10,8 @@ iteration, but not next to a singularity, and it cannot go where the nominal arm
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,39 +23,20 @@ from irbcal.modeling.inverse.branches import branch_signs
 from irbcal.modeling.inverse.newton import CalibratedChain
 from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
 from irbcal.modeling.inverse.poses import check_poses, pose_columns
+from irbcal.modeling.parts import compiled as made
 from irbcal.modeling.robot import Robot
 
 NEAR_NOMINAL = 0.02
 """Entries of the nominal table may be this far (m or rad) from ortho-parallel: the iteration makes it good."""
 
-ITERATIONS = 12
-"""Nubiola 2011, Table 6.1, needs three."""
+ITERATIONS = 24
+"""Nubiola 2011, Table 6.1, needs three; arms far from their nominal ones up to twenty."""
 
 STALLED = 0.5
 """An iteration that leaves more than this share of the error is given up for Newton's steps."""
 
 SLACK = 0.05
 """Radians that a start may be beyond a limit: the iteration may bring it back."""
-
-MOST = 0.85
-"""Share of poses under way below which those that are done are taken out: to do so costs a quarter of an iteration."""
-
-SUMS = 5e-3
-"""Radians: the turn of the tip up to which fake targets are moved by sums."""
-
-
-class Work(NamedTuple):
-    """Poses under way: places in the state (n,), signs of the branch (3, n), last merit (n,), target and fake target.
-
-    Both are columns (4, 3, n). Joints (6, n) are the last ones; at first those whose turns to keep, where there are.
-    """
-
-    places: IntArray
-    signs: FloatArray
-    last: FloatArray
-    H: FloatArray
-    fake: FloatArray
-    q: FloatArray | None
 
 
 class FixedPointState:
@@ -69,37 +50,15 @@ class FixedPointState:
         self.margin = np.full(n, np.nan)
         self.rank = np.full(n, np.inf)
 
-    def keep(
-        self,
-        index: IntArray,
-        these: BoolArray,
-        better: BoolArray,
-        now: Sequence[FloatArray],
-        previous: Sequence[FloatArray] | None,
-        iterations: int,
-    ) -> None:
-        """Joints and errors of these poses of a block: those of now where they are better, else those of before.
 
-        After the first iteration there are none of before, and where it found none the state stays.
-        """
-        index_kept: IntArray | slice = index
-        if np.count_nonzero(these) < len(index) // 8:
-            chosen = np.flatnonzero(these)
-            index_kept, these, better = index[chosen], these[chosen], better[chosen]
-            now = [np.take(v, chosen, axis=-1) for v in now]
-            previous = None if previous is None else [np.take(v, chosen, axis=-1) for v in previous]
-        elif index[-1] - index[0] == len(index) - 1:
-            index_kept = slice(index[0], index[-1] + 1)
-        self.iterations[index_kept] += iterations * these
-        if previous is None:
-            these = these & better
-        elif not (better | ~these).all():
-            now = [np.where(better, new, old) for new, old in zip(now, previous, strict=True)]
-        for total, best in zip((self.q, self.position, self.rotation), now, strict=True):
-            if isinstance(index_kept, slice):
-                np.copyto(total[..., index_kept], best, where=these)
-            else:
-                total[..., index_kept[these]] = best[..., these]
+@lru_cache(maxsize=16)
+def _kernel_of(robot: Robot, nominal: Arm) -> Any:
+    """The compiled kernel of a robot with the closed form of its nominal arm; None where there is none."""
+    parts = robot.joint_map.parts
+    if robot.frame_terms is not None or parts is None:
+        return None
+    closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
+    return made(robot.arm, None if robot.joint_map.is_identity else parts, nominal, closed.numbers, closed.reach)
 
 
 class FixedPoint:
@@ -125,10 +84,29 @@ class FixedPoint:
         self.chain = CalibratedChain(robot, self.closed.reach)
         self.tolerance = position, rotation
         self.lower, self.upper = nominal.lower - SLACK, nominal.upper + SLACK
+        self._kernel = _kernel_of(robot, nominal)
 
     def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Whether both errors (n,) are within the tolerances."""
         return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
+
+    def compiled(
+        self, T: FloatArray, rows: IntArray, signs: FloatArray, near: FloatArray | None, state: FixedPointState
+    ) -> bool:
+        """The iteration for poses ``rows`` of T (n, 4, 4) by the compiled kernel, as `run`; False where there is none.
+
+        ``signs`` (3, m) and ``near`` (6, m) are those of the m rows.
+        """
+        if self._kernel is None:
+            return False
+        q, found = np.empty((len(rows), 6)), np.empty((len(rows), 4))
+        close = None if near is None else near.T.copy()
+        if not self._kernel.inverses(T[rows], signs.T.copy(), close, *self.tolerance, q, found):
+            return False
+        state.q[:, rows] = q.T
+        state.position[rows], state.rotation[rows], state.margin[rows] = found[:, :3].T
+        state.iterations[rows] = found[:, 3]
+        return True
 
     def start_turns(self, q: FloatArray, near: FloatArray | None) -> FloatArray:
         """Joints (6, n) shifted near the limits at the turns nearest to ``near`` (6, n) or zero, in place."""
@@ -141,67 +119,47 @@ class FixedPoint:
             q[j, turn] += TAU * closed_form.whole_turns(self.lower[j], self.upper[j], q[j, turn], close)[0]
         return q
 
-    def run(self, work: Work, state: FixedPointState, again: bool | None = None) -> tuple[Work | None, bool]:
-        """The iteration of Nubiola 2011, Figure 6.2, for a block, until few poses are left: those, or None.
+    def run(
+        self, rows: IntArray, H: FloatArray, signs: FloatArray, near: FloatArray | None, state: FixedPointState
+    ) -> None:
+        """The iteration of Nubiola 2011, Figure 6.2, for poses ``rows`` of the state, until each is done or stalls.
 
-        Next fake targets are products of transforms (`_next_fake`) at first, which undoes what base, tool or one joint
-        are turned by. Where that is less than `SUMS` for all poses of the block, they are sums from then on, of the
-        fake target and of what the columns of the tip lack: the error shrinks by no less than that turn in each
-        iteration, for a tenth of the arithmetic. Such a fake target is nearly a rigid transform; the closed form takes
-        it as it is. Whether they are sums is returned, and told as ``again`` for the poses that are left.
+        Parameters
+        ----------
+        rows : ndarray of int, shape (n,)
+        H : ndarray, shape (4, 3, n)
+            Columns of the targets.
+        signs : ndarray, shape (3, n)
+            Branches, as `irbcal.modeling.inverse.branches.branch_signs` has them.
+        near : ndarray, shape (6, n), optional
+            Joints whose turns are kept.
+        state : FixedPointState
         """
-        index, signs, last, H, fake, q = work
-        first, sums = again is None, bool(again)
-        if not len(index):
-            return None, sums
-        few_left = len(index) // 8 if first else 0
-        previous: Sequence[FloatArray] | None = None
-        alive = np.ones(len(index), dtype=bool)
+        fake, q, last = H, near, np.full(len(rows), np.inf)
         for count in range(1, ITERATIONS + 1):
+            if not len(rows):
+                return
             q_new, margin = self.closed.branch(fake.reshape(12, -1), signs)
-            if first and count == 1:
-                state.margin[index] = margin
-                q = self.start_turns(q_new, q)
-            else:
-                assert q is not None
-                q = _same_turn(q_new, q)
+            if count == 1:
+                state.margin[rows] = margin
+            q = self.start_turns(q_new, q) if count == 1 or q is None else _same_turn(q_new, q)
             tip = self.chain.tip(q)
-            lacking = np.subtract(H, tip, out=tip if sums else None)
-            position, rotation = newton.lengths(lacking)
+            position, rotation = newton.errors(tip, H)
             merit = self.chain.merit(position, rotation)
-            on = alive & (merit <= STALLED * last) & ~self.good(position, rotation)  # False for NaN: not within reach
-            count_left = np.count_nonzero(on)
-            ends = count_left <= few_left or count == ITERATIONS
-            if ends or count_left < np.count_nonzero(alive):
-                done = alive if ends else alive & ~on
-                state.keep(index, done, merit < last, (q, position, rotation), previous, count)
-            if count_left == 0:
-                break
-            alive, last = on, merit
-            if sums:
-                fake = np.add(fake, lacking, out=lacking)
-            else:
-                fake = _next_fake(fake, tip, H)
-                sums = first and count == 1 and float(rotation[on].max()) < SUMS
-            if count_left <= few_left or count_left < MOST * len(index):
-                rows = np.flatnonzero(on)
-                index = index[rows]
-                signs, last, H, fake, q, position, rotation = (
-                    np.take(v, rows, axis=-1) for v in (signs, last, H, fake, q, position, rotation)
-                )
-                alive = np.ones(count_left, dtype=bool)
-            if count_left <= few_left:
-                return Work(index, signs, last, H, fake, q), sums
-            previous = q, position, rotation
-        return None, sums
+            better = merit < last  # False for NaN: not within reach
+            chosen = rows[better]
+            state.q[:, chosen] = q[:, better]
+            state.position[chosen], state.rotation[chosen] = position[better], rotation[better]
+            state.iterations[rows] = count
+            on = np.flatnonzero((merit <= STALLED * last) & ~self.good(position, rotation))
+            fake = _next_fake(fake[..., on], tip[..., on], H[..., on])
+            rows, signs, last, H, q = rows[on], signs[:, on], merit[on], H[..., on], q[:, on]
 
 
 def history(
     robot: Robot, nominal: Arm, T_base_tip: FloatArray, configuration: ArrayLike, iterations: int
 ) -> tuple[FloatArray, FloatArray]:
     """Errors of the fixed point alone, iteration by iteration (Nubiola 2011, Table 6.1).
-
-    All fake targets are products, as in the thesis; a solution may take sums from the second on (`FixedPoint.run`).
 
     Parameters
     ----------

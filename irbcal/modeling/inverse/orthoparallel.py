@@ -18,11 +18,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from irbcal import kernel
 from irbcal.arrays import LINE, FloatArray, IntArray, Locked, aligned, handed_on, row_arithmetic
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
@@ -44,11 +45,16 @@ class WristFrame(Locked):
 
     Attributes
     ----------
+    left, right : ndarray, shape (4, 4)
+        The wrist is ``left @ T_base_tip @ right``.
     linear : ndarray, shape (12, 12)
+        The same of its columns, without the constant.
     constant : ndarray, shape (3,)
         Metres, added to the wrist centre.
     """
 
+    left: FloatArray
+    right: FloatArray
     linear: FloatArray
     constant: FloatArray
 
@@ -57,7 +63,7 @@ class WristFrame(Locked):
         """The map of poses T to ``left @ T @ right``, all (4, 4)."""
         linear = np.kron(right.T, left[:3, :3])
         linear[np.abs(linear) <= ROUNDING] = 0.0
-        return WristFrame(np.asarray(linear, dtype=float), left[:3, 3])
+        return WristFrame(left, right, np.asarray(linear, dtype=float), left[:3, 3])
 
     def place(self, columns: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Columns n, o, a of the hand (9, n) and wrist centre (3, n).
@@ -288,6 +294,19 @@ class OrthoParallel(Locked):
         return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, between(T_1, T_6, d[0], d[5]))
 
     @cached_property
+    def numbers(self) -> FloatArray:
+        """What the compiled kernel takes: lengths, bend, signs, shifts, and the frames before and behind the tip's."""
+        lengths = [self.a2, self.a3, self.d4, self.a4, self._bend]
+        return np.concatenate(
+            [lengths, self.signs, self.shifts, self.wrist.left[:3].ravel(), self.wrist.right[:3].ravel()]
+        )
+
+    @cached_property
+    def _kernel(self) -> Any:
+        chain = np.tile(np.eye(3, 4), (7, 1, 1))  # branches need no other
+        return kernel.made({"slides": np.zeros(6), "chain": chain, "closed_form": self.numbers})
+
+    @cached_property
     def forearm(self) -> float:
         """Distance of axis 3 from the wrist centre, metres."""
         return float(np.hypot(self.a4, self.d4))
@@ -319,6 +338,12 @@ class OrthoParallel(Locked):
         """
         T = check_poses(T_base_tip)
         n = len(T)
+        if self._kernel is not None:
+            q, found = np.empty((8, 6, n)), np.empty((3, n))
+            if self._kernel.branches(np.ascontiguousarray(T), q, found):
+                reached = np.repeat(found[1:] >= -REACH_TOLERANCE, 4, axis=0)
+                radius, reach = handed_on(found[0]), handed_on(found[1:])
+                return Branches(handed_on(q).transpose(2, 0, 1), handed_on(reached).T, radius, reach.T, self)
         joints = aligned(2, 2, 2, 6, -(-n // LINE) * LINE)[..., :n]
         shoulder, margins, valid = np.empty(n), np.empty((2, n)), np.empty((2, 4, n), dtype=bool)
         room = aligned(24 + ROOM, -(-min(n, BLOCK) // LINE) * LINE)

@@ -1,0 +1,274 @@
+"""The compiled kernel computes what numpy's plain functions compute, and refuses what it was not made for."""
+
+import copy
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import exported
+import mpmath
+import numpy as np
+import pytest
+from support import arm, random_robot
+from term_cases import framed_robot
+
+from irbcal import kernel
+from irbcal.errors import RobotError
+from irbcal.modeling.inverse import calibrated_arm, closed_form, fixed_point
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.parts import compiled as kernel_of
+from irbcal.planners.calibrated_model import CalibratedModel
+
+ROOT = Path(__file__).parents[1]
+ROUNDING = 1e-14
+"""Metres, radians, and what a Jacobian has of both."""
+ROBOTS = ("irb1600", "ur10", "panda", "rail", "level", "plain")
+
+compiled = pytest.mark.skipif(kernel.Kernel is None, reason=kernel.STATE)
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory):
+    """Robots with every kind of term and with none, on six and seven joints, turning and sliding."""
+    folder = tmp_path_factory.mktemp("robots")
+    return {name: exported.robot(name, folder) for name in ROBOTS}
+
+
+def by_numpy(monkeypatch, robot):
+    """The same robot, new, where nothing that is made from now on has a kernel."""
+    monkeypatch.setattr(kernel, "Kernel", None)
+    maps = robot.joint_map
+    fixed_point._kernel_of.cache_clear()
+    return robot.replace(joint_map=JointMap(maps.terms, maps.ranges, maps.payload_kg))
+
+
+def stops(robot, n=203):
+    """Commanded joints, and the stops before them: some not known, some short moves."""
+    q, previous = (robot.arm.random_joints(n, seed) for seed in (4, 5))
+    previous[::4] = np.nan
+    previous[1::4] = q[1::4] + 1e-3 * previous[1::4]
+    return q, previous
+
+
+@compiled
+@pytest.mark.parametrize("name", ROBOTS)
+def test_forward_and_joint_map_are_those_of_numpy(robots, name, monkeypatch):
+    robot = robots[name]
+    q, previous = stops(robot)
+    assert robot._kernel is not None
+    found = (robot.poses(q), robot.forward(q, previous), robot.joint_map.effective(q, previous), robot.forward(q[:1]))
+    plain = by_numpy(monkeypatch, robot)
+    assert plain._kernel is None
+    expected = (
+        plain.poses(q),
+        plain.forward(q, previous),
+        plain.joint_map.effective(q, previous),
+        plain.forward(q[:1]),
+    )
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=ROUNDING)
+
+
+@compiled
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_pose_has_the_same_numbers_alone_and_among_others(robots, name):
+    robot = robots[name]
+    q, _ = stops(robot, 37)
+    np.testing.assert_array_equal(robot.poses(q), np.concatenate([robot.poses(row[None]) for row in q]))
+
+
+@compiled
+@pytest.mark.parametrize("name", ["irb1600", "ur10", "panda"])
+@pytest.mark.parametrize("frame", [None, "target_a"])
+def test_placements_and_jacobians_are_those_of_numpy_and_pinocchio(name, frame, monkeypatch):
+    robot, data, _ = exported.described(name)
+    frames = {"target_a": np.array([[0.0, -1.0, 0.0, 0.1], [1.0, 0.0, 0.0, -0.2], [0, 0, 1.0, 0.3], [0, 0, 0, 1]])}
+    q, _ = stops(robot, 25)
+    references = ("LOCAL", "WORLD", "LOCAL_WORLD_ALIGNED")
+
+    def values():
+        model = CalibratedModel(data, robot.arm, robot.joint_map, frames)
+        return model.placement(q, frame), [model.jacobian(q, frame, reference) for reference in references]
+
+    T, jacobians = values()
+    by_numpy(monkeypatch, robot)
+    T_plain, jacobians_plain = values()
+    np.testing.assert_allclose(T, T_plain, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(jacobians, jacobians_plain, rtol=0, atol=ROUNDING)
+    # against Pinocchio by the forward kinematics of its own model, for which the map is undone
+    import pinocchio as pin
+
+    model = CalibratedModel(data, robot.arm, robot.joint_map, frames)
+    state, number = model.model.createData(), model.model.getFrameId(frame or robot.arm.tip_link)
+    base = model.model.getFrameId(robot.arm.base_link)
+    for row, place in zip(model.model_from_command(q), T, strict=True):
+        pin.framesForwardKinematics(model.model, state, row)
+        expected = state.oMf[base].actInv(state.oMf[number]).homogeneous
+        np.testing.assert_allclose(place, expected, rtol=0, atol=1e-12)
+
+
+@compiled
+def test_sines_and_cosines_to_the_last_digit():
+    one_joint = kernel.made({"slides": np.zeros(1), "chain": np.tile(np.eye(3, 4), (2, 1, 1))})
+    rng = np.random.default_rng(1)
+    quarter = np.pi / 2 * np.arange(-40, 41)
+    angles = np.concatenate([rng.uniform(-7, 7, 500), rng.uniform(-1e4, 1e4, 500), quarter, quarter + 1e-9])[:, None]
+    for rows in (angles, angles[:3]):
+        T = np.empty((len(rows), 4, 4))
+        assert one_joint.poses(rows, None, True, T)
+        with mpmath.workdps(40):
+            exact = np.array([[float(mpmath.cos(x)), float(mpmath.sin(x))] for x in rows[:, 0]])
+        error = np.abs(T[:, :2, 0] - exact) / np.spacing(np.abs(exact))
+        assert error.max() <= 1.0
+
+
+@compiled
+@pytest.mark.parametrize("name", ["irb1600", "irb120"])
+def test_all_branches_are_those_of_numpy(name, monkeypatch):
+    nominal = arm(name)
+    T = nominal.forward(nominal.random_joints(101, 3))
+    T[5, :3, 3] *= 3.0  # out of reach
+    T[6, 0, 0], T[7, 3, 0], T[8, 1, 3] = np.nan, 1.0, np.inf
+    T[9, :3, :3] *= 1.1
+    found = closed_form.branches(nominal, T)
+    monkeypatch.setattr(kernel, "Kernel", None)
+    closed_form.OrthoParallel.of.cache_clear()
+    expected = closed_form.branches(nominal, T)
+    closed_form.OrthoParallel.of.cache_clear()
+    np.testing.assert_array_equal(np.isnan(found.joints), np.isnan(expected.joints))
+    np.testing.assert_array_equal(found.valid, expected.valid)
+    turned = np.abs(found.joints - expected.joints)
+    assert np.nanmax(np.minimum(turned, np.abs(turned - 2 * np.pi))) < 1e-11  # digits are lost next to singularities
+    poses = np.isfinite(found.shoulder)
+    assert np.flatnonzero(~poses).tolist() == [6, 7, 8, 9]
+    np.testing.assert_allclose(found.shoulder[poses], expected.shoulder[poses], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(found.reach_margin[poses], expected.reach_margin[poses], rtol=0, atol=ROUNDING)
+
+
+@compiled
+@pytest.mark.parametrize("size", [0.3, 3.0])
+def test_the_inverse_is_that_of_numpy(size, monkeypatch):
+    nominal = arm()
+    robot = random_robot(nominal, "34", np.random.default_rng(7), size=size)
+    q = nominal.random_joints(300, 8)
+    T, seed = robot.poses(q), q + 0.01 * np.random.default_rng(1).standard_normal(q.shape)
+    T[3] = np.nan
+    found = calibrated_arm.solve(robot, nominal, T, seed, thorough=False)
+    one = calibrated_arm.solve(robot, nominal, T[:1], seed[:1], thorough=False)
+    expected = calibrated_arm.solve(by_numpy(monkeypatch, robot), nominal, T, seed, thorough=False)
+    fixed_point._kernel_of.cache_clear()
+    np.testing.assert_array_equal(found.converged, expected.converged)
+    assert found.converged.sum() > 290
+    reached = robot.poses(np.nan_to_num(found.joints))[found.converged]
+    assert np.abs(reached - T[found.converged]).max() < 2e-10
+    regular = np.abs(np.sin(found.joints[:, 4])) > 0.2  # elsewhere the tolerance leaves more of joints 4 and 6 open
+    np.testing.assert_allclose(found.joints[regular], expected.joints[regular], rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(one.joints, found.joints[:1])
+
+
+@compiled
+def test_what_is_not_for_it_is_left_to_the_plain_functions(robots):
+    robot = robots["irb1600"]
+    q, _ = stops(robot, 8)
+    expected = robot.poses(q)
+    for other in (q.tolist(), np.asfortranarray(q), np.repeat(q, 2, axis=1)[:, ::2]):
+        np.testing.assert_array_equal(robot.poses(other), expected)
+    np.testing.assert_array_equal(robot.poses(q[0]), expected[:1])
+    for wrong in (np.degrees(q), q[:, :5], np.zeros((2, 2, 6))):
+        with pytest.raises(RobotError):
+            robot.poses(wrong)
+    T = np.empty((8, 4, 4))
+    assert not robot._kernel.poses(q.astype(np.float32), None, True, T)
+    assert not robot._kernel.poses(q, None, True, T[:7])
+    assert not robot._kernel.poses(q, q[:7], True, T)
+    assert not robot._kernel.poses(np.degrees(q), None, True, T)
+    locked = np.empty((8, 4, 4))
+    locked.setflags(write=False)
+    assert not robot._kernel.poses(q, None, True, locked)
+    with pytest.raises(TypeError, match="expected 4 arguments, found 1"):
+        robot._kernel.poses(q)
+    assert np.isnan(robot.poses(np.full((1, 6), np.nan))[0, :3, 3]).all()
+    assert robot.poses(np.zeros((0, 6))).shape == (0, 4, 4)
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("numbers", "fault"),
+    [
+        ({}, "slides: expected 1 to 12 joints"),
+        ({"slides": np.zeros(13)}, "slides"),
+        ({"slides": np.zeros(2)}, "chain: there is none"),
+        ({"slides": np.zeros(2), "chain": np.zeros(12)}, "chain: expected an array of doubles, 36 for each"),
+        ({"slides": np.zeros(2), "chain": np.zeros(36), "waves": np.array([5.0, 1, 1, 1])}, "none of the robot's"),
+        ({"slides": np.zeros(2), "chain": np.zeros(36), "levers": np.array([0.0, 0, 9, 1, 0])}, "none of the robot's"),
+        ({"slides": np.zeros(2), "chain": np.zeros(36), "cosine": np.zeros(2)}, "even number of orders"),
+        ({"slides": np.zeros(2), "chain": np.zeros(36), "closed_form": np.zeros(41)}, "six joints"),
+    ],
+)
+def test_wrong_numbers_are_refused(numbers, fault):
+    with pytest.raises(ValueError, match=fault):
+        kernel.made(numbers)
+
+
+@compiled
+def test_robots_are_pickled_and_copied_with_it(robots):
+    robot = robots["panda"]
+    q, _ = stops(robot, 5)
+    for other in (pickle.loads(pickle.dumps(robot)), copy.deepcopy(robot)):
+        np.testing.assert_array_equal(other.poses(q), robot.poses(q))
+
+
+def test_long_chains_and_frame_terms_have_none():
+    framed = framed_robot("irb1600", np.random.default_rng(1))
+    assert framed.frame_terms is not None
+    assert framed._kernel is None
+    long = arm()
+    object.__setattr__(long, "joint_names", tuple(f"j{k}" for k in range(kernel.MOST_JOINTS + 1)))
+    assert kernel_of(long) is None
+
+
+def wheel(source, folder, **environment):
+    """Build a wheel; what is in it, by name."""
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder, source]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | environment)
+    assert done.returncode == 0, done.stderr
+    (built,) = folder.glob("*.whl")
+    with zipfile.ZipFile(built) as archive:
+        archive.extractall(folder / "site")
+    return built.name, folder / "site"
+
+
+@pytest.mark.parametrize("compiler", [None, "/nonexistent/c++"])
+def test_a_wheel_works_with_and_without_a_compiler(compiler, tmp_path):
+    if compiler is None and shutil.which("c++") is None:
+        pytest.skip("no compiler is installed")
+    source = tmp_path / "source"
+    leave = shutil.ignore_patterns("compiled.*", "__pycache__", "*.pyc")
+    for name in ("irbcal", "urdf"):
+        shutil.copytree(ROOT / name, source / name, ignore=leave)
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source / name)
+    name, site = wheel(source, tmp_path, **({} if compiler is None else {"CXX": compiler}))
+    assert ("any" in name) is (compiler is not None)
+    assert ("abi3" in name) is (compiler is None and sys.version_info >= (3, 11))
+    words = [sys.executable, "-m", "irbcal"]
+    run = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": str(site)}, "capture_output": True, "text": True}
+    state = subprocess.run([*words, "--version", "--verbose"], **run).stdout.splitlines()[1]
+    assert state.startswith("kernel: compiled" if compiler is None else "kernel: numpy: no C++17 compiler was found")
+    (tmp_path / "q.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,20,-30,40,50,60\n")
+    poses = subprocess.run([*words, "fk", "irb1600", "--joints", "q.csv"], **run)
+    assert poses.returncode == 0, poses.stderr
+
+
+@compiled
+def test_a_kernel_of_other_sources_is_left_aside(tmp_path):
+    shutil.copytree(ROOT / "irbcal", tmp_path / "irbcal", ignore=shutil.ignore_patterns("__pycache__"))
+    header = tmp_path / "irbcal" / "kernel" / "kernel.hpp"
+    header.write_text(header.read_text() + "\n")
+    run = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": str(tmp_path)}, "capture_output": True, "text": True}
+    state = subprocess.run([sys.executable, "-c", "from irbcal import kernel; print(kernel.STATE)"], **run).stdout
+    assert state.startswith("numpy: the compiled kernel is of another version")
