@@ -201,14 +201,18 @@ class _Block:
     loop: bool
     before: FrameState
     used: list[Target]
+    previous: Target | None
+    stops: int
     changed: bool = False
+    disturbed: bool = False
 
 
 class ControlFlow:
     """Follows a program through its text: which tool and frame hold, and which stop comes before which.
 
-    Text is followed from top to bottom. Where it branches or begins anew, the stop before is not known; tool and frame
-    hold on, unless a branch or loop sets them: then nothing is known of them behind it.
+    Text is followed from top to bottom. Where it branches or begins anew, the stop before is not known, but behind a
+    branch or loop in which nothing moves; tool and frame hold on, unless a branch or loop sets them: then nothing is
+    known of them behind it.
 
     Attributes
     ----------
@@ -244,6 +248,8 @@ class ControlFlow:
     def forget(self) -> None:
         """The arm may come from elsewhere."""
         self.previous = None
+        for block in self._blocks:
+            block.disturbed = True
 
     def restart(self) -> None:
         """A routine begins: nothing is known, but that the first begins where the program does."""
@@ -297,12 +303,12 @@ class ControlFlow:
 
     def open(self, loop: bool = False) -> None:
         """A branch or loop begins."""
-        self._blocks.append(_Block(loop, self.state, []))
-        self.forget()
+        self._blocks.append(_Block(loop, self.state, [], self.previous, len(self.stops)))
+        self.previous = None
 
     def alternative(self) -> None:
         """Another branch begins."""
-        self.forget()
+        self.previous = None
         if self._blocks:
             block = self._blocks[-1]
             block.changed |= self.state != block.before
@@ -310,10 +316,12 @@ class ControlFlow:
 
     def close(self, at: int) -> None:
         """A branch or loop ends."""
-        self.forget()
+        self.previous = None
         if not self._blocks:
             return
         block = self._blocks.pop()
+        if len(self.stops) == block.stops and not block.disturbed:
+            self.previous = block.previous
         state_before = block.before
         if not block.changed and self.state == state_before:
             return

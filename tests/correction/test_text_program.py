@@ -110,6 +110,28 @@ def test_a_loop_that_sets_the_tool_spoils_what_comes_before_in_it():
     assert not outside.conflicts
 
 
+def test_a_branch_in_which_nothing_moves_hides_no_stop():
+    one, a, b = flow(), target(), target()
+    one.stop(a, 0)
+    one.open()
+    one.open(loop=True)
+    one.close(2)
+    one.alternative()
+    one.close(4)
+    assert one.previous is a
+    for disturb in (one.forget, lambda: one.stop(b, 6)):
+        one.previous = a
+        one.open()
+        one.open()
+        disturb()
+        one.close(6)
+        one.close(8)
+        assert one.previous is None
+    one.previous = a
+    one.open()
+    assert one.previous is None, "the first move of a loop may come from its last"
+
+
 def test_stops_and_where_they_are_come_from():
     one, a, b, via = flow(), target(), target(), target()
     one.stop(a, 0)

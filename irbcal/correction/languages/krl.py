@@ -442,7 +442,7 @@ _HOME = re.compile(r"xhome\d*|\$h_pos|\$axis_home")
 """Joint targets that stand in the controller's ``$config.dat`` and ``$machine.dat`` and serve all of its programs."""
 NULLFRAME = "0"
 SETS_NO_FRAME = ("wait", "continue", "bas", "pulse", "halt", "return", "ini", "user_msg", "set_cd_params")
-"""What is called in programs of any robot and leaves tool and base."""
+"""What is called in programs of any robot, moves nothing, and leaves tool and base."""
 TAKES_FDAT = ("#frames", "#ptp_params", "#cp_params")
 """Commands of ``BAS`` that set tool and base from ``FDAT_ACT``."""
 NO_FRAMES = (
@@ -542,6 +542,8 @@ class Statements:
             if self.flow.state != self._before_spline:
                 reason = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
                 self.flow.state = FrameState(None, None, reason)
+        elif word == "interrupt" and not self.flow.stops:  # declared and switched on before anything moves
+            self._mention(line.tokens, line.part)
         elif word in ("goto", "interrupt", "return", "halt") or (line.word(1) == ":" and len(line.tokens) == 2):
             self.flow.forget()
             if line.word(1) == ":" and len(line.tokens) == 2:
@@ -649,9 +651,9 @@ class Statements:
             self._mention(tokens[line.at :], line.part)
             return
         self._mention(tokens, line.part)
-        if line.word() == "(" or len(tokens) == 1:
+        if (line.word() == "(" or len(tokens) == 1) and first.word not in SETS_NO_FRAME:
             self.flow.forget()
-            if first.word not in (*SETS_NO_FRAME, *self._quiet):
+            if first.word not in self._quiet:
                 name = self.listing.quote(first.start, first.end)
                 reason = f"{name}, called in line {self.listing.line(first.start)}, may set the tool or base"
                 self.flow.state = FrameState(None, None, reason)

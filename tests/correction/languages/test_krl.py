@@ -482,6 +482,18 @@ def test_stops_follow_one_another_until_the_program_branches():
     assert stops[0][2] is START
 
 
+def test_a_program_begins_at_the_start_behind_what_all_of_them_begin_with():
+    head = ["GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )", "INTERRUPT ON 3", "BAS (#INITMOV,0 )"]
+    stops = run(
+        *head, f"LIN {P}", "CONTINUE", "WAIT SEC 0.5", "IF $IN[1] THEN", "PULSE ($OUT[1],TRUE,1)", "ENDIF", f"LIN {P}"
+    )
+    (_, _, first), (_, _, second) = stops.flow.stops
+    assert first is START
+    assert second is stops.flow.stops[0][1]
+    assert run(*head, "move_it ( )", f"LIN {P}").flow.stops[0][2] is None
+    assert run(f"LIN {P}", "INTERRUPT ON 3", f"LIN {P}").flow.stops[1][2] is None
+
+
 def test_circles_have_a_point_on_the_way():
     done = run(f"CIRC {P},{P},CA 90")
     assert [[use.role for use in found.uses] for found in done.literals] == [["via"], ["to"]]
