@@ -274,10 +274,9 @@ class Calibration(Result):
         lines += [self._identified(), *([groups_table(groups)] if groups else []), *model_tables(r)]
         lines += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
         lines += [f"Note: {note}" for note in r.notes if note not in r.doubts]
-        check = r.pinocchio_check
-        second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""
+        check = r.urdf_witnesses
         lines.append(
-            f"Pinocchio{second} on the written URDF, {check.poses} random poses: differs by {check.position_m:.1e} m, "
+            f"The written URDF as {check.in_words()} read it: differs by {check.position_m:.1e} m, "
             f"{check.rotation_rad:.1e} rad"
         )
         lines.append(f"Link frames moved by at most {r.largest_link_shift_mm:.3f} mm at zero joints")
@@ -329,7 +328,7 @@ class Calibration(Result):
             "excluded": [point.model_dump() for point in r.excluded],
             "notes": list(r.notes),
             "largest_link_shift_mm": r.largest_link_shift_mm,
-            "pinocchio_check": r.pinocchio_check.model_dump(),
+            "urdf_witnesses": r.urdf_witnesses.model_dump(),
             "seconds": r.seconds,
             "verdict": self.verdict.to_dict(),
         }

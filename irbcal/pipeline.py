@@ -10,9 +10,10 @@ import hashlib
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
@@ -1307,7 +1308,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         excluded=list(done.excluded),
         notes=list(done.notes),
         doubts=list(done.doubts),
-        pinocchio_check=urdf_check.check(urdf_bytes, robot.arm),
+        urdf_witnesses=urdf_check.check(urdf_bytes, robot.arm),
         largest_link_shift_mm=urdf.largest_link_shift(done.urdf, robot.arm) / MM,
         software=software(),
         seconds=time.perf_counter() - started,
@@ -1370,5 +1371,8 @@ def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[F
 
 def software() -> dict[str, str]:
     """Versions of what a result depends on."""
-    packages = {name: version(name) for name in ("numpy", "scipy", "pandas", "pin", "yourdfpy")}
+    packages = {}
+    for name in ("numpy", "scipy", "pandas", "pin", "yourdfpy"):
+        with suppress(PackageNotFoundError):  # pin has no wheels for some systems
+            packages[name] = version(name)
     return {"python": platform.python_version(), "irbcal": __version__, **packages}

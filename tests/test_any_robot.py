@@ -161,7 +161,7 @@ def test_same_commands_for_other_arms(name, rail, tmp_path):
     assert result["model"] == "auto"
     assert result["nominal_heldout"]["mean_mm"] > 1.0
     assert result["heldout"]["mean_mm"] < 0.15  # noise of 0.03 mm an axis
-    assert max(result["pinocchio_check"]["position_m"], result["pinocchio_check"]["rotation_rad"]) < 1e-12
+    assert max(result["urdf_witnesses"]["position_m"], result["urdf_witnesses"]["rotation_rad"]) < 1e-12
     # what the tip really does, from commands in a file
     saved = irbcal.load(tmp_path / "cal")
     q = arm.random_joints(20, 11)

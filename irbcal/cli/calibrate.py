@@ -71,7 +71,7 @@ def run(
     refuse_replacing(out, force)
     with made_folders(out, names=FILES), show.progress(STEPS, quiet=json) as step:
         calibration = public("calibrate")(**options, progress=step)
-        step("checking with Pinocchio, writing")
+        step("checking the URDF, writing")
         calibration.save(out, **links)
     if json:
         show.print_json(calibration.to_dict(out))

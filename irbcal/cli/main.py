@@ -80,7 +80,8 @@ if TYPE_CHECKING:
 
 HELP = "Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."
 PACKAGES = {"collada": "pycollada", "pinocchio": "pin", "yaml": "pyyaml"}
-"""Packages whose modules have other names."""
+PACKAGES |= {"sqlalchemy": "'irbcal[fleet]'", "cv2": "'irbcal[camera]'", "pyarrow": "'irbcal[parquet]'"}
+"""Packages whose modules have other names, and extras that bring them."""
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 

@@ -14,8 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import sqlalchemy as sql
-from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+
+try:
+    import sqlalchemy as sql
+    from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "the store of a fleet needs SQLAlchemy: pip install 'irbcal[fleet]'", name=error.name
+    ) from None
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError, OptionError

@@ -882,12 +882,15 @@ class DataFile(Section):
 
 
 class Check(Section):
-    """Largest disagreement with Pinocchio and yourdfpy on the written URDF."""
+    """Largest disagreement of the calibrated robot with readers of the written URDF, and how many poses each read."""
 
     position_m: float
     rotation_rad: float
-    poses: int
-    yourdfpy_poses: int
+    witnesses: dict[str, int]
+
+    def in_words(self) -> str:
+        """The witnesses, each with its poses."""
+        return " and ".join(f"{name} ({poses} poses)" for name, poses in self.witnesses.items())
 
 
 class Computed(dict[str, tuple[tuple[object, ...], Any]]):
@@ -964,7 +967,7 @@ class Record(Section):
     notes: list[Sentence]
     doubts: list[Sentence]
     data: list[DataFile]
-    pinocchio_check: Check
+    urdf_witnesses: Check
     largest_link_shift_mm: float
     software: dict[Word, Version]
     seconds: float
@@ -1019,7 +1022,7 @@ class Record(Section):
         return robot.replace(certainty=self._certainty(robot))
 
     def with_urdf(self, data: bytes) -> Record:
-        """The same with another URDF of the same geometry, checked against Pinocchio and yourdfpy.
+        """The same with another URDF of the same geometry, checked by `urdf_check.check`.
 
         Raises
         ------
@@ -1030,7 +1033,7 @@ class Record(Section):
         if sha256 == self.calibrated_urdf_sha256:
             return self
         check = Check.model_validate(urdf_check.check(data, self.arm()))
-        return self.model_copy(update={"calibrated_urdf_sha256": sha256, "pinocchio_check": check})
+        return self.model_copy(update={"calibrated_urdf_sha256": sha256, "urdf_witnesses": check})
 
     def covariance_matrix(self) -> FloatArray:
         """``covariance`` as an array, shape (k, k), metres and radians."""

@@ -81,8 +81,8 @@ def test_calibrate_json_keeps_its_contract(calibration):
     assert result["heldout"]["mean_mm"] < 0.2 < result["nominal_heldout"]["mean_mm"]
     for key in ("fit", "heldout", "nominal_heldout"):
         assert set(result[key]) == {"n", "mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm", "rms_mm"}
-    assert 0 <= result["pinocchio_check"]["position_m"] < 1e-9
-    assert 0 <= result["pinocchio_check"]["rotation_rad"] < 1e-9
+    assert 0 <= result["urdf_witnesses"]["position_m"] < 1e-9
+    assert 0 <= result["urdf_witnesses"]["rotation_rad"] < 1e-9
     assert sorted(path.name for path in folder.iterdir()) == [
         "calibrated.urdf",
         "calibration.json",

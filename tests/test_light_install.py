@@ -1,0 +1,49 @@
+"""Without Pinocchio, example-robot-data, meshcat and what extras bring, the main job works and says what it lacks."""
+
+import json
+import subprocess
+import sys
+
+from irbcal.io import robots
+
+WITHOUT = """
+import importlib.util, sys
+ABSENT = {"pinocchio", "meshcat", "sqlalchemy", "cv2", "pyarrow", "distributed", "casadi", "psycopg", "cryptography"}
+find_spec = importlib.util.find_spec
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ABSENT:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name.partition(".")[0])
+
+sys.meta_path.insert(0, Absent())
+importlib.util.find_spec = lambda name, package=None: None if name.partition(".")[0] in ABSENT else find_spec(name, package)
+from irbcal.cli.main import main
+main()
+"""
+
+
+def light(*arguments):
+    return subprocess.run(
+        [sys.executable, "-c", WITHOUT, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=300
+    )
+
+
+def test_a_calibration_is_written_and_names_its_witnesses(tmp_path):
+    data = robots.demo_file("demo_identification.csv")
+    done = light("calibrate", data, "--robot", "irb1600", "--model", "placement", "--out", tmp_path / "c", "--json")
+    assert done.returncode == 0, done.stderr
+    check = json.loads(done.stdout)["urdf_witnesses"]
+    assert list(check["witnesses"]) == ["irbcal's reader", "yourdfpy"]
+    assert max(check["position_m"], check["rotation_rad"]) < 1e-9
+    report = (tmp_path / "c" / "report.html").read_text(encoding="utf-8")
+    assert "read it differs from irbcal" in report
+    assert "Pinocchio (" not in report
+
+
+def test_what_an_extra_brings_is_said_in_one_line(tmp_path):
+    (tmp_path / "f.db").write_bytes(b"")
+    done = light("fleet", "list", "--store", tmp_path / "f.db")
+    assert done.returncode == 1
+    assert "pip install 'irbcal[fleet]'" in done.stderr
+    assert "Traceback" not in done.stderr
