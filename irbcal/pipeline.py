@@ -28,7 +28,7 @@ from irbcal.identification import commanded_poses, feature_errors
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.axis_calibration import PARALLELS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, method_of
-from irbcal.identification.evidence import check_averaging, identify_evidence
+from irbcal.identification.evidence import check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.explanation import explain
 from irbcal.identification.feature_fit import (
@@ -546,16 +546,15 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
         cleaned = clean(sets(share))
         keep = np.isin(cleaned.points.pose_ids.astype(str), list(fitted_poses))
         points, motion = cleaned.points.select(keep), cleaned.motion.select(keep)
-        nothing = points.select(np.zeros(points.poses, dtype=bool))
-        part = _next(
-            SplitInputs, cleaned, fit_points=points, heldout_points=nothing, fit_motion=motion, heldout_motion=motion
-        )
-        fit = _identified(part, _model(inputs.options, arm, points.poses)[0], lambda text: None)
-        evidence.append(
-            float(np.logaddexp.reduce([result.log_evidence for result in fit.term_sets]))
-            if isinstance(fit, EvidenceFit)
-            else -3.0 * len(points) * float(np.log(fit.rms))
-        )
+        model, targets = _model(inputs.options, arm, points.poses)[0], cleaned.known_targets
+        if model == "auto":
+            options, usual = inputs.options, cleaned.usual_kg
+            evidence.append(
+                log_evidence(arm, points, motion, options.terms, targets, options.payload_place, usual, options.seed)
+            )
+        else:
+            level = default_level(arm) if model == "best-level" else checked("model", model, LEVELS)
+            evidence.append(-3.0 * len(points) * float(np.log(identify(arm, points, level, known_targets=targets).rms)))
     best = commanded_poses.best_share(np.array(evidence))
     difference = np.abs(commands.difference[commands.solved]) / arm.joint_units
     about = (

@@ -44,6 +44,8 @@ from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+from irbcal.modeling.terms.harmonics import FAMILY as HARMONICS
+from irbcal.modeling.terms.harmonics import HIGHEST, LONGEST, band_group
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
@@ -51,6 +53,8 @@ from irbcal.units import MM, UNIT_OUTSIDE
 
 FEWEST = 10
 """Poses below which there is nothing to compare."""
+FEWEST_FOR_LONGEST = 120
+"""Poses below which the longest series of harmonics is not tried: fewer do not show it, and it takes seconds."""
 GIVE_UP = 80.0
 """Nats below the best term set at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
@@ -491,9 +495,8 @@ def identify_evidence(
     motion = Motion(points.q) if motion is None else motion
     if motion.q.shape != points.q.shape:
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
-    known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
     say("fitting the geometry")
-    ready = prepare(arm, points, motion, terms, known, payload_place, usual_kg, seed)
+    ready = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
     averaging = Averaging(ready.linear, ready.sums)
     tau = ready.taus[-1] if ready.taus else None
     choices = term_sets.candidates(averaging.superset, terms, tau)
@@ -503,6 +506,7 @@ def identify_evidence(
     if prior is not None:
         compared, weights, of_type = _with_type(averaging, prior, ready.taus, (compared, weights, best))
     averaging.weigh(compared, weights)
+    ready, averaging = _with_longer_series(ready, averaging, say)
     harmonics, spectrum = _scan(averaging, ready.linear, say) if gear_scan else ([], None)
     say("averaging")
     union, flat, project = averaging.union, ready.linear.flat, ready.linear.projected
@@ -553,6 +557,37 @@ def identify_evidence(
     )
 
 
+def log_evidence(
+    arm: Arm,
+    points: PointSet,
+    motion: Motion,
+    terms: str = term_sets.JOINT_MAP,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
+    seed: int = 0,
+) -> float:
+    """Log evidence of measurements, whichever of the term sets is true: what other joints or names are compared by.
+
+    Parameters are those of `identify_evidence`.
+
+    Raises
+    ------
+    IdentificationError
+        If the data do not allow it.
+    """
+    ready = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
+    averaging = Averaging(ready.linear, ready.sums)
+    choices = term_sets.candidates(averaging.superset, terms, ready.taus[-1] if ready.taus else None)
+    compared, _, _ = averaging.weighed(choices, ready.taus)
+    return float(np.logaddexp.reduce([item.by_evidence.log_evidence for item in compared]))
+
+
+def _targets(known: Mapping[str, ArrayLike] | None) -> dict[str, FloatArray] | None:
+    """Known places as arrays."""
+    return None if known is None else {name: np.asarray(place, dtype=float) for name, place in known.items()}
+
+
 def _with_type(
     averaging: Averaging,
     prior: TypePrior,
@@ -571,6 +606,27 @@ def _with_type(
     shares = np.concatenate([(1.0 - weight) * weights, weight * their_weights])
     result = TypePriorResult(prior.type, len(prior.sisters), prior.simulated, theirs - best, weight, *test)
     return [*compared, *others], term_sets.shares(shares), result
+
+
+def _with_longer_series(
+    ready: LinearisedPoints, averaging: Averaging, say: Progress
+) -> tuple[LinearisedPoints, Averaging]:
+    """Where the long series of harmonics has most weight, the same term sets with a longer one join the comparison."""
+    best = max(averaging.compared, key=lambda item: item.weight)
+    if best.term_set.highest < HIGHEST or len(ready.motion) < FEWEST_FOR_LONGEST:
+        return ready, averaging
+    say(f"comparing harmonics to {LONGEST}")
+    more = HARMONICS.terms(ready.problem.arm, HIGHEST + 1, LONGEST)
+    linear = ready.linear.extended(more)
+    longer = Averaging(linear, linear.sums())
+    places = range(len(averaging.superset), len(longer.superset))
+    compared = list(averaging.compared)
+    for item in averaging.kept:
+        if item.term_set.highest == HIGHEST:
+            term_set = item.term_set.longer(places, [band_group(term, LONGEST) for term in more], LONGEST)
+            compared.append(ComparedTermSet(term_set, longer.fit(term_set, longer.evidence_temper, item.by_evidence)))
+    longer.weigh(compared, term_sets.weights([item.by_evidence for item in compared]))
+    return replace(ready, linear=linear, sums=longer.sums), longer
 
 
 def _scan(

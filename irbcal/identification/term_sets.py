@@ -119,6 +119,11 @@ class TermSet:
         """Columns of a linearisation of the superset: the flat ones and its terms."""
         return np.concatenate([np.arange(flat), flat + self.terms])
 
+    def longer(self, indices: Sequence[int], names: Sequence[str], highest: int) -> TermSet:
+        """With harmonics of the superset up to a higher order at its end, each with the name of its group."""
+        name = self.name.replace(_word("harmonics", self.highest), _word("harmonics", highest))
+        return replace(self.extended(indices, names), name=name, highest=highest)
+
     def extended(self, indices: Sequence[int], names: Sequence[str]) -> TermSet:
         """With more terms of the superset at its end, each with the name of its group."""
         groups = list(self.groups)

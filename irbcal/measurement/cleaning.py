@@ -13,7 +13,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import swapped
 from irbcal.measurement.last_moves import previous_stops
 from irbcal.measurement.points import PointSet
-from irbcal.measurement.registration import Registration, register
+from irbcal.measurement.registration import Registration, register, without_noise
 from irbcal.measurement.table import MeasurementSet, shared_table
 from irbcal.section import Name, Section, Sentence
 from irbcal.summary import Paragraph, Result, Table
@@ -221,6 +221,7 @@ def _registered(
     elif references:
         notes.append("There are no reference points: the points are taken to be in the calibration's frame.")
     if registration is not None:
+        registration = without_noise(registration, measured, names)
         T = registration.T_frame_pose[rows.pose]
         rows.xyz = np.einsum("nij,nj->ni", T[:, :3, :3], rows.xyz) + T[:, :3, 3]
         rows.rotation = None if rows.rotation is None else T[:, :3, :3] @ rows.rotation

@@ -2,10 +2,14 @@
 
 References are reflectors fixed to the ground. What moves them between poses is the tracker (drift, a changed
 station), so the rigid motion that takes them back to their common places takes it out of the targets too.
+
+References are measured with noise like all else, and a pose's own references put theirs on all its targets. A station
+drifts slowly: how much of the motion from pose to pose is drift and how much is noise is estimated from the data, and
+the noise is taken out (`without_noise`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -132,6 +136,100 @@ def register(
     residual = float(np.sqrt(np.nanmean(np.sum(error**2, axis=2))))
     references = {name: xyz for name, xyz, ok in zip(names, common, seen_often, strict=True) if ok}
     return Registration(references, _interpolated(T, registered), registered, residual)
+
+
+JUMP = 8.0
+"""Standard deviations of the noise by which the station moves from one pose to the next where it was set up anew; as
+many times the median of such motions, too."""
+SHORTEST = 8
+"""Poses from one set-up of the station whose motions tell drift from noise."""
+SILENT = 1e-8
+"""Noise of a reference below which there is none to take out, metres."""
+LOG_RATIOS = -20.0, 20.0
+"""Of the drift's variance from pose to pose to the noise's: logarithms between which it is looked for."""
+
+
+def without_noise(registration: Registration, measured: FloatArray, names: Sequence[str]) -> Registration:
+    """The registration with the station's motion smoothed over the poses.
+
+    Six numbers of each pose's motion, three turns about the references' centroid and its shift, are a random walk plus
+    noise. The noise is what the references' distances from their common places say; the walk's variance is the most
+    probable one. Where the station was set up anew a new walk begins.
+
+    Parameters
+    ----------
+    registration : Registration
+    measured : ndarray, shape (n, k, 3)
+        References that it was made from, metres; NaN where not seen.
+    names : sequence of str, length k
+
+    Returns
+    -------
+    Registration
+        The same where the references have no noise, or poses are too few.
+    """
+    use = [k for k, name in enumerate(names) if name in registration.references]
+    common = np.array([registration.references[names[k]] for k in use])
+    poses = np.flatnonzero(registration.own)
+    points, T = measured[poses][:, use], registration.T_frame_pose[poses]
+    visible = np.isfinite(points).all(axis=2)
+    errors = _moved(T, points) - common
+    freedom = 3 * int(visible.sum()) - 6 * len(poses) - 3 * len(use) + 6
+    noise = np.sqrt(np.nansum(errors**2) / max(freedom, 1))
+    if noise < SILENT or freedom < 1:
+        return registration
+    centre = common.mean(axis=0)
+    arms = common - centre
+    _, axes = np.linalg.eigh(arms.T @ arms)
+    across = np.sum(arms**2, axis=1)[:, None] - (arms @ axes) ** 2  # squared distances from each axis
+    turns = np.maximum(visible @ across, 1e-12)
+    variance = noise**2 / np.column_stack([turns, np.repeat(visible.sum(axis=1)[:, None], 3, axis=1)])
+
+    def motion(T: FloatArray) -> FloatArray:
+        """Turns about the axes and shift of the centroid, shape (n, 6)."""
+        shift = T[:, :3, :3] @ centre + T[:, :3, 3] - centre
+        return np.column_stack([frames.vector_from_rotation(T[:, :3, :3]) @ axes, shift])
+
+    steps = np.abs(motion(T[1:] @ frames.inverse(T[:-1]))) / np.sqrt(variance[1:] + variance[:-1])
+    usual = np.median(steps, axis=0) if len(steps) else np.zeros(6)
+    anew = 1 + np.flatnonzero((steps > JUMP * np.maximum(usual, 1.0)).any(axis=1))
+    smooth = registration.T_frame_pose.copy()
+    for rows in np.split(np.arange(len(poses)), anew):
+        if len(rows) < SHORTEST:
+            continue
+        T_middle = T[rows[len(rows) // 2]]
+        x = motion(T[rows] @ frames.inverse(T_middle))
+        x = np.column_stack([_smoothed(column, r) for column, r in zip(x.T, variance[rows].T, strict=True)])
+        back = np.tile(np.eye(4), (len(rows), 1, 1))
+        back[:, :3, :3] = frames.rotation_from_vector(x[:, :3] @ axes.T)
+        back[:, :3, 3] = x[:, 3:] + centre - back[:, :3, :3] @ centre
+        smooth[poses[rows]] = back @ T_middle
+    return replace(registration, T_frame_pose=_interpolated(smooth, registration.own))
+
+
+def _smoothed(y: FloatArray, variance: FloatArray) -> FloatArray:
+    """Most probable random walk behind numbers with noise of known variance, both of shape (n,).
+
+    The cosine transform makes the walk's numbers independent of one another, with the variance
+    ``q / (2 - 2 cos(pi j / n))``: by it q is the most probable one (with the mean variance of the noise).
+    """
+    from scipy.fft import dct
+    from scipy.linalg import solveh_banded
+    from scipy.optimize import minimize_scalar
+
+    n, r = len(y), float(variance.mean())
+    squares = dct(y, norm="ortho")[1:] ** 2
+    spectrum = 1.0 / (2.0 - 2.0 * np.cos(np.pi * np.arange(1, n) / n))
+
+    def unlikely(log_ratio: float) -> float:
+        total = r * (1.0 + np.exp(log_ratio) * spectrum)
+        return float(np.sum(np.log(total) + squares / total))
+
+    q = r * np.exp(minimize_scalar(unlikely, bounds=LOG_RATIOS, method="bounded").x)
+    banded = np.zeros((2, n))
+    banded[0, 1:] = -1.0 / q
+    banded[1] = 1.0 / variance + np.r_[1.0, np.full(n - 2, 2.0), 1.0] / q
+    return np.asarray(solveh_banded(banded, y / variance))
 
 
 def _moved(T: FloatArray, points: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 
-SERIES = 64
+SERIES = 128
 """Highest order of a wave that is summed with its neighbours by a recurrence; others are computed one by one."""
 
 

@@ -19,6 +19,7 @@ from irbcal.identification.fit import identify
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import PointSet, distances
+from irbcal.modeling.terms.harmonics import pair
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
 from irbcal.validation.accuracy import coverage
@@ -47,6 +48,24 @@ def test_simulated_terms_are_found_again():
     spread = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     assert 0.8 < np.mean(np.abs(error) < 1.96 * spread) <= 1.0
     assert np.mean(np.abs(error) < seen.interval) > 0.99
+
+
+def test_harmonics_beyond_the_long_series_join_where_they_are(monkeypatch):
+    """SIMULATED waves of 5 to 110 cycles per turn of three joints: the longer series has the weight, and halves errors."""
+    rng = np.random.default_rng(0)
+    waves = [t for j in range(3) for k in range(5, 111) for t in pair(j, k, "rz", 2e-4, "harmonics", "harmonics")]
+    truth = Truth([], extra=[(t, 4e-5 * rng.standard_normal()) for t in waves])
+    motion, test = Motion(truth.nominal.random_joints(250, 3)), Motion(truth.nominal.random_joints(200, 9))
+    points, errors = truth.measured(motion, 2e-5), []
+    for poses in (250, 251):  # from which the longer series is tried
+        monkeypatch.setattr(evidence, "FEWEST_FOR_LONGEST", poses)
+        found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+        top = max(found.term_sets, key=lambda row: row.weight)
+        assert top.name.endswith("harmonics to 120" if poses == 250 else "harmonics to 45")
+        predicted = found.predict(test.q, None, "smr2").position
+        errors.append(np.linalg.norm(predicted - truth.points(test, "smr2"), axis=1).mean())
+    assert errors[0] < 1e-4
+    assert errors[0] < 0.5 * errors[1]
 
 
 def test_payload_is_carried_over_to_another_mass():

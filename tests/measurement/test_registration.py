@@ -8,7 +8,7 @@ import pytest
 from support import arm, assert_same_poses, measured, random_robot, random_rotation
 
 from irbcal.errors import MeasurementError, RobotError
-from irbcal.measurement.registration import base_on, register
+from irbcal.measurement.registration import base_on, register, without_noise
 from irbcal.modeling import frames
 
 PLACES = np.array([[2.4, 0.5, -0.56], [2.9, 0.8, -0.55], [2.7, 0.0, -0.57], [2.0, 0.3, -0.5]])
@@ -94,3 +94,34 @@ def test_a_registration_is_locked_and_speaks():
     assert name == "ref1"
     assert place == pytest.approx([2400, 500, -560], abs=1e-9)
     assert replace(pickle.loads(pickle.dumps(found)), residual=1.0).own.all()
+
+
+def drifting(poses, drift, noise, seed):
+    """SIMULATED: references and a reflector from a station that wanders, set up anew half-way; its true motion."""
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.standard_normal((poses, 6)), axis=0) * drift * np.r_[0.3, 0.3, 0.3, 1.0, 1.0, 1.0]
+    walk[poses // 2 :] += 0.3
+    T = np.tile(np.eye(4), (poses, 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = frames.rotation_from_vector(walk[:, :3]), walk[:, 3:]
+    seen = seen_from(frames.inverse(T))
+    return seen + noise * rng.standard_normal(seen.shape), T
+
+
+@pytest.mark.parametrize(("drift", "share"), [(1e-6, 0.25), (2e-5, 0.5), (2e-3, 1.02)])
+def test_noise_of_the_references_is_taken_out_and_drift_is_not(drift, share):
+    """What a reflector among the arm's poses moves by because of the registration, against the true motion."""
+    seen, T = drifting(240, drift, 2e-5, 3)
+    seen[60:64] = np.nan  # nothing seen: interpolated
+    raw = register(seen, NAMES, "m.csv")
+    reflector = np.array([1.5, 0.3, 0.8, 1.0])
+    both = raw, without_noise(raw, seen, NAMES)
+    away = [(found.T_frame_pose @ frames.inverse(T) @ reflector)[:, :3] for found in both]
+    rms = [float(np.sqrt(np.mean((p - p.mean(axis=0))[np.r_[:60, 64:240]] ** 2))) for p in away]
+    assert 3e-5 < rms[0] < 1e-4
+    assert rms[1] < share * rms[0]
+
+
+def test_a_registration_without_noise_stays():
+    stations = frames.inverse(drifting(40, 1e-4, 0.0, 1)[1])
+    raw = register(seen_from(stations), NAMES, "m.csv")
+    assert without_noise(raw, seen_from(stations), NAMES) is raw

@@ -17,8 +17,9 @@ from irbcal.modeling.terms.waves import Expansion
 SIZE = 2e-4
 LOW = 2
 """Orders of the short series."""
-HIGHEST = 45
-BANDS = (5, 10, 15, 20, 25, 30, 35, 40, 45)
+HIGHEST, LONGEST = 45, 120
+"""Orders of the long series, and of what is tried beyond it."""
+BANDS = tuple(range(5, LONGEST + 1, 5))
 """Last order of each band of the long series: a variance for each joint and band. Bands of three to five orders gave
 log evidences within four nats of one another on an IRB 120; bands of five predict held-out poses of a UR10 best."""
 
@@ -90,12 +91,12 @@ class Harmonics(Family):
     name = "harmonics"
     bases = (Harmonic("cos", 0.0), Harmonic("sin", 1.0))
 
-    def terms(self, arm: Arm) -> list[Term]:
-        """Orders 1 to `HIGHEST` of each joint; the group is that of the short series, see `band_group` for others."""
+    def terms(self, arm: Arm, lowest: int = 1, highest: int = HIGHEST) -> list[Term]:
+        """Some orders of each joint; the group is that of the short series, see `band_group` for others."""
         return [
             term
             for j in revolute(arm)
-            for k in range(1, HIGHEST + 1)
+            for k in range(lowest, highest + 1)
             for term in pair(j, k, "rz", SIZE, f"{self.name}_{j + 1}", self.name)
         ]
 

@@ -32,7 +32,7 @@ MOST = 400
 """Waves that a lever may have: a wrist's have some tens."""
 SHORT = 3
 """Orders that are taken one by one are fewer."""
-SERIES = 64
+SERIES = 128
 """Highest order of a joint that is reached by way of all lower ones."""
 FEW = 64
 """Poses for which products of exponentials take longer than cosines and sines."""
