@@ -98,8 +98,8 @@ def sums(fit: Fit, n: int) -> PoseSums:
 MACHINING = 0.2 * MM
 """Least standard deviation of link lengths of a robot as they are made and identified, metres; where they scatter more,
 that counts."""
-BEYOND_MACHINING = 3.3
-"""Standard deviations beyond which machining does not explain a common scale: 1 in 1,000."""
+BEYOND_MACHINING = 0.001
+"""Chance below which machining does not explain a common scale."""
 TYPICAL = 5e-4
 """Error of a tracker's scale that a scale bar would show: a wrong temperature, pressure or distance constant."""
 
@@ -112,15 +112,20 @@ class LengthScale:
     ----------
     share, std : float
         Estimate and standard deviation.
+    freedom : float
+        Numbers that the standard deviation rests on; infinite where it is that of machining.
     """
 
     share: float
     std: float
+    freedom: float = np.inf
 
     @property
     def beyond_machining(self) -> bool:
-        """Whether machining does not explain it."""
-        return abs(self.share) > BEYOND_MACHINING * self.std
+        """Whether machining does not explain it (Student's t)."""
+        from scipy.special import stdtr
+
+        return 2.0 * float(stdtr(self.freedom, -abs(self.share) / self.std)) < BEYOND_MACHINING
 
     def doubt(self) -> str:
         """What to clear up, in a sentence."""
@@ -146,7 +151,8 @@ def length_scale(nominal: Arm, calibrated: Arm) -> LengthScale | None:
         return None
     share = float(length @ change) / total
     scatter = float(np.sqrt(((change - share * length) ** 2).sum() / (len(length) - 1)))
-    return LengthScale(share, max(MACHINING, scatter) / float(np.sqrt(total)))
+    std = max(MACHINING, scatter) / float(np.sqrt(total))
+    return LengthScale(share, std, len(length) - 1.0 if scatter > MACHINING else np.inf)
 
 
 def scale_in_words(scale: LengthScale | None, xyz: ArrayLike, bar: str) -> str:
@@ -348,8 +354,9 @@ LARGE_NOMINAL = 10 * MM
 LEFT = 1.2 * MM, 2e-3
 """Fitted rms that no calibrated robot leaves: metres, and as a share of the spread of its tip positions."""
 
-SCALE, SCALED = 1.5e-3, 0.8
-"""Deviation from 1 of the scale of all positions, and the ratio to which it brings the nominal robot's residuals."""
+SCALE, SCALED = 4e-3, 0.8
+"""Deviation from 1 of the scale of all positions, and the ratio to which it brings the nominal robot's residuals. Smaller
+deviations are errors of zeros on robots that move by a third of their range (SIMULATED); `length_scale` judges them."""
 
 CUTS = 7
 """Places at which poses in the order of measuring are cut in two, to see whether the parts are of one robot."""

@@ -167,6 +167,20 @@ def test_a_wrong_scale_of_the_tracker_is_a_doubt(points, scale, doubted):
     assert any("scale bar" in words for words in said) == doubted
 
 
+def test_large_errors_of_few_lengths_are_no_scale():
+    """SIMULATED robots whose lengths scatter by a millimetre: 1 in 1,000 seems too long by Student's t, 3.3 sigma are 1 in 100."""
+    rng = np.random.default_rng(3)
+    doubted = np.zeros(2, dtype=int)
+    for _ in range(400):
+        table = arm().table
+        a = table.a + np.where(table.a != 0.0, 1e-3, 0.0) * rng.standard_normal(len(table.a))
+        d = table.d + np.where(table.d != 0.0, 1e-3, 0.0) * rng.standard_normal(len(table.d))
+        scale = length_scale(arm(), arm().with_table(replace(table, a=a, d=d)))
+        doubted += scale.beyond_machining, abs(scale.share) > 3.3 * scale.std
+    assert doubted[0] <= 2
+    assert doubted[1] >= 5
+
+
 def test_no_length_identified_says_nothing():
     assert length_scale(arm(), arm()) is None
 
