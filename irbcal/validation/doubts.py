@@ -355,8 +355,9 @@ LEFT = 1.2 * MM, 2e-3
 """Fitted rms that no calibrated robot leaves: metres, and as a share of the spread of its tip positions."""
 
 SCALE, SCALED = 4e-3, 0.8
-"""Deviation from 1 of the scale of all positions, and the ratio to which it brings the nominal robot's residuals. Smaller
-deviations are errors of zeros on robots that move by a third of their range (SIMULATED); `length_scale` judges them."""
+"""Deviation from 1 of the scale of all positions, and the ratio to which it brings the nominal robot's residuals.
+Smaller deviations are errors of zeros on robots that move by a third of their range (SIMULATED): `length_scale` judges
+them."""
 
 CUTS = 7
 """Places at which poses in the order of measuring are cut in two, to see whether the parts are of one robot."""
