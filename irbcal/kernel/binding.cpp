@@ -15,7 +15,7 @@ namespace {
 
 using namespace irbcal;
 
-constexpr int most_joints = 12, most_orders = 64;
+constexpr int most_joints = 12, most_orders = 128;
 constexpr Py_ssize_t few = 4, worth_unlocking = 64;
 
 struct Robot {
