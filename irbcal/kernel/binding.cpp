@@ -134,26 +134,50 @@ inline Frame<S> frame_of(const double* T, Py_ssize_t first, Py_ssize_t count) {
   return out;
 }
 
+// Whether the last rows of poses are 0, 0, 0, 1.
+template <class S>
+inline auto last_row(const double* T, Py_ssize_t first, Py_ssize_t count, const S&) {
+  S off = S{};
+  for (int j = 0; j < 4; ++j) off += magnitude(gathered<S>(T + 12 + j, 16, first, count) - (j < 3 ? 0.0 : 1.0));
+  return off <= 1e-6;
+}
+
 struct Wanted {  // arrays of poses and what becomes of them
-  const double *T, *signs, *near;  // (n, 4, 4), (n, 3), (n, 6) or null
+  const double *T, *signs, *near;  // (n, 4, 4); (n, 3) or null: those of near, else all 1; (n, 6) or null
   double position, rotation;
-  double *q, *found;  // (n, 6), and errors, margin, steps (n, 4)
+  double *q, *found;  // (n, 6), and (n, of_a_pose)
 };
+// Errors of position and rotation, margin, steps, branch asked for, branch found, and 1 where it is within tolerances and
+// limits, from a seed within all bounds, for what is a pose: nothing is left to be done there.
+constexpr int of_a_pose = 7;
 
 template <class S>
 inline void inverses_of(const Robot& r, const Wanted& w, Py_ssize_t n) {
   constexpr Py_ssize_t together = side_by_side<S>;
   for (Py_ssize_t first = 0; first < n; first += together) {
     const Py_ssize_t count = n - first < together ? n - first : together;
-    S signs[3], near[6];
-    for (int i = 0; i < 3; ++i) signs[i] = gathered<S>(w.signs + i, 3, first, count);
+    S signs[3], near[6], there[3];
+    const Frame<S> wanted = frame_of<S>(w.T, first, count);
+    auto done = rigid(wanted) & last_row(w.T, first, count, S{});
     if (w.near != nullptr)
-      for (int i = 0; i < 6; ++i) near[i] = gathered<S>(w.near + i, 6, first, count);
-    const Solution<S> out = fixed_point(r, r.closed, frame_of<S>(w.T, first, count), signs,
-                                        w.near == nullptr ? nullptr : near, r.reach, w.position, w.rotation);
-    for (int i = 0; i < 6; ++i) scatter(out.q[i], w.q + i, 6, first, count);
-    const S found[4] = {out.position, out.rotation, out.margin, out.steps};
-    for (int i = 0; i < 4; ++i) scatter(found[i], w.found + i, 4, first, count);
+      for (int i = 0; i < 6; ++i) {
+        near[i] = gathered<S>(w.near + i, 6, first, count);
+        done = done & (magnitude(near[i]) <= r.far[i]) & (magnitude(near[i]) < infinity);
+      }
+    for (int i = 0; i < 3; ++i) signs[i] = w.signs == nullptr ? all<S>(1.0) : gathered<S>(w.signs + i, 3, first, count);
+    if (w.signs == nullptr && w.near != nullptr) branch_signs(r.closed, near, signs);
+    const Solution<S> out =
+        fixed_point(r, r.closed, wanted, signs, w.near == nullptr ? nullptr : near, r.reach, w.position, w.rotation);
+    branch_signs(r.closed, out.q, there);
+    done = done & (out.position <= w.position) & (out.rotation <= w.rotation);
+    for (int i = 0; i < 6; ++i) {
+      done = done & (out.q[i] >= r.lower[i] - limit_tolerance) & (out.q[i] <= r.upper[i] + limit_tolerance);
+      scatter(out.q[i], w.q + i, 6, first, count);
+    }
+    const auto number = [](const S* s) { return 0.5 * (7.0 - 4.0 * s[0] - 2.0 * s[1] - s[2]); };
+    const S found[of_a_pose] = {out.position, out.rotation,  out.margin, out.steps, number(signs),
+                                number(there), done ? all<S>(1.0) : S{}};
+    for (int i = 0; i < of_a_pose; ++i) scatter(found[i], w.found + i, of_a_pose, first, count);
   }
 }
 
@@ -164,22 +188,22 @@ inline void branches_of(const Robot& r, const double* T, double* q, double* foun
     const Py_ssize_t count = n - first < together ? n - first : together;
     const Frame<S> wanted = frame_of<S>(T, first, count);
     Hand<S> hand = hand_of(r.closed, wanted);
-    S squares = S{};
-    for (int j = 0; j < 3; ++j) squares += dot(wanted.R[j], wanted.R[j]);
-    auto rigid = magnitude(squares - 3.0) <= 1e-6;
-    rigid = rigid & (magnitude(dot(cross(wanted.R[0], wanted.R[1]), wanted.R[2]) - 1.0) <= 1e-6);
-    for (int j = 0; j < 4; ++j)
-      rigid = rigid & (magnitude(gathered<S>(T + 12 + j, 16, first, count) - (j < 3 ? 0.0 : 1.0)) <= 1e-6);
-    const S off = rigid ? S{} : all<S>(not_a_number);  // no pose at all
+    const auto pose = rigid(wanted) & last_row(T, first, count, S{});
+    const S off = pose ? S{} : all<S>(not_a_number);
     hand.radius += off;
     scatter(hand.radius, found, 1, first, count);
-    for (int b = 0; b < 8; ++b) {
-      S x[6];
-      const S margin = branch(r.closed, hand, all<S>(b & 4 ? -1.0 : 1.0), all<S>(b & 2 ? -1.0 : 1.0),
-                              all<S>(b & 1 ? -1.0 : 1.0), x);
+    for (int b = 0; b < 8; b += 2) {
+      const S front = all<S>(b & 4 ? -1.0 : 1.0);
+      S x[6], c23, s23, angle[3];
+      const S margin = elbow(r.closed, hand, front, all<S>(b & 2 ? -1.0 : 1.0), x, c23, s23);
       const S lost = margin >= -reach_tolerance ? S{} : all<S>(not_a_number);
-      for (int i = 0; i < 6; ++i) scatter(x[i] + lost, q + (6 * b + i) * n, 1, first, count);
-      if ((b & 3) == 0) scatter(margin, found + (1 + b / 4) * n, 1, first, count);
+      wrist(hand, front, c23, s23, angle);
+      x[0] = joint_of(r.closed, 0, arc(hand.s1 * front, hand.c1 * front));
+      for (int flip = 0; flip < 2; ++flip) {
+        wrist_joints(r.closed, angle, all<S>(flip ? -1.0 : 1.0), x);
+        for (int i = 0; i < 6; ++i) scatter(x[i] + lost, q + (6 * (b + flip) + i) * n, 1, first, count);
+      }
+      if ((b & 2) == 0) scatter(margin, found + (1 + b / 4) * n, 1, first, count);
     }
   }
 }
@@ -337,16 +361,18 @@ PyObject* kernel_inverses(PyObject* self, PyObject* const* args, Py_ssize_t coun
   w.position = PyFloat_AsDouble(args[3]);
   w.rotation = PyFloat_AsDouble(args[4]);
   if (PyErr_Occurred()) return nullptr;
-  if (!r.has_closed_form || !T.take(args[0]) || !signs.take(args[1]) || !q.take(args[5], true) || !found.take(args[6], true))
-    Py_RETURN_FALSE;
+  if (!r.has_closed_form || !T.take(args[0]) || !q.take(args[5], true) || !found.take(args[6], true)) Py_RETURN_FALSE;
   const Py_ssize_t n = T.rows();
-  if (T.size() != 16 * n || !signs.is(n, 3) || !q.is(n, 6) || !found.is(n, 4)) Py_RETURN_FALSE;
+  if (T.size() != 16 * n || !q.is(n, 6) || !found.is(n, of_a_pose)) Py_RETURN_FALSE;
+  if (args[1] != Py_None) {
+    if (!signs.take(args[1]) || !signs.is(n, 3)) Py_RETURN_FALSE;
+    w.signs = signs.data();
+  }
   if (args[2] != Py_None) {
     if (!near.take(args[2]) || !near.is(n, 6)) Py_RETURN_FALSE;
     w.near = near.data();
   }
   w.T = T.data();
-  w.signs = signs.data();
   w.q = q.data();
   w.found = found.data();
   unlocked(n, [&] { inverses(r, w, n); });
@@ -361,6 +387,34 @@ PyObject* kernel_branches(PyObject* self, PyObject* const* args, Py_ssize_t coun
   const Py_ssize_t n = T.rows();
   if (T.size() != 16 * n || q.size() != 48 * n || found.size() != 3 * n) Py_RETURN_FALSE;
   unlocked(n, [&] { branches(r, T.data(), q.data(), found.data(), n); });
+  Py_RETURN_TRUE;
+}
+
+PyObject* kernel_newton(PyObject* self, PyObject* const* args, Py_ssize_t count) {
+  if (!count_is(count, 9)) return nullptr;
+  const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
+  Array T, q, limits, found;
+  Steps steps{};
+  const double reach = PyFloat_AsDouble(args[2]);
+  steps.position = PyFloat_AsDouble(args[3]);
+  steps.rotation = PyFloat_AsDouble(args[4]);
+  steps.straighten = static_cast<int>(PyLong_AsLong(args[5]));
+  steps.patience = static_cast<int>(PyLong_AsLong(args[6]));
+  if (PyErr_Occurred()) return nullptr;
+  if (!T.take(args[0]) || !q.take(args[1], true) || !found.take(args[8], true)) Py_RETURN_FALSE;
+  const Py_ssize_t n = T.rows();
+  if (T.size() != 16 * n || !q.is(n, r.joints) || !found.is(n, 3)) Py_RETURN_FALSE;
+  if (args[7] != Py_None) {
+    if (!limits.take(args[7]) || !limits.is(2, r.joints)) Py_RETURN_FALSE;
+    steps.lower = limits.data();
+    steps.upper = limits.data() + r.joints;
+  }
+  unlocked(n, [&] {
+    for (Py_ssize_t k = 0; k < n; ++k) {
+      double* row = found.data() + 3 * k;
+      row[2] = newton(r, frame_of<double>(T.data(), k, 1), reach, steps, q.data() + k * r.joints, row[0], row[1]);
+    }
+  });
   Py_RETURN_TRUE;
 }
 
@@ -543,7 +597,9 @@ PyMethodDef methods[] = {
     {"effective", method(kernel_effective), METH_FASTCALL, "effective(q, before, out): effective joints (n, joints)"},
     {"jacobians", method(kernel_jacobians), METH_FASTCALL, "jacobians(q, before, reference, out): (n, 6, joints)"},
     {"inverses", method(kernel_inverses), METH_FASTCALL,
-     "inverses(T, signs, near, position, rotation, q, found): errors, margin, steps (n, 4)"},
+     "inverses(T, signs, near, position, rotation, q, found): found as in binding.cpp (n, 7)"},
+    {"newton", method(kernel_newton), METH_FASTCALL,
+     "newton(T, q, reach, position, rotation, straighten, patience, limits, found): q in place; errors, evaluations (n, 3)"},
     {"branches", method(kernel_branches), METH_FASTCALL, "branches(T, q, found): (8, 6, n); radius, margins (3, n)"},
     {nullptr, nullptr, 0, nullptr}};
 

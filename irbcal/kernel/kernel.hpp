@@ -493,11 +493,10 @@ inline S joint_of(const ClosedForm& a, int joint, const S& q) noexcept {
   return within_half_turn(a.signs[joint] * q + a.shifts[joint]);
 }
 
-// One branch, each joint within a half turn of zero (Nubiola 2011, section 6.1, as irbcal/modeling/inverse has it);
-// signs are 1 where front, up, not flipped, else -1. Returns how far the wrist centre is within the reach, metres: the
-// joints are those of the nearest one where it is beyond.
+// Joints 2 and 3, and cosine and sine of the angle of the forearm (Nubiola 2011, section 6.1, as irbcal/modeling/inverse
+// has it). Returns how far the wrist centre is within the reach, metres; the joints are of the nearest one beyond it.
 template <class S>
-inline S branch(const ClosedForm& a, const Hand<S>& hand, const S& front, const S& up, const S& straight, S* q) noexcept {
+inline S elbow(const ClosedForm& a, const Hand<S>& hand, const S& front, const S& up, S* q, S& c23, S& s23) noexcept {
   const double L = std::sqrt(a.a4 * a.a4 + a.d4 * a.d4), inner = std::abs(a.a3 - L), outer = a.a3 + L;
   const S k1 = front * hand.radius - a.a2, k2 = hand.k2;
   const S rho2 = k1 * k1 + k2 * k2, rho = root(rho2);
@@ -513,7 +512,16 @@ inline S branch(const ClosedForm& a, const Hand<S>& hand, const S& front, const 
   const S scale = a.a3 / rho2;
   const S u = k1 - s2 * scale, v = c2 * scale - k2;
   const double cosine = a.d4 / (L * L), sine = a.a4 / (L * L);
-  const S c23 = u * cosine - v * sine, s23 = v * cosine + u * sine;
+  c23 = u * cosine - v * sine;
+  s23 = v * cosine + u * sine;
+  q[1] = joint_of(a, 1, arc(s2, c2));
+  q[2] = within_half_turn(a.bend + a.signs[2] * delta);
+  return margin;
+}
+
+// Angles q4, q5 and q6 of the thesis with sin q5 >= 0; where the pose leaves it open q4 is zero.
+template <class S>
+inline void wrist(const Hand<S>& hand, const S& front, const S& c23, const S& s23, S* angle) noexcept {
   const S ar = front * hand.along[2], at = front * hand.across[2];
   const S c5 = c23 * ar - s23 * hand.R[2][2];
   const S open = -hand.R[2][2] * c23 - s23 * ar;  // cos q4 sin q5
@@ -522,21 +530,61 @@ inline S branch(const ClosedForm& a, const Hand<S>& hand, const S& front, const 
   const S x = singular ? all<S>(1.0) : open, y = singular ? S{} : at;
   const S first = (front * hand.along[0] * s23 + hand.R[0][2] * c23) * y + front * hand.across[0] * x;
   const S second = (front * hand.along[1] * s23 + hand.R[1][2] * c23) * y + front * hand.across[1] * x;
+  angle[0] = arc(y, x);
+  angle[1] = arc(s5, c5);
+  angle[2] = arc(first, second);
+}
+
+// Joints 4, 5 and 6 from these angles, flipped where straight is -1.
+template <class S>
+inline void wrist_joints(const ClosedForm& a, const S* angle, const S& straight, S* q) noexcept {
   const S half = (1.0 - straight) * (0.5 * pi);
-  const S q4 = arc(y, x), q6 = arc(first, second);
+  q[3] = joint_of(a, 3, angle[0] - with_sign(half, angle[0]));
+  q[4] = joint_of(a, 4, straight * angle[1]);
+  q[5] = joint_of(a, 5, angle[2] - with_sign(half, angle[2]));
+}
+
+// One branch, each joint within a half turn of zero; signs are 1 where front, up, not flipped, else -1.
+template <class S>
+inline S branch(const ClosedForm& a, const Hand<S>& hand, const S& front, const S& up, const S& straight, S* q) noexcept {
+  S c23, s23, angle[3];
+  const S margin = elbow(a, hand, front, up, q, c23, s23);
+  wrist(hand, front, c23, s23, angle);
+  wrist_joints(a, angle, straight, q);
   q[0] = joint_of(a, 0, arc(hand.s1 * front, hand.c1 * front));
-  q[1] = joint_of(a, 1, arc(s2, c2));
-  q[2] = within_half_turn(a.bend + a.signs[2] * delta);
-  q[3] = joint_of(a, 3, q4 - with_sign(half, q4));
-  q[4] = joint_of(a, 4, straight * arc(s5, c5));
-  q[5] = joint_of(a, 5, q6 - with_sign(half, q6));
   return margin;
+}
+
+// Whether the elements of a pose (its last row apart) are those of a rigid transform.
+template <class S>
+inline auto rigid(const Frame<S>& T) noexcept {
+  S squares = S{}, place = S{};
+  for (int j = 0; j < 3; ++j) {
+    squares += dot(T.R[j], T.R[j]);
+    place += magnitude(T.o[j]);
+  }
+  return (magnitude(squares - 3.0) <= 1e-6) & (magnitude(dot(cross(T.R[0], T.R[1]), T.R[2]) - 1.0) <= 1e-6) &
+         (place < infinity);
+}
+
+// Branch that joints lie in: -1 where behind axis 1, where down, where flipped, else 1.
+template <class S>
+inline void branch_signs(const ClosedForm& a, const S* q, S* signs) noexcept {
+  S angle[6];
+  for (int i = 0; i < 6; ++i) angle[i] = (q[i] - a.shifts[i]) * a.signs[i];
+  S s2, c2, s23, c23;
+  sine_cosine(angle[1], s2, c2);
+  sine_cosine(angle[1] + angle[2], s23, c23);
+  const S one = all<S>(1.0), radius = a.a2 + a.a3 * s2 + a.d4 * c23 + a.a4 * s23;
+  signs[0] = radius < 0.0 ? -one : one;
+  signs[1] = within_half_turn(a.signs[2] * (q[2] - a.bend)) < 0.0 ? -one : one;
+  signs[2] = within_half_turn(angle[4]) < 0.0 ? -one : one;
 }
 
 // ------------------------------------------------------------------ the calibrated inverse
 
 constexpr int iterations = 24;
-constexpr double stalled = 0.5, slack = 0.05, reach_tolerance = 1e-12;
+constexpr double stalled = 0.5, slack = 0.05, reach_tolerance = 1e-12, limit_tolerance = 1e-9;
 
 template <class S>
 struct Solution {
@@ -614,6 +662,111 @@ inline Solution<S> fixed_point(const Robot& r, const ClosedForm& a, const Frame<
     for (int i = 0; i < 6; ++i) before[i] = q[i];
   }
   return out;
+}
+
+struct Steps {  // of Newton's method; limits may be null
+  double position, rotation;
+  int straighten, patience;
+  const double *lower, *upper;
+};
+
+template <class Robot>
+struct Linear {
+  double J[6][Robot::capacity], e[6], cost, position, rotation;
+};
+
+// What a step from q needs: lengths are over the reach.
+template <class Robot>
+inline void linearise(const Robot& r, const Frame<double>& wanted, double reach, const double* q, Linear<Robot>& out) noexcept {
+  const Frame<double> tip = with_jacobian(r, q, nullptr, out.J);
+  for (int k = 0; k < 3; ++k)
+    for (int j = 0; j < r.joints; ++j) out.J[k][j] /= reach;
+  double length = 0.0, chord = 0.0, trace = 0.0;
+  Vector<double> v{};
+  for (int j = 0; j < 3; ++j) {
+    const Vector<double> turn = cross(tip.R[j], wanted.R[j]), off = minus(tip.R[j], wanted.R[j]);
+    for (int k = 0; k < 3; ++k) v[k] += 0.5 * turn[k];
+    chord += dot(off, off);
+    trace += dot(tip.R[j], wanted.R[j]);
+    const double lacks = wanted.o[j] - tip.o[j];
+    out.e[j] = lacks / reach;
+    length += lacks * lacks;
+  }
+  const double sine = std::sqrt(dot(v, v));
+  const double scale = sine > 1e-12 ? std::atan2(sine, 0.5 * (trace - 1.0)) / sine : 1.0;
+  out.cost = 0.0;
+  for (int k = 0; k < 3; ++k) out.e[k + 3] = scale * v[k];
+  for (int k = 0; k < 6; ++k) out.cost += out.e[k] * out.e[k];
+  out.position = std::sqrt(length);
+  out.rotation = 2.0 * std::asin(std::min(std::sqrt(0.125 * chord), 1.0));
+}
+
+// Adds a damped least-squares step, in which no joint moves by more than half a radian (or metre).
+template <class Robot>
+inline void damped_step(const Robot& r, const Linear<Robot>& at, const Steps& steps, double damping, double* q) noexcept {
+  const int n = r.joints;
+  double J[6][Robot::capacity], A[Robot::capacity][Robot::capacity], x[Robot::capacity];
+  for (int j = 0; j < n; ++j) {
+    double slope = 0.0;
+    for (int k = 0; k < 6; ++k) slope += at.J[k][j] * at.e[k];
+    const bool stuck = steps.lower != nullptr && ((q[j] <= steps.lower[j] && slope < 0.0) || (q[j] >= steps.upper[j] && slope > 0.0));
+    for (int k = 0; k < 6; ++k) J[k][j] = stuck ? 0.0 : at.J[k][j];  // a joint that less error would lead beyond its limit
+    x[j] = stuck ? 0.0 : slope;
+  }
+  for (int i = 0; i < n; ++i) {  // Cholesky's factor; the diagonal holds reciprocals
+    for (int j = 0; j <= i; ++j) {
+      double sum = i == j ? damping : 0.0;
+      for (int k = 0; k < 6; ++k) sum += J[k][i] * J[k][j];
+      for (int k = 0; k < j; ++k) sum -= A[i][k] * A[j][k];
+      A[i][j] = i == j ? 1.0 / std::sqrt(std::max(sum, 1e-300)) : sum * A[j][j];
+    }
+    for (int k = 0; k < i; ++k) x[i] -= A[i][k] * x[k];
+    x[i] *= A[i][i];
+  }
+  double longest = 0.5;
+  for (int i = n - 1; i >= 0; --i) {
+    for (int k = i + 1; k < n; ++k) x[i] -= A[k][i] * x[k];
+    x[i] *= A[i][i];
+    longest = std::max(longest, std::abs(x[i]));
+  }
+  for (int i = 0; i < n; ++i) q[i] += x[i] * (0.5 / longest);
+}
+
+// Levenberg-Marquardt from q, as irbcal.modeling.inverse.newton.solve; returns the number of evaluations.
+template <class Robot>
+inline int newton(const Robot& r, const Frame<double>& wanted, double reach, const Steps& steps, double* q, double& position,
+                  double& rotation) noexcept {
+  Linear<Robot> at, next;
+  linearise(r, wanted, reach, q, at);
+  double damping = 1e-6, bound = infinity;
+  int evaluations = 1, waited = 0;
+  for (int count = 0; count < 6 * steps.patience; ++count) {
+    const bool halved = at.cost <= 0.25 * bound;  // the cost is the square of the error
+    if (halved) bound = at.cost;
+    waited = halved ? 0 : waited + 1;
+    const bool good = at.position <= steps.position && at.rotation <= steps.rotation;
+    if (good || waited > steps.patience || !std::isfinite(at.cost)) break;
+    double trial[Robot::capacity];
+    std::copy(q, q + r.joints, trial);
+    damped_step(r, at, steps, damping * std::min(std::sqrt(at.cost), 1.0) + 1e-15, trial);
+    linearise(r, wanted, reach, trial, next);
+    for (int k = 0; k < steps.straighten; ++k) {
+      damped_step(r, next, steps, 1e-5, trial);
+      if (steps.lower != nullptr)
+        for (int i = 0; i < r.joints; ++i) trial[i] = std::min(std::max(trial[i], steps.lower[i]), steps.upper[i]);
+      linearise(r, wanted, reach, trial, next);
+    }
+    evaluations += 1 + steps.straighten;
+    const bool better = next.cost < at.cost;
+    damping = better ? std::max(damping * 0.2, 1e-8) : std::min(damping * 8.0 + 1e-6, 1e8);
+    if (better) {
+      std::copy(trial, trial + r.joints, q);
+      at = next;
+    }
+  }
+  position = at.position;
+  rotation = at.rotation;
+  return evaluations;
 }
 
 }  // namespace irbcal

@@ -99,15 +99,15 @@ class Robot:
         RobotError
             If the joints have another shape, or look like degrees.
         """
-        if self._kernel is not None and isinstance(q, np.ndarray) and q.ndim == 2:
+        if self.kernel is not None and isinstance(q, np.ndarray) and q.ndim == 2:
             T = np.empty((len(q), 4, 4))
-            if self._kernel.poses(q, None, True, T):
+            if self.kernel.poses(q, None, True, T):
                 return T
         return self.forward(self.arm.check_joints(q))
 
     @cached_property
-    def _kernel(self) -> Any:
-        """See `irbcal.modeling.parts.compiled`."""
+    def kernel(self) -> Any:
+        """The compiled kernel of it, see `irbcal.modeling.parts.compiled`; None where numpy serves."""
         if self.frame_terms is not None or (parts := self.joint_map.parts) is None:
             return None
         return compiled(self.arm, None if self.joint_map.is_identity else parts)
@@ -127,11 +127,11 @@ class Robot:
         (n,), its centre in the tip link (n, 3) and torques that the robot reports (n, joints) likewise; without them
         the robot carries what most poses of the calibration were measured with, see `carrying`.
         """
-        if payload_kg is None and payload_place is None and torques is None and self._kernel is not None:
+        if payload_kg is None and payload_place is None and torques is None and self.kernel is not None:
             q = np.ascontiguousarray(q, dtype=float)
             before = None if previous is None else np.array(np.broadcast_to(previous, q.shape), dtype=float)
             T = np.empty((len(q), 4, 4))
-            if self._kernel.poses(q, before, False, T):
+            if self.kernel.poses(q, before, False, T):
                 return T
         if self.frame_terms is None:
             return self.arm.forward(self.joint_map.effective(q, previous, payload_kg, payload_place, torques))

@@ -91,22 +91,22 @@ class _Way:
     """Several solutions that are followed at a time."""
 
     def __init__(self, robot: Robot, nominal: Arm, criterion: Criterion | None, tolerance: float) -> None:
-        self.chain, self.tolerance = newton.CalibratedChain(robot, any_arm.reach(nominal)), tolerance
+        self.chain, self.tolerance = newton.CalibratedChain(robot, any_arm.reach(nominal)), (tolerance, tolerance)
         self.wanted = criterion
 
     def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Whether both errors (n,) are within the tolerance."""
-        return (position <= self.tolerance) & (rotation <= self.tolerance)
+        return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
 
     def at(self, H: FloatArray, q: FloatArray) -> tuple[FloatArray, BoolArray]:
         """The solutions (k, joints) next to ``q`` at one pose (4, 3, 1), and which are near."""
         targets = np.repeat(H, len(q), axis=2)
-        new, *errors, _ = newton.solve(self.chain, targets, q.T.copy(), self.good)
+        new, *errors, _ = newton.solve(self.chain, targets, q.T.copy(), self.tolerance)
         if self.wanted is not None:
             _, slope, curvature = self.wanted(new.T)
             step = redundancy.null_step(self.chain.linearised(targets, new)[0], slope, curvature)
             step *= np.minimum(1.0, 0.3 * JUMP / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
-            again, *errors_again, _ = newton.solve(self.chain, targets, new + step.T, self.good)
+            again, *errors_again, _ = newton.solve(self.chain, targets, new + step.T, self.tolerance)
             take = self.good(*errors_again)
             new, errors = (
                 np.where(take, again, new),
@@ -118,7 +118,7 @@ class _Way:
     def smooth(self, H: FloatArray, q: FloatArray, to: FloatArray) -> BoolArray:
         """Whether the joints at a piece's middle (4, 3, 1) lie between those at its ends (k, joints): one solution."""
         mean = 0.5 * (q + to)
-        middle, *errors, _ = newton.solve(self.chain, np.repeat(H, len(q), axis=2), mean.T.copy(), self.good)
+        middle, *errors, _ = newton.solve(self.chain, np.repeat(H, len(q), axis=2), mean.T.copy(), self.tolerance)
         bend = np.abs(middle.T - mean).max(axis=1)
         return self.good(*errors) & (bend <= BEND * np.abs(to - q).max(axis=1) + 1e-9)
 
@@ -248,15 +248,15 @@ def _starts(path: _Way, robot: Robot, nominal: Arm, T: FloatArray, near: FloatAr
     q = np.concatenate(seeds)
     q = q[np.isfinite(q).all(axis=1)]
     H = np.repeat(pose_columns(T), len(q), axis=2)
-    columns, *errors, _ = newton.solve(path.chain, H, q.T.copy(), path.good)
+    columns, *errors, _ = newton.solve(path.chain, H, q.T.copy(), path.tolerance)
     q = np.ascontiguousarray(columns.T)[path.good(*errors)]
     q = closed_form.into_limits(nominal, q, np.tile(near, (len(q), 1)))[0] if len(q) else q
     if len(q):
         H = H[..., : len(q)]
-        columns, *errors, _ = newton.solve(path.chain, H, q.T.copy(), path.good)
+        columns, *errors, _ = newton.solve(path.chain, H, q.T.copy(), path.tolerance)
         q = np.ascontiguousarray(columns.T)[path.good(*errors)]
     if path.wanted is not None and len(q):
-        q = redundancy.settled(path.chain, H[..., : len(q)], q, path.wanted, path.good)
+        q = redundancy.settled(path.chain, H[..., : len(q)], q, path.wanted, path.tolerance)
     _, first = np.unique(np.round(q, 5), axis=0, return_index=True)
     q = q[np.sort(first)]
     inside = ((q >= nominal.lower - 1e-9) & (q <= nominal.upper + 1e-9)).all(axis=1)

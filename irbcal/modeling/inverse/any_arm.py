@@ -158,7 +158,7 @@ class _Search:
         H, seed = self.H[:, :, repeated], self.seed[repeated]
         limits = (self.nominal.lower, self.nominal.upper) if bounded else None
         columns, *residuals, evaluations = newton.solve(
-            self.chain, H, starts.reshape(k * n, -1).T.copy(), self.good, straighten, limits=limits
+            self.chain, H, starts.reshape(k * n, -1).T.copy(), self.tolerance, straighten, limits=limits
         )
         q, errors = columns.T.copy(), np.array(residuals)
         turned, fits = closed_form.into_limits(self.nominal, q, seed, newton.ROUNDING)

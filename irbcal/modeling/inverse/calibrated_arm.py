@@ -8,7 +8,7 @@ calibrated arm times that of its joint map, from several starts. What neither so
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
-from irbcal.modeling.inverse.fixed_point import FixedPoint, FixedPointState
+from irbcal.modeling.inverse.fixed_point import OF_A_POSE, FixedPoint, FixedPointState, kernel_of
 from irbcal.modeling.inverse.orthoparallel import TAU
 from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
@@ -28,6 +28,9 @@ __all__ = ["InverseResult", "Method", "Reason", "solve", "solve_nearest"]
 
 BLOCK = 8192
 """Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
+
+FEW = 32
+"""Poses for which what is done around an iteration takes longer than the iteration."""
 
 NEWTON_STARTS = ((1, 0, 10), (6, 0, 10), (24, 2, 10), (96, 2, 10), (64, 2, 30), (1, 2, 100))
 """Number of starts, and `newton.solve`'s straighten and patience, one after the other for the poses still left.
@@ -84,9 +87,42 @@ def solve(
     RobotError
         If shapes do not fit, the seed looks like degrees, or the nominal arm has no closed-form inverse.
     """
+    if configuration is None:
+        quick = _few_by_kernel(robot, nominal, T_base_tip, seed, position, rotation)
+        if quick is not None:
+            return quick
     stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
     with row_arithmetic("ignore"):
         return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
+
+
+def _few_by_kernel(
+    robot: Robot, nominal: Arm, T: ArrayLike, seed: ArrayLike | None, position: float, rotation: float
+) -> InverseResult | None:
+    """The result of `solve` for a few poses where the compiled kernel leaves nothing to be done; else None."""
+    n = len(T) if isinstance(T, np.ndarray) and T.ndim == 3 and T.shape[1:] == (4, 4) else 0
+    kernel = kernel_of(robot, nominal) if 0 < n <= FEW else None
+    if kernel is None:
+        return None
+    if isinstance(seed, np.ndarray) and seed.ndim == 1 and n == 1:
+        seed = seed[None]
+    q, found = np.empty((n, 6)), np.empty((n, OF_A_POSE))
+    if not kernel.inverses(T, None, seed, position, rotation, q, found) or not found[:, 6].all():
+        return None
+    numbers = found[:, 3:].astype(int)
+    yes = numbers[:, 3] == 1
+    return InverseResult(
+        joints=q,
+        converged=yes,
+        inside=yes.copy(),
+        configuration=numbers[:, 2],
+        branch_kept=numbers[:, 1] == numbers[:, 2],
+        iterations=numbers[:, 0],
+        method=yes * np.int64(Method.FIXED_POINT),
+        position_residual=found[:, 0],
+        rotation_residual=found[:, 1],
+        reason=np.zeros(n, dtype=int),
+    )
 
 
 def solve_nearest(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: FloatArray) -> InverseResult:
@@ -116,6 +152,15 @@ def solve_nearest(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: Float
     return result
 
 
+@lru_cache(maxsize=16)
+def _difference(robot: Robot, nominal: Arm) -> float:
+    """About the largest distance (m) between tips of the two arms, from random joints."""
+    q = nominal.random_joints(500, 0)
+    q -= TAU * np.rint(q / TAU)  # joints of many turns look like degrees
+    difference = robot.poses(q) - nominal.forward(q)
+    return 1e-6 + float(np.linalg.norm(difference[:, :3, 3], axis=1).max())
+
+
 class _Solver:
     def __init__(
         self,
@@ -131,13 +176,10 @@ class _Solver:
         self.closed, self.chain, self.good = self.iteration.closed, self.iteration.chain, self.iteration.good
         self.pull = PULL * self.closed.reach
 
-    @cached_property
+    @property
     def difference(self) -> float:
-        """About the largest distance (m) between tips of the two arms, from random joints."""
-        q = self.nominal.random_joints(500, 0)
-        q -= TAU * np.rint(q / TAU)  # joints of many turns look like degrees
-        difference = self.robot.poses(q) - self.nominal.forward(q)
-        return 1e-6 + float(np.linalg.norm(difference[:, :3, 3], axis=1).max())
+        """See `_difference`."""
+        return _difference(self.robot, self.nominal)
 
     def inside(self, joints: FloatArray) -> BoolArray:
         """Whether joints (6, n) are within the limits as they are."""
@@ -311,7 +353,7 @@ class _Solver:
         _, k, n = starts.shape
         targets = np.ascontiguousarray(np.broadcast_to(H[:, :, None], (4, 3, k, n))).reshape(4, 3, -1)
         q, position, rotation, evaluations = newton.solve(
-            self.chain, targets, starts.reshape(6, -1).copy(), self.good, straighten, patience
+            self.chain, targets, starts.reshape(6, -1).copy(), self.iteration.tolerance, straighten, patience
         )
         state.iterations[rows] += evaluations.reshape(k, n).sum(axis=0)
         same_branch = self.closed.configuration(q.T) == np.tile(branch, k)

@@ -51,8 +51,13 @@ class FixedPointState:
         self.rank = np.full(n, np.inf)
 
 
+OF_A_POSE = 7
+"""Numbers that the kernel says of a pose: errors of position and rotation, margin of reach, steps, branch asked
+for, branch found, and 1 where nothing is left to be done."""
+
+
 @lru_cache(maxsize=16)
-def _kernel_of(robot: Robot, nominal: Arm) -> Any:
+def kernel_of(robot: Robot, nominal: Arm) -> Any:
     """The compiled kernel of a robot with the closed form of its nominal arm; None where there is none."""
     parts = robot.joint_map.parts
     if robot.frame_terms is not None or parts is None:
@@ -84,7 +89,7 @@ class FixedPoint:
         self.chain = CalibratedChain(robot, self.closed.reach)
         self.tolerance = position, rotation
         self.lower, self.upper = nominal.lower - SLACK, nominal.upper + SLACK
-        self._kernel = _kernel_of(robot, nominal)
+        self._kernel = kernel_of(robot, nominal)
 
     def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Whether both errors (n,) are within the tolerances."""
@@ -99,7 +104,7 @@ class FixedPoint:
         """
         if self._kernel is None:
             return False
-        q, found = np.empty((len(rows), 6)), np.empty((len(rows), 4))
+        q, found = np.empty((len(rows), 6)), np.empty((len(rows), OF_A_POSE))
         close = None if near is None else near.T.copy()
         if not self._kernel.inverses(T[rows], signs.T.copy(), close, *self.tolerance, q, found):
             return False

@@ -7,7 +7,6 @@ and origin in arrays of shape (4, 3, n), joints as (joints, n).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -46,7 +45,7 @@ class CalibratedChain:
     """
 
     def __init__(self, robot: Robot, reach: float) -> None:
-        self.robot, self.reach = robot, reach
+        self.robot, self.reach, self.kernel = robot, reach, robot.kernel
         arm = robot.arm
         self.after = None if np.array_equal(arm.T_last_tip, np.eye(4)) else arm.T_last_tip
         self.offsets = arm.table.offsets[:, None]
@@ -122,7 +121,7 @@ def solve(
     chain: CalibratedChain,
     H: FloatArray,
     q: FloatArray,
-    good: Callable[[FloatArray, FloatArray], BoolArray],
+    tolerance: tuple[float, float],
     straighten: int = 0,
     patience: int = 10,
     limits: tuple[FloatArray, FloatArray] | None = None,
@@ -139,8 +138,8 @@ def solve(
         Target columns.
     q : ndarray, shape (joints, n)
         Commanded joints to start from, radians (metres for prismatic joints).
-    good : callable
-        Whether position and rotation errors (n,) are within the tolerance: a mask (n,).
+    tolerance : tuple of float
+        Errors of position and rotation, metres and radians, that are good enough.
     straighten : int
         Corrections of a step.
     patience : int
@@ -156,6 +155,12 @@ def solve(
     evaluations : ndarray of int, shape (n,)
     """
     n = q.shape[1]
+    if chain.kernel is not None:
+        T, q_rows, found = np.zeros((n, 4, 4)), q.T.copy(), np.empty((n, 3))
+        T[:, :3] = H.transpose(2, 1, 0)
+        bounds = None if limits is None else np.array(limits, dtype=float)
+        if chain.kernel.newton(T, q_rows, chain.reach, *tolerance, straighten, patience, bounds, found):
+            return np.ascontiguousarray(q_rows.T), found[:, 0].copy(), found[:, 1].copy(), found[:, 2].astype(int)
     out_q, out_errors, evaluations = q.copy(), np.empty((2, n)), np.ones(n, dtype=int)
     index = np.arange(n)
     damping, bound, waited = np.full(n, 1e-6), np.full(n, np.inf), np.zeros(n, dtype=int)
@@ -164,7 +169,7 @@ def solve(
     for _ in range(6 * patience):
         halved = cost <= 0.25 * bound  # cost is the square of the error
         bound, waited = np.where(halved, cost, bound), np.where(halved, 0, waited + 1)
-        go = ~good(*errors) & (waited <= patience) & np.isfinite(cost)
+        go = ~((errors[0] <= tolerance[0]) & (errors[1] <= tolerance[1])) & (waited <= patience) & np.isfinite(cost)
         if not go.any():
             break
         if not go.all():
@@ -237,7 +242,7 @@ def into_limits(
     """
     turned, fits = closed_form.into_limits(nominal, q.T, None if near is None else near.T, ROUNDING)
     H = H[:, :, fits]
-    q, _, _, evaluations = solve(chain, H, turned[fits].T.copy(), lambda p, r: p + r == 0.0, patience=3)
+    q, _, _, evaluations = solve(chain, H, turned[fits].T.copy(), (0.0, 0.0), patience=3)
     np.clip(q, nominal.lower[:, None], nominal.upper[:, None], out=q)
     return fits, q, np.array(errors(chain.tip(q), H)), evaluations
 

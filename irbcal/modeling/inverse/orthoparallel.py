@@ -10,7 +10,8 @@ which the stretched arm of Figure 5.3 stands upright at zero.
 
 Elbow and upper arm are found from the triangle of upper arm ``a3``, forearm ``L = hypot(a4, d4)`` and reach
 ``rho``, with ``delta`` the angle from upper arm to forearm: the same line and circle as in Figure 6.1, free of
-divisions by C, so that sections 6.1.2 and 6.1.3 are one. All work is on arrays of one quantity for a block of poses.
+divisions by C, so that sections 6.1.2 and 6.1.3 are one. The compiled kernel (`irbcal.kernel`) does the same where it
+was built.
 """
 
 from __future__ import annotations
@@ -18,22 +19,21 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import kernel
-from irbcal.arrays import LINE, FloatArray, IntArray, Locked, aligned, handed_on, row_arithmetic
+from irbcal.arrays import FloatArray, IntArray, Locked, handed_on
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
-from irbcal.modeling.inverse.branches import Branches, branch_number
-from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
+from irbcal.modeling.inverse.branches import Branches, branch_number, branch_signs
+from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 
 if TYPE_CHECKING:
     from irbcal.modeling.arm import Arm
-from collections.abc import Sequence
 
 ROUNDING = 1e-15
 """Elements up to this of the linear map are from the cosines of right angles."""
@@ -65,52 +65,10 @@ class WristFrame(Locked):
         linear[np.abs(linear) <= ROUNDING] = 0.0
         return WristFrame(left, right, np.asarray(linear, dtype=float), left[:3, 3])
 
-    def place(self, columns: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Columns n, o, a of the hand (9, n) and wrist centre (3, n).
-
-        Parameters
-        ----------
-        columns : ndarray, shape (12, n)
-            Of the tip in the base.
-        out : ndarray, shape (12, n)
-            Room for them.
-
-        Returns
-        -------
-        rotation : ndarray, shape (9, n)
-            The columns themselves where the hand has the axes of the tip.
-        centre : ndarray, shape (3, n)
-            Metres.
-        """
-        if self._products is None:
-            # in pieces too small for threads of the BLAS, which would wait where other work goes on
-            for start in range(0, columns.shape[1], 1024):
-                piece = slice(start, start + 1024)
-                np.matmul(self.linear, columns[:, piece], out=out[:, piece])
-            rotation = out[:9]
-        else:
-            first, rotation = (9, columns[:9]) if self._same_axes else (0, out[:9])
-            spare = np.empty(columns.shape[1])
-            for row, ((k, factor), *more) in zip(out[first:], self._products[first:], strict=True):
-                np.multiply(columns[k], factor, out=row)
-                for k, factor in more:
-                    np.add(row, np.multiply(columns[k], factor, out=spare), out=row)
-        centre = out[9:]
-        return rotation, np.add(centre, self.constant[:, None], out=centre)
-
-    @cached_property
-    def _products(self) -> list[list[tuple[int, float]]] | None:
-        """Places and factors of each element's sum; None where there are so many that a product of matrices is less.
-
-        Few they are where the axes of tip, flange and base are parallel.
-        """
-        if np.count_nonzero(self.linear) > 2 * len(self.linear):
-            return None
-        return [[(int(k), float(row[k])) for k in np.flatnonzero(row)] for row in self.linear]
-
-    @cached_property
-    def _same_axes(self) -> bool:
-        return bool(np.array_equal(self.linear[:9], np.eye(9, 12)))
+    def place(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Columns n, o, a of the hand (9, n) and wrist centre (3, n), metres, from those of the tip (12, n)."""
+        placed = self.linear @ columns
+        return placed[:9], placed[9:] + self.constant[:, None]
 
 
 def between(T_1: FloatArray, T_6: FloatArray, d1: float, d6: float) -> WristFrame:
@@ -123,95 +81,14 @@ ON_SINGULARITY = 1e-12
 """Sine of q5 below which q4 is not defined by the pose."""
 
 
-def of_rotation(
-    R: FloatArray,
-    plane: FloatArray,
-    c23: FloatArray,
-    s23: FloatArray,
-    q: tuple[Sequence[FloatArray], FloatArray, FloatArray],
-    room: FloatArray,
-    ahead: ArrayLike = 1.0,
-) -> None:
-    """Angles q4, q5, q6 with sin q5 >= 0.
-
-    They are of the rotation of the wrist (Nubiola 2011, section 6.1.4, eq. 6.29). q5 and q4 are those of eqs. 6.30,
-    6.31 and 6.33; the other branch (eq. 6.32) turns all three. q6 comes from the
-    rotation with the angle q4 found undone, which is eqs. 6.36, 6.37 and 6.38 at any q5 and not at the singularity
-    (section 6.1.5, eq. 6.35) alone, in place of eq. 6.34: errors of q4 next to it are made good by q6.
-
-    Parameters
-    ----------
-    R : ndarray, shape (9, n)
-        Columns n, o, a of the hand.
-    plane : ndarray, shape (6, n)
-        n, o, a along the arm's plane, horizontally, and across it.
-    c23, s23 : ndarray, shape (..., n)
-        Cosine and sine of q2 + q3, of each branch.
-    q : tuple
-        Takes the angles, radians: those of q4 one by one (as many as the first axis of ``c23``, a sequence of arrays),
-        q5 and q6 (arrays like ``c23``).
-    room : ndarray, shape (6, ..., n)
-        To work in.
-    ahead : array_like
-        Cosine of the q4 that is taken where the pose leaves it open.
-    """
-    x, s5, turned, product = room[0], room[1], room[2:4], room[4:6]
-    a_r, a_t = plane[2], plane[5]
-    c5 = np.multiply(c23, a_r, out=product[0])
-    np.subtract(c5, np.multiply(s23, R[8], out=x), out=c5)
-    np.multiply(c23, -R[8], out=x)
-    np.subtract(x, np.multiply(s23, a_r, out=s5), out=x)  # cos q4 sin q5
-    np.multiply(x, x, out=s5)
-    np.add(s5, a_t * a_t, out=s5)
-    np.sqrt(s5, out=s5)
-    y, sines = a_t, [a_t] * len(x)
-    singular = s5 < ON_SINGULARITY
-    if singular.any():
-        x[singular] = np.broadcast_to(ahead, x.shape)[singular]
-        y = np.where(singular, 0.0, a_t)
-        sines = list(y)
-    for values in zip(sines, x, q[0], strict=True):
-        np.arctan2(*values)
-    np.arctan2(s5, c5, out=q[1])
-    along, across, up = (v.reshape(2, *(1,) * (c23.ndim - 1), -1) for v in (plane[:2], plane[3:5], R[2:6:3]))
-    np.multiply(along, s23, out=turned)
-    np.add(turned, np.multiply(up, c23, out=product), out=turned)
-    np.multiply(turned, y, out=turned)
-    np.add(turned, np.multiply(across, x, out=product), out=turned)
-    np.arctan2(turned[0], turned[1], out=q[2])
-
-
-BLOCK = 5000
-"""Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
-
-ROOM = 43
-"""Rows of numbers that the steps of all branches work in."""
-
 EXACT = 1e-9
 """Largest deviation (m or rad) from an ortho-parallel table that counts as rounding."""
-
-FRONT_AND_BACK = np.array([[[1.0]], [[-1.0]]])
-"""Cosine of q4 where the pose leaves it open."""
 
 REACH_TOLERANCE = 1e-12
 """Metres by which rounding may put a stretched arm's wrist centre out of reach."""
 
 TAU = 2.0 * np.pi
 _CANONICAL = np.array([0.0, -1.0, 0.0, -1.0, 1.0, -1.0]) * (np.pi / 2)
-
-
-class Triangle(NamedTuple):
-    """Square of the reach, wrist centre along and across the upper arm, angle from that to the forearm; elbow up."""
-
-    rho2: FloatArray
-    along: FloatArray
-    across: FloatArray
-    delta: FloatArray
-
-    def other_side(self, side: FloatArray) -> None:
-        """The elbow down where ``side`` is -1, in place."""
-        for value in (self.across, self.delta):
-            np.multiply(value, side, out=value)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -344,63 +221,14 @@ class OrthoParallel(Locked):
                 reached = np.repeat(found[1:] >= -REACH_TOLERANCE, 4, axis=0)
                 radius, reach = handed_on(found[0]), handed_on(found[1:])
                 return Branches(handed_on(q).transpose(2, 0, 1), handed_on(reached).T, radius, reach.T, self)
-        joints = aligned(2, 2, 2, 6, -(-n // LINE) * LINE)[..., :n]
-        shoulder, margins, valid = np.empty(n), np.empty((2, n)), np.empty((2, 4, n), dtype=bool)
-        room = aligned(24 + ROOM, -(-min(n, BLOCK) // LINE) * LINE)
-        with row_arithmetic("ignore"):
-            for start in range(0, n, BLOCK):
-                block = slice(start, min(start + BLOCK, n))
-                rows = room[:, : block.stop - start]
-                columns = pose_columns(T[block], rows[:12].reshape(4, 3, -1)).reshape(12, -1)
-                R, p = self.wrist.place(columns, rows[12:24])
-                np.copyto(p[0], np.nan, where=~(has_last_row(T[block], rows[24:]) & is_rotation(R, rows[24:])))
-                shoulder[block], margins[:, block] = self._eight(R, p, joints[..., block], rows[24:])
-            np.greater_equal(margins[:, None], -REACH_TOLERANCE, out=valid)
-        joints_found, reached = handed_on(joints).reshape(8, 6, n), handed_on(valid).reshape(8, n)
-        return Branches(joints_found.transpose(2, 0, 1), reached.T, handed_on(shoulder), handed_on(margins).T, self)
-
-    def _eight(self, R: FloatArray, p: FloatArray, out: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """All branches of a block into ``out`` (2, 2, 2, 6, n): back, down, flip, joint.
-
-        R (9, n) and p (3, n) are of `WristFrame.place`, the `ROOM` ``rows`` room to work in. Returns the distance of
-        the wrist centre from axis 1 (n,) and the margins of reach (2, n), metres.
-        """
-        n = R.shape[1]
-        plane, r, (k1, nothing), rows = rows[:6], rows[6], rows[7:11].reshape(2, 2, 1, n), rows[11:]
-        _shoulder(R, p, r, plane, rows)
-        np.subtract(r, self.a2, out=k1[0, 0])
-        np.subtract(-self.a2, r, out=k1[1, 0])
-        margins, triangle = self._triangle(k1, p[2], rows[:14].reshape(7, 2, 1, n))
-        _nothing(margins, nothing)
-        joints = out.transpose(3, 0, 1, 2, 4)
-        left, right = joints[:, :, :, 0], joints[:, :, :, 1]
-        q1 = rows[14:16].reshape(2, 1, n)
-        self._joint(0, np.arctan2(p[1], p[0], out=q1[0, 0]))
-        _half_turn(q1[0, 0], q1[1, 0], rows[16])
-        np.add(q1, nothing, out=left[0, :, :1])
-        joints[0] = left[0, :, :1, None]
-        np.add(triangle.delta, nothing, out=triangle.delta)
-        for side, down in ((left[2, :, :1], self.signs[2] < 0), (left[2, :, 1:], self.signs[2] > 0)):
-            (np.subtract if down else np.add)(self._bend, triangle.delta, out=side)
-            if (self._bend < 0) if down else (self._bend > 0):
-                _within_a_half_turn(side, rows[14:16].reshape(2, 1, n))
-        c23, s23 = self._upper(k1, p[2], triangle, left[1], rows[14:])
-        # behind axis 1 the plane points the other way: the same as the forearm mirrored, and half a turn of joint 4
-        np.multiply(c23[1], -1.0, out=c23[1])
-        q4 = left[3, 0], right[3, 1]
-        of_rotation(R, plane, c23, s23, (q4, *left[4:]), rows[:24].reshape(6, 2, 2, n), FRONT_AND_BACK)
-        for first, second, side in zip(q4, (right[3, 0], left[3, 1]), nothing, strict=True):
-            np.add(first, side, out=first)
-            self._joint(3, first)
-            _half_turn(first, second, rows[:2])
-        np.subtract(nothing, left[4], out=right[4])
-        self._joint(4, right[4])
-        for joint in (1, 4, 5):
-            np.add(left[joint], nothing, out=left[joint])
-            self._joint(joint, left[joint])
-        right[1:3] = left[1:3]
-        _half_turn(left[5], right[5], rows[:4].reshape(2, 2, n))
-        return r, margins[:, 0]
+        columns = pose_columns(T).reshape(12, n)
+        columns[:, ~usable(T, columns.reshape(4, 3, n))] = np.nan
+        joints, margins = np.empty((8, 6, n)), np.empty((2, n))
+        for k in range(8):
+            joints[k], margins[k // 4] = self.branch(columns, branch_signs(np.full(n, k)))
+        radius = np.hypot(*self.wrist.place(columns)[1][:2])
+        reached = np.repeat(margins >= -REACH_TOLERANCE, 4, axis=0)
+        return Branches(handed_on(joints).transpose(2, 0, 1), handed_on(reached).T, radius, handed_on(margins).T, self)
 
     # ------------------------------------------------------------------ one branch for each pose
 
@@ -425,113 +253,57 @@ class OrthoParallel(Locked):
         margin : ndarray, shape (n,)
             As ``reach_margin`` of `Branches`, of the pose as given.
         """
-        joints, rows = aligned(6, columns.shape[1]), aligned(12 + 6 + 14, columns.shape[1])
-        plane, room = rows[12:18], rows[18:]
-        with row_arithmetic("ignore"):
-            R, p = self.wrist.place(columns, rows[:12])
-            shoulder, elbow, wrist = signs
-            r = room[7]
-            c1, s1 = _shoulder(R, p, r, plane, room)
-            np.arctan2(np.multiply(s1, shoulder, out=s1), np.multiply(c1, shoulder, out=c1), out=joints[0])
-            k1, k2 = shoulder * r, p[2]
-            k1 -= self.a2
-            np.multiply(plane, shoulder, out=plane)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            R, p = self.wrist.place(columns)
+            front, up, straight = signs
+            q1, along, across, radius = _shoulder(R, p, front)
+            k1, k2 = front * radius - self.a2, p[2]
             margin = None
             if pull is not None:
-                rho = np.sqrt(k1 * k1 + k2 * k2)
+                rho = np.hypot(k1, k2)
                 margin = np.minimum(self.reach - rho, rho - abs(self.a3 - self.forearm))
-                rho_limited = np.clip(rho, abs(self.a3 - self.forearm) + pull, self.reach - pull)
-                k1, k2 = (
-                    np.where(rho > 0, k1 * (rho_limited / rho), rho_limited),
-                    np.where(rho > 0, k2 * (rho_limited / rho), 0.0),
-                )
-            margin_here, triangle = self._triangle(k1, k2, room[:7])
-            triangle.other_side(elbow)
-            np.add(self._bend, np.multiply(triangle.delta, self.signs[2], out=triangle.delta), out=joints[2])
-            c23, s23 = self._upper(k1, k2, triangle, joints[1:2], room[7:14])
-            of_rotation(R, plane, c23, s23, (joints[3:4], *joints[4:, None]), room[6:12, None])
-            offset = np.multiply(
-                np.subtract(1.0, wrist, out=room[0]), 0.5 * np.pi, out=room[0]
-            )  # half a turn or nothing
-            for joint in (3, 5):
-                np.subtract(joints[joint], np.copysign(offset, joints[joint], out=room[1]), out=joints[joint])
-            np.multiply(joints[4], wrist, out=joints[4])
-            np.add(joints, _nothing(margin_here, room[0]), out=joints)
-            for joint in (0, 1, 3, 4, 5):
-                self._joint(joint, joints[joint])
-            _within_a_half_turn(joints[2], room[0])
+                limited = np.clip(rho, abs(self.a3 - self.forearm) + pull, self.reach - pull)
+                k1 = np.where(rho > 0, k1 * (limited / rho), limited)
+                k2 = np.where(rho > 0, k2 * (limited / rho), 0.0)
+            margin_here, q2, delta, c23, s23 = self._triangle(k1, k2, up)
+            q4, q5, q6 = of_rotation(R, along, across, c23, s23)
+            half_turn = (
+                0.5 * np.pi * (1.0 - straight)
+            )  # half a turn or nothing: the other branch of the wrist, eq. 6.32
+            angles = (q1, q2, None, q4 - np.copysign(half_turn, q4), straight * q5, q6 - np.copysign(half_turn, q6))
+            joints = np.array(
+                [
+                    self._bend + self.signs[2] * delta if q is None else self.signs[j] * q + self.shifts[j]
+                    for j, q in enumerate(angles)
+                ]
+            )
+            joints -= TAU * np.rint(joints / TAU)
+            joints[:, ~(margin_here >= -REACH_TOLERANCE)] = np.nan
         return joints, margin_here if margin is None else margin
 
-    # ------------------------------------------------------------------ the steps
-
-    def _joint(self, joint: int, q: FloatArray) -> None:
-        """Joint angle from the thesis's angle, within a half turn of zero, in place."""
-        if self.signs[joint] < 0:
-            np.multiply(q, -1.0, out=q)
-        if self.shifts[joint]:
-            np.add(q, self.shifts[joint], out=q)
-            _within_a_half_turn(q)
-
-    def _triangle(self, k1: FloatArray, k2: FloatArray, room: FloatArray) -> tuple[FloatArray, Triangle]:
-        """Margin of reach, and the triangle of upper arm, forearm and reach, in 7 rows of room.
+    def _triangle(
+        self, k1: FloatArray, k2: FloatArray, up: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Margin of reach, q2, the angle from upper arm to forearm, cosine and sine of q2 + q3, each (n,).
 
         The law of cosines is Nubiola 2011, eq. 6.10, from eqs. 6.8 and 6.9: with A, B and C of eqs. 6.12, 6.13 and 6.14
         the line of eq. 6.11 meets the unit circle (Figure 6.1, eqs. 6.18, 6.19 and 6.20; with C = 0 eqs. 6.15, 6.16
-        and 6.17), and the two points are the two signs of the sine found here.
+        and 6.17), and the two points are the two signs ``up`` of the sine found here. With k1 and k2 of eqs. 6.25 and
+        6.26, two linear equations (eqs. 6.23 and 6.24, together eq. 6.27) give q2 by eq. 6.28.
         """
-        a3, L = self.a3, self.forearm
-        inner, outer = abs(a3 - L), a3 + L
-        rho2, rho, low, high, along, across, delta = room
-        np.multiply(k1, k1, out=rho2)
-        np.add(rho2, np.multiply(k2, k2, out=rho), out=rho2)
-        np.sqrt(rho2, out=rho)
-        np.subtract(rho, inner, out=low)
-        np.subtract(outer, rho, out=high)
-        margin = np.minimum(low, high)
-        np.multiply(
-            low, np.add(rho, inner, out=delta), out=low
-        )  # 2 a3 L (1 + cos delta), to rounding even at the limits
-        np.multiply(high, np.add(rho, outer, out=delta), out=high)  # 2 a3 L (1 - cos delta)
-        np.multiply(np.subtract(low, high, out=along), 0.25 / a3, out=along)
-        np.multiply(low, high, out=across)
-        np.maximum(across, 0.0, out=across)
-        np.multiply(np.sqrt(across, out=across), 0.5 / a3, out=across)
-        np.arctan2(across, along, out=delta)
-        np.add(along, a3, out=along)
-        return margin, Triangle(rho2, along, across, delta)
-
-    def _upper(
-        self, k1: FloatArray, k2: FloatArray, triangle: Triangle, q2: FloatArray, room: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Angle q2, and cosine and sine of q2 + q3, for the elbow as it is and, where asked for, to the other side.
-
-        With k1 and k2 of Nubiola 2011, eqs. 6.25 and 6.26, two linear equations (eqs. 6.23 and 6.24, together eq. 6.27)
-        give q2 by eq. 6.28, into ``q2`` (..., 1 or 2, n). Room is for five arrays like the triangle's and, behind, the
-        results.
-        """
-        rho2, along, across, _ = triangle
-        used = 5 * (rho2.size // rho2.shape[-1])
-        first, second, third, fourth, scale = room[:used].reshape(5, *rho2.shape)
-        s2, c2 = u, v = room[used:].reshape(2, *q2.shape)
-        np.multiply(k1, along, out=first)
-        np.multiply(k2, across, out=second)
-        np.multiply(k2, along, out=third)
-        np.multiply(k1, across, out=fourth)
-        np.subtract(first, second, out=s2[..., :1, :])
-        np.add(third, fourth, out=c2[..., :1, :])
-        if q2.shape[-2] > 1:
-            np.add(first, second, out=s2[..., 1:, :])
-            np.subtract(third, fourth, out=c2[..., 1:, :])
-        np.arctan2(s2, c2, out=q2)
-        # along the forearm
+        inner, outer = abs(self.a3 - self.forearm), self.a3 + self.forearm
+        rho = np.hypot(k1, k2)
+        low, high = (rho - inner) * (rho + inner), (outer - rho) * (outer + rho)  # to rounding even at the limits
+        margin = np.minimum(rho - inner, outer - rho)
+        along = 0.25 / self.a3 * (low - high)
+        across = up * (0.5 / self.a3) * np.sqrt(np.maximum(low * high, 0.0))
+        delta = np.arctan2(across, along)
+        along = along + self.a3
+        s2, c2 = k1 * along - k2 * across, k2 * along + k1 * across
+        scale = self.a3 / (rho * rho)
+        u, v = k1 - s2 * scale, c2 * scale - k2  # along the forearm
         cosine, sine = self.d4 / self.forearm**2, self.a4 / self.forearm**2
-        factor = 1.0 if sine else cosine
-        np.divide(self.a3 * factor, rho2, out=scale)
-        np.subtract(np.multiply(k1, factor, out=first), np.multiply(s2, scale, out=u), out=u)
-        np.subtract(np.multiply(c2, scale, out=v), np.multiply(k2, factor, out=second), out=v)
-        if sine:
-            u, v = u * cosine - v * sine, v * cosine + u * sine
-        return u, v
+        return margin, np.arctan2(s2, c2), delta, u * cosine - v * sine, v * cosine + u * sine
 
     # ------------------------------------------------------------------ about joints
 
@@ -588,47 +360,40 @@ def _refuse(
             )
 
 
-def _shoulder(
-    R: FloatArray, p: FloatArray, r: FloatArray, plane: FloatArray, room: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Angle q1, as its cosine and sine, for the wrist in front of axis 1; distance of its centre; n, o, a in the plane.
+def _shoulder(R: FloatArray, p: FloatArray, front: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Angle q1, n, o and a along and across the arm's plane (3, n), and distance of the wrist centre from axis 1.
 
-    q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other ones. The
-    distance goes into ``r``, n, o, a along and across the arm's plane into ``plane``. The first 5 rows of the room are
-    used, of which the results are the first 2.
+    q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind axis 1 (eq. 6.7) all signs are the other ones.
     """
-    c1, s1 = room[:2]
-    np.multiply(p[0], p[0], out=r)
-    np.add(r, np.multiply(p[1], p[1], out=c1), out=r)
-    np.sqrt(r, out=r)
-    np.divide(1.0, r, out=c1)
-    np.multiply(p[1], c1, out=s1)
-    np.multiply(p[0], c1, out=c1)
-    on_axis = r == 0.0
-    if on_axis.any():
-        c1[on_axis], s1[on_axis] = 1.0, 0.0
-    x, y, radial, across, spare = R[::3], R[1::3], plane[:3], plane[3:], room[2:5]
-    np.multiply(x, c1, out=radial)
-    np.add(radial, np.multiply(y, s1, out=spare), out=radial)
-    np.multiply(y, c1, out=across)
-    np.subtract(across, np.multiply(x, s1, out=spare), out=across)
-    return c1, s1
+    radius = np.hypot(p[0], p[1])
+    on_axis = radius == 0.0
+    c1, s1 = front * np.where(on_axis, 1.0, p[0] / radius), front * np.where(on_axis, 0.0, p[1] / radius)
+    x, y = R[::3], R[1::3]
+    return np.arctan2(s1, c1), x * c1 + y * s1, y * c1 - x * s1, radius
 
 
-def _nothing(margin: FloatArray, out: FloatArray) -> FloatArray:
-    """Zero, or NaN where poses are out of reach: added at the end, for arcs of NaN take twice as long."""
-    np.add(margin, REACH_TOLERANCE, out=out)
-    np.sqrt(np.minimum(out, 0.0, out=out), out=out)
-    return np.multiply(out, 0.0, out=out)
+def of_rotation(
+    R: FloatArray, along: FloatArray, across: FloatArray, c23: FloatArray, s23: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Angles q4, q5, q6 with sin q5 >= 0 of the rotation of the wrist (Nubiola 2011, section 6.1.4, eq. 6.29).
 
+    q5 and q4 are those of eqs. 6.30, 6.31 and 6.33; the other branch (eq. 6.32) turns all three. q6 comes from the
+    rotation with the angle q4 found undone, which is eqs. 6.36, 6.37 and 6.38 at any q5 and not at the singularity
+    (section 6.1.5, eq. 6.35) alone, in place of eq. 6.34: errors of q4 next to it are made good by q6.
 
-def _half_turn(angle: FloatArray, out: FloatArray, spare: FloatArray | None = None) -> None:
-    """Angle turned by 180 degrees towards zero."""
-    np.subtract(angle, np.copysign(np.pi, angle, out=spare), out=out)
-
-
-def _within_a_half_turn(angle: FloatArray, spare: FloatArray | None = None) -> None:
-    """Take whole turns from an angle, in place."""
-    turns = np.multiply(angle, 1.0 / TAU, out=spare)
-    np.rint(turns, out=turns)
-    np.subtract(angle, np.multiply(turns, TAU, out=turns), out=angle)
+    Parameters
+    ----------
+    R : ndarray, shape (9, n)
+        Columns n, o, a of the hand.
+    along, across : ndarray, shape (3, n)
+        n, o, a along the arm's plane, horizontally, and across it.
+    c23, s23 : ndarray, shape (n,)
+        Cosine and sine of q2 + q3.
+    """
+    c5 = c23 * along[2] - s23 * R[8]
+    x, y = -R[8] * c23 - s23 * along[2], across[2]  # cos q4 sin q5, sin q4 sin q5
+    s5 = np.sqrt(x * x + y * y)
+    singular = s5 < ON_SINGULARITY
+    x, y = np.where(singular, 1.0, x), np.where(singular, 0.0, y)
+    first, second = ((along[k] * s23 + R[3 * k + 2] * c23) * y + across[k] * x for k in range(2))
+    return np.arctan2(y, x), np.arctan2(s5, c5), np.arctan2(first, second)

@@ -76,7 +76,7 @@ def settled(
     H: FloatArray,
     q: FloatArray,
     criterion_at: Criterion,
-    good: Callable[[FloatArray, FloatArray], BoolArray],
+    tolerance: tuple[float, float],
 ) -> FloatArray:
     """Joints that reach the same poses with the least of a criterion, downhill from where they are.
 
@@ -89,8 +89,8 @@ def settled(
         Joints that reach them.
     criterion_at : callable
         See `criterion`.
-    good : callable
-        Whether position and rotation errors (n,) are within the tolerance.
+    tolerance : tuple of float
+        Errors of position and rotation, metres and radians, that are good enough.
 
     Returns
     -------
@@ -105,8 +105,8 @@ def settled(
             break
         value, slope, curvature = criterion_at(q[todo])
         step = null_step(chain.linearised(H[..., todo], q[todo].T)[0], slope, curvature) * share[todo][:, None]
-        new, *errors, _ = newton.solve(chain, H[..., todo], (q[todo] + step).T.copy(), good)
-        better = good(*errors) & (criterion_at(new.T)[0] < value)
+        new, *errors, _ = newton.solve(chain, H[..., todo], (q[todo] + step).T.copy(), tolerance)
+        better = (errors[0] <= tolerance[0]) & (errors[1] <= tolerance[1]) & (criterion_at(new.T)[0] < value)
         q[todo[better]] = new.T[better]
         share[todo] = np.where(better, np.minimum(1.0, 2.0 * share[todo]), 0.25 * share[todo])
         todo = todo[(np.abs(step).max(axis=1) > SETTLED) & (share[todo] > 1e-3)]
@@ -142,12 +142,16 @@ def solve(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: FloatArray, n
 
     repeated = np.tile(rows, 1 + STARTS)
     starts = np.repeat(nominal.random_joints(STARTS, 1), len(rows), axis=0)
-    new, *errors, _ = newton.solve(chain, H[..., repeated], np.vstack([q[rows], starts]).T.copy(), good)
+    new, *errors, _ = newton.solve(
+        chain, H[..., repeated], np.vstack([q[rows], starts]).T.copy(), (TOLERANCE, TOLERANCE)
+    )
     tried = closed_form.into_limits(
         nominal, np.ascontiguousarray(new.T), np.broadcast_to(near, (len(repeated), len(near)))
     )[0]
     converged = good(*errors) & good(*newton.errors(chain.tip(tried.T), H[..., repeated]))
-    tried[converged] = settled(chain, H[..., repeated[converged]], tried[converged], criterion_at, good)
+    tried[converged] = settled(
+        chain, H[..., repeated[converged]], tried[converged], criterion_at, (TOLERANCE, TOLERANCE)
+    )
     inside = converged & ((tried >= nominal.lower) & (tried <= nominal.upper)).all(axis=1)
     cost = np.where(inside, criterion_at(tried)[0], np.where(converged, 1e6 + criterion_at(tried)[0], np.inf)).reshape(
         1 + STARTS, -1

@@ -80,9 +80,7 @@ def test_steps_come_home_from_nearby(name, tmp_path):
     q = 0.5 * robot.arm.random_joints(200, 5)
     T = robot.poses(q)
     start = q + np.random.default_rng(6).uniform(-0.05, 0.05, q.shape)
-    found, position, rotation, evaluations = newton.solve(
-        chain, pose_columns(T), start.T.copy(), lambda p, r: (p <= 1e-11) & (r <= 1e-11)
-    )
+    found, position, rotation, evaluations = newton.solve(chain, pose_columns(T), start.T.copy(), (1e-11, 1e-11))
     good = (position <= 1e-11) & (rotation <= 1e-11)
     assert good.mean() > 0.97
     assert_same_poses(robot.poses(found.T[good]), T[good], 1e-10, 1e-10)
@@ -94,7 +92,7 @@ def test_a_pose_that_is_met_already_costs_one_evaluation():
     q = robot.arm.random_joints(10, 7)
     H = pose_columns(robot.poses(q))
     chain = newton.CalibratedChain(robot, 1.0)
-    found, _, _, evaluations = newton.solve(chain, H, q.T.copy(), lambda p, r: (p <= 1e-9) & (r <= 1e-9))
+    found, _, _, evaluations = newton.solve(chain, H, q.T.copy(), (1e-9, 1e-9))
     assert np.array_equal(found, q.T)
     assert (evaluations == 1).all()
 

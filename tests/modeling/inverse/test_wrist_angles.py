@@ -1,10 +1,8 @@
 """The angles of a wrist, against rotations made of such angles."""
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
-from irbcal.arrays import row_arithmetic
 from irbcal.modeling.inverse import orthoparallel
 
 MANY = 3_000
@@ -25,11 +23,8 @@ def hand(q1, q23, wrist):
     return R, np.concatenate(plane)
 
 
-def found(R, plane, q23, ahead=1.0):
-    q, room = np.empty((3, 1, MANY)), np.empty((6, 1, MANY))
-    with row_arithmetic("ignore"):
-        orthoparallel.of_rotation(R, plane, np.cos(q23)[None], np.sin(q23)[None], (q[0], q[1], q[2]), room, ahead)
-    return q[:, 0].T
+def found(R, plane, q23):
+    return np.array(orthoparallel.of_rotation(R, plane[:3], plane[3:], np.cos(q23), np.sin(q23))).T
 
 
 def test_angles_come_back():
@@ -40,15 +35,14 @@ def test_angles_come_back():
     assert np.abs(found(*hand(q1, q23, wrist), q23) - wrist).max() < 1e-13
 
 
-@pytest.mark.parametrize("ahead", [1.0, -1.0])
-def test_where_the_pose_leaves_the_first_open_it_points_ahead_and_the_last_makes_it_good(ahead):
+def test_where_the_pose_leaves_the_first_open_it_points_ahead_and_the_last_makes_it_good():
     rng = np.random.default_rng(1)
     q1, q23, q4, q6 = rng.uniform(-3.1, 3.1, (4, MANY))
     for q5 in (0.0, 1e-14, 1e-9, np.pi - 1e-9, np.pi):
         wrist = np.column_stack([q4, np.full(MANY, q5), q6])
         R, plane = hand(q1, q23, wrist)
-        q = found(R, plane, q23, ahead)
+        q = found(R, plane, q23)
         if np.sin(q5) < 1e-13:
-            assert np.abs(q[:, 0] - np.arccos(ahead)).max() == 0.0
+            assert (q[:, 0] == 0.0).all()
         again = hand(q1, q23, q)[0]
         assert np.abs(again - R).max() < 3e-15 + 2.0 * (np.sin(q5) if np.sin(q5) < 1e-13 else 0.0)
