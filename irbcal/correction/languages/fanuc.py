@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -253,17 +253,57 @@ def looks_like(data: bytes) -> bool:
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read FANUC listings for an arm, each a program; see `irbcal.correction.languages.Language`."""
     FANUC.check(arm, str(files[0]))
-    programs, unread = each_read(files, lambda file: parse(arm, read_bytes(file), str(file), setup))
+    beside = {folder: frames_beside(folder) for folder in {file.parent for file in files}}
+    programs, unread = each_read(
+        files, lambda file: parse(arm, read_bytes(file), str(file), setup, *beside[file.parent])
+    )
     return [*programs, *unread]
 
 
-def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> LsProgram:
-    """Read a FANUC listing.
+SYSTEM_FRAMES = "sysframe.va"
+_VARIABLE = re.compile(r"\[\*SYSTEM\*\]\$(\w+)[^\r\n]*")
+_ELEMENT = re.compile(r"^[ \t]*\[[ \t]*(\d+)[ \t]*,[ \t]*(\d+)[ \t]*\][ \t]*=", re.MULTILINE)
+_NAMED_NUMBER = re.compile(r"\b([XYZWPR]):[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?=\s|\Z)")
+
+
+def frames_beside(folder: Path) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Tools and user frames of the first motion group, by number, that a backup's ``SYSFRAME.VA`` beside programs has.
+
+    Elements whose six numbers are not all there, and such that stand there twice with other numbers, are none.
+    """
+    found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
+    for path in sorted(path for path in folder.glob("*") if path.name.lower() == SYSTEM_FRAMES):
+        text = read_bytes(path).decode("latin-1")
+        variables = list(_VARIABLE.finditer(text))
+        for variable, end in zip(variables, [*(v.start() for v in variables[1:]), len(text)], strict=True):
+            if variable[1] not in ("MNUTOOL", "MNUFRAME"):
+                continue
+            frames_of = found[variable[1] == "MNUFRAME"]
+            elements = list(_ELEMENT.finditer(text, variable.end(), end))
+            for element, behind in zip(elements, [*(e.start() for e in elements[1:]), end], strict=True):
+                numbers = dict(_NAMED_NUMBER.findall(text, element.end(), behind))
+                if element[1] != "1" or len(numbers) < 6:
+                    continue
+                T = FANUC.frame([float(numbers[key]) for key in POSE])
+                known = frames_of.setdefault(element[2], T)
+                frames_of[element[2]] = T if np.array_equal(T, known) else np.full((4, 4), np.nan)
+    return found
+
+
+def parse(
+    arm: Arm,
+    data: bytes,
+    source: str,
+    setup: ControllerSetup,
+    tools: Mapping[str, FloatArray] | None = None,
+    user_frames: Mapping[str, FloatArray] | None = None,
+) -> LsProgram:
+    """Read a FANUC listing; ``tools`` and ``user_frames`` by number are those of the backup that it lies in.
 
     Raises
     ------
     ProgramError
-        If this is none, or a frame that is needed is not known.
+        If this is none.
     """
     listing = Listing([(source, data)], "FANUC LS")
     sections_of = sections(listing)
@@ -288,13 +328,33 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> LsProgr
         moves.flow,
         targets,
         setup,
-        eye,
-        eye,
-        notes=moves.notes(targets),
+        {**(tools or {}), **eye},
+        {**(user_frames or {}), **eye},
+        notes=[*moves.notes(targets), *_from_backup(targets, setup, tools or {}, user_frames or {})],
         comments=_joined(moves.comments),
         mark_at=sections_of["MN"][1],
         mark_number=max((step.number for step in steps), default=0) + 1 if any(step.number for step in steps) else 0,
     )
+
+
+def _from_backup(
+    targets: Sequence[Target],
+    setup: ControllerSetup,
+    tools: Mapping[str, FloatArray],
+    user_frames: Mapping[str, FloatArray],
+) -> list[Note]:
+    """A note of the tools and user frames that are those of the backup."""
+    uses = [use for target in targets if target.kind == "pose" for use in target.uses]
+    taken = [
+        f"{title} {number}"
+        for title, numbers, known, given in (
+            ("tool", {use.tool for use in uses}, tools, setup.tools),
+            ("user frame", {use.work_object for use in uses}, user_frames, setup.work_objects),
+        )
+        for number in sorted(filter(None, numbers))
+        if number in known and number not in given and number != "0"
+    ]
+    return [Note(1, f"{', '.join(taken)}: the numbers are those of SYSFRAME.VA beside the program")] if taken else []
 
 
 class _Moves:

@@ -19,7 +19,7 @@ from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
-from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Role, Target
+from irbcal.correction.text_program import START, ControlFlow, FrameState, PostureProgram, Role, Target
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG
@@ -189,6 +189,7 @@ class _Script:
         self._set_tcp = 0
         self._routines: set[str] = set()
         self._ends: list[tuple[str, FrameState]] = []
+        self._begun = False
 
     def declare(self, tokens: list[Token]) -> None:
         """Note variables and everything that gives them another value."""
@@ -228,7 +229,8 @@ class _Script:
             self._ends.append((first, self.flow.state))
             if self._set_tcp != 1 and len(self._ends) > 1:
                 self.flow.state = FrameState(frame="base")
-            self.flow.forget()
+            if len(self._ends) > 1 or self.flow.stops:  # the program begins in its first function
+                self.flow.forget()
         elif first in ("if", "while", "for"):
             self._ends.append((first, self.flow.state))
             self.flow.open(first != "if")
@@ -239,9 +241,12 @@ class _Script:
             if kind in ("def", "thread"):
                 self.flow.state = state if self._set_tcp != 1 else self.flow.state
                 self.flow.forget()
+                if len(self._ends) == 1 and not self._begun:  # functions stand before the program's own statements
+                    self.flow.previous = START
             else:
                 self.flow.close(at)
         elif first not in QUIET and "(" in words_of_line:
+            self._begun |= len(self._ends) < 2
             self.flow.forget()
             if first in self._routines and self._set_tcp > 1:
                 self.flow.tool(None, f"{first}, called in line {self.listing.line(at)}, may set the TCP")
@@ -286,6 +291,7 @@ class _Script:
         roles: list[Role] = ["via", "to"] if count == 2 else ["to"]
         if len(points) < count:
             self.flow.leave(at, move, self.listing.quote(at, tokens[-1].end), "its target is missing")
+        self._begun |= len(self._ends) < 2
         for role, point in zip(roles, points, strict=False):
             stop = self._goal(move, at, point, role)
         self.flow.stop(stop, at)

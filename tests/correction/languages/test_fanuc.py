@@ -227,6 +227,39 @@ def test_frames_are_asked_for(robots):
     assert len(fanuc.parse(nominal, joints_only, "job.ls", given(unknown_frames())).targets) == 1
 
 
+def test_tools_and_frames_of_a_backup_stand_beside_its_programs(robots, tmp_path):
+    nominal, _, at = robots
+    data = program(nominal, at, in_front(nominal, 2))
+
+    def element(index, T, group=1):
+        x, y, z, w, p, r = pose_numbers(T[None], "xyz")[0]
+        return (
+            f"     [{index}] = \n  Group: {group}   Config: N D B, 0, 0, 0\n"
+            f"  X: {x:12.6f}   Y: {y:12.6f}   Z: {z:12.6f}\n  W: {w:12.6f}   P: {p:12.6f}   R: {r:12.6f}\n"
+        )
+
+    other = frames.from_xyz_angles([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
+    untaught = "     [1,3] = \n  Group: 1\n  X: ********   Y: ********   Z: ********\n"
+    text = "[*SYSTEM*]$MNUFRAME  Storage: CMOS  Access: RW  : ARRAY[2,9] OF POSITION = \n"
+    text += element("1,1", other) + element("1,2", USER) + untaught + element("2,2", other, 2)
+    text += "[*SYSTEM*]$MNUFRAMENUM  Storage: CMOS  Access: RW  : ARRAY[2] OF BYTE\n     [1] = 5\n"
+    text += "[*SYSTEM*]$MNUTOOL  Storage: SHADOW  Access: RW  : ARRAY[2,10] OF POSITION\n"
+    text += element("1,1", TOOL) + element("1,2", other) + element("2,1", other, 2)
+    (tmp_path / "SYSFRAME.VA").write_bytes(text.replace("\n", "\r\n").encode())
+    (tmp_path / "job.ls").write_bytes(data)
+    (seen,) = fanuc.read_for(nominal, [tmp_path / "job.ls"], given(at))
+    known = parsed(robots, data)
+    assert seen.left() == []
+    poses_of = seen.correctable("pose")
+    np.testing.assert_allclose(seen.tip_poses(poses_of), known.tip_poses(poses_of), rtol=0, atol=1e-7)
+    assert any("tool 1, user frame 2: the numbers are those of SYSFRAME.VA" in note.text for note in seen.notes)
+    (typed,) = fanuc.read_for(nominal, [tmp_path / "job.ls"], given(at, tools={"1": other}))
+    np.testing.assert_allclose(typed.tools["1"], at.T_tip_flange @ other, rtol=0, atol=1e-12)
+    (tmp_path / "SYSFRAME.VA").write_bytes((text + element("1,1", other)).encode())  # twice, with other numbers
+    (doubtful,) = fanuc.read_for(nominal, [tmp_path / "job.ls"], given(at))
+    assert [left.target for left in doubtful.left()] == ["P[2]", "P[4]"]
+
+
 def test_a_controller_report(robots):
     """R-2000iC/210F-like: the pendant's joints and pose, of a public repository; link lengths fitted to it."""
     from scipy.spatial.transform import Rotation

@@ -165,6 +165,31 @@ def test_a_tool_that_the_installation_holds_is_asked_for(robots):
     assert parsed(robots, text, tools={"active": np.eye(4)}).correctable() == [0]
 
 
+@pytest.mark.parametrize(
+    ("text", "known"),
+    [
+        ("MOVE", True),
+        ("def job():\n  set_digital_out(1,True)\n  MOVE\nend\njob()", False),  # the call may move
+        ("def job():\n  sleep(1)\n  MOVE\nend", True),
+        ("def job():\n  def sub():\n    movej(x)\n  end\n  MOVE\nend", True),
+        ("def job():\n  def sub():\n    MOVE\n  end\nend", False),
+        ("def job():\n  def sub():\n    movej(x)\n  end\n  sub()\n  MOVE\nend", False),
+        ("def job():\n  if True:\n    sleep(1)\n  end\n  MOVE\nend", True),
+        ("def one():\n  movej(x)\nend\ndef job():\n  MOVE\nend", False),
+    ],
+)
+def test_a_pose_without_qnear_begins_where_the_program_does(robots, text, known):
+    nominal, _, at = robots
+    q = joints(1)[0]
+    T = pose_numbers(frames.inverse(at.T_base_world) @ nominal.forward(q[None]), None, 1.0)[0]
+    data = text.replace("MOVE", f"movel(p[{numbers(T)}])").encode()
+    setup = given(at, tools={"active": np.eye(4)})._replace(start=q + 0.1)
+    (batch,) = urscript.parse(nominal, data, "job.script", setup).wanted_targets()
+    assert (batch.unknown[0] == "") == known, batch.unknown
+    if known:
+        np.testing.assert_allclose(batch.joints[0], q, rtol=0, atol=1e-6)
+
+
 def test_circles(robots):
     nominal, _, at = robots
     q = joints(1)[0] + np.array([[0, 0, 0, 0, 0, 0], [0.05, 0, 0, 0, 0, 0], [0.1, 0, 0, 0, 0, 0]])
