@@ -223,6 +223,8 @@ class ControlFlow:
         The target that the arm comes from; None where it is not known.
     moves_left : list of Left
         Moves to targets that are not in numbers.
+    first_begins : bool
+        Whether a program begins with the first routine of its file; else only where no other routine moves.
     shifts : list of Shift
         Moves to targets that are shifted; those that count are left by `settle`.
     """
@@ -234,6 +236,8 @@ class ControlFlow:
         self.moves_left: list[Left] = []
         self.previous: Target | None = START
         self.shifts: list[Shift] = []
+        self.first_begins = False
+        self._routine, self._moving = 0, set[tuple[int, int]]()
         self._passed: list[tuple[Target, Target | None]] = []
         self._blocks: list[_Block] = []
 
@@ -254,6 +258,7 @@ class ControlFlow:
     def restart(self) -> None:
         """A routine begins: nothing is known, but that the first begins where the program does."""
         self.state, self._blocks = FrameState(), []
+        self._routine += 1
         if self.stops:
             self.previous = None
 
@@ -273,6 +278,7 @@ class ControlFlow:
 
     def stop(self, target: Target | None, at: int) -> None:
         """The arm stops at a target, or, with None, somewhere."""
+        self._moving.add((self.listing.part(at), 0 if self.first_begins else self._routine))
         self.stops.append((at, target, self.previous))
         self.previous = target
 
@@ -335,7 +341,9 @@ class ControlFlow:
 
     def order(self, targets: Iterable[Target]) -> tuple[Stop, ...]:
         """The stops with the numbers of their targets; notes in each target where the arm comes from."""
-        numbers = {id(target): k for k, target in enumerate(targets)} | {id(START): AT_START}
+        numbers = {id(target): k for k, target in enumerate(targets)}
+        if len(self._moving) < 2:  # else it is not known which routine the program begins with
+            numbers[id(START)] = AT_START
         out = []
         for at, target, previous_target in self.stops:
             previous = None if previous_target is None else numbers.get(id(previous_target))

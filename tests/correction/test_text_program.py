@@ -110,6 +110,25 @@ def test_a_loop_that_sets_the_tool_spoils_what_comes_before_in_it():
     assert not outside.conflicts
 
 
+@pytest.mark.parametrize(("first_begins", "routines", "known"), [(False, 1, True), (False, 2, False), (True, 2, True)])
+def test_a_start_is_that_of_the_routine_that_the_program_begins_with(first_begins, routines, known):
+    one, targets = flow(), [target() for _ in range(routines)]
+    one.first_begins = first_begins
+    for k, each in enumerate(targets):
+        one.restart()
+        one.stop(each, 2 * k)
+    one.order(targets)
+    assert targets[0].after == ([AT_START] if known else [None])
+    several = ControlFlow(Listing([("a", b"x\n"), ("b", b"x\n")], "X"))
+    several.first_begins = True
+    ends = [target(), target()]
+    for each, at in zip(ends, (0, 2), strict=True):
+        several.restart()
+        several.stop(each, at)
+    several.order(ends)
+    assert ends[0].after == [None], "which file begins is not known"
+
+
 def test_a_branch_in_which_nothing_moves_hides_no_stop():
     one, a, b = flow(), target(), target()
     one.stop(a, 0)

@@ -487,6 +487,7 @@ class Statements:
     def __init__(self, listing: Listing, data: KrlData) -> None:
         self.listing, self.data = listing, data
         self.flow = ControlFlow(listing)
+        self.flow.first_begins = True
         self.literals: list[Target] = []
         self.tools: dict[str, FloatArray] = {}
         self.frames: dict[str, FloatArray] = {}
