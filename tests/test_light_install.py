@@ -47,3 +47,5 @@ def test_what_an_extra_brings_is_said_in_one_line(tmp_path):
     assert done.returncode == 1
     assert "pip install 'irbcal[fleet]'" in done.stderr
     assert "Traceback" not in done.stderr
+    assert light("fleet", "--help").returncode == 0
+    assert light("fleet", "calibrate", tmp_path / "none.csv", "--out", tmp_path / "f").stderr.count("none.csv") == 1

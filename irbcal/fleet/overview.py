@@ -15,6 +15,7 @@ import numpy as np
 from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, OptionError
 from irbcal.fleet import batch
+from irbcal.fleet.batch import STORE
 from irbcal.fleet.comparison import Change, StandsOut, change, high_wave, latest, standing_out
 from irbcal.fleet.store import Estimate, Stored, opened
 from irbcal.identification.evidence import check_averaging, type_terms
@@ -195,7 +196,6 @@ def _expected(record: Record, certainty: Certainty) -> Mapping[str, float]:
     return out
 
 
-STORE = "fleet.db"
 EXPORTED = ("robots", "calibrations", "parameters", "files")
 
 

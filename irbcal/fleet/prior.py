@@ -19,8 +19,8 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError
+from irbcal.fleet.batch import STORE
 from irbcal.fleet.comparison import FEWEST_SISTERS, latest
-from irbcal.fleet.overview import STORE
 from irbcal.fleet.store import Estimate, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.term_sets import WIDE, TypePrior
