@@ -94,11 +94,13 @@ def _verify(random: Random) -> list[str]:
 
 
 def _cell(random: Random) -> list[str]:
+    touches = random.choice((["@touches.csv"], ["@touches.csv"], ["@touches-axes.csv", "--axes", "@axes.csv"]))
     more = _some(
         random, ["--json"], ["--as", random.choice(("kuka", "abb", "fanuc", "ur", "x"))], ["--declare", ">frames.txt"],
         ["--program", "@" + random.choice(sorted(corpus.programs()))], ["--touch", "tool 1 socket=P1,P2,P3"],
+        ["--urdf", ">cell.urdf"], ["--report", ">cell.html"],
     )  # fmt: skip
-    return ["cell", random.choice(("@cal", "@cal-map", "@cal-auto")), "@touches.csv", "--out", ">cell.json", *more]
+    return ["cell", random.choice(("@cal", "@cal-map", "@cal-auto")), *touches, "--out", ">cell.json", *more]
 
 
 def _sign(random: Random) -> list[str]:
@@ -144,7 +146,9 @@ def _calibrate(random: Random) -> list[str]:
     if kind < 0.45:
         more = _some(random, ["--json"], ["--leave-out", "feature"], ["--leave-out", "none"])
         return ["calibrate", "@f.csv", "--features", "@f.features.csv", "--robot", "irb1600", "--out", ">new", *more]
-    robot = random.choice(("@robot.urdf", "@small.urdf", "irb1600"))
+    if kind < 0.5:
+        return ["calibrate", "@messy.csv", "--robot", "irb1600", "--out", ">new", "--model", "16", *more]
+    robot = random.choice(("@robot.urdf", "@small.urdf", "@robot.xacro", "irb1600"))
     return ["calibrate", "@m.csv", "--robot", robot, "--out", ">new", "--model", random.choice(("16", "26")), *more]
 
 
@@ -164,6 +168,8 @@ def _import(random: Random) -> list[str]:
         ["@lab.csv", "--as", "ur10-lab"],
         ["@sa.txt", "--as", "spatial-analyzer", "--set", "units.lengths=mm", "--joints", "@pj.csv"],
         ["@tmac.csv", "--as", "leica-tmac", "--joints", "@pj.csv"],
+        ["@messy.csv", "--robot", "irb1600"],
+        ["@messy.csv"],
     )
     out = ["--dry-run"] if random.random() < 0.2 else ["--out", ">m.csv"]
     return ["import", *random.choice(calls), *out, *_some(random, ["--json"])]

@@ -71,6 +71,8 @@ def _touches(folder: Path) -> None:
     for frame, name, point, row in zip(frames_of, names, points, q, strict=True):
         lines.append(",".join([frame, name, point, "3", *(f"{x:.4f}" for x in row)]))
     _lines(folder / "touches.csv", lines)
+    on_axes = [f"{line},{'e1_mm,e2_deg' if not k else f'{10 * k},{k % 3}'}" for k, line in enumerate(lines)]
+    _lines(folder / "touches-axes.csv", on_axes)
 
 
 @cache
@@ -322,6 +324,19 @@ def _validation(folder: Path) -> None:
 
 
 def _imports(folder: Path) -> None:
+    axes = ["axis,carries,dx,dy,dz,x_mm,y_mm,z_mm", "e1_mm,robot,0,1,0,,,", "e2_deg,fixture,0,1,0,900,0,400"]
+    _lines(folder / "axes.csv", axes)
+    xml = (folder / "robot.urdf").read_text(encoding="utf-8").replace('name="link_1"', 'name="${prefix}link_1"')
+    xml = xml.replace('link="link_1"', 'link="${prefix}link_1"')
+    argument = '<xacro:property name="prefix" value="l_"/>'
+    start = xml.index(">", xml.index("<robot")) + 1
+    head = xml[:start].replace("<robot", '<robot xmlns:xacro="http://ros.org/wiki/xacro"', 1)
+    (folder / "robot.xacro").write_text(head + argument + xml[start:], encoding="utf-8")
+    rows = pd.read_csv(folder / "m.csv")
+    names = ["Nr", *(f"A{k}" for k in range(1, 7)), "Punkt", "X", "Y", "Z"]
+    columns = rows[["pose", *(f"q{k}_deg" for k in range(1, 7)), "target", "x_mm", "y_mm", "z_mm"]]
+    text = columns.set_axis(names, axis=1).to_csv(sep=";", decimal=",", index=False, float_format="%.4f")
+    (folder / "messy.csv").write_bytes(f"Messprotokoll;Prüfer: Müller\n\n{text}".encode("latin-1"))
     joints = "shoulder_pan_joint;shoulder_lift_joint;elbow_joint;wrist_1_joint;wrist_2_joint;wrist_3_joint"
     place = "measurement_x;measurement_y;measurement_z;measurement_rx;measurement_ry;measurement_rz"
     lab = [f"0,{k};0,5;-0,25;1,{k};0,1;0,2;12{k}0,5;-35,25;640,75;1,5;2,5;3{k},5;21,5" for k in range(1, 6)]
