@@ -55,6 +55,9 @@ FEWEST = 10
 """Poses below which there is nothing to compare."""
 FEWEST_FOR_LONGEST = 120
 """Poses below which the longest series of harmonics is not tried: fewer do not show it, and it takes seconds."""
+LONGEST_OPTIMISM = 1.1
+"""By how much left-out residuals of the longest series are too small: its 144 variances are from the same poses. On a
+UR10 (300 poses) 95 % intervals hold 91 to 93 % without."""
 GIVE_UP = 80.0
 """Nats below the best term set at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
@@ -280,10 +283,12 @@ class Averaging:
         single, fifths = list[FloatArray](), list[FloatArray]()
         for item, columns, fit in zip(self.kept, places, fits, strict=True):
             u, pose, row = leave_one_out.residuals(linear, columns, fit)
+            optimism = LONGEST_OPTIMISM if item.term_set.highest > HIGHEST else 1.0
+            u = optimism * u
             item.loo = leave_one_out.lengths(linear, u, pose, row)[""]
             single.append(item.weight * u)
             if linear.sequence:
-                fifths.append(item.weight * leave_one_out.block_residuals(linear, columns, fit))
+                fifths.append(item.weight * optimism * leave_one_out.block_residuals(linear, columns, fit))
         loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
         self.outlying = leave_one_out.outlying(linear, mean, np.sum(single, axis=0), row)
         return loo, blocks[0] if blocks else loo

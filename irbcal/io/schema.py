@@ -886,7 +886,7 @@ class Check(Section):
 
     position_m: float
     rotation_rad: float
-    witnesses: dict[str, int]
+    witnesses: dict[Name, int]
 
     def in_words(self) -> str:
         """The witnesses, each with its poses."""

@@ -408,7 +408,7 @@ def misses(run: Run, commanded: FloatArray, calibration: Record) -> FloatArray:
     MeasurementError
         If the programs differ in length or no target is known.
     """
-    from irbcal.measurement.registration import register
+    from irbcal.measurement.registration import register, without_noise
 
     if len(commanded) != len(run.q):
         raise MeasurementError(
@@ -418,11 +418,10 @@ def misses(run: Run, commanded: FloatArray, calibration: Record) -> FloatArray:
     nominal = calibration.arm(calibrated=False)
     robot = robot.replace(arm=nominal, joint_map=JointMap.identity(nominal))
     xyz, references = run.xyz[:, : run.targets], calibration.reference_places()
-    registration = references and register(
-        run.xyz[:, run.targets :], run.names[run.targets :], "simulated points", references
-    )
+    fixed, names = run.xyz[:, run.targets :], run.names[run.targets :]
+    registration = references and register(fixed, names, "simulated points", references)
     if registration:
-        T = registration.T_frame_pose
+        T = without_noise(registration, fixed, names).T_frame_pose
         xyz = np.einsum("nij,nkj->nki", T[:, :3, :3], xyz) + T[:, None, :3, 3]
     common = [k for k, name in enumerate(run.names[: run.targets]) if name in robot.targets]
     if not common:
