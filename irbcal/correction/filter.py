@@ -53,7 +53,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import csv_bytes
-from irbcal.options import number, pulses_per_degree
+from irbcal.options import names, number, pulses_per_degree
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
@@ -109,6 +109,7 @@ def correct(
     start: ArrayLike | None = None,
     posture: ArrayLike | None = None,
     instructions: str | Path | None = None,
+    harmless: Sequence[str] | None = None,
     frames_measured: bool = False,
     strict: bool = False,
 ) -> Filtered:
@@ -163,6 +164,9 @@ def correct(
     instructions : str or Path, optional
         File that teaches motion instructions of RAPID, a line each: ``rapid ArcL to speed seam weld * tool``
         (`irbcal.correction.instructions`).
+    harmless : sequence of str, optional
+        Names of routines, or patterns of names with ``*``, that the programs call and that are not among them: they
+        neither move the robot nor set its tool or work object.
     frames_measured : bool
         Tools and work objects that are not in the cell file were measured independently of the robot.
     strict : bool
@@ -193,7 +197,7 @@ def correct(
     read_too = [path for path in (controller_model, cell, instructions) if isinstance(path, (str, os.PathLike))]
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
-    places = start, posture, instructions
+    places = start, posture, instructions, harmless
     opened = read_programs(calibration, programs_given, tool, wobj, pulses, controller_model, where, *places)
     record, nominal, given, programs, setup, model, urdf = opened
     language = given.language
@@ -282,6 +286,7 @@ def read_programs(
     start: ArrayLike | None = None,
     posture: ArrayLike | None = None,
     instructions: str | Path | None = None,
+    harmless: Sequence[str] | None = None,
 ) -> OpenedPrograms:
     """Read programs for the robot of a calibration; arguments and errors as of `correct`."""
     files = languages.files_of(program)
@@ -297,6 +302,7 @@ def read_programs(
     setup = ControllerSetup(
         *frames_given, ends, counts, controller_arm, place_pair(where, language), places[0], places[1]
     )
+    setup = setup._replace(harmless=names("harmless", harmless or ()))
     if instructions is not None:
         setup = setup._replace(instructions=taught(instructions))
     return OpenedPrograms(record, nominal, files, language.read_for(nominal, files.files, setup), setup, model, urdf)
@@ -323,8 +329,8 @@ def _places(out: Path, files: Mapping[str, bytes], folder: bool, searched: Seque
     if not folder:
         return {out: next(iter(files.values()))}
     if out.is_file() or (not out.is_dir() and out.suffix and out.suffix == Path(next(iter(files))).suffix):
-        names = ", ".join(Path(name).name for name in files)
-        raise OptionError(f"out: expected a folder for {names}, found the file {out}", parameter="out")
+        file_names = ", ".join(Path(name).name for name in files)
+        raise OptionError(f"out: expected a folder for {file_names}, found the file {out}", parameter="out")
     inside = {name: next((root for root in searched if Path(name).is_relative_to(root)), None) for name in files}
     relative = {
         name: Path(name).name if root is None else Path(name).relative_to(root) for name, root in inside.items()
@@ -464,10 +470,10 @@ def filter_program(
     shift_notes: list[Note] = []
     if isinstance(program, TextProgram) and program.shifts:
         corrections, shift_notes = _with_shifts(robot, nominal, program, corrections, controller, true_frames)
-    names: list[str] = []
+    corrected_names: list[str] = []
     unchanged = 0
     for batch, fake in corrections:
-        names += [batch.names[k] for k in np.flatnonzero(fake.ok)]
+        corrected_names += [batch.names[k] for k in np.flatnonzero(fake.ok)]
         unlike = [k for k in np.flatnonzero(~fake.ok) if fake.reason[k] not in UNCHANGED]
         left += [Left(batch.names[k], int(batch.lines[k]), fake.reason[k]) for k in unlike]
         unchanged += int((~fake.ok).sum()) - len(unlike)
@@ -488,7 +494,7 @@ def filter_program(
         files=program.with_fake_targets(
             counted(corrections, program, nominal), None if true_frames.points.re_express else fingerprint
         ),
-        targets=np.array(names, dtype=object),
+        targets=np.array(corrected_names, dtype=object),
         lines=np.concatenate([np.zeros(0, dtype=int), *(batch.lines[fake.ok] for batch, fake in corrections)]),
         q_before=np.concatenate([none, *(fake.q_nominal[fake.ok] for fake in fakes)]),
         q=np.concatenate([none, *(fake.q[fake.ok] for fake in fakes)]),

@@ -123,6 +123,8 @@ class ControllerSetup(NamedTuple):
         Joints of the URDF, radians: where the program begins, and those whose posture is meant where nothing else says.
     instructions : dict of str to dict of str to MotionInstruction
         Motion instructions that the user teaches, by language.
+    harmless : tuple of str
+        Patterns of names of routines that are not in the programs, and neither move the arm nor set tool or frame.
     """
 
     tools: Mapping[str, FloatArray]
@@ -134,6 +136,7 @@ class ControllerSetup(NamedTuple):
     start: FloatArray | None = None
     posture: FloatArray | None = None
     instructions: Table = MappingProxyType({})
+    harmless: tuple[str, ...] = ()
 
 
 class Program(ABC):

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, Locked, locked
 from irbcal.cell.external_axes import ExternalAxis, carried, moving
+from irbcal.correction.calls import Calls, may_set_frames
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
@@ -227,10 +228,12 @@ class ControlFlow:
         Whether a program begins with the first routine of its file; else only where no other routine moves.
     shifts : list of Shift
         Moves to targets that are shifted; those that count are left by `settle`.
+    calls : Calls
+        The routines of the program.
     """
 
-    def __init__(self, listing: Listing) -> None:
-        self.listing = listing
+    def __init__(self, listing: Listing, calls: Calls | None = None) -> None:
+        self.listing, self.calls = listing, calls or Calls()
         self.state = FrameState()
         self.stops: list[tuple[int, Target | None, Target | None]] = []
         self.moves_left: list[Left] = []
@@ -254,6 +257,14 @@ class ControlFlow:
         self.previous = None
         for block in self._blocks:
             block.disturbed = True
+
+    def call(self, routine: str, shown: str, at: int) -> None:
+        """A routine, by its name in lower case and as it is spelled, is called."""
+        effect = self.calls.effect(routine)
+        if effect.moves:
+            self.forget()
+        if effect.sets_frames:
+            self.state = FrameState(None, None, may_set_frames(shown, self.listing.line(at)))
 
     def restart(self) -> None:
         """A routine begins: nothing is known, but that the first begins where the program does."""

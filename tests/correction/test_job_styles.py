@@ -172,6 +172,49 @@ def kuka_inline():
     return Job("krl", "kr120r2500pro", files, q, 20)
 
 
+def kuka_forms():
+    """Spline forms and arc welding forms, with calls of routines that are not in the backup before and in each."""
+    q = kuka_joints(20, 6)
+    tests = language_tests("krl")
+    nominal = robot_of("kr120r2500pro")[0]
+    x = ",".join(f"{n} {v}" for n, v in zip("XYZABC", TOOL, strict=True))
+    dat, src = ["DEFDAT weld"], [*kuka_head("weld")]
+    for k, (pose, row) in enumerate(zip(kuka_poses(q), np.radians(q), strict=True)):
+        s, t = tests.status_and_turn(nominal, row)
+        dat.append(f"DECL E6POS XP{k}={pose[:-1]},S {s},T {t},E1 0.0}}")
+        dat.append(f'DECL FDAT FP{k}={{TOOL_NO 3,BASE_NO 0,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}}')
+        src += ["PLC_Ready(3)", "IF Gripper(1) THEN", "$OUT[1]=TRUE", "ENDIF"] if k % 5 == 0 else []
+        if k % 2:
+            src += [
+                f";FOLD ARCON WDAT1 LIN P{k} Vel=0.5 m/s CPDAT1 Tool[3]:torch Base[0] ;%{{PE}}",
+                "$BWDSTART = FALSE",
+            ]
+            src += [f"FDAT_ACT = FP{k}", "BAS(#CP_PARAMS, 0.5)", "SET_CD_PARAMS (0)"]
+            src += ["TRIGGER WHEN DISTANCE = 1 DELAY = ArcGetDelay(#P, WDAT1) DO ArcMainNG(#P, WDAT1, WP3) PRIO = -1"]
+            src += [
+                "ArcMainNG(#ArcOnBeforeMoveStd, WDAT1, WP3)",
+                f"LIN XP{k}",
+                "ArcMainNG(#After, WDAT1, WP3)",
+                ";ENDFOLD",
+            ]
+        else:
+            src += [
+                f";FOLD SPTP P{k} Vel=100 % PDAT1 Tool[3]:torch Base[0] ;%{{PE}}",
+                ";FOLD Parameters ;%{h}",
+                ";ENDFOLD",
+            ]
+            move = (
+                f"SPTP XP{k} WITH $VEL_AXIS[1] = SVEL_JOINT(100.0), $TOOL = STOOL2(FP{k}), $BASE = SBASE(FP{k}.BASE_NO)"
+            )
+            src += [f"{move}, $IPO_MODE = SIPO_MODE(FP{k}.IPO_FRAME), $LOAD = SLOAD(FP{k}.TOOL_NO) C_SPL", ";ENDFOLD"]
+    files = {
+        "KRC/R1/Program/weld.src": "\r\n".join([*src, "PTP XHOME", "END", ""]),
+        "KRC/R1/Program/weld.dat": "\r\n".join([*dat, "ENDDAT", ""]),
+        "KRC/R1/System/$config.dat": f"DEFDAT $CONFIG\nTOOL_DATA[3]={{{x}}}\nENDDAT\n",
+    }
+    return Job("krl", "kr120r2500pro", files, q, 20)
+
+
 def fanuc_generated():
     """Lines without numbers, one point of a position register, one that was never taught."""
     tests = language_tests("fanuc")
@@ -202,7 +245,7 @@ def fanuc_generated():
     )
 
 
-JOBS = [generated, taught, process, kuka_generated, kuka_inline, fanuc_generated]
+JOBS = [generated, taught, process, kuka_generated, kuka_inline, kuka_forms, fanuc_generated]
 
 
 def filtered(folder, job):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.calls import Calls
 from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
@@ -251,6 +252,7 @@ BLOCKS = ("joint", "linear", "linear2", "cir1", "cir2")
 """Steps of teach programs, which end with their joints."""
 RELATIVE = ("jappro", "lappro", "jdepart", "ldepart", "draw", "tdraw", "drive", "align", "home", "home2")
 POSTURES = ("lefty", "righty", "above", "below", "uwrist", "dwrist")
+FRAMES = {"tool", "base"}
 NULL = "null"
 LISTS = ("()", "[]")
 _BEGIN = re.compile(
@@ -291,7 +293,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     """
     listing = Listing(files, "Kawasaki AS")
     sections = read(listing)
-    reader = _Reader(listing, sections)
+    reader = _Reader(listing, sections, setup.harmless)
     for line in sections.lines:
         reader.take(line)
     reader.conclude()
@@ -319,14 +321,14 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
 class _Reader:
     """Follows the programs."""
 
-    def __init__(self, listing: Listing, sections: Sections) -> None:
+    def __init__(self, listing: Listing, sections: Sections, harmless: Sequence[str]) -> None:
         self.listing, self.sections = listing, sections
-        self.flow = ControlFlow(listing)
+        self.flow = ControlFlow(listing, Calls(harmless))
         self.literals: list[Target] = []
         self._literal_frames: dict[str, FloatArray] = {}
         self._bad = {key for key, location in sections.locations.items() if location.conflicts}
         self._framed: dict[str, int] = {}
-        self._quiet = _quiet(sections.lines)
+        _learn(self.flow.calls, sections.lines)
 
     def take(self, line: Statement) -> None:
         """Take one line."""
@@ -393,11 +395,8 @@ class _Reader:
         elif word in POSTURES or word in ("return", "goto", "here", "point"):
             self.flow.forget()
         if "call" in names or word in ("gosub", "on", "oni", "pcexecute"):
-            callee = names[names.index("call") + 1 :][:1] if "call" in names else []
-            self.flow.forget()
-            if not callee or callee[0] not in self._quiet:
-                reason = f"what is called in line {self.listing.line(at)} may set the tool or base"
-                self.flow.state = FrameState(None, None, reason)
+            for callee in _called(tokens) or tokens[:1]:
+                self.flow.call(callee.word, self.listing.quote(callee.start, callee.end), at)
         elif "goto" in names:
             self.flow.forget()
 
@@ -499,15 +498,20 @@ class _Reader:
                 self.flow.mention(target, at)
 
 
-def _quiet(lines: Sequence[Statement]) -> set[str]:
-    """Programs that set no tool or base and call none."""
-    names_in_program: dict[str, set[str]] = {}
+def _called(tokens: Tokens) -> list[Token]:
+    """Programs that a statement calls."""
+    return [behind for word, behind in pairwise(tokens) if word.word in ("call", "gosub") and behind.kind == "name"]
+
+
+def _learn(calls: Calls, lines: Sequence[Statement]) -> None:
+    """Note which programs set tool or base, which move, and what they call; ``ON`` and ``GOSUB`` may call anything."""
     name = ""
     for line in lines:
         name = line.program or name
-        names_in_program.setdefault(name, set()).update(token.word for token in line.tokens if token.kind == "name")
-    loud = {"tool", "base", "call", "gosub", "on", "oni"}
-    return {name for name, inside in names_in_program.items() if not inside & loud}
+        words = {token.word for token in line.tokens if token.kind == "name"}
+        may_call = [word for word in ("gosub", "on", "oni") if word in words]
+        moves = not words.isdisjoint((*MOVES, *BLOCKS, *RELATIVE, *POSTURES))
+        calls.learn(name, [*may_call, *(called.word for called in _called(line.tokens))], bool(words & FRAMES), moves)
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:

@@ -6,6 +6,7 @@ and inside moves. Where a component is missing the value before stays, so that s
 
 from __future__ import annotations
 
+import bisect
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
-from irbcal.correction.listing import BOM, Edit, Listing, Number, Token, mark_in
+from irbcal.correction.calls import Calls
+from irbcal.correction.listing import BOM, Edit, Listing, Number, Span, Token, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
@@ -384,7 +386,7 @@ class KrlData:
             line.at += 1
         kind = line.word()
         typed = line.next.kind == "name" and (line.tokens[line.at + 1 : line.at + 2] or [END])[0].kind == "name"
-        if not typed or (kind not in TYPES and line.at == begin and kind not in PLAIN):
+        if not typed or (kind not in TYPES and line.at == begin and kind not in PLAIN) or kind in ROUTINE:
             line.at = begin
             return False
         line.at += 1
@@ -441,8 +443,19 @@ ROUTINE = ("def", "deffct", "defdat", "end", "endfct", "enddat")
 _HOME = re.compile(r"xhome\d*|\$h_pos|\$axis_home")
 """Joint targets that stand in the controller's ``$config.dat`` and ``$machine.dat`` and serve all of its programs."""
 NULLFRAME = "0"
-SETS_NO_FRAME = ("wait", "continue", "bas", "pulse", "halt", "return", "ini", "user_msg", "set_cd_params")
-"""What is called in programs of any robot, moves nothing, and leaves tool and base."""
+_BUILT_IN = (
+    "wait continue pulse halt brake return ini user_msg set_cd_params exit abs sqrt sin cos tan acos atan2 b_and "
+    "b_or b_exor b_not inv_pos inverse forward varstate cast_from cast_to stradd strclear strcopy strcomp strlen "
+    "strfind strdecllen strtoint strtoreal strtobool strtoframe strtopos inttostr swrite sread cwrite cread copen "
+    "cclose cioctl fopen fclose set_krlmsg set_krldlg clear_krlmsg clear_krldlg exists_krlmsg exists_krldlg "
+    "msgnotify msgquit msgdialog msgloop setinfo clear_kcpmsg on_error_proceed err_raise get_sig_inf "
+    "get_decl_place getcyclicgetline timer_limit rob_timer delete_backward_buffer eb_test svel_joint svel_cp "
+    "stool2 sbase sipo_mode sload sacc_joint sacc_cp sapo sapo_ptp sgear_jerk sjerk sori_typ use_cm_pro_values "
+    "eki_init eki_open eki_close eki_send eki_clear eki_lock eki_unlock eki_checkbuffer eki_getint eki_getreal "
+    "eki_getbool eki_getstring eki_getframe eki_getintarray eki_getrealarray eki_getboolarray"
+)
+BUILT_IN = frozenset(_BUILT_IN.split())
+"""Instructions and functions of the controller's own that move nothing and leave tool and base."""
 TAKES_FDAT = ("#frames", "#ptp_params", "#cp_params")
 """Commands of ``BAS`` that set tool and base from ``FDAT_ACT``."""
 NO_FRAMES = (
@@ -458,11 +471,65 @@ NO_FRAMES = (
     "#out_async",
 )
 """Commands of ``BAS`` that leave tool and base."""
+QUIET_BAS = [[command] for command in NO_FRAMES]
 NUMBERED, ANY = ("tool_data", "base_data"), ""
-SETS_FRAMES = ("$tool", "$base", "$ipo_mode", "bas", "fdat_act", "trigger", "interrupt", *NUMBERED)
-"""What a routine says that may set tool or base."""
-NO_CALLS = (*OPEN, *LOOPS, *CLOSE, "and", "or", "not", "exor", "=", "(")
+SETS_FRAMES = ("$tool", "$base", "$ipo_mode", "fdat_act", *NUMBERED)
+"""What a routine says that may set tool or base, beside commands of ``BAS``."""
+NO_CALLS = (
+    *OPEN,
+    *LOOPS,
+    *CLOSE,
+    *ROUTINE,
+    "bas",
+    "and",
+    "or",
+    "not",
+    "exor",
+    "case",
+    "when",
+    "sec",
+    "else",
+    "to",
+    "step",
+)
+"""What stands before a bracket and is no routine."""
 FIXED_TOOL = "the tool is fixed and the part on the robot (#TCP)"
+
+
+def _called(line: TokenLine) -> list[Token]:
+    """Routines that a line calls, the controller's own among them; triggers and interrupts call theirs at other times.
+
+    A routine without arguments may be called without brackets.
+    """
+    tokens = line.tokens
+    if tokens[0].word in ("trigger", "interrupt", "global"):
+        return []
+    if len(tokens) == 1 and tokens[0].kind == "name":
+        alone = tokens[0].word not in (*OPEN, *LOOPS, *CLOSE, *ALTERNATIVE, *ROUTINE, "endspline")
+        return tokens if alone else []
+    pairs = pairwise(tokens)
+    return [word for word, behind in pairs if behind.word == "(" and word.kind == "name" and word.word not in NO_CALLS]
+
+
+_FOLD = re.compile(r"^[ \t]*;[ \t]*(?:(FOLD)|ENDFOLD)\b([^\r\n]*)", re.IGNORECASE | re.MULTILINE)
+_FORM = re.compile(r"\bTool\[\d+\].*\bBase\[\d+\].*%\{", re.IGNORECASE)
+
+
+def inline_forms(listing: Listing) -> list[Span]:
+    """Where the folds of inline forms are that name tool and base of their point.
+
+    What the options of a controller (arc welding, glue, grippers) call in a form goes with its move, and the form shows
+    and touches up its point with the tool and base that it names.
+    """
+    out: list[Span] = []
+    opened: list[tuple[int, bool]] = []
+    for fold in _FOLD.finditer(listing.text):
+        if fold[1]:
+            opened.append((fold.start(), _FORM.search(fold[2]) is not None))
+        elif opened:
+            start, form = opened.pop()
+            out += [(start, fold.end())] if form and listing.part(start) == listing.part(fold.start()) else []
+    return sorted(out)
 
 
 class Statements:
@@ -473,6 +540,8 @@ class Statements:
     listing : Listing
     data : KrlData
         With its targets collected.
+    harmless : sequence of str
+        Patterns of names of routines that neither move the arm nor set tool or base.
 
     Attributes
     ----------
@@ -484,38 +553,65 @@ class Statements:
     notes : list of (int, str)
     """
 
-    def __init__(self, listing: Listing, data: KrlData) -> None:
+    def __init__(self, listing: Listing, data: KrlData, harmless: Sequence[str] = ()) -> None:
         self.listing, self.data = listing, data
-        self.flow = ControlFlow(listing)
+        self.flow = ControlFlow(listing, Calls(harmless, BUILT_IN))
+        self._forms = inline_forms(listing)
+        self._called_in_form: tuple[Span, str] | None = None
         self.flow.first_begins = True
         self.literals: list[Target] = []
         self.tools: dict[str, FloatArray] = {}
         self.frames: dict[str, FloatArray] = {}
         self.notes: list[tuple[int, str]] = []
         self._fdat: FrameState | None = None
-        self._fdat_taken = True
+        self._fdat_taken, self._fdat_at = True, -1
         self._before_spline = FrameState()
         self._changed: dict[tuple[str, str], int] = {}
-        self._quiet: set[str] = set()
         self._mentioned: list[tuple[Token, int]] = []
 
     def follow(self, lines: Iterable[TokenLine]) -> None:
-        """Learn which routines set no tool or base, and call nothing."""
-        inside: dict[str, bool] = {}
+        """Learn which routines set tool or base, which move, and what they call."""
         name = ""
         for line in lines:
             words = [token.word for token in line.tokens]
             if "def" in words[:2] or "deffct" in words[:3]:
                 name = words[words.index("(") - 1] if "(" in words else ""
-                inside.setdefault(name, True)
+                self.flow.calls.learn(name)
             else:
-                calls = {word for word, behind in pairwise([*words, ""]) if behind == "("} - {*NO_CALLS, *SETS_NO_FRAME}
-                inside[name] = inside.get(name, True) and not calls and not {*words} & {*SETS_FRAMES}
-        self._quiet = {name for name, quiet in inside.items() if quiet}
+                sets = not {*words}.isdisjoint(SETS_FRAMES) or (words[:1] == ["bas"] and words[2:3] not in QUIET_BAS)
+                moves = words[0] in MOVES or words[0] in RELATIVE
+                self.flow.calls.learn(name, [token.word for token in _called(line)], sets, moves)
+
+    def _call(self, routine: Token) -> None:
+        """A routine is called. In an inline form tool and base are those of the form until it ends."""
+        form = self._form_of(routine.start)
+        state = self.flow.state
+        self.flow.call(routine.word, self.listing.text[routine.start : routine.end], routine.start)
+        if self.flow.state is state:
+            return
+        if form is not None and self._fdat_taken and self._fdat_at > form[0]:
+            self._called_in_form = self._called_in_form or (form, self.flow.state.why)
+            self.flow.state = state
+        else:
+            self._forget_fdat()
+
+    def _form_of(self, at: int) -> Span | None:
+        """The inline form in which a place lies."""
+        k = bisect.bisect_right(self._forms, (at, len(self.listing.text))) - 1
+        start, end = self._forms[k] if k >= 0 else (0, 0)
+        return (start, end) if start <= at < end else None
 
     def statement(self, line: TokenLine) -> None:
         """Take one line."""
+        line.take("global")
         word = line.word()
+        if self._called_in_form is not None and line.start >= self._called_in_form[0][1]:
+            self.flow.state = FrameState(None, None, self._called_in_form[1])
+            self._forget_fdat()
+            self._called_in_form = None
+        if word not in ROUTINE:
+            for routine in _called(line):
+                self._call(routine)
         if word in MOVES:
             self._move(line, MOVES[word])
         elif word in RELATIVE:
@@ -584,7 +680,7 @@ class Statements:
 
     def _forget_fdat(self) -> None:
         """``FDAT_ACT`` may have another value from here on."""
-        self._fdat, self._fdat_taken = None, True
+        self._fdat, self._fdat_taken, self._fdat_at = None, True, -1
 
     def _checked_fdat(self, state: FrameState) -> FrameState:
         """Tool and base of a move; unknown where ``FDAT_ACT`` names others and no ``BAS`` has taken it."""
@@ -613,7 +709,7 @@ class Statements:
 
     def _set_fdat(self, line: TokenLine) -> None:
         """A value of ``FDAT_ACT``: frame data by their name, or in braces."""
-        self._fdat_taken = False
+        self._fdat_taken, self._fdat_at = False, line.start
         in_braces = aggregate(line, self.listing)
         if in_braces is not None:
             self._fdat = self._of_frame_data(in_braces, f"in line {self.listing.line(line.start)}")
@@ -652,13 +748,6 @@ class Statements:
             self._mention(tokens[line.at :], line.part)
             return
         self._mention(tokens, line.part)
-        if (line.word() == "(" or len(tokens) == 1) and first.word not in SETS_NO_FRAME:
-            self.flow.forget()
-            if first.word not in self._quiet:
-                name = self.listing.quote(first.start, first.end)
-                reason = f"{name}, called in line {self.listing.line(first.start)}, may set the tool or base"
-                self.flow.state = FrameState(None, None, reason)
-                self._forget_fdat()
 
     def _assigned(self, line: TokenLine, first: Token, index: tuple[int, ...] | None) -> None:
         word = first.word
@@ -746,7 +835,9 @@ class Statements:
             if token.word in ("$tool", "$base", "$ipo_mode") and behind.word == "=":
                 line.at = k + 2
                 if token.word == "$ipo_mode":
-                    state = state if line.word() == "#base" else FrameState(None, None, FIXED_TOOL)
+                    fdat = self._of_fdat(line.part, line.word(2)) if line.word() == "sipo_mode" else None
+                    if line.word() != "#base" and (fdat is None or fdat.tool is None):
+                        state = FrameState(None, None, FIXED_TOOL if fdat is None else fdat.why)
                     continue
                 name = self._frame_value(line, token.word == "$tool")
                 reason = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
@@ -922,7 +1013,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
     lines, comments = lines_of(listing)
     data = KrlData(listing, [str(Path(file.name).with_suffix("")).lower() for file in listing.parts])
     statements_left = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
-    statements = Statements(listing, data)
+    statements = Statements(listing, data, setup.harmless)
     statements_left = _values_first(statements, data, statements_left)
     data.collect()
     statements.follow(statements_left)

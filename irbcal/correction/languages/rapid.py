@@ -25,6 +25,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, locked
 from irbcal.correction import notation
+from irbcal.correction.calls import Calls
 from irbcal.correction.instructions import ANY, BUILT_IN, TO, TOOL, VIA, WRITES, MotionInstruction, line_for
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
 from irbcal.correction.maker import (
@@ -1083,6 +1084,8 @@ class Uses:
     frames_given : dict of str to dict of str to ndarray
         Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name.
     other_modules : OtherModules, optional
+    calls : Calls, optional
+        The routines of all modules; those of this module unless given.
 
     Attributes
     ----------
@@ -1095,8 +1098,10 @@ class Uses:
         literals: Literals,
         frames_given: Mapping[str, Mapping[str, FloatArray]],
         other_modules: OtherModules | None = None,
+        calls: Calls | None = None,
     ) -> None:
         self.others = other_modules or OtherModules(literals)
+        self.calls = calls or calls_of([literals])
         self.literals, self.reader, self.given = literals, literals.reader, frames_given
         self.goals: list[tuple[MoveInstruction, list[tuple[list[Literal], bool]]]] = []
         self._shifted: set[tuple[int, str]] = set()
@@ -1288,7 +1293,7 @@ class Uses:
         setup = ControllerSetup(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
         tools, work_objects = needed_frames(literals, setup, declared["tooldata"], declared["wobjdata"])
         targets = tuple(sorted(literals, key=lambda literal: literal.start))
-        in_order = self._in_order(breaks(reader))
+        in_order = self._in_order(breaks(reader, self.calls))
         header = reader.tokens[reader.header() - 1].end
         reader.tokens.clear()  # nothing below asks for them, and the module keeps the reader
         return Module(
@@ -1448,8 +1453,8 @@ HARMLESS = frozenset(_HARMLESS.split())
 """Instructions that do not move the robot; any other name may be a routine that does."""
 
 
-def breaks(reader: Reader) -> list[int]:
-    """Places in the text behind which the stop before is not known, in order."""
+def breaks(reader: Reader, calls: Calls) -> list[int]:
+    """Places in the text behind which the stop before is not known, in order; ``calls`` knows the routines."""
     positions: list[int] = []
     tokens = reader.tokens
     begin, compact, head = True, False, False
@@ -1469,7 +1474,12 @@ def breaks(reader: Reader) -> list[int]:
                 lasting = len(positions) if word in _JUMPS else lasting
             elif begin and word in reader.instructions:
                 lasting = len(positions)
-            elif begin and word not in HARMLESS | _DECLARING and not reader._is_assignment(i):
+            elif (
+                begin
+                and word not in _DECLARING
+                and not reader._is_assignment(i)
+                and (reader.tokens[i + 1].word == ":" or calls.effect(word).moves)
+            ):
                 lasting = len(positions)
                 positions.append(start)  # a label or a call
             begin = word in _BEFORE
@@ -1483,6 +1493,25 @@ def breaks(reader: Reader) -> list[int]:
         begin = word == ";" or word == ":" or (head and word == ")")
         head = head and word != ")"
     return positions
+
+
+def learn(reader: Reader, calls: Calls) -> None:
+    """Note which routines of a module move the robot, and what they call."""
+    name, begin, head = "", False, False
+    for i, (kind, word, _, _) in enumerate(reader.tokens[:-1]):
+        if kind == "name":
+            if word in ("proc", "func", "trap") and not reader._is_member(i):
+                name, head = reader.tokens[i + (2 if word == "func" else 1)].word, True
+                calls.learn(name)
+            elif begin and name and word not in _DECLARING | BRANCHES and not reader._is_assignment(i):
+                moves = word in reader.instructions
+                calls.learn(name, [] if moves or reader.tokens[i + 1].word == ":" else [word], moves=moves)
+            begin = word in _BEFORE
+        else:
+            if begin and word == "%" and name:
+                calls.learn(name, moves=True)
+            begin = word in (";", ":") or (head and word == ")")
+            head = head and word != ")"
 
 
 def _has_then(reader: Reader, i: int) -> bool:
@@ -1827,6 +1856,7 @@ def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> l
     """The modules of a task."""
     numbers = {module.source: frames_in_numbers(module.reader) for module in modules} if len(modules) > 1 else {}
     everywhere = _with_null(setup.tools, setup.work_objects)
+    calls = calls_of(modules, setup.harmless)
     gathered = []
     for module in modules:
         module_frames = numbers.get(module.source, {"tooldata": {}, "wobjdata": {}})
@@ -1844,10 +1874,18 @@ def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> l
         beside = OtherModules(
             module, [other_module for other_module in modules if other_module is not module], numbers, everywhere
         )
-        gathered.append(Uses(module, available, beside))
+        gathered.append(Uses(module, available, beside, calls))
     for uses in gathered:
         uses.gather()
     return [uses.module(arm, setup) for uses in gathered]
+
+
+def calls_of(modules: Sequence[Literals], harmless: Sequence[str] = ()) -> Calls:
+    """What calls of the routines of modules do."""
+    calls = Calls(harmless, HARMLESS)
+    for module in modules:
+        learn(module.reader, calls)
+    return calls
 
 
 def _listing(data: bytes, source: str) -> Listing:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.calls import Calls
 from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
@@ -118,7 +120,13 @@ def arguments(tokens: Tokens) -> list[tuple[str, Tokens]]:
 GOALS = {"movej": 1, "movel": 1, "movep": 1, "movec": 2}
 """Moves and how many points they have."""
 OTHER_MOVES = ("servoj", "servoc", "servol", "speedj", "speedl", "movej_joint")
-QUIET = (*GOALS, "set_tcp", "sleep", "sync", "stopj", "stopl", "textmsg", "popup", "set_payload", "set_gravity")
+LOUD = (
+    *OTHER_MOVES,
+    *("force_mode", "freedrive_mode", "end_freedrive_mode", "teach_mode", "end_teach_mode", "jog_start"),
+    *("track_conveyor_linear", "track_conveyor_circular", "stop_conveyor_tracking", "path_offset_enable", "eval"),
+    *("path_offset_set", "optimovej", "optimovel", "movexyz", "movearc", "screw_driving", "end_force_mode", "run"),
+)
+"""Functions of the controller's own that move the robot or let it be moved; its others do not."""
 _DEF = re.compile(r"^[ \t]*def[ \t]+\w+[ \t]*\([^\r\n]*:", re.MULTILINE)
 _NOTE = (
     "poses are made for the kinematics of the URDF that was calibrated: it must be the controller's own, with its "
@@ -179,22 +187,22 @@ class _Script:
 
     def __init__(self, listing: Listing) -> None:
         self.listing = listing
-        self.flow = ControlFlow(listing)
+        self.flow = ControlFlow(listing, Calls(closed=True))
         self.flow.frame("base")
+        self._inside: list[str] = []
         self.variables: dict[str, Target] = {}
         self.literals: list[Target] = []
         self.tools: dict[str, FloatArray] = {}
         self._changed: dict[str, int] = {}
         self._mentioned: list[Token] = []
         self._set_tcp = 0
-        self._routines: set[str] = set()
         self._ends: list[tuple[str, FrameState]] = []
         self._begun = False
 
     def declare(self, tokens: list[Token]) -> None:
         """Note variables and everything that gives them another value."""
         self._set_tcp += sum(token.word == "set_tcp" for token in tokens)
-        self._routines |= {token.word for token in tokens[1:2] if tokens[0].word in ("def", "thread")}
+        self._learn(tokens)
         name, value = _assignment(tokens)
         if name is None:
             return
@@ -204,6 +212,18 @@ class _Script:
         else:
             self.variables[name.word] = target
 
+    def _learn(self, tokens: list[Token]) -> None:
+        """Note what a statement says of the function in which it stands."""
+        first = tokens[0].word
+        if first in ("def", "thread", "if", "while", "for"):
+            self._inside.append(tokens[1].word if first in ("def", "thread") and tokens[1:] else "")
+        elif first == "end":
+            del self._inside[-1:]
+        words = {token.word for token in tokens}
+        for routine in filter(None, self._inside):
+            moves = not words.isdisjoint((*GOALS, *LOUD))
+            self.flow.calls.learn(routine, [] if first in ("def", "thread") else words, "set_tcp" in words, moves)
+
     def take(self, tokens: list[Token]) -> None:
         """Take one statement."""
         first = tokens[0].word
@@ -211,6 +231,7 @@ class _Script:
         if name is not None:
             if value is None or self._literal(value, "") is None:
                 self._mentioned += [token for token in tokens if token.kind == "name" and token is not name]
+                self._calls(tokens)
                 if any(token.word in OTHER_MOVES or token.word in GOALS for token in tokens):
                     self.flow.stop(None, name.start)
         elif first in GOALS and tokens[1:2] and tokens[1].word == "(":
@@ -225,6 +246,8 @@ class _Script:
         words_of_line = [token.word for token in tokens]
         inside = next((word for word in words_of_line if word in (*GOALS, *OTHER_MOVES)), None)
         self._mentioned += [token for token in tokens if token.kind == "name"]
+        if first not in ("def", "thread"):
+            self._calls(tokens)
         if first in ("def", "thread"):
             self._ends.append((first, self.flow.state))
             if self._set_tcp != 1 and len(self._ends) > 1:
@@ -245,15 +268,23 @@ class _Script:
                     self.flow.previous = START
             else:
                 self.flow.close(at)
-        elif first not in QUIET and "(" in words_of_line:
-            self._begun |= len(self._ends) < 2
-            self.flow.forget()
-            if first in self._routines and self._set_tcp > 1:
-                self.flow.tool(None, f"{first}, called in line {self.listing.line(at)}, may set the TCP")
         if inside is not None:
             text = self.listing.quote(at, tokens[-1].end)
             self.flow.leave(at, inside, text, "its target is computed while the program runs")
             self.flow.stop(None, at)
+
+    def _calls(self, tokens: Tokens) -> None:
+        """What the functions that a statement calls do to the TCP, and to where the arm stands."""
+        for called, behind in pairwise(tokens):
+            effect = self.flow.calls.effect(called.word)
+            if behind.word != "(" or called.kind != "name":
+                continue
+            if effect.moves or called.word in LOUD:
+                self._begun |= len(self._ends) < 2
+                self.flow.forget()
+            if effect.sets_frames and self._set_tcp > 1:
+                line = self.listing.line(called.start)
+                self.flow.tool(None, f"{called.word}, called in line {line}, may set the TCP")
 
     def _tcp(self, tokens: list[Token]) -> None:
         """``set_tcp``."""

@@ -142,7 +142,7 @@ P, J = "a 400 50 300 10 120 20", "#p 10 20 -60 10 50 5"
         (["JMOVE #p", "POINT #p = #q"], "line 8 uses it in another way"),
         (["JMOVE #p", "CALL pick(#p)"], "line 8 uses it in another way"),
         (["JMOVE #p", "TOOL a", "BASE NULL", "LMOVE a"], "line 8 uses it in another way"),
-        (["JMOVE #p", "CALL init", "LMOVE a"], "what is called in line 8 may set the tool or base"),
+        (["JMOVE #p", "CALL init", "LMOVE a"], "init, called in line 8, may set the tool or base"),
         (["JMOVE #p", "BASE NULL", "TOOL a+a", "LMOVE a"], "another way"),
         (["JMOVE #p", "BASE NULL", "TOOL #x[.i]", "LMOVE a"], "TOOL in line 9 is computed"),
         (["JMOVE #p", "IF .x == 1 THEN", "TOOL NULL", "END", "LMOVE a"], "branch or loop that ends in line 10"),

@@ -169,7 +169,8 @@ def test_a_tool_that_the_installation_holds_is_asked_for(robots):
     ("text", "known"),
     [
         ("MOVE", True),
-        ("def job():\n  set_digital_out(1,True)\n  MOVE\nend\njob()", False),  # the call may move
+        ("def job():\n  set_digital_out(1,True)\n  MOVE\nend\njob()", True),
+        ("def job():\n  freedrive_mode()\n  MOVE\nend\njob()", False),  # others move it
         ("def job():\n  sleep(1)\n  MOVE\nend", True),
         ("def job():\n  def sub():\n    movej(x)\n  end\n  MOVE\nend", True),
         ("def job():\n  def sub():\n    MOVE\n  end\nend", False),

@@ -1,0 +1,87 @@
+"""What calls of routines do to the tool and frame that hold, and to where the arm stands.
+
+A routine that stands in the program does what its lines and the routines say that it calls. Of one that does not stand
+there the caller may know that it is harmless (a gripper, a message to a PLC); else it may do anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+
+class CallEffect(NamedTuple):
+    """What a routine may do.
+
+    Attributes
+    ----------
+    sets_frames : bool
+        It may set the tool or the frame.
+    moves : bool
+        It may move the arm.
+    """
+
+    sets_frames: bool
+    moves: bool
+
+
+@dataclass
+class _Routine:
+    sets_frames: bool = False
+    moves: bool = False
+    calls: set[str] = field(default_factory=set)
+
+
+class Calls:
+    """The routines of a program and what calls of them do.
+
+    Parameters
+    ----------
+    harmless : sequence of str
+        Patterns (``*``, ``?``) of names of routines that are not in the program, and neither move the arm nor set tool
+        or frame; their case does not count.
+    built_in : collection of str
+        Names in lower case of functions of the language that do neither.
+    closed : bool
+        Whether all routines stand in the program: what does not is a function of the language.
+    """
+
+    def __init__(self, harmless: Sequence[str] = (), built_in: Collection[str] = (), closed: bool = False) -> None:
+        self._harmless = [pattern.lower() for pattern in harmless]
+        self._built_in, self._closed = built_in, closed
+        self._routines: dict[str, _Routine] = {}
+
+    def learn(self, routine: str, calls: Collection[str] = (), sets_frames: bool = False, moves: bool = False) -> None:
+        """Note what a line of a routine says; routines of one name count together."""
+        known = self._routines.setdefault(routine, _Routine())
+        known.sets_frames |= sets_frames
+        known.moves |= moves
+        known.calls |= {*calls}
+
+    def effect(self, name: str) -> CallEffect:
+        """What a call of a routine, in lower case, may do."""
+        effects = list(self._effects(name))
+        return CallEffect(any(effect.sets_frames for effect in effects), any(effect.moves for effect in effects))
+
+    def _effects(self, name: str) -> Iterator[CallEffect]:
+        """Of a routine and of all that it calls."""
+        waiting, visited = [name], {name}
+        while waiting:
+            name = waiting.pop()
+            routine = self._routines.get(name)
+            if routine is not None:
+                yield CallEffect(routine.sets_frames, routine.moves)
+                waiting += routine.calls - visited
+                visited |= routine.calls
+            elif not (self._closed or name in self._built_in or any(fnmatchcase(name, p) for p in self._harmless)):
+                yield CallEffect(True, True)
+
+
+def may_set_frames(name: str, line: int) -> str:
+    """Why tool and frame are not known behind a call, and what to do."""
+    return (
+        f"{name}, called in line {line}, may set the tool or base: correct its file in the same call, or say "
+        f"--harmless {name} if it neither does that nor moves the robot"
+    )
