@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, KeysView, Mapping
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
+from datetime import date
 from functools import cache
+from pathlib import PurePath
 from typing import Any, Literal, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
@@ -99,13 +101,28 @@ def locked(value: Any) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: arrays and tuples as lists, numbers of Python's types, None for those not finite."""
+    """A value as JSON has it.
+
+    Arrays and tuples are lists, numbers of Python's types, None those that are not finite, paths and dates texts;
+    tables are lists of rows, results what their ``to_dict`` gives, other models and dataclasses their fields by name.
+    """
+    if value is None or isinstance(value, (str, int)):
+        return value
     if isinstance(value, np.ndarray):
         finite = value.dtype.kind != "f" or np.isfinite(value).all()
         return value.tolist() if finite else plain(value.tolist())
+    if hasattr(value, "itertuples"):
+        return plain(value.to_dict(orient="records"))
+    for speaks in ("to_dict", "model_dump", "_asdict"):
+        if hasattr(value, speaks):
+            return plain(getattr(value, speaks)())
+    if is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, (PurePath, date)):
+        return str(value)
     if isinstance(value, Mapping):
         return {key: plain(element) for key, element in value.items()}
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, (list, tuple, KeysView)):
         return [plain(element) for element in value]
     value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -13,12 +13,11 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, StringConstraints
 
 from irbcal.names import LONGEST_NAME, fault_of
-from irbcal.units import DEG, MM
+from irbcal.summary import UNITS
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-UNITS = {"mm": MM, "deg": DEG}
 RESULT_NAMES = {"leave_one_out": "loo", "leave_fifths_out": "loo_blocks"}
 """Attributes of results that have another name in the file."""
 LONGEST_SENTENCE = 20_000

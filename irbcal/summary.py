@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from io import StringIO
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-from irbcal.arrays import Locked
+import numpy as np
+
+from irbcal.arrays import Locked, plain
 from irbcal.literals import terminal
+from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,6 +22,9 @@ if TYPE_CHECKING:
     import rich.table
 
 Cell: TypeAlias = "str | float | int | None"
+
+UNITS = {"mm": MM, "deg": DEG, "percent": 0.01}
+"""Units of files, as they stand in names."""
 
 WIDTH = 110
 """Columns of text of a summary."""
@@ -188,8 +195,76 @@ def as_text(paragraphs: Sequence[Paragraph], width: int = WIDTH) -> str:
     return "\n".join(text_line.rstrip() for text_line in out.getvalue().splitlines()).rstrip()
 
 
+def values(holder: Any, names: str) -> dict[str, Any]:
+    """Attributes by the names that JSON and tables have for them.
+
+    Parameters
+    ----------
+    holder : object
+    names : str
+        Words with spaces between them: ``NAME``, an attribute, or ``NAME=ATTRIBUTE`` with dots to attributes of
+        attributes; methods are called; what an attribute that is None would have is None, too. A name with ``mm``,
+        ``deg`` or ``percent`` in it has metres, radians or shares in that unit, unless the attribute's name says it as
+        well; alone, it is the attribute of that name, or of what stands before the unit. ``NAME,NAME=ATTRIBUTE`` are
+        the columns of an array.
+
+    Returns
+    -------
+    dict
+        Name -> value, in the order of the names.
+    """
+    out: dict[str, Any] = {}
+    for word in names.split():
+        name, _, path = word.partition("=")
+        unit = _unit(name)
+        path = path or (name.partition(f"_{unit}")[0] if unit and not hasattr(holder, name) else name)
+        value = holder
+        for attribute in path.split("."):
+            value = None if value is None else getattr(value, attribute)
+            value = value() if callable(value) else value
+        several = name.split(",")
+        columns = {name: value} if len(several) == 1 else dict(zip(several, np.moveaxis(value, -1, 0), strict=True))
+        for column, numbers in columns.items():
+            factor = UNITS.get(_unit(column)) if not _unit(path) and numbers is not None else None
+            out[column] = numbers if factor is None else np.asarray(numbers) / factor
+    return out
+
+
+def _unit(name: str) -> str:
+    return next((unit for unit in UNITS if unit in re.split(r"[_.,]", name)), "")
+
+
+def rows(holders: Mapping[str, Any] | Iterable[Any], names: str) -> list[dict[str, Any]]:
+    """A row a holder, see `values`; of holders by name the first word is what the name is called."""
+    if not isinstance(holders, Mapping):
+        return [values(holder, names) for holder in holders]
+    key, _, others = names.partition(" ")
+    return [{key: name, **values(holder, others)} for name, holder in holders.items()]
+
+
 class Result(Locked, ABC):
     """A result that says what it is: in the interpreter, in a notebook, and in full on request."""
+
+    CONTENT: ClassVar[str]
+    """What ``to_dict`` gives, in the words of `values`."""
+    COLUMNS: ClassVar[str]
+    """The columns of ``to_frame``, in the words of `values`."""
+    ROWS: ClassVar[str] = ""
+    """Attribute that has the rows of ``to_frame``, where the result's arrays are not its columns; see `rows`."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as JSON has it: millimetres and degrees where names say so, None for what is not known."""
+        content: dict[str, Any] = plain(values(self, self.CONTENT))
+        return content
+
+    def to_frame(self) -> pd.DataFrame:
+        """The result as a table: millimetres and degrees where names say so."""
+        import pandas as pd
+
+        if self.ROWS:
+            names = [name for word in self.COLUMNS.split() for name in word.partition("=")[0].split(",")]
+            return pd.DataFrame(rows(getattr(self, self.ROWS), self.COLUMNS), columns=names)
+        return pd.DataFrame(values(self, self.COLUMNS))
 
     @abstractmethod
     def report(self) -> Sequence[Paragraph]:

@@ -1,9 +1,13 @@
 """Results that speak: as text, as a table in a notebook, short in the interpreter."""
 
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from lxml import html
 
-from irbcal.summary import Result, Table, as_text
+from irbcal.summary import Result, Table, as_text, rows
 
 TABLE = Table(
     "Errors, mm", ("model", "points", "mean"), (("a<b", 3, 0.12345), ("[red]c", None, 2.0)), bold=frozenset({1})
@@ -72,3 +76,29 @@ def test_words_are_not_broken_where_there_is_room():
 
 def test_zero_has_no_sign():
     assert Table("T", ("x",), ((-0.0001,), (-0.0,), (-0.0006,))).cells() == [["0.000"], ["0.000"], ["-0.001"]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Declared(Sample):
+    """A result whose names have units."""
+
+    length: float
+    places: np.ndarray
+    limit_mm: float
+    inner: object
+
+    CONTENT = "length_mm angle_deg=length limit_mm below=inner.none.deeper sum_mm_s=places.sum hole=inner.hole"
+    COLUMNS = "x_mm,turn_deg=places"
+
+
+def test_declared_names_give_values_in_their_units():
+    inner = SimpleNamespace(none=None, hole=float("nan"))
+    result = Declared(0.25, np.array([[0.001, np.pi], [0.002, np.pi / 2]]), 3.0, inner)
+    content = result.to_dict()
+    assert content.pop("sum_mm_s") == pytest.approx(1000 * (0.003 + 1.5 * np.pi))
+    assert content.pop("angle_deg") == pytest.approx(45 / np.pi)
+    assert content == {"length_mm": 250.0, "limit_mm": 3.0, "below": None, "hole": None}
+    frame = result.to_frame()
+    assert list(frame) == ["x_mm", "turn_deg"]
+    assert frame.to_numpy() == pytest.approx(np.array([[1.0, 180.0], [2.0, 90.0]]))
+    assert rows({"a": result}, "name limit_mm") == [{"name": "a", "limit_mm": 3.0}]

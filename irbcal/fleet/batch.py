@@ -330,16 +330,7 @@ class CalibratedFleet(Result):
 
         return pd.DataFrame([asdict(robot) for robot in self.robots]).drop(columns="sha256")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
-        return {
-            "out": str(self.out),
-            "made": self.made,
-            "kept": self.kept,
-            "failed": len(self.failures),
-            "seconds": self.seconds,
-            "robots": [asdict(robot) for robot in self.robots],
-        }
+    CONTENT = "out made kept failed=failures.__len__ seconds robots"
 
 
 @parallel.on_workers

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from irbcal.arrays import plain
 from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, OptionError
 from irbcal.fleet import batch
@@ -29,7 +30,7 @@ from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
 from irbcal.reading import read_bytes
 from irbcal.sessions import earlier_of
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, rows
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.verdict import verdict_of
 
@@ -218,9 +219,7 @@ class Added(Result):
         """How many."""
         return [f"{len(self.added)} calibrations added to {self.store}, {len(self.there)} were there"]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
-        return {"store": self.store, "added": list(self.added), "there": list(self.there)}
+    CONTENT = "store added there"
 
 
 def fleet_add(
@@ -348,17 +347,15 @@ class Overview(Result):
         ]
         return [headline, Table("Robots, by their last calibration", columns, rows), *changes, *outstanding]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
-        return {
-            "simulated": self.simulated,
-            "calibrations": [
-                {**stored.robot} | {k: str(v) if k == "measured" else v for k, v in stored.calibration.items()}
-                for stored in self.calibrations
-            ],
-            "changed": {robot: changes.in_words() for robot, changes in self.changes.items() if changes.real},
-            "outstanding": {type: [vars(robot) for robot in entries] for type, entries in self.outstanding.items()},
-        }
+    CONTENT = "simulated calibrations=_listed changed outstanding"
+
+    def _listed(self) -> list[dict[str, Any]]:
+        return [{**stored.robot, **stored.calibration} for stored in self.calibrations]
+
+    @property
+    def changed(self) -> dict[str, list[str]]:
+        """What really changed of each robot, in sentences."""
+        return {robot: step.in_words() for robot, step in self.changes.items() if step.real}
 
 
 def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: str | Path | None = None) -> Overview:
@@ -428,23 +425,8 @@ class Drift(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Ready for JSON; values in SI units."""
-        return {
-            "robot": self.robot,
-            "changes": [
-                {
-                    "before": str(step.before),
-                    "after": str(step.after),
-                    "chi2": step.chi2,
-                    "directions": step.directions,
-                    "p": step.p,
-                    "changed": step.real,
-                    "sisters": list(step.sisters),
-                    "parameters": [vars(parameter) for parameter in step.parameters],
-                    "words": step.in_words(),
-                }
-                for step in self.changes
-            ],
-        }
+        step = "before after chi2 directions p changed=real sisters parameters words=in_words"
+        return {"robot": self.robot, "changes": plain(rows(self.changes, step))}
 
 
 def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:

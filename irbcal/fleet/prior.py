@@ -54,9 +54,7 @@ class FleetPrior(Result):
             f"irbcal calibrate MEASUREMENTS --robot ROBOT --prior {shlex.quote(str(self.out))} --out FOLDER takes it.",
         ]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
-        return {"out": str(self.out), "type": self.prior.type, "sisters": list(self.prior.sisters)}
+    CONTENT = "out type=prior.type sisters=prior.sisters"
 
 
 def fleet_prior(

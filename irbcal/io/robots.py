@@ -14,7 +14,7 @@ from irbcal.options import shown
 from irbcal.summary import Paragraph, Result, Table
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 _PACKAGE = Path(__file__).parents[1]
 EXAMPLES = "example-robot-data"
@@ -117,11 +117,7 @@ class RobotList(Result):
         """The names."""
         return ", ".join(robot.name for robot in self.robots)
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row a robot: name, robot, source, file, base_link, tip_link."""
-        import pandas as pd
-
-        return pd.DataFrame([vars(robot) for robot in self.robots])
+    ROWS, COLUMNS = "robots", "name robot source file base_link tip_link"
 
 
 def robots() -> RobotList:

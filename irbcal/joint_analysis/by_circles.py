@@ -36,7 +36,7 @@ from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.options import checked, number
-from irbcal.summary import Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Paragraph, Result, Table, simulated_mark, values
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -96,6 +96,8 @@ class ByCircles(Result):
             columns["error_moved_mm"] = np.linalg.norm(measured - moved, axis=1) / MM
         return pd.DataFrame(columns)
 
+    CONTENT = "robot simulated compared excluded notes"
+
     def to_dict(self) -> dict[str, Any]:
         """What the command prints as JSON, mm and degrees.
 
@@ -103,40 +105,22 @@ class ByCircles(Result):
         ``x_mm`` … and ``std_mm``), ``links`` (rows of name, value, std, unit; rms), ``compared`` (as `compared`),
         ``excluded``, ``notes``.
         """
-        base: dict[str, Any] | None = None
-        tool: dict[str, Any] | None = None
-        links: dict[str, Any] | None = None
+        base = tool = links = None
         if self.base is not None:
             T = self.base.T_world_base
-            base = dict(zip(("x_mm", "y_mm", "z_mm"), map(float, T[:3, 3] / MM), strict=True))
-            base |= dict(zip(("qw", "qx", "qy", "qz"), frames.quaternion_from_matrix(T[:3, :3]).tolist(), strict=True))
-            base |= {"std_mm": plain(self.base.std[:3] / MM), "std_deg": plain(self.base.std[3:] / DEG)}
-            base |= {"axis_2_angle_deg": self.base.angle / DEG, "axis_2_distance_mm": self.base.distance / MM}
+            pose = np.concatenate([T[:3, 3] / MM, frames.quaternion_from_matrix(T[:3, :3])])
+            base = dict(zip(("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"), pose, strict=True))
+            base |= {"std_mm": self.base.std[:3] / MM, "std_deg": self.base.std[3:] / DEG}
+            base |= values(self.base, "axis_2_angle_deg=angle axis_2_distance_mm=distance")
         if self.tool is not None:
-            tool = {
-                "targets": {
-                    name: dict(zip(("x_mm", "y_mm", "z_mm"), (xyz / MM).tolist(), strict=True))
-                    | {"std_mm": plain(self.tool.std[name] / MM)}
-                    for name, xyz in self.tool.targets.items()
-                },
-                "last_axis_angle_deg": self.tool.angle / DEG,
-                "last_axis_distance_mm": self.tool.distance / MM,
+            targets = {
+                name: dict(zip(("x_mm", "y_mm", "z_mm"), xyz / MM, strict=True)) | {"std_mm": self.tool.std[name] / MM}
+                for name, xyz in self.tool.targets.items()
             }
+            tool = values(self.tool, "last_axis_angle_deg=angle last_axis_distance_mm=distance") | {"targets": targets}
         if self.links is not None:
-            rows = self.links.to_frame().to_dict("records")
-            rows = [{**row, "std": None if np.isnan(row["std"]) else row["std"]} for row in rows]
-            links = {"parallel": self.links.parallel, "rms_mm": self.links.rms / MM, "corrections": rows}
-        compared = self.compared()
-        return {
-            "robot": self.robot,
-            "simulated": self.simulated,
-            "base": base,
-            "tool": tool,
-            "links": links,
-            "compared": None if compared is None else compared.to_dict("records"),
-            "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in self.excluded],
-            "notes": list(self.notes),
-        }
+            links = values(self.links, "parallel rms_mm corrections=to_frame")
+        return super().to_dict() | plain({"base": base, "tool": tool, "links": links})
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each number: ``part``, ``name``, ``value``, ``std`` and ``unit``; of the tool also by target."""

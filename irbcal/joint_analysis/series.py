@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, plain
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
 from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.summary import Cell, Paragraph, Result, Table, values
 from irbcal.units import DEG, MM
 
 OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
@@ -359,17 +359,12 @@ class PayloadEffect(Locked):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, mm and degrees."""
-        return {
-            "joint": self.joint,
-            "home_deg": [None if k == self.joint - 1 else float(v / DEG) for k, v in enumerate(self.home)],
-            "target": self.target,
-            "light_kg": self.light_kg,
-            "heavy_kg": self.heavy_kg,
-            "light_max_mm": self.light / MM,
-            "heavy_max_mm": self.heavy / MM,
-            "difference_mm": (self.heavy - self.light) / MM,
-            "shift_max_mm": None if np.isnan(self.shift) else self.shift / MM,
-        }
+        others = np.where(np.arange(1, len(self.home) + 1) == self.joint, np.nan, self.home / DEG)
+        lengths = {"light_max": self.light, "heavy_max": self.heavy, "difference": self.heavy - self.light}
+        lengths["shift_max"] = self.shift
+        content = values(self, "joint target light_kg heavy_kg") | {"home_deg": others}
+        out: dict[str, Any] = plain(content | {f"{name}_mm": value / MM for name, value in lengths.items()})
+        return out
 
 
 def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:

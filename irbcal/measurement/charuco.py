@@ -54,9 +54,12 @@ class FoundCorners(Result):
         """The rows as the first file of ``irbcal calibrate --features``."""
         return self.table.copy()
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"images": self.images, "corners": len(self.table), "left_out": [name for name, _ in self.missed]}
+    @property
+    def left_out(self) -> list[str]:
+        """Names of the images that are left out."""
+        return [name for name, _ in self.missed]
+
+    CONTENT = "images corners=table.__len__ left_out"
 
     def report(self) -> Sequence[Paragraph]:
         """How many corners in how many images, and which images were left out."""

@@ -20,7 +20,7 @@ from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 DISTANCE_FLOOR = 0.2 * MM
 """Smallest deviation of a distance between rigid points that is called wrong, metres."""
@@ -100,11 +100,7 @@ class Cleaned(Result):
     registration: Registration | None
     notes: tuple[str, ...]
 
-    def to_frame(self) -> pd.DataFrame:
-        """The points that were left out: ``pose``, ``target``, ``reason``."""
-        import pandas as pd
-
-        return pd.DataFrame([vars(point) for point in self.excluded], columns=["pose", "target", "reason"])
+    ROWS, COLUMNS = "excluded", "pose target reason"
 
     def report(self) -> Sequence[Paragraph]:
         """Counts and notes; a table of the reasons for which points were left out."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,7 +98,7 @@ class ReadingLag(Result):
         takes = f"The model takes the programmed joints ({self.columns[0]} …) of {Path(source).name}"
         if not self.difference.any():
             return [f"{takes}; its joint readings are equal to them."]
-        size = np.abs(self.difference) / joint_units(self.columns)
+        size = self.size
         sizes = []
         for unit, ending in (("degrees", "_deg"), ("mm", "_mm")):
             columns = [name.endswith(ending) for name in self.columns]
@@ -116,22 +116,17 @@ class ReadingLag(Result):
             )
         return notes
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain numbers, None where unknown; degrees and millimetres."""
-        size = np.abs(self.difference) / joint_units(self.columns)
-        return {
-            "columns": list(self.columns),
-            "median": np.median(size, axis=0).tolist(),
-            "largest": size.max(axis=0).tolist(),
-            "explained": plain(self.explained),
-            "explained_by_move": plain(self.explained_by_move),
-            "foretold": plain(self.foretold),
-            "foretold_by_others": plain(self.foretold_by_others),
-            "slope": plain(self.slope),
-            "slope_interval": plain(self.slope_interval),
-            "median_factor": plain(_median(self.factor)),
-            "before_standstill": self.before_standstill,
-        }
+    @property
+    def size(self) -> FloatArray:
+        """Sizes of the differences, shape (n, joints), degrees and millimetres."""
+        return np.abs(self.difference) / joint_units(self.columns)
+
+    CONTENT = "columns explained explained_by_move foretold foretold_by_others slope slope_interval before_standstill"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it: ``CONTENT``, median and largest difference of each joint, and the median factor."""
+        sizes = {"median": np.median(self.size, axis=0), "largest": self.size.max(axis=0)}
+        return super().to_dict() | plain(sizes | {"median_factor": _median(self.factor)})
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each pose: ``factor`` and reading minus command of each joint, degrees (millimetres)."""
@@ -143,7 +138,7 @@ class ReadingLag(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """A table joint by joint, and the verdict."""
-        size = np.abs(self.difference) / joint_units(self.columns)
+        size = self.size
         rows = tuple(
             (
                 name,

@@ -25,7 +25,7 @@ from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 COVERAGE = 1.96
 """Standard deviations of an interval that holds 95 % of a Gaussian's values."""
@@ -70,13 +70,7 @@ class Prediction(Result):
             return (headline,)
         return (headline, f"{count} of them outside the joint ranges of the fit: their intervals may not hold.")
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row a position: coordinates and half-widths of their intervals, millimetres, and whether it is outside."""
-        import pandas as pd
-
-        columns = {f"{axis}_mm": self.position[:, k] / MM for k, axis in enumerate("xyz")}
-        columns |= {f"{axis}_u95_mm": self.interval[:, k] / MM for k, axis in enumerate("xyz")}
-        return pd.DataFrame(columns | {"outside": np.array(self.outside)})
+    COLUMNS = "x_mm,y_mm,z_mm=position x_u95_mm,y_u95_mm,z_u95_mm=interval outside"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,10 +8,8 @@ with what model ``auto`` fits beside it (gain, gravity, harmonics of the joints)
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
-
-import pandas as pd
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from irbcal.errors import IdentificationError
 from irbcal.io.opening import RobotLike, open_robot
@@ -103,22 +101,8 @@ class DeviceComparison(Result):
             *(f"Note: {text}" for text in self.missing),
         ]
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each device and number of poses: ``device``, ``words``, ``poses``, ``noise_mm``, ``left_mm`` ..."""
-        frame = pd.DataFrame([asdict(row) for row in self.rows])
-        lengths = ["noise", "left", "left_with_joints"]
-        frame[lengths] /= MM
-        return frame.rename(columns={name: f"{name}_mm" for name in lengths})
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON: millimetres."""
-        return {
-            "robot": self.robot,
-            "before_mm": self.before / MM,
-            "before_with_joints_mm": self.before_with_joints / MM,
-            "devices": self.to_frame().to_dict("records"),
-            "notes": list(self.missing),
-        }
+    CONTENT = "robot before_mm before_with_joints_mm devices=to_frame notes=missing"
+    ROWS, COLUMNS = "rows", "device words poses noise_mm left_mm left_with_joints_mm"
 
 
 def compare_devices(

@@ -264,7 +264,7 @@ class DevicePlan(Result):
         """The second file: lengths are those of the plan, to be replaced by measured ones."""
         return self.found.table()
 
-    def places(self) -> dict[str, list[float]]:
+    def places_mm(self) -> dict[str, list[float]]:
         """Where each feature should stand, in the base link, mm; a point of planes."""
         return {name: np.round(point / MM, 1).tolist() for name, point in self.found.middle.items()}
 
@@ -278,29 +278,22 @@ class DevicePlan(Result):
         """The same after as many random poses that meet the same conditions, metres."""
         return float(np.sqrt(self.comparison.random[len(self.q)]))
 
+    CONTENT = (
+        "robot=arm.name device=found.device.name poses=q.__len__ features_mm=places_mm conditions "
+        "as_good_as_random=comparison.as_good_as candidates removed=tally notes"
+    )
+
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: millimetres."""
-        device = self.found.device
-        return {
-            "robot": self.arm.name,
-            "device": device.name,
-            "poses": len(self.q),
-            "features_mm": self.places(),
-            "bar_mm": self.found.bar / MM or None,
-            "conditions": list(self.conditions),
-            "predicted_mm": {"before": self.before / MM, "left": self.left / MM, "random": self.left_by_random / MM},
-            "as_good_as_random": self.comparison.as_good_as,
-            "candidates": self.candidates,
-            "removed": self.tally,
-            "notes": list(self.notes),
-        }
+        """The result as JSON has it: ``CONTENT``, the bar's length (None without one) and predicted errors."""
+        predicted = {"before": self.before / MM, "left": self.left / MM, "random": self.left_by_random / MM}
+        return {**super().to_dict(), "bar_mm": self.found.bar / MM or None, "predicted_mm": predicted}
 
     def report(self) -> Sequence[Paragraph]:
         """What to put where, and what every pose meets."""
         device, counts = self.found.device, np.bincount(self.which)
         bar = f", bar of {self.found.bar / MM:.0f} mm" if self.found.bar else ""
         lines: list[Paragraph] = [f"{self.arm.name}: {len(self.q)} poses at {device.words}{bar}"]
-        for (name, middle), count in zip(self.places().items(), counts, strict=True):
+        for (name, middle), count in zip(self.places_mm().items(), counts, strict=True):
             lines.append(f"  {name} near {', '.join(f'{x:.0f}' for x in middle)} mm in the base link: {count} poses")
         lines.append(f"Every pose meets: {', '.join(self.conditions)}")
         largest = max(self.comparison.random)

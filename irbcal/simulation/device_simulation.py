@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -98,18 +98,11 @@ class SimulatedDevice(Result):
         """Both, as the calibration reads them."""
         return read_features(self.to_frame(), self.features(), self.cell.arm)
 
-    def to_dict(self) -> dict[str, Any]:
-        """What was simulated, ready for JSON; lengths in mm."""
-        return {
-            "robot": self.cell.arm.name,
-            "simulated": True,
-            "device": self.found.device.name,
-            "poses": len(self.q),
-            "features": list(self.found.own),
-            "noise_mm": self.noise / MM,
-            "effects": list(self.cell.on),
-            "seed": self.cell.seed,
-        }
+    simulated: ClassVar[bool] = True
+    CONTENT = (
+        "robot=cell.arm.name simulated device=found.device.name poses=q.__len__ features=found.own.keys noise_mm "
+        "effects=cell.on seed=cell.seed"
+    )
 
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""

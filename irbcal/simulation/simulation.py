@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -153,17 +153,16 @@ class Simulated(Result):
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""
         run, cell = self.run, self.cell
-        minutes = self._duration_s / 60
+        minutes = self.duration_s / 60
         lines: list[Paragraph] = [
             f"SIMULATED: {len(run.q)} poses of {cell.arm.name} with {run.payload_kg:g} kg, {int(run.asked.sum())} "
             f"points in {minutes:.0f} minutes of the cell's time",
             f"Effects: {', '.join(cell.on) or 'none'}",
         ]
         lines += [f"  {count} points without a position: {name}" for name, count in run.unseen.items()]
-        errors = None if self.misses is None else statistics(self.misses)
-        if errors is not None:
+        if self.wanted is not None:
             title = "Distances from where the program wanted the targets, mm"
-            lines.append(statistics_table(title, [("all targets", "commanded", errors)], {0}))
+            lines.append(statistics_table(title, [("all targets", "commanded", self.wanted)], {0}))
         return lines + [f"Note: {note}" for note in self._notes()]
 
     def _notes(self) -> list[str]:
@@ -181,8 +180,14 @@ class Simulated(Result):
         return notes
 
     @property
-    def _duration_s(self) -> float:
+    def duration_s(self) -> float:
+        """Of the measurement, by the cell's clock."""
         return float(self.run.time_s[-1].max())
+
+    @property
+    def wanted(self) -> dict[str, Any] | None:
+        """Statistics of the distances from where a program wanted the targets, mm; None without such a program."""
+        return None if self.misses is None else statistics(self.misses)
 
     def to_frame(self) -> pd.DataFrame:
         """The rows of the measurement file, as `irbcal.calibrate` takes them.
@@ -199,23 +204,12 @@ class Simulated(Result):
         data = csv_bytes(self.to_frame())
         return table.parse(data, f"SIMULATED measurements of {self.cell.arm.name}")
 
-    def to_dict(self) -> dict[str, Any]:
-        """What was simulated, ready for JSON; lengths in mm."""
-        run, cell = self.run, self.cell
-        return {
-            "robot": cell.arm.name,
-            "simulated": True,
-            "poses": len(run.q),
-            "points": int(run.asked.sum()),
-            "targets": list(cell.tool.names),
-            "references": list(cell.references),
-            "unseen": run.unseen,
-            "payload_kg": run.payload_kg,
-            "duration_s": self._duration_s,
-            "effects": list(cell.on),
-            "seed": cell.seed,
-            "wanted": None if self.misses is None else statistics(self.misses),
-        }
+    simulated: ClassVar[bool] = True
+    CONTENT = (
+        "robot=cell.arm.name simulated poses=run.q.__len__ points=run.asked.sum targets=cell.tool.names "
+        "references=cell.references.keys unseen=run.unseen payload_kg=run.payload_kg duration_s effects=cell.on "
+        "seed=cell.seed wanted"
+    )
 
     def save(self, out: str | Path) -> tuple[Path, Path]:
         """Write the measurement file, and the truth beside it as ``NAME.truth.json``.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, plain
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
@@ -25,7 +25,7 @@ from irbcal.names import check_names
 from irbcal.options import seed as check_seed
 from irbcal.options import shown
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
-from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Cell, Paragraph, Result, Table, rows, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
@@ -203,30 +203,24 @@ class Compared(Result):
         columns |= {f"{name}_mm": self.error_mm[:, k] for k, name in enumerate(self.names)}
         return pd.DataFrame({**columns, "simulated": int(self.simulated)})
 
+    CONTENT = (
+        "ranking poses=poses.__len__ points=distance_mm.__len__ counted_out fitted_by verdict trusted "
+        "doubts notes simulated"
+    )
+
     def to_dict(self) -> dict[str, Any]:
         """What ``irbcal compare --json`` prints."""
-        return {
-            "calibrations": [
-                {"name": name, "model": model, **self.statistics[name]}
-                for name, model in zip(self.names, self.models, strict=True)
-            ],
-            "nominal": dict(self.statistics["nominal"]),
-            "ranking": self.ranking,
-            "pairs": [vars(pair) | {"told_apart": pair.told_apart} for pair in self.pairs],
-            "poses": len(self.poses),
-            "points": len(self.distance_mm),
-            "counted_out": self.counted_out,
-            "fitted_by": list(self.fitted_by),
-            "verdict": self.verdict(),
-            "trusted": self.trusted,
-            "doubts": list(self.doubts),
-            "notes": list(self.notes),
-            "simulated": self.simulated,
-            "per_pose": {
-                "pose": list(self.poses),
-                **{name: self.error_mm[:, k].tolist() for k, name in enumerate(self.names)},
-            },
+        by_name = zip(self.names, self.models, strict=True)
+        calibrations = [{"name": name, "model": model, **self.statistics[name]} for name, model in by_name]
+        errors = {"pose": self.poses, **dict(zip(self.names, self.error_mm.T, strict=True))}
+        pairs = rows(self.pairs, "better worse difference_mm interval_mm told_apart")
+        content = {
+            "calibrations": calibrations,
+            "nominal": self.statistics["nominal"],
+            "per_pose": errors,
+            "pairs": pairs,
         }
+        return plain(content) | super().to_dict()
 
     def by_pose(self) -> Chart:
         """Errors of each pose, in the order of the best calibration's."""

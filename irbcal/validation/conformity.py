@@ -18,14 +18,14 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, Locked
+from irbcal.arrays import FloatArray, IntArray, Locked, plain
 from irbcal.errors import OptionError
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.elsewhere import even_width
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked, length
-from irbcal.summary import Paragraph, Result
+from irbcal.summary import Paragraph, Result, values
 from irbcal.units import MM
 from irbcal.validation import bootstrap
 from irbcal.validation.verdict import Verdict
@@ -84,15 +84,11 @@ class Region(Locked):
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
-        ranges = zip(self.joint_names, self.joint_units, self.joints.T.tolist(), strict=True)
-        return {
-            "joints": {name: {"unit": unit, "range": values} for name, unit, values in ranges},
-            "box_mm": dict(zip("xyz", self.box.T.tolist(), strict=True)),
-            "joint_shares": None if self.joint_shares is None else self.joint_shares.tolist(),
-            "box_shares": None if self.box_shares is None else self.box_shares.tolist(),
-            "least_share": LEAST,
-            "whole": self.whole,
-        }
+        ranges = zip(self.joint_names, self.joint_units, self.joints.T, strict=True)
+        joints = {name: {"unit": unit, "range": ends} for name, unit, ends in ranges}
+        content = {"joints": joints, "box_mm": dict(zip("xyz", self.box.T, strict=True)), "least_share": LEAST}
+        out: dict[str, Any] = plain(content | values(self, "joint_shares box_shares whole"))
+        return out
 
 
 def region(robot: Robot, points: PointSet, fit: PointSet | None) -> Region:
@@ -329,16 +325,10 @@ class Conformity(Result):
         lines += [f"Against a pass: {reason}" for reason in self.against]
         return [*lines, f"Note: {self.rule_in_words()}"]
 
-    def to_dict(self) -> dict[str, Any]:
-        """What ``irbcal evaluate --tolerance --json`` prints."""
-        names = ("outcome", "rule", "tolerance_mm", "value_mm", "upper_mm", "basis", "tracker_u95_mm", "tracker_source")
-        return {
-            **{name: getattr(self, name) for name in names},
-            "poses": self.poses,
-            "points": self.points,
-            "region_only": self.region_only,
-            "against": list(self.against),
-        }
+    CONTENT = (
+        "outcome rule tolerance_mm value_mm upper_mm basis tracker_u95_mm tracker_source poses points region_only "
+        "against"
+    )
 
 
 def check_options(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import FloatArray, NameArray, plain
 from irbcal.atomic import write_together
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
 from irbcal.io import robots
@@ -30,7 +30,7 @@ from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 FEWEST = 12
 """Rows that are needed."""
@@ -103,21 +103,11 @@ class ControllerCheck(Result):
         refuse_overwriting({"out": out}, [self.source, self.urdf_source])
         write_together(out.parent, {out.name: self.urdf})
 
-    def to_frame(self) -> pd.DataFrame:
-        """The rows: ``pose``, ``before_mm``, ``before_deg``, ``after_mm``, ``after_deg``, ``other_moment``."""
-        import pandas as pd
-
-        nominal, fitted = (errors / (MM, DEG) for errors in (self.fit.before, self.fit.after))
-        return pd.DataFrame(
-            {
-                "pose": self.labels,
-                "before_mm": nominal[:, 0],
-                "before_deg": nominal[:, 1],
-                "after_mm": fitted[:, 0],
-                "after_deg": fitted[:, 1],
-                "other_moment": self.fit.moment,
-            }
-        )
+    COLUMNS = "pose=labels before_mm,before_deg=fit.before after_mm,after_deg=fit.after other_moment=fit.moment"
+    CONTENT = (
+        "robot rows=labels.__len__ rows_that_agree=agreeing rows_of_another_moment=other_moment "
+        "urdf_median_mm=median_mm numbers absolute_accuracy notes"
+    )
 
     def numbers(self) -> list[dict[str, Any]]:
         """What differs: name, the URDF's value, the controller's, difference and standard deviation, mm and degrees."""
@@ -140,20 +130,10 @@ class ControllerCheck(Result):
         return rows
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: millimetres and degrees."""
-        return {
-            "robot": self.robot,
-            "rows": len(self.labels),
-            "rows_that_agree": self.agreeing,
-            "rows_of_another_moment": self.other_moment,
-            "urdf_median_mm": self.median_mm(),
-            "fitted_median_mm": self.median_mm(True),
-            "numbers": self.numbers(),
-            "base": self.fit.T_base.tolist() if self.fit.frames_differ else None,
-            "tool": self.fit.T_tool.tolist() if self.fit.frames_differ else None,
-            "absolute_accuracy": self.absolute_accuracy,
-            "notes": list(self.notes),
-        }
+        """As JSON has it: ``CONTENT``, the median with the fitted numbers, base and tool where they differ."""
+        frames = {"base": self.fit.T_base, "tool": self.fit.T_tool} if self.fit.frames_differ else {}
+        ends = plain({"base": None, "tool": None} | frames)
+        return {**super().to_dict(), "fitted_median_mm": self.median_mm(True), **ends}
 
     def report(self) -> Sequence[Paragraph]:
         """How near, with which numbers, whether an option is on, which rows do not count."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,9 +86,7 @@ class FivePoses(Result):
         table.insert(0, "pose", POSES)
         return table
 
-    def to_dict(self) -> dict[str, Any]:
-        """The robot and the rows of `to_frame`, ready for JSON."""
-        return {"robot": self.arm.name, "poses": self.to_frame().to_dict(orient="records")}
+    CONTENT = "robot=arm.name poses=to_frame"
 
     def report(self) -> Sequence[Paragraph]:
         """The poses, one a row."""

@@ -136,19 +136,10 @@ class Evaluation(Result):
     conformity: Conformity | None = None
     region: Region | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """What ``irbcal evaluate --json`` prints."""
-        names = (*MODELS, *PARTS, "percentiles", "largest_covers", "orientation", "intervals", "relative", "flange")
-        return {
-            **{name: getattr(self, name) for name in (*names, "verified", "coverage")},
-            "excluded": [vars(point) for point in self.excluded],
-            "notes": list(self.notes),
-            "simulated": self.simulated,
-            "verdict": self.verdict.to_dict(),
-            "origin": None if self.origin is None else self.origin.to_dict(),
-            "region": None if self.region is None else self.region.to_dict(),
-            "conformity": None if self.conformity is None else self.conformity.to_dict(),
-        }
+    CONTENT = " ".join(
+        (*MODELS, *PARTS, "percentiles largest_covers orientation intervals relative flange verified coverage excluded")
+    )
+    CONTENT += " notes simulated verdict origin region conformity"
 
     def to_frame(self) -> pd.DataFrame:
         """A row a point: pose, group, target, nominal_mm, calibrated_mm; degrees where orientations were measured."""

@@ -78,10 +78,14 @@ class Compliance(Locked):
         return float(np.ptp(self.per_newton @ self.direction) / 2)
 
     @property
-    def largest(self) -> tuple[float, float]:
-        """Largest force (N) and the mean displacement along it (m)."""
-        most = float(self.force.max())
-        return most, float((self.displacement[self.force == most] @ self.direction).mean())
+    def largest_force(self) -> float:
+        """Newtons."""
+        return float(self.force.max())
+
+    @property
+    def displacement_at_largest(self) -> float:
+        """Along the largest force, mean of its readings, metres."""
+        return float((self.displacement[self.force == self.largest_force] @ self.direction).mean())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,36 +105,12 @@ class StaticCompliance(Result):
     directions: dict[str, Compliance]
     simulated: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON: ``frame``, ``directions`` (as `to_frame`), ``simulated``."""
-        return {
-            "frame": self.frame,
-            "directions": self.to_frame().to_dict("records"),
-            "simulated": self.simulated,
-        }
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each direction.
-
-        ``direction``, ``cycles``, ``along_mm_per_n`` with half its range over the cycles, ``across_mm_per_n``,
-        ``largest_n`` and the displacement along it.
-        """
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
-                {
-                    "direction": name,
-                    "cycles": len(c.per_newton),
-                    "along_mm_per_n": c.along / MM,
-                    "half_range_mm_per_n": c.spread / MM,
-                    "across_mm_per_n": c.across / MM,
-                    "largest_n": c.largest[0],
-                    "displacement_mm": c.largest[1] / MM,
-                }
-                for name, c in self.directions.items()
-            ]
-        )
+    CONTENT = "frame directions=to_frame simulated"
+    ROWS = "directions"
+    COLUMNS = (
+        "direction cycles=per_newton.__len__ along_mm_per_n half_range_mm_per_n=spread across_mm_per_n "
+        "largest_n=largest_force displacement_mm=displacement_at_largest"
+    )
 
     def report(self) -> Sequence[Paragraph]:
         """The softest direction, and the compliance direction by direction."""
@@ -219,16 +199,14 @@ class Iso9283(Result):
         """What each of the tests has to say."""
         return [line for check in self._made() for line in check.report()]
 
+    CONTENT = "poses stabilisation path posing compliance"
+
     def to_dict(self) -> dict[str, Any]:
         """``poses``, ``stabilisation``, ``path``, ``posing`` and ``compliance``; None for what was not made."""
-        settled = None if self.stabilisation is None else self.stabilisation.to_dict()
-        return {
-            "poses": None if self.poses is None else self.poses.to_dict(),
-            "stabilisation": None if settled is None else {k: v for k, v in settled.items() if k != "check"},
-            "path": None if self.path is None else self.path.to_dict(),
-            "posing": None if self.posing is None else self.posing.to_dict(),
-            "compliance": None if self.compliance is None else self.compliance.to_dict(),
-        }
+        content = super().to_dict()
+        if content["stabilisation"] is not None:
+            del content["stabilisation"]["check"]
+        return content
 
     def to_frame(self) -> pd.DataFrame:
         """The table of the first test that was made, in the order of the attributes."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, Locked
+from irbcal.arrays import FloatArray, Locked, plain
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, folder_of
 from irbcal.io.schema import Record
@@ -20,6 +20,7 @@ from irbcal.measurement.table import shared_table
 from irbcal.names import check_names, fault_of
 from irbcal.options import shown
 from irbcal.reading import read_bytes
+from irbcal.summary import values
 from irbcal.units import DEG, MM
 from irbcal.validation.cleaned_points import CleanedPoints
 
@@ -122,14 +123,9 @@ class Origin(Locked):
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
-        return {
-            "robot": self.robot,
-            "info": dict(self.info),
-            "calibrated": self.calibrated,
-            "fingerprint": self.fingerprint,
-            "files": [vars(file) for file in self.files],
-            "poses": {"judged": len(self.joints), "never_seen": self.unseen, "counted_out": self.counted_out},
-        }
+        poses = {"judged": len(self.joints), "never_seen": self.unseen, "counted_out": self.counted_out}
+        out: dict[str, Any] = plain(values(self, "robot info calibrated fingerprint files") | {"poses": poses})
+        return out
 
 
 def origin(

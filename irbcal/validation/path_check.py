@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, Locked
+from irbcal.arrays import FloatArray, IntArray, Locked, plain
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.plotting.charts import DASHED, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
-from irbcal.summary import Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Paragraph, Result, Table, rows, simulated_mark, values
 from irbcal.units import DEG, MM
 from irbcal.validation.pose_check import NO_ORIENTATION
 from irbcal.validation.pose_criteria import ANGLES
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 from irbcal.validation.pose_criteria import small_angles
 
 CENTRAL = (0.25, 0.75)
@@ -370,6 +370,10 @@ def _overshoot(path: FloatArray, corner: FloatArray, first: FloatArray, second: 
     return float(np.linalg.norm(beside[beyond], axis=1).max(initial=0.0))
 
 
+VELOCITY = "commanded_mm_s mean_mm_s=mean.mean AV_percent RV_percent FV_mm_s means_mm_s=mean"
+"""What is printed of velocities."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PathCheck(Result):
     """Accuracy, repeatability, velocity and corners of sampled paths.
@@ -398,53 +402,30 @@ class PathCheck(Result):
     corners: tuple[Corner, ...] = ()
     simulated: bool = False
 
+    CONTENT = "AT_mm=errors.AT RT_mm=errors.RT planes=errors.planes.__len__ planes_of cycles"
+    COLUMNS = "along_mm mean_error_mm repeatability_mm=errors.repeatability"
+
+    @property
+    def mean_error(self) -> FloatArray:
+        """Distance of the mean path from the commanded one on each plane, shape (m,), metres."""
+        return np.linalg.norm(self.errors.mean, axis=1)
+
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON, mm, degrees and seconds.
+        """As the command prints it as JSON, millimetres.
 
         ``AT_mm``, ``RT_mm``, ``planes``, ``planes_of``, ``cycles``; with orientations ``AT_a_deg`` to ``RT_c_deg``;
         ``velocity`` (``AV_percent``, ``RV_percent``, ``FV_mm_s``, means of the cycles; None without times); ``corners``
         (``CR_mm``, ``CO_mm``, ``way_mm``, ``turn_deg`` each); ``along_mm``, ``mean_error_mm`` and ``repeatability_mm``
         plane by plane; ``simulated``.
         """
-        e = self.errors
-        out: dict[str, Any] = {
-            "AT_mm": e.AT / MM,
-            "RT_mm": e.RT / MM,
-            "planes": len(e.planes),
-            "planes_of": self.planes_of,
-            "cycles": self.cycles,
-        }
+        e, out = self.errors, super().to_dict()
         if e.mean_angles is not None and e.angle_repeatability is not None:
             for k, a in enumerate(ANGLES):
                 out[f"AT_{a}_deg"] = float(np.abs(e.mean_angles[:, k]).max() / DEG)
                 out[f"RT_{a}_deg"] = float(e.angle_repeatability[:, k].max() / DEG)
-        out["velocity"] = None if self.velocity is None else _velocity_dict(self.velocity)
-        out["corners"] = [
-            {
-                "way_mm": c.way / MM,
-                "turn_deg": c.turn / DEG,
-                "CR_mm": c.CR / MM,
-                "CO_mm": c.CO / MM,
-                "round_off_mm": (c.round_off / MM).tolist(),
-                "overshoot_mm": (c.overshoot / MM).tolist(),
-            }
-            for c in self.corners
-        ]
-        columns = {name: column.tolist() for name, column in self._columns().items()}
-        return out | columns | {"simulated": self.simulated}
-
-    def _columns(self) -> dict[str, FloatArray]:
-        return {
-            "along_mm": self.along / MM,
-            "mean_error_mm": np.linalg.norm(self.errors.mean, axis=1) / MM,
-            "repeatability_mm": self.errors.repeatability / MM,
-        }
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each plane: ``along_mm``, ``mean_error_mm``, ``repeatability_mm``."""
-        import pandas as pd
-
-        return pd.DataFrame(self._columns())
+        out["velocity"] = None if self.velocity is None else plain(values(self.velocity, VELOCITY))
+        out["corners"] = plain(rows(self.corners, "way_mm turn_deg CR_mm CO_mm round_off_mm overshoot_mm"))
+        return out | plain(values(self, f"{self.COLUMNS} simulated"))
 
     def report(self) -> Sequence[Paragraph]:
         """AT and RT, of orientations too where they were measured; velocities and corners."""
@@ -471,7 +452,7 @@ class PathCheck(Result):
     def plot(self) -> Chart:
         """Path accuracy and repeatability on the planes along the path."""
         along, errors = self.along / MM, self.errors
-        mean, spread = np.linalg.norm(errors.mean, axis=1) / MM, errors.repeatability / MM
+        mean, spread = self.mean_error / MM, errors.repeatability / MM
         drawing = Drawing("Path accuracy and repeatability", TALL, WIDE)
         panel = Panel(
             drawing, span(along), (0.0, axis_top(mean, spread)), "way on the commanded path (mm)", "distance (mm)"
@@ -488,17 +469,6 @@ class PathCheck(Result):
             legend.append(("soft", "--", "corners"))
         caption = "Path accuracy and repeatability on the planes along the path"
         return Chart("path", caption, [drawing], legend).marked(self.simulated)
-
-
-def _velocity_dict(v: PathVelocity) -> dict[str, Any]:
-    return {
-        "commanded_mm_s": None if v.commanded is None else v.commanded / MM,
-        "mean_mm_s": float(v.mean.mean() / MM),
-        "AV_percent": None if v.AV is None else 100 * v.AV,
-        "RV_percent": None if v.RV is None else 100 * v.RV,
-        "FV_mm_s": v.FV / MM,
-        "means_mm_s": (v.mean / MM).tolist(),
-    }
 
 
 def path_accuracy(

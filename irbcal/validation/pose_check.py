@@ -9,13 +9,13 @@ column ``group``, rows of ``iso9283`` are the cycles of pose accuracy and repeat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, plain
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
@@ -505,19 +505,7 @@ class PoseCheck(Result):
         values = poses.get("P1") or next(iter(poses.values()), None)
         return None if values is None or values["RP_mm"] is None else values["RP_mm"] * MM
 
-    def to_dict(self) -> dict[str, Any]:
-        """The fields by their names, in mm and degrees."""
-        models = {
-            name: {field.name: plain(getattr(model, field.name)) for field in fields(model)}
-            for name, model in self.models.items()
-        }
-        return {
-            "subject": self.subject,
-            "models": models,
-            "excluded": [vars(point) for point in self.excluded],
-            "notes": list(self.notes),
-            "simulated": self.simulated,
-        }
+    CONTENT = "subject models excluded notes simulated"
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each model and pose: ``model``, ``pose`` and its criteria."""

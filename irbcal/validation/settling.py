@@ -30,8 +30,8 @@ from irbcal.plotting.charts import (
     axis_top,
     span,
 )
-from irbcal.summary import Paragraph, Result, Table, simulated_mark
-from irbcal.units import DEG, MM
+from irbcal.summary import Paragraph, Result, Table, simulated_mark, values
+from irbcal.units import MM
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -177,31 +177,20 @@ class Settling(Result):
         overshoots = [run.overshoot for run in self.runs.values() if np.isfinite(run.overshoot)]
         return max(overshoots) if overshoots else None
 
+    CONTENT = "band_mm after_s=rest PSt_s=time overshoot_mm runs=by_run simulated"
+
+    def by_run(self) -> dict[str, Any]:
+        """Of each run times and overshoot, None for what never was, and its distances over time."""
+        names = "PSt_s=time first_entry_s=first_entry settled_s=settled overshoot_mm time_s=instant distance_mm"
+        return {name: values(run, names) for name, run in self.runs.items()}
+
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON, mm and seconds.
+        """As the command prints it as JSON, millimetres.
 
         ``check``, ``band_mm``, ``after_s``, ``PSt_s`` (mean), ``overshoot_mm`` (largest), and of each of ``runs``
         these, the instants of entering the band, and the distances over time; None for what never was; ``simulated``.
         """
-        return {
-            "check": "settle",
-            "band_mm": self.band / MM,
-            "after_s": self.rest,
-            "PSt_s": self.time,
-            "overshoot_mm": None if self.overshoot is None else self.overshoot / MM,
-            "runs": {
-                name: {
-                    "PSt_s": plain(run.time),
-                    "first_entry_s": plain(run.first_entry),
-                    "settled_s": plain(run.settled),
-                    "overshoot_mm": plain(run.overshoot / MM),
-                    "time_s": run.instant.tolist(),
-                    "distance_mm": (run.distance / MM).tolist(),
-                }
-                for name, run in self.runs.items()
-            },
-            "simulated": self.simulated,
-        }
+        return {"check": "settle", **super().to_dict()}
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each reading: ``run``, ``time_s``, ``distance_mm`` from the final position."""
@@ -351,29 +340,12 @@ class PosingTimes(Result):
     moves: dict[str, PosedMove]
     simulated: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON: ``band_mm``, ``moves`` (as `to_frame`), ``simulated``."""
-        rows = plain(self.to_frame().to_dict("records"))
-        return {"band_mm": self.band / MM, "moves": rows, "simulated": self.simulated}
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each move: ``move``, ``distance_mm``, ``angle_deg``, ``cycles``, ``time_s`` (mean) and its ends."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
-                {
-                    "move": name,
-                    "distance_mm": float(m.distance.mean() / MM),
-                    "angle_deg": np.nan if m.angle is None else float(m.angle.mean() / DEG),
-                    "cycles": len(m.times),
-                    "time_s": float(m.times.mean()),
-                    "shortest_s": float(m.times.min()),
-                    "longest_s": float(m.times.max()),
-                }
-                for name, m in self.moves.items()
-            ]
-        )
+    CONTENT = "band_mm moves=to_frame simulated"
+    ROWS = "moves"
+    COLUMNS = (
+        "move distance_mm=distance.mean angle_deg=angle.mean cycles=times.__len__ time_s=times.mean "
+        "shortest_s=times.min longest_s=times.max"
+    )
 
     def report(self) -> Sequence[Paragraph]:
         """The shortest and the longest posing time, and those move by move."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import FloatArray, NameArray, plain
 from irbcal.chance import normal_quantile
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
@@ -19,7 +19,7 @@ from irbcal.measurement.statistics import statistics
 from irbcal.options import length as metres
 from irbcal.options import number
 from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span
-from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.summary import Cell, Paragraph, Result, Table, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability
 from irbcal.validation.settling import REST, Settling, settle
@@ -61,35 +61,28 @@ class ScaleBar(Result):
         """Positions of the bar in the order of measurement."""
         return distinct(self.position)
 
+    @property
+    def per_position(self) -> dict[str, dict[str, int | float]]:
+        """Statistics of the signed errors at each position of the bar, mm."""
+        return {name: _signed(self.at(name)) for name in self.positions()}
+
+    CONTENT = "length_mm per_position position error_mm"
+    COLUMNS = "position error_mm"
+
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON, mm.
+        """As the command prints it as JSON, millimetres.
 
-        ``check``, ``length_mm``; ``n``, ``mean_mm`` and ``sigma_mm`` of the signed errors, ``max_abs_mm``,
-        ``rms_mm``; the same ``per_position``; ``position`` and ``error_mm`` in the order of the file.
+        ``check``, ``length_mm``; of the signed errors ``n``, ``mean_mm``, ``sigma_mm``, ``max_abs_mm``, ``rms_mm``,
+        the same ``per_position``; ``position`` and ``error_mm`` in the order of the file.
         """
-        return {
-            "check": "bar",
-            "length_mm": self.length / MM,
-            **_signed(self.error),
-            "per_position": {name: _signed(self.at(name)) for name in self.positions()},
-            "position": [str(name) for name in self.position],
-            "error_mm": (self.error / MM).tolist(),
-        }
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each distance: ``position``, ``error_mm``."""
-        import pandas as pd
-
-        return pd.DataFrame({"position": self.position, "error_mm": self.error / MM})
+        return {"check": "bar", **_signed(self.error), **super().to_dict()}
 
     def report(self) -> Sequence[Paragraph]:
         """Statistics of all distances, and position by position."""
-        sets = {"all": self.error}
-        if len(self.positions()) > 1:
-            sets |= {name: self.at(name) for name in self.positions()}
-        rows = tuple((name, *_signed(errors).values()) for name, errors in sets.items())
+        all_of, apart = _signed(self.error), self.per_position
+        sets = {"all": all_of, **(apart if len(apart) > 1 else {})}
+        rows = tuple((name, *errors.values()) for name, errors in sets.items())
         title = f"Distance errors of the scale bar of {self.length / MM:.10g} mm, mm"
-        all_of = _signed(self.error)
         sentence = (
             f"{all_of['n']} distances of a scale bar: errors of {all_of['mean_mm']:+.4f} mm on average, "
             f"{all_of['max_abs_mm']:.4f} mm at most."
@@ -206,31 +199,18 @@ class PointRepeatability(Result):
         """STATS of the distances of one point, mm (Table A III-2); ``mean_plus_3sigma_mm`` is RP of ISO 9283."""
         return statistics(self.error[self.position == position]) or {}
 
+    @property
+    def per_position(self) -> dict[str, dict[str, Any]]:
+        """Mean ``x_mm``, ``y_mm``, ``z_mm`` (Table A III-1) and STATS of the distances of each point, mm."""
+        places = {name: self.xyz[self.position == name].mean(axis=0) / MM for name in self.positions()}
+        return {name: dict(zip(POSITION, xyz, strict=True)) | self.statistics(name) for name, xyz in places.items()}
+
+    CONTENT = "per_position position error_mm lost"
+    COLUMNS = "position x_mm,y_mm,z_mm=xyz error_mm"
+
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON, mm.
-
-        ``check``; ``per_position``: ``x_mm``, ``y_mm``, ``z_mm`` of the mean (Table A III-1) and STATS of the
-        distances; ``position`` and ``error_mm`` in the order of the file; ``lost``.
-        """
-        per_position = {}
-        for name in self.positions():
-            middle = self.xyz[self.position == name].mean(axis=0) / MM
-            per_position[name] = {**dict(zip(POSITION, middle.tolist(), strict=True)), **self.statistics(name)}
-        return {
-            "check": "repeat",
-            "per_position": per_position,
-            "position": [str(name) for name in self.position],
-            "error_mm": (self.error / MM).tolist(),
-            "lost": self.lost,
-        }
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each reading: ``position``, ``x_mm``, ``y_mm``, ``z_mm``, ``error_mm``."""
-        import pandas as pd
-
-        table = pd.DataFrame(self.xyz / MM, columns=POSITION)
-        table.insert(0, "position", self.position)
-        return table.assign(error_mm=self.error / MM)
+        """``check``, ``per_position``; ``position`` and ``error_mm`` in the order of the file; ``lost``."""
+        return {"check": "repeat", **super().to_dict()}
 
     def report(self) -> Sequence[Paragraph]:
         """Statistics point by point."""
@@ -307,10 +287,6 @@ class Correlation:
     n_eff: float
     interval: tuple[float, float] | None
     told: bool
-
-    def to_dict(self) -> dict[str, Any]:
-        """The same by name."""
-        return {**vars(self), "interval": None if self.interval is None else list(self.interval)}
 
 
 def correlation(first: FloatArray, second: FloatArray, level: float = 0.95) -> Correlation:
@@ -403,49 +379,37 @@ class PointDrift(Result):
         """From the first reading to the last."""
         return float(self.time[-1] / HOUR)
 
+    CONTENT = "hours mean_position_mm lost"
+    COLUMNS = "hours=elapsed error_mm dx_mm,dy_mm,dz_mm=offset"
+
+    @property
+    def elapsed(self) -> FloatArray:
+        """Hours from the first reading, shape (n,)."""
+        return self.time / HOUR
+
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON, mm.
+        """As the command prints it as JSON, millimetres.
 
         ``check``; STATS of the distances from the mean; ``hours``; ``rate_mm_per_hour`` (least-squares trend of x, y
         and z, and its size); ``correlation``: for each column of the air its range and, if it varies, for ``error``,
         ``x``, ``y`` and ``z`` what `irbcal.validation.tracker_check.Correlation` holds; the series for drawing.
         """
         rate = self._rate()
-        return {
-            "check": "drift",
-            **(statistics(self.error) or {}),
-            "hours": self.hours,
-            "mean_position_mm": (self.mean_position / MM).tolist(),
-            "rate_mm_per_hour": {
-                **dict(zip(AXES, rate.tolist(), strict=True)),
-                "total": float(np.linalg.norm(rate)),
-            },
-            "correlation": {
-                name: {
-                    "low": float(np.nanmin(values)),
-                    "high": float(np.nanmax(values)),
-                    **{key: value.to_dict() for key, value in self.correlation[name].items()},
-                }
-                for name, values in self.air.items()
-            },
-            "lost": self.lost,
-            "series": {
-                "hours": (self.time / HOUR).tolist(),
-                "error_mm": (self.error / MM).tolist(),
-                "offset_mm": (self.offset / MM).tolist(),
-                "air": {name: [v if v == v else None for v in values.tolist()] for name, values in self.air.items()},
-            },
+        series = values(self, "hours=elapsed error_mm offset_mm air")
+        air = {
+            name: {"low": np.nanmin(readings), "high": np.nanmax(readings), **self.correlation[name]}
+            for name, readings in self.air.items()
         }
+        rates = dict(zip((*AXES, "total"), (*rate, np.linalg.norm(rate)), strict=True))
+        told = plain({"rate_mm_per_hour": rates, "correlation": air, "series": series})
+        return {"check": "drift", **(statistics(self.error) or {}), **super().to_dict(), **told}
 
     def _rate(self) -> FloatArray:
         return self.rate * HOUR / MM
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each reading: ``hours``, ``error_mm``, ``dx_mm``, ``dy_mm``, ``dz_mm`` and the air."""
-        import pandas as pd
-
-        offset = {f"d{axis}_mm": self.offset[:, k] / MM for k, axis in enumerate(AXES)}
-        return pd.DataFrame({"hours": self.time / HOUR, "error_mm": self.error / MM, **offset, **self.air})
+        return super().to_frame().assign(**self.air)
 
     def report(self) -> Sequence[Paragraph]:
         """Errors, trend, and correlation with the air."""
@@ -478,9 +442,9 @@ class PointDrift(Result):
         top = axis_top(self.error / UM)
         Panel(error, span(hours), (0.0, top), "time (h)", "error (µm)").dots(hours, self.error / UM, "measured", 2.5)
         drawings = [error]
-        for name, values in self.air.items():
+        for name, air in self.air.items():
             drawing = Drawing(UNITS[name], 0.65 * TALL, WIDE)
-            Panel(drawing, span(hours), span(values), "time (h)", UNITS[name]).line(hours, values, "accent", 1.0)
+            Panel(drawing, span(hours), span(air), "time (h)", UNITS[name]).line(hours, air, "accent", 1.0)
             drawings.append(drawing)
         return Chart("drift", "Error and air over time", drawings, columns=1)
 

@@ -51,15 +51,7 @@ class Verdict(Result):
     def __bool__(self) -> bool:
         return self.trusted
 
-    def to_dict(self) -> dict[str, object]:
-        """What ``--json`` prints."""
-        return {
-            "outcome": self.outcome,
-            "words": self.words,
-            "left_out": self.left_out,
-            "trusted": self.trusted,
-            "doubts": list(self.doubts),
-        }
+    CONTENT = "outcome words left_out trusted doubts"
 
     def report(self) -> Sequence[Paragraph]:
         """The words, and what speaks against it."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from irbcal.arrays import plain
 from irbcal.correction.filter import fingerprint_of
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import calibration_folder, signature
@@ -35,8 +36,9 @@ class Answer(Result):
         return bool(next(iter(vars(self).values())))
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``irbcal verify --json`` prints."""
-        return vars(self).copy()
+        """The fields by their names."""
+        content: dict[str, Any] = plain(vars(self))
+        return content
 
     def report(self) -> Sequence[Paragraph]:
         """One sentence."""
