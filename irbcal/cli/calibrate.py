@@ -1,4 +1,4 @@
-"""``irbcal calibrate``: identify, validate, export."""
+"""The main job and its worth: ``irbcal calibrate``, ``demo``, ``evaluate``, ``compare``, ``report``, ``view``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,23 @@ from typing import Annotated, Any, Literal
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.shared_options import FailIfWorse, Json, Verbose
-from irbcal.cli.signature import NAMES, PLACE, Typed, command, path_to_write, public
+from irbcal.cli.signature import (
+    MM,
+    NAMES,
+    PLACE,
+    FailIfWorse,
+    Json,
+    Typed,
+    Verbose,
+    command,
+    numbers,
+    path_to_write,
+    public,
+)
+from irbcal.errors import IrbcalError
+from irbcal.identification.choices import Model
+from irbcal.io import robots
+from irbcal.units import MM as MM_PER_M
 
 STEPS = 6
 
@@ -79,3 +94,203 @@ def run(
         show.tell(calibration.proof() if verbose else calibration.report())
         show.say(f"Written to {out}: {', '.join(FILES)}")
     show.fail(calibration.verdict, fail_if_worse)
+
+
+OWN = Path("irbcal-demo")
+"""Where the demonstration writes unless told otherwise, and replaces its own work."""
+MEASURED = "demo_identification.csv"
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = OWN,
+    model: Annotated[Model, typer.Option(help="Level of the error model (thesis, section 5.4).")] = "34",
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force", help=f"Replace a calibration that is in --out already (a demonstration in {OWN} always is)."
+        ),
+    ] = False,
+    verbose: Verbose = False,
+    json: Json = False,
+) -> None:
+    """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""
+    if not json:
+        show.say("Demonstration on SIMULATED measurements of an IRB 1600 that errs like the one of the thesis.")
+    options = {
+        "measurements": robots.demo_file(MEASURED),
+        "robot": "irb1600",
+        "model": model,
+        "verify": robots.demo_file("demo_verification.csv"),
+    }
+    run(options, out, json, force or (out == OWN and _from_a_demonstration(out)), verbose)
+    if not json:
+        show.say(
+            f"\nOpen {out / 'report.html'}. Next, SIMULATED examples for every command, with the lines that try them:"
+        )
+        show.say(f"  {show.this_command()} samples try-irbcal", whole=True)
+
+
+def _from_a_demonstration(folder: Path) -> bool:
+    """Whether the calibration in a folder, if there is one, is of the demonstration's measurements."""
+    from irbcal.io.calibration_folder import read
+
+    if not (folder / "calibration.json").exists():
+        return True
+    try:
+        record = read(folder).record
+    except IrbcalError:
+        return False
+    return record.simulated and bool(record.data) and Path(record.data[0].file).name == MEASURED
+
+
+def _pairs(texts: list[str], option: str) -> dict[str, str]:
+    """Names and values of texts ``key=value``."""
+    out: dict[str, str] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise typer.BadParameter(f"expected key=value, found {text!r}", param_hint=option)
+        if key in out:
+            raise typer.BadParameter(f"{key} is told twice", param_hint=option)
+        out[key] = value
+    return out
+
+
+def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
+    points = [tuple(name.strip().rsplit("/", 1)) for name in text.split(",")]
+    if len(set(points)) != 3 or len(points) != 3 or any(len(name) != 2 for name in points):
+        raise typer.BadParameter(f"expected three different points as POSE/TARGET, found {text!r}", param_hint=option)
+    return points
+
+
+def _joints(text: str, option: str) -> list[int]:
+    try:
+        return [int(joint) for joint in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"expected numbers of joints such as 3,5, found {text!r}", param_hint=option) from None
+
+
+@command(
+    "evaluate",
+    arguments=("calibration", "measurements"),
+    typed={
+        "sphere": numbers("X,Y,Z,DIAMETER", 4, units=[MM_PER_M]),
+        "tolerance": MM,
+        "tracker_u95": MM,
+        "info": Typed(list[str], "KEY=VALUE", _pairs),
+        "refit_zeros": Typed(str, "JOINT,JOINT,…", _joints),
+        "frame_points": Typed(str, "POSE/TARGET,…", _frame_points),
+    },
+    flags={"tracker_u95": "--tracker-u95-mm"},
+    panels={
+        "Everyday": ("tolerance", "report", "intervals", "refit_base", "refit_tool", "refit_zeros", "verbose", "json"),
+        "Measurements": ("payload", "same_tool", "include_fitted", "sphere", "tracker_u95"),
+        "Certificate": ("info", "figures", "data", "rule", "region_only"),
+    },
+)
+def evaluate(
+    options: dict[str, Any],
+    report: Annotated[Path | None, typer.Option(help="Write a certificate to print and sign (HTML, A4).")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for the certificate's figures (PNG).")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).")] = None,
+    fail_if_worse: FailIfWorse = False,
+    verbose: Verbose = False,
+    json: Json = False,
+) -> None:
+    """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
+    if report is None and (figures or data):
+        raise typer.BadParameter(
+            "only a certificate has them: name its page with --report", param_hint="--figures, --data"
+        )
+    result = public("evaluate")(**options)
+    written = {} if report is None else public("certificate")(result, report, figures=figures, data=data)
+    if json:
+        show.print_json(
+            result.to_dict() | {"written": [str(path / name) for path in written for name in written[path]]}
+        )
+    else:
+        show.tell(result.report(verbose))
+        for folder, files in written.items():
+            show.say(f"Written to {folder}: {', '.join(files)}")
+    if result.conformity is not None and not result.conformity:
+        raise typer.Exit(show.NOT_TRUSTED)
+    show.fail(result.verdict, fail_if_worse)
+
+
+@command(
+    "compare",
+    arguments=("calibrations",),
+    typed={"calibrations": Typed(list[Path], "PATH")},
+    texts={"calibrations": "Two or more calibration folders."},
+)
+def compare(
+    options: dict[str, Any],
+    csv: Annotated[Path | None, typer.Option(help="Write the errors pose by pose (CSV).")] = None,
+    latex: Annotated[Path | None, typer.Option(help="Write the table for LaTeX.")] = None,
+    plots: Annotated[Path | None, typer.Option(help="Folder for figures (PNG).")] = None,
+    json: Json = False,
+) -> None:
+    """Compare calibrations of one robot pose by pose: which is better, and whether that is beyond chance."""
+    from irbcal.atomic import made_folders, write_set
+    from irbcal.names import csv_bytes
+
+    with made_folders(*(path for path in (plots, *(file.parent for file in (csv, latex) if file)) if path)):
+        result = public("compare")(**options)
+        written: dict[Path, bytes] = {}
+        if csv is not None:
+            written[csv] = csv_bytes(result.to_frame(), float_format="%.6f")
+        if latex is not None:
+            written[latex] = result.latex().encode()
+        if plots is not None:
+            written |= {plots / f"{name}.png": chart.content("png") for name, chart in result.plots().items()}
+        write_set(written)
+    if json:
+        show.print_json(result.to_dict() | {"written": [str(path) for path in written]})
+        return
+    show.tell(result.report())
+    if written:
+        show.say(f"Written: {', '.join(str(path) for path in written)}")
+
+
+@command("report", arguments=("calibration",))
+def report(options: dict[str, Any], json: Json = False) -> None:
+    """Write report.html again from calibration.json; its figures (PNG, SVG) and data (CSV) on request."""
+    with show.progress(3, quiet=json) as step:
+        folders = public("report")(**options, progress=step)
+    signature = public("verify")(options["calibration"]).signature
+    if json:
+        written = [str(folder / name) for folder, names in folders.items() for name in names]
+        simulated = public("load")(options["calibration"]).record.simulated
+        show.print_json(
+            {"out": str(options["calibration"]), "simulated": simulated, "written": written, "signature": signature}
+        )
+        return
+    for folder, names in folders.items():
+        show.say(f"Written to {folder}: {', '.join(names)}")
+    if signature == "stale":
+        show.say("The signature is of the earlier page: irbcal sign")
+
+
+@command(
+    "view",
+    arguments=("source", "measurements"),
+    typed={"source": Typed(str, None), "package_dir": Typed(list[Path], "FOLDER")},
+    without=("cube",),
+)
+def view(
+    options: dict[str, Any],
+    html: Annotated[Path | None, typer.Option(help="Write one self-contained page in place of serving it.")] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Port on 127.0.0.1: 8160 or a free one unless given.")
+    ] = None,
+    open_browser: Annotated[bool, typer.Option("--open", help="Open a browser.")] = False,
+) -> None:
+    """Look at the robot, measured and modelled points and magnified errors, pose by pose (served on 127.0.0.1 only)."""
+    if html is not None and port is not None:
+        raise typer.BadParameter("--html writes a page, it is not served: leave one of them out", param_hint="--port")
+    result = public("view")(**options)
+    show.tell(result.report())
+    if html is None:
+        result.serve(port, open_browser, show.say)
+    else:
+        show.say(f"Written to {result.save(html)}")

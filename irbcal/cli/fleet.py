@@ -8,9 +8,7 @@ from typing import Any
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.guarded import Guarded
-from irbcal.cli.shared_options import Json
-from irbcal.cli.signature import Typed, command, path_to_write, public
+from irbcal.cli.signature import Guarded, Json, Typed, command, for_typer, path_to_write, public
 
 FAILED = 3
 """Exit code of a run in which robots failed."""
@@ -23,7 +21,6 @@ app = typer.Typer(
 )
 
 
-@app.command("calibrate", cls=Guarded)
 @command(
     "fleet_calibrate",
     arguments=("manifest",),
@@ -42,7 +39,6 @@ def calibrate(options: dict[str, Any], json: Json = False) -> None:
         raise typer.Exit(FAILED)
 
 
-@app.command("add", cls=Guarded)
 @command("fleet_add", arguments=("calibrations",), typed={"calibrations": Typed(list[Path], "PATH"), "store": STORE})
 def add(options: dict[str, Any], json: Json = False) -> None:
     """Add calibrations to a store, each whole or not at all, and once."""
@@ -51,21 +47,18 @@ def add(options: dict[str, Any], json: Json = False) -> None:
     show.result(result, json)
 
 
-@app.command("list", cls=Guarded)
 @command("fleet_list", typed={"store": STORE})
 def list_(options: dict[str, Any], json: Json = False) -> None:
     """All robots of a store, what changed in their last calibration, and which stand out of their type."""
     show.result(public("fleet_list")(**options), json)
 
 
-@app.command("drift", cls=Guarded)
 @command("fleet_drift", arguments=("robot",), typed={"store": STORE})
 def drift(options: dict[str, Any], json: Json = False) -> None:
     """What changed in a robot between its calibrations by more than their uncertainty."""
     show.result(public("fleet_drift")(**options), json)
 
 
-@app.command("prior", cls=Guarded)
 @command("fleet_prior", typed={"store": STORE, "out": WRITTEN})
 def prior(options: dict[str, Any], json: Json = False) -> None:
     """Write what to expect of a robot from its calibrated sisters, for irbcal calibrate --prior: fewer poses do."""
@@ -74,9 +67,12 @@ def prior(options: dict[str, Any], json: Json = False) -> None:
     show.result(result, json)
 
 
-@app.command("export", cls=Guarded)
 @command("fleet_export", typed={"store": STORE, "out": WRITTEN})
 def export(options: dict[str, Any]) -> None:
     """Write a table of a store as CSV or Parquet."""
     rows = public("fleet_export")(**options)
     show.say(f"{rows} rows written to {options['out']}")
+
+
+for function in (calibrate, add, list_, drift, prior, export):
+    app.command(function.__name__.rstrip("_"), cls=Guarded)(for_typer(function))

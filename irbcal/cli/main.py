@@ -1,4 +1,4 @@
-"""The ``irbcal`` command: its subcommands, each in a file of its own that is loaded when it is called."""
+"""The ``irbcal`` command: its subcommands, in files that are loaded when one of theirs is called."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterable
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -37,12 +38,18 @@ PANELS = {
 }
 """Commands in the groups of the list."""
 COMMANDS = tuple(name for names in PANELS.values() for name in names)
-ELSEWHERE = {
-    "import": ("import_", "import_files"),
-    "filter": ("filter", "filter_program"),
-    "hand-eye": ("hand_eye", "hand_eye"),
+FILES = {
+    "calibrate": ("demo", "calibrate", "evaluate", "compare", "view", "report"),
+    "measurements": ("import", "corners", "hand-eye"),
+    "programs": ("filter", "cell"),
+    "prepare": ("robots", "urdf", "plan", "simulate", "samples"),
+    "use": ("fk", "ik", "export", "stream", "verify", "sign"),
+    "validate": ("joints", "circles", "controller", "iso9283", "tracker", "ballbar"),
 }
-"""Module and function of commands that are not the function of their name in the module of their name."""
+"""Modules of commands; any other has one of its name."""
+MODULES = {name: module for module, names in FILES.items() for name in names}
+FUNCTIONS = {"import": "import_files", "filter": "filter_program", "hand-eye": "hand_eye"}
+"""Functions of commands that have another name."""
 GROUPS = {"fleet"}
 """Names that have commands of their own behind them: their module has a Typer ``app``."""
 SHELLS = ("bash", "zsh", "fish", "powershell", "pwsh")
@@ -116,7 +123,7 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
     summary : bool
         Only what the list of commands says of each.
     """
-    from irbcal.cli.guarded import Guarded
+    from irbcal.cli.signature import Guarded
 
     app = typer.Typer(
         name=NAME,
@@ -142,17 +149,22 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
 
 def _summary(name: str) -> str:
     """What a command says of itself first, from its file as text: the list of commands loads none of them."""
-    module, function = ELSEWHERE.get(name, (name, name))
-    tree = ast.parse(Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8"))
+    tree = _tree(MODULES.get(name, name))
     functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-    text = ast.get_docstring(functions[function]) if name not in GROUPS else ast.get_docstring(tree)
+    text = ast.get_docstring(functions[FUNCTIONS.get(name, name)]) if name not in GROUPS else ast.get_docstring(tree)
     return " ".join(str(text).partition("\n\n")[0].split())
 
 
+@cache
+def _tree(module: str) -> ast.Module:
+    return ast.parse(Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8"))
+
+
 def _function(name: str) -> Any:
-    """The function of a command."""
-    module, function = ELSEWHERE.get(name, (name, name))
-    return getattr(import_module(f"irbcal.cli.{module}"), function)
+    """The function of a command, as typer takes it."""
+    from irbcal.cli.signature import for_typer
+
+    return for_typer(getattr(import_module(f"irbcal.cli.{MODULES.get(name, name)}"), FUNCTIONS.get(name, name)))
 
 
 def _listed() -> None:

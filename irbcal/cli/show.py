@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from irbcal.literals import terminal
+from irbcal.names import without_formulas
 from irbcal.summary import Paragraph, Table, print_table
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console
 
     from irbcal.validation.verdict import Verdict
 
 
-FAIL_IF_WORSE = "End with exit code 3 unless the verdict is better than the nominal robot, and trusted."
-VERBOSE = "Print all: errors of each target, term sets, combinations that are held, points left out, notes."
 NOT_TRUSTED = 3
 """Exit code on request."""
 
@@ -39,6 +39,15 @@ def print_json(value: Any) -> None:
     """One JSON document on stdout."""
     json.dump(value, sys.stdout, indent=1, allow_nan=False)
     sys.stdout.write("\n")
+
+
+def print_rows(frame: pd.DataFrame, as_json: bool) -> None:
+    """A table for programs on stdout: CSV, or a line of JSON for each row, with null where there is no number."""
+    if not as_json:
+        without_formulas(frame).to_csv(sys.stdout, index=False, float_format="%.9f")
+        return
+    for record in frame.astype(object).where(frame.notna(), None).to_dict(orient="records"):
+        sys.stdout.write(json.dumps(record) + "\n")
 
 
 def result(value: Any, json: bool, *lines: str, **content: Any) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import functools
 import inspect
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,8 +20,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperCommand
 
 from irbcal.errors import OptionError
+from irbcal.overwriting import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 
@@ -83,15 +86,25 @@ def numbers(metavar: str, *counts: int, units: Sequence[float] = ()) -> Typed:
         return [*units, *[units[-1] if units else 1.0] * count][:count]
 
     def read(text: str, option: str) -> list[float]:
-        from irbcal.cli import grid
-
-        values = grid.numbers(text, counts, option)
+        values = numbers_in(text, counts, option)
         return [value * factor for value, factor in zip(values, factors(len(values)), strict=True)]
 
     def shown(values: Sequence[float]) -> str:
         return ",".join(f"{value / factor:g}" for value, factor in zip(values, factors(len(values)), strict=True))
 
     return Typed(str, metavar, read, shown)
+
+
+def numbers_in(text: str, counts: Sequence[int], option: str, names: Sequence[str] = ()) -> list[float]:
+    """Numbers separated by commas; a wrong call if their count is another, ``names`` says of what."""
+    try:
+        values = [float(value) for value in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in counts or not all(map(math.isfinite, values)):
+        expected = f"{' or '.join(map(str, counts))} numbers" + (f" ({', '.join(names)})" if names else "")
+        raise typer.BadParameter(f"expected {expected}, found {text!r}", param_hint=option)
+    return values
 
 
 PLACE = numbers("X,Y,Z", 3, units=[MM_PER_M])
@@ -300,9 +313,40 @@ def command(
         Decorates a function of the API's options (a dict of those that were typed, in the API's units) and of the
         command's options, which typer knows by their annotations.
     """
-    typed, flags = typed or {}, flags or {}
+    settings = (api, arguments, typed or {}, flags or {}, panels or {}, without, optional, texts or {})
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        SETTINGS[function] = settings
+        return function
+
+    return decorate
+
+
+SETTINGS: dict[Callable[..., None], tuple[Any, ...]] = {}
+"""Functions of commands, with what `command` says of them."""
+
+
+def for_typer(function: Callable[..., None]) -> Callable[..., None]:
+    """What typer runs: of a function that `command` decorates with its options, any other one as it is.
+
+    The sources that say them are read here, not by the decorator: of the commands of a file one is called.
+    """
+    return _for_typer(function, *SETTINGS[function]) if function in SETTINGS else function
+
+
+def _for_typer(
+    function: Callable[..., None],
+    api: str,
+    arguments: Sequence[str],
+    typed: Mapping[str, Typed],
+    flags: Mapping[str, str],
+    panels: Mapping[str, Sequence[str]],
+    without: Sequence[str],
+    optional: Sequence[str],
+    texts: Mapping[str, str],
+) -> Callable[..., None]:
     first = ""
-    panel_of = {name: panel for panel, names in (panels or {}).items() for name in names}
+    panel_of = {name: panel for panel, names in panels.items() for name in names}
     parameters: dict[str, ApiParameter] = {}
     for name in api.split():
         text, parameters_read = parameters_of(name)
@@ -311,69 +355,64 @@ def command(
             item.name: item for item in parameters_read if item.name not in (*LEFT_OUT, *without, *parameters)
         }
 
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        hints = inspect.signature(function, eval_str=True).parameters
-        kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
-        hinted = [item for item in hints.values() if item.name != "options"]
-        shown = []
+    hints = inspect.signature(function, eval_str=True).parameters
+    kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
+    hinted = [item for item in hints.values() if item.name != "options"]
+    shown = []
+    for name, item in parameters.items():
+        kind = kinds[name]
+        needed = item.default is REQUIRED and name not in optional
+        default = None if item.default in (REQUIRED, None, (), False) else kind.shown(item.default)
+        text = escape(texts.get(name) or _in_units(item.text, kind))
+        panel = panel_of.get(name, EXPERT if panels else None)
+        if name in arguments:
+            info: Any = typer.Argument(help=text, show_default=default is not None, metavar=None)
+        else:
+            info = typer.Option(
+                *flags.get(name, item.option).split(),
+                help=text,
+                show_default=default is not None,
+                metavar=kind.metavar,
+                rich_help_panel=None if needed else panel,
+            )
+        if kind.kind is bool:
+            default = False
+        annotation: Any = kind.kind if needed or kind.kind is bool else kind.kind | None
+        annotation = Annotated[annotation, info]
+        shown.append(
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=REQUIRED if needed else default,
+                annotation=annotation,
+            )
+        )
+    more = [
+        item.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=_in_panel(item, panel_of, bool(panels)))
+        for item in hinted
+    ]
+    if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panels:
+        more.append(inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HELP_ALL))
+    more.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
+    order = {name: k for k, name in enumerate([*arguments, *panel_of])}
+    every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
+
+    @functools.wraps(function)
+    def call(context: typer.Context, **values: Any) -> None:
+        options, _ = {}, values.pop("help_all", None)
         for name, item in parameters.items():
-            kind = kinds[name]
-            needed = item.default is REQUIRED and name not in optional
-            default = None if item.default in (REQUIRED, None, (), False) else kind.shown(item.default)
-            text = escape((texts or {}).get(name) or _in_units(item.text, kind))
-            panel = panel_of.get(name, EXPERT if panels else None)
-            if name in arguments:
-                info: Any = typer.Argument(help=text, show_default=default is not None, metavar=None)
-            else:
-                info = typer.Option(
-                    *flags.get(name, item.option).split(),
-                    help=text,
-                    show_default=default is not None,
-                    metavar=kind.metavar,
-                    rich_help_panel=None if needed else panel,
-                )
-            if kind.kind is bool:
-                default = False
-            annotation: Any = kind.kind if needed or kind.kind is bool else kind.kind | None
-            annotation = Annotated[annotation, info]
-            shown.append(
-                inspect.Parameter(
-                    name,
-                    inspect.Parameter.KEYWORD_ONLY,
-                    default=REQUIRED if needed else default,
-                    annotation=annotation,
-                )
-            )
-        more = [
-            item.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=_in_panel(item, panel_of, bool(panels)))
-            for item in hinted
-        ]
-        if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panels:
-            more.append(
-                inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HELP_ALL)
-            )
-        more.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
-        order = {name: k for k, name in enumerate([*arguments, *panel_of])}
-        every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
+            value = values.pop(name)
+            source = context.get_parameter_source(name)
+            if source is not None and source.name != "DEFAULT":  # else the function's own
+                options[name] = kinds[name].read(value, flags.get(name, item.option))
+        with refusals(arguments, flags):
+            function(options, **values)
 
-        @functools.wraps(function)
-        def call(context: typer.Context, **values: Any) -> None:
-            options, _ = {}, values.pop("help_all", None)
-            for name, item in parameters.items():
-                value = values.pop(name)
-                source = context.get_parameter_source(name)
-                if source is not None and source.name != "DEFAULT":  # else the function's own
-                    options[name] = kinds[name].read(value, flags.get(name, item.option))
-            with refusals(arguments, flags):
-                function(options, **values)
-
-        call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
-        call.__annotations__ = {item.name: item.annotation for item in every}
-        call.__doc__ = escape(function.__doc__ or for_shells(first, list(parameters)))
-        del call.__wrapped__  # typer would read the function within
-        return call
-
-    return decorate
+    call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
+    call.__annotations__ = {item.name: item.annotation for item in every}
+    call.__doc__ = escape(function.__doc__ or for_shells(first, list(parameters)))
+    del call.__wrapped__  # typer would read the function within
+    return call
 
 
 def escape(text: str) -> str:
@@ -455,3 +494,49 @@ def path_to_write(text: str | Path) -> Path:
     if not str(text).strip():
         raise typer.BadParameter("expected a name, found an empty text")
     return Path(text)
+
+
+FAIL_IF_WORSE = "End with exit code 3 unless the verdict is better than the nominal robot, and trusted."
+VERBOSE = "Print all: errors of each target, term sets, combinations that are held, points left out, notes."
+OutFile = Annotated[Path, typer.Option(parser=path_to_write, metavar="PATH", help="File to write.")]
+Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
+JsonLines = Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help=VERBOSE)]
+FailIfWorse = Annotated[bool, typer.Option("--fail-if-worse", help=FAIL_IF_WORSE)]
+
+
+OUTPUTS = ("out", "changes", "html", "plot", "plots", "figures", "data", "report", "csv", "latex")
+"""Parameters that name files or folders to write, of every command: all others that name files are read."""
+INTERRUPTED = 130
+"""Exit code, as shells have it."""
+
+
+class Guarded(TyperCommand):
+    """A command that compares its outputs with its inputs before it does anything."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Help whose lists of choices have places to break a line at; options for experts on request only."""
+        params: list[Any] = self.get_params(ctx)
+        for param in params:
+            kind = getattr(param, "type_descriptor", None)
+            if getattr(param, "is_flag", False):
+                param.metavar = ""
+            elif kind is not None and kind.is_choice and param.metavar is None:
+                param.metavar = f"<{' | '.join(str(getattr(choice, 'value', choice)) for choice in kind.choices)}>"
+            if getattr(param, "rich_help_panel", None) == EXPERT:
+                param.hidden = HELP_ALL_KEY not in ctx.meta
+        super().format_help(ctx, formatter)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command, unless an output is an input or another output; say where it goes on if it is stopped."""
+        outputs = {name: value for name, value in ctx.params.items() if name in OUTPUTS}
+        refuse_overwriting(outputs, *(value for name, value in ctx.params.items() if name not in OUTPUTS))
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stopped:
+            from irbcal.parallel import Interrupted
+
+            if not isinstance(stopped, Interrupted):
+                raise
+            typer.echo(f"irbcal: {stopped}", err=True)
+            raise typer.Exit(INTERRUPTED) from None

@@ -19,6 +19,6 @@ def test_only_the_command_that_is_called_is_loaded():
 
     code = "from irbcal.cli import main; main.application({}); import sys; print(sorted(m for m in sys.modules if m.startswith('irbcal.cli.')))"
     called = loaded("['fk']")
-    assert "'irbcal.cli.fk'" in called
-    assert "'irbcal.cli.plan'" not in called
-    assert "'irbcal.cli.fk'" not in loaded("summary=True")
+    assert "'irbcal.cli.use'" in called
+    assert "'irbcal.cli.prepare'" not in called
+    assert "'irbcal.cli.use'" not in loaded("summary=True")

@@ -1,9 +1,14 @@
 """Options made from a function's source: units, defaults, explanations, and panels for experts."""
 
+import json
+
+import numpy as np
+import pandas as pd
 import pytest
+import typer
 from typer.testing import CliRunner
 
-from irbcal.cli import signature
+from irbcal.cli import show, signature
 from irbcal.cli.main import app
 from irbcal.errors import OptionError
 from irbcal.planning import device_plan, measuring_plan
@@ -62,3 +67,19 @@ def test_what_is_typed_is_passed_on_even_where_it_is_the_default(monkeypatch):
         assert CliRunner().invoke(app, [*words, *more]).exit_code == 2
     assert given["device"]["acceptance"] == pytest.approx(30 * DEG, abs=1e-15)
     assert set(given["plan"]) == {"robot", "progress"}
+
+
+def test_rows_as_csv_and_as_json(capsys):
+    frame = pd.DataFrame({"x_mm": [1.0, np.nan], "note": ["", "far"]})
+    show.print_rows(frame, as_json=False)
+    assert capsys.readouterr().out == "x_mm,note\n1.000000000,\n,far\n"
+    show.print_rows(frame, as_json=True)
+    lines = capsys.readouterr().out.splitlines()
+    assert [json.loads(line) for line in lines] == [{"x_mm": 1.0, "note": ""}, {"x_mm": None, "note": "far"}]
+
+
+def test_numbers():
+    assert signature.numbers_in("1,-2.5, 3e1", [3], "--near") == [1.0, -2.5, 30.0]
+    for text in ("1,2", "1,2,x", "1,2,inf", ""):
+        with pytest.raises(typer.BadParameter, match=r"expected 3 or 4 numbers \(a, b, c\), found"):
+            signature.numbers_in(text, [3, 4], "--cube", ("a", "b", "c"))

@@ -16,7 +16,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal.cli import demo
+from irbcal.cli import calibrate
 from irbcal.cli.main import app
 from irbcal.io import robots
 
@@ -208,13 +208,13 @@ def test_a_demonstration_replaces_a_demonstration_only(monkeypatch, tmp_path, de
     line = ["demo", "--model", "11"]
     assert CliRunner().invoke(app, line).exit_code == 0
     assert CliRunner().invoke(app, line).exit_code == 0
-    mine = irbcal.load(demo.OWN)
-    table = robots.demo_file(demo.MEASURED).read_bytes()
+    mine = irbcal.load(calibrate.OWN)
+    table = robots.demo_file(calibrate.MEASURED).read_bytes()
     Path("mine.csv").write_bytes(table)
-    irbcal.calibrate("mine.csv", "irb1600", "16").save(demo.OWN)
+    irbcal.calibrate("mine.csv", "irb1600", "16").save(calibrate.OWN)
     done = CliRunner().invoke(app, line)
     assert done.exit_code == 1
     assert "there is a calibration in this folder already" in str(done.exception)
-    assert irbcal.load(demo.OWN).record.model == "16" != mine.record.model
-    (demo.OWN / "calibration.json").write_text("{}")
+    assert irbcal.load(calibrate.OWN).record.model == "16" != mine.record.model
+    (calibrate.OWN / "calibration.json").write_text("{}")
     assert CliRunner().invoke(app, line).exit_code == 1, "what cannot be read may be anything"

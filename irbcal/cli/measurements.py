@@ -1,17 +1,19 @@
-"""``irbcal import``: files as other programs write them in, a measurement file out."""
+"""Measurements of other programs and of cameras: ``irbcal import``, ``corners``, ``hand-eye``."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.shared_options import Json
-from irbcal.cli.signature import Typed, command, public
+from irbcal.cli.signature import Json, OutFile, Typed, command, public
+from irbcal.overwriting import refuse_overwriting
 
 if TYPE_CHECKING:
     from irbcal.measurement.imports.reader import Imported
+
 
 SHOWN = 10
 """Rows in the JSON document of a dry run."""
@@ -118,3 +120,35 @@ def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:
     if dry_run:
         summary["first_rows"] = imported.first_rows(SHOWN)
     return summary
+
+
+@command("corners", arguments=("images",))
+def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
+    """Find the corners of a ChArUco board in pictures: rows for calibrate --features.
+
+    Needs OpenCV: pip install 'irbcal[camera]'.
+    """
+    refuse_overwriting({"out": out}, [options["joints"], options["features"]])
+    result = public("corners")(**options)
+    result.save(out)
+    show.result(result, json, f"Written to {out}", out=str(out))
+
+
+@command(
+    "hand_eye",
+    arguments=("measurements",),
+    typed={"robot": Typed(str, None)},
+    without=("out",),
+    texts={"robot": "Calibration folder, URDF or name of the robot whose joints these are (see irbcal robots)."},
+)
+def hand_eye(
+    options: dict[str, Any],
+    out: Annotated[Path | None, typer.Option(help="File for the result, such as hand_eye.json.")] = None,
+    json: Json = False,
+) -> None:
+    """Where cameras and boards are on the flange and in the cell, the robot taken as it is.
+
+    With --images needs OpenCV: pip install 'irbcal[camera]'.
+    """
+    result = public("hand_eye")(**options, out=out)
+    show.result(result, json, "" if out is None else f"Written to {out}", out=None if out is None else str(out))

@@ -1,4 +1,4 @@
-"""``irbcal cell``: tools and work objects by the calibrated robot, from touches."""
+"""Robot programs and cells: ``irbcal filter``, ``cell``; how frames and pulses are typed."""
 
 from __future__ import annotations
 
@@ -7,15 +7,196 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from irbcal.cli import program_words, show
-from irbcal.cli.program_words import PROGRAM_FLAGS, PROGRAM_TEXTS, PROGRAM_TYPED
-from irbcal.cli.shared_options import Json
-from irbcal.cli.signature import PLACE, Typed, command, public
+from irbcal.cli import show
+from irbcal.cli.signature import MM, PLACE, Json, Typed, command, numbers, public
+from irbcal.units import DEG
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
     from irbcal.cell.cell_file import Notation
+    from irbcal.correction.filtered import Filtered
+    from irbcal.correction.maker import Maker
     from irbcal.io.controller_model import ControllerFrames
+
+
+NAMED = "NAME=…"
+"""How a named frame is typed."""
+PROGRAM_TYPED = {
+    "pulses": numbers("P1,…,P6", 6),
+    "where": Typed(str, "J1,…,J6=X,Y,Z,O,A,T"),
+    "tool": Typed(list[str], NAMED),
+    "wobj": Typed(list[str], NAMED),
+}
+PROGRAM_FLAGS = {"wobj": "--wobj --frame"}
+PROGRAM_TEXTS = {
+    "tool": "A tool the program does not define: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or six numbers as the "
+    "language writes them.",
+    "wobj": "Likewise a work object (base, user frame) in the base frame.",
+    "where": "For poses of Kawasaki programs, what the controller shows at one place with null tool and base: "
+    "J1,J2,J3,J4,J5,J6=X,Y,Z,O,A,T.",
+}
+"""How tools, work objects and pulses of programs are typed, and their explanations."""
+LARGEST_MM = 1e6
+"""Of a tool or work object; a kilometre is none."""
+
+
+def read_frames(options: dict[str, Any], program: Any) -> None:
+    """Read the tools, work objects and the place that were typed as the program's language writes them, in place."""
+    from irbcal.correction.languages import files_of
+
+    given = options.keys() & {"tool", "wobj", "where"}
+    if not given:
+        return
+    files = program if isinstance(program, list) else [] if program is None else [program]
+    maker = files_of(files).language.MAKER if files else None
+    for name in given:
+        read = where(options[name], maker) if name == "where" else named_frames(options[name], f"--{name}", maker)
+        options[name] = read
+
+
+def named_frames(texts: list[str] | None, option: str, maker: Maker | None) -> dict[str, FloatArray]:
+    """Frames from the command line, dict of name to (4, 4) in metres."""
+    import numpy as np
+
+    from irbcal.correction.notation import poses_from_numbers
+
+    out = {}
+    for text in texts or ():
+        name, _, numbers = text.partition("=")
+        try:
+            values = [float(value) for value in numbers.split(",")]
+        except ValueError:
+            values = []
+        if not (np.abs(values) < LARGEST_MM).all():  # nan, too
+            values = []
+        if name and len(values) == 6 and maker is not None:
+            out[name.lower()] = maker.poses(np.array([values]))[0]
+            continue
+        if not name or len(values) != 7 or abs(sum(v * v for v in values[3:]) - 1) > 1e-3:
+            expected = "NAME=x,y,z,q1,q2,q3,q4"
+            if maker is not None:
+                expected += f" or NAME=x,y,z,{','.join(maker.orientation.names)}"
+            raise typer.BadParameter(f"expected {expected}, found {text!r}", param_hint=option)
+        out[name.lower()] = poses_from_numbers([values])[0]
+    return out
+
+
+def where(text: str, maker: Maker | None) -> tuple[FloatArray, FloatArray]:
+    """Joints in radians and the pose that a controller shows there, ``J1,…,J6=X,Y,Z,O,A,T``."""
+    import numpy as np
+
+    try:
+        pieces = [[float(value) for value in piece.split(",")] for piece in text.split("=")]
+    except ValueError:
+        pieces = []
+    sizes = [len(piece) for piece in pieces]
+    if maker is None or sizes != [6, 6] or not (np.abs(np.array(pieces)) < LARGEST_MM).all():
+        raise typer.BadParameter(f"expected six joints=six numbers of the pose, found {text!r}", param_hint="--where")
+    return np.array(pieces[0]) * maker.joint, maker.poses(np.array([pieces[1]]))[0]
+
+
+JOINTS = numbers("J1,…,J6", 6, units=[DEG])
+
+
+@command(
+    "correct",
+    arguments=("calibration", "program"),
+    typed=PROGRAM_TYPED
+    | {
+        "program": Typed(list[Path], "PATH"),
+        "payload_place": PLACE,
+        "path_tolerance": MM,
+        "start": JOINTS,
+        "posture": JOINTS,
+        "harmless": Typed(list[str], "ROUTINE"),
+    },
+    flags=PROGRAM_FLAGS,
+    without=("out",),
+    panels={
+        "Everyday": ("allow_partial", "changes", "path_tolerance", "payload", "payload_place", "json"),
+        "Tools and work objects": ("cell", "tool", "wobj", "controller_frames", "frames_measured", "strict"),
+        "Points": ("points", "re_express", "start", "posture", "instructions", "harmless"),
+        "Controllers": ("controller_model", "pulses", "where"),
+    },
+    texts=PROGRAM_TEXTS,
+)
+def filter_program(
+    options: dict[str, Any],
+    out: Annotated[Path, typer.Option(help="File for the program with fake targets; of several files, a folder.")],
+    json: Json = False,
+) -> None:
+    """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
+    from irbcal.correction.filter import NotWritten
+
+    read_frames(options, options["program"])
+    refused, strict = False, options.get("strict", False)
+    try:
+        result = public("correct")(**options, out=out)
+    except NotWritten as refusal:
+        result, refused = refusal.filtered, True
+    if json:
+        show.print_json(_content(result))
+    else:
+        show.tell(result.report())
+    if strict and result.unknown_frames is not None:
+        show.warn("nothing was written: tools or work objects are of unknown origin (--strict)")
+        raise typer.Exit(3)
+    if refused:
+        any_corrected = len(result.targets) > 0
+        reason = (
+            "correct these targets or call again with --allow-partial"
+            if any_corrected
+            else "no target could be corrected"
+        )
+        reason += f", {result.unchanged} need no change" if result.unchanged and not any_corrected else ""
+        show.warn(f"nothing was written: {reason}")
+        raise typer.Exit(1)
+
+
+def _content(result: Filtered) -> dict[str, Any]:
+    from irbcal.units import MM
+
+    corrected = len(result.targets) > 0
+    return {
+        "out": None if result.written is None else str(result.written),
+        "corrected": len(result.targets),
+        "left": [target._asdict() for target in result.left],
+        "notes": [note._asdict() for note in result.notes],
+        "cautions": list(result.cautions),
+        "mean_shift_mm": float(result.shift.mean() / MM) if corrected else None,
+        "max_shift_mm": float(result.shift.max() / MM) if corrected else None,
+        "expected_error_mm": None if result.expected_error is None else result.expected_error / MM,
+        "unknown_frames": None if result.unknown_frames is None else result.unknown_frames.to_dict(),
+        "unchanged": result.unchanged,
+        **_part(result),
+        **_last_moves(result),
+        "fingerprint": result.fingerprint,
+        **({} if result.paths is None else {"paths": result.to_dict()["paths"]}),
+    }
+
+
+def _part(result: Filtered) -> dict[str, Any]:
+    """The expected error of the part over all targets; nothing where it is not known."""
+    frame = result.to_frame()
+    if "part_mean_mm" not in frame:
+        return {}
+    return {"part_mean_mm": float(frame["part_mean_mm"].mean()), "max_part_u95_mm": float(frame["part_u95_mm"].max())}
+
+
+def _last_moves(result: Filtered) -> dict[str, Any]:
+    """What is known of last moves; nothing for calibrations that do not depend on them."""
+    from irbcal.units import MM
+
+    if result.last_moves is None or result.last_move_error is None:
+        return {}
+    expected = result.expected_errors
+    return {
+        "last_moves_known": result.last_moves[0],
+        "stops": result.last_moves[1],
+        "max_last_move_mm": float(result.last_move_error.max(initial=0.0) / MM),
+        "expected_with_last_moves_mm": None if expected is None or not expected.size else float(expected.mean() / MM),
+    }
+
 
 MAKERS = "kuka, abb, fanuc, yaskawa, kawasaki, staubli or ur"
 NAMES = "tool", "wobj"
@@ -104,12 +285,12 @@ def cell(
     )
     maker = None if as_ is None else languages.by_name()[DECLARATIONS[as_].language].MAKER
     program_maker = languages.files_of(programs).language.MAKER if programs else maker
-    tools, work_objects = (program_words.frames(options.pop(name, None), f"--{name}", program_maker) for name in NAMES)
+    tools, work_objects = (named_frames(options.pop(name, None), f"--{name}", program_maker) for name in NAMES)
     saved = read(calibration)
     robot = saved.record.robot
     ends = controller_frames(saved.urdf, "calibrated.urdf", robot.base_link, robot.tip_link)
     if programs:
-        program_words.read_frames(options, programs)
+        read_frames(options, programs)
         taken = {name: options.pop(name) for name in FOR_PROGRAMS & options.keys()}
         touches, tools, work_objects = public("program_touches")(
             calibration, touches, tool=tools, wobj=work_objects, **taken

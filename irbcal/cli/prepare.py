@@ -1,0 +1,221 @@
+"""What stands before a measurement: ``irbcal robots``, ``urdf``, ``plan``, ``simulate``, ``samples``."""
+
+from __future__ import annotations
+
+import shlex
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from irbcal.cli import programs, show
+from irbcal.cli.programs import PROGRAM_FLAGS, PROGRAM_TEXTS, PROGRAM_TYPED
+from irbcal.cli.signature import DEG, MM, PLACE, Json, OutFile, Typed, command, for_function, numbers, public, scaled
+from irbcal.overwriting import refuse_overwriting
+from irbcal.units import DEG as DEG_PER_RAD
+from irbcal.units import MM as MM_PER_M
+
+
+def robots(
+    json: Json = False,
+) -> None:
+    """List the robots that --robot takes by name."""
+    from irbcal.io.robots import robots as known
+
+    listed = known()
+    if json:
+        show.print_json(listed.to_frame().astype(object).where(listed.to_frame().notna(), None).to_dict("records"))
+    else:
+        show.tell(listed.report())
+
+
+@command("urdf_from_dh")
+def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
+    """Write a URDF from a Denavit-Hartenberg table, for robots that have none."""
+    refuse_overwriting({"out": out}, [options["dh"]])
+    result = public("urdf_from_dh")(**options)
+    result.save(out)
+    if json:
+        rows = result.to_frame().to_dict("records")
+        finite = [{k: None if v in (inf, -inf) else v for k, v in row.items()} for row in rows]  # no limit: null
+        show.print_json({"out": str(out), "joints": finite})
+        return
+    show.tell([*result.report(), f"Written to {out}"])
+
+
+@command(
+    "plan device_plan compare_devices",
+    typed={
+        "robot": Typed(str, None),
+        "targets": Typed(str, "FILE|N|NAME,…"),
+        "tracker": numbers("X,Y,Z[,DEGREES]", 3, 4, units=[MM_PER_M] * 3 + [DEG_PER_RAD]),
+        "cube_centre": PLACE,
+        "cube_edge": MM,
+        "margin": DEG,
+        "acceptance": DEG,
+        "imagined": DEG,
+        "min_height": numbers("FRONT,BACK", 2, units=[MM_PER_M]),
+        "speed": scaled(MM_PER_M, "MM/S"),
+        "noise": MM,
+        "approach": MM,
+        "prior": MM,
+        "pulses": numbers("P1,…,P6", 6),
+        "package_dirs": Typed(list[Path], "FOLDER"),
+    },
+    flags={"package_dirs": "--package-dir"},
+    panels={
+        "Everyday": ("robot", "out", "targets", "tracker", "payload", "language", "pulses", "json"),
+        "Poses": ("axis", "cube", "all_range", "optimal", "candidates", "criterion", "volume", "level", "seed"),
+        "A device in place of a tracker": ("device", "poses", "approach", "prior", "compare_devices"),
+        "Conditions": ("margin", "acceptance", "min_height", "cube_centre", "cube_edge", "without", "package_dirs"),
+        "Time and errors": ("wait_s", "references", "speed", "noise"),
+    },
+    optional=("device",),
+    texts={
+        "candidates": "Poses that --optimal (2000) or a device (600) chooses from.",
+        "acceptance": "Largest angle between reflector and beam, up to 90; of a device between the tool's axis and "
+        "surface (60), bar (90) or string (120), of a camera its view and the board's normal (50).",
+    },
+)
+def plan(
+    options: dict[str, Any],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the plan; needed but for --compare-devices.", show_default=False)
+    ] = None,
+    compare_devices: Annotated[
+        bool,
+        typer.Option(
+            "--compare-devices",
+            help="Predict what a tracker and each device would leave of the position error, and stop.",
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Plan measurements: poses that the robot reaches and the tracker sees, a robot program, and what they promise."""
+    if compare_devices:
+        for_function("compare_devices", options, "--compare-devices does not take it")
+        options |= {"poses": (options["poses"],)} if "poses" in options else {}
+        with show.progress(9, quiet=json) as step:
+            compared = public("compare_devices")(**options, progress=step)
+        show.result(compared, json)
+        return
+    if out is None:
+        raise typer.BadParameter("missing", param_hint="--out")
+    if "device" in options:
+        for_function("device_plan", options, "--device does not take it")
+        with show.progress(4, quiet=json) as step:
+            made = public("device_plan")(**options, progress=step)
+        files = made.save(out)
+    else:
+        for_function("plan", options, "is for --device and --compare-devices")
+        made, files = _made(out, json, options)
+    names = [path.name for path in files]
+    show.result(made, json, f"Written to {out}: {', '.join(names)}", out=str(out), files=names)
+
+
+def _made(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tuple[Path, ...]]:
+    """A plan and its files; a folder that had to be made for it goes where there is none."""
+    from irbcal.atomic import made_folders
+    from irbcal.viewer import plan_page
+
+    with made_folders(out), show.progress(12, quiet=json) as step:
+        step("robot")
+        made = public("plan")(**options, progress=step)
+        step("files")
+        try:
+            page = plan_page.page(made)
+        except ModuleNotFoundError as error:
+            if error.name != "meshcat":
+                raise
+            page = None
+            show.warn("plan.html is not written, as it needs meshcat: pip install meshcat")
+        return made, made.save(out, page)
+
+
+@command(
+    "simulate simulate_device",
+    arguments=("plan",),
+    typed=PROGRAM_TYPED
+    | {
+        "plan": Typed(Path, None),
+        "robot": Typed(str, None),
+        "only": Typed(list[str], "EFFECT", lambda names, option: () if names == ["none"] else names),
+        "without": Typed(list[str], "EFFECT"),
+        "also": Typed(list[str], "EFFECT"),
+        "targets": Typed(
+            str, "N|NAME,…", lambda text, option: int(text) if text.isdigit() else [n.strip() for n in text.split(",")]
+        ),
+        "tracker": PLACE,
+        "noise": MM,
+    },
+    flags=PROGRAM_FLAGS,
+    panels={
+        "Everyday": ("robot", "out", "random", "seed", "payload", "targets", "tracker", "wait", "json"),
+        "Errors": ("cell", "robot_seed", "only", "without", "also", "list_"),
+        "A corrected program": ("wanted", "calibration", "tool", "wobj", "pulses", "where"),
+        "A device in place of a tracker": ("device", "noise"),
+    },
+    without=("at",),
+    optional=("robot", "device"),
+    texts=PROGRAM_TEXTS
+    | {
+        "only": "Only this effect (repeat for more); none: no effect at all.",
+        "noise": "Standard deviation of a contact, mm: what is plausible for the device unless given.",
+    },
+)
+def simulate(
+    options: dict[str, Any],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Measurement file to write; the truth goes beside it, as NAME.truth.json, and of a device what is "
+            "known of its features, as NAME.features.csv.",
+            show_default=False,
+        ),
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="Name the effects and stop.")] = False,
+    json: Json = False,
+) -> None:
+    """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations."""
+    if list_:
+        _list(json)
+        return
+    if "robot" not in options or out is None:
+        raise typer.BadParameter("missing", param_hint="--robot" if "robot" not in options else "--out")
+    if "device" in options:
+        for_function("simulate_device", options, "--device does not take it: its poses are at its features")
+        found = public("simulate_device")(**options)
+        rows, features, truth = found.save(out)
+        line = f"Written to {rows}, what is known of the features to {features}, the truth to {truth}"
+        show.result(found, json, line, out=str(rows), features_out=str(features), truth=str(truth))
+        return
+    for_function("simulate", options, "only --device has one: a tracker's noise is an effect")
+    programs.read_frames(options, options.get("plan"))
+    simulated = public("simulate")(**options)
+    measured, truth = simulated.save(out)
+    line = f"Written to {measured}, the truth to {truth}"
+    show.result(simulated, json, line, out=str(measured), truth=str(truth))
+
+
+def _list(json: bool) -> None:
+    """Name the effects, as JSON with their parameters."""
+    from irbcal.simulation.effects import ALL
+
+    if json:
+        show.print_json([{"name": e.name, "summary": e.summary, "parameters": e().parameters()} for e in ALL])
+        return
+    width = max(len(effect.name) for effect in ALL)
+    show.tell([f"{effect.name:{width}}  {effect.summary}" for effect in ALL])
+
+
+@command("samples", arguments=("folder",))
+def samples(options: dict[str, Any], json: Json = False) -> None:
+    """Write small example files for every command, all SIMULATED, with the lines that try them."""
+    written = public("samples")(**options)
+    folder = shlex.quote(str(written.folder))
+    show.result(written, json)
+    if not json:
+        show.say("Next:")
+        show.say(f"  cd {folder}", whole=True)
+        show.say(f"  {show.this_command()} calibrate measured.csv --robot my_robot.urdf --out my-robot", whole=True)
