@@ -117,7 +117,7 @@ class RobotList(Result):
         """The names."""
         return ", ".join(robot.name for robot in self.robots)
 
-    ROWS, COLUMNS = "robots", "name robot source file base_link tip_link"
+    ROWS, COLUMNS = "robots", "name file what source base_link tip_link"
 
 
 def robots() -> RobotList:
