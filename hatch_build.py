@@ -23,6 +23,7 @@ OPTIONS = (
     "-fvisibility=hidden",
     "-fopenmp-simd",
     "-fno-math-errno",
+    "-Wno-psabi",  # vectors are not handed across objects
 )
 EXACT = ("-fno-trapping-math", "-ffp-contract=off")  # the same numbers on every processor, for one pose and for many
 

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import exported
@@ -28,7 +28,7 @@ from irbcal.planners.calibrated_model import CalibratedModel
 ROOT = Path(__file__).parents[1]
 ROUNDING = 1e-14
 """Metres, radians, and what a Jacobian has of both."""
-ROBOTS = ("irb1600", "ur10", "panda", "rail", "level", "plain")
+ROBOTS = ("irb1600", "ur10", "panda", "rail", "level", "plain", "framed")
 
 compiled = pytest.mark.skipif(kernel.Kernel is None, reason=kernel.STATE)
 
@@ -37,7 +37,8 @@ compiled = pytest.mark.skipif(kernel.Kernel is None, reason=kernel.STATE)
 def robots(tmp_path_factory):
     """Robots with every kind of term and with none, on six and seven joints, turning and sliding."""
     folder = tmp_path_factory.mktemp("robots")
-    return {name: exported.robot(name, folder) for name in ROBOTS}
+    framed = {"framed": framed_robot("irb1600", np.random.default_rng(1))}
+    return {name: exported.robot(name, folder) for name in ROBOTS if name != "framed"} | framed
 
 
 def by_numpy(monkeypatch, robot):
@@ -61,17 +62,27 @@ def stops(robot, n=203):
 def test_forward_and_joint_map_are_those_of_numpy(robots, name, monkeypatch):
     robot = robots[name]
     q, previous = stops(robot)
+    rng = np.random.default_rng(6)
+    load = [rng.uniform(0, 5, len(q)), rng.uniform(-0.2, 0.2, (len(q), 3)), rng.normal(0, 30, q.shape)]
+    for values in load:  # what is no number is not known
+        values.reshape(-1)[::7] = np.nan
+    situations = [
+        (previous,),
+        (None, load[0]),
+        (previous, None, load[1]),
+        (None, None, None, load[2]),
+        (previous, *load),
+    ]
+    situations.append((None, 2.0, [0.1, 0.0, 0.2]))
     assert robot.kernel is not None
-    found = (robot.poses(q), robot.forward(q, previous), robot.joint_map.effective(q, previous), robot.forward(q[:1]))
-    plain = by_numpy(monkeypatch, robot)
+
+    def computed(robot):
+        each = [(robot.forward(q, *at), robot.joint_map.effective(q, *at)) for at in situations]
+        return [robot.poses(q), robot.forward(q[:1]), *(values for pair in each for values in pair)]
+
+    found, plain = computed(robot), by_numpy(monkeypatch, robot)
     assert plain.kernel is None
-    expected = (
-        plain.poses(q),
-        plain.forward(q, previous),
-        plain.joint_map.effective(q, previous),
-        plain.forward(q[:1]),
-    )
-    for ours, theirs in zip(found, expected, strict=True):
+    for ours, theirs in zip(found, computed(plain), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=ROUNDING)
 
 
@@ -85,22 +96,29 @@ def test_a_pose_has_the_same_numbers_alone_and_among_others(robots, name):
 
 @compiled
 @pytest.mark.parametrize("name", ["irb1600", "ur10", "panda"])
-@pytest.mark.parametrize("frame", [None, "target_a"])
+@pytest.mark.parametrize("frame", [None, "target_a", "third link"])
 def test_placements_and_jacobians_are_those_of_numpy_and_pinocchio(name, frame, monkeypatch):
     robot, data, _ = exported.described(name)
+    if frame == "third link":
+        frame = robot.arm.joint_names[2]
     frames = {"target_a": np.array([[0.0, -1.0, 0.0, 0.1], [1.0, 0.0, 0.0, -0.2], [0, 0, 1.0, 0.3], [0, 0, 0, 1]])}
     q, _ = stops(robot, 25)
     references = ("LOCAL", "WORLD", "LOCAL_WORLD_ALIGNED")
 
     def values():
         model = CalibratedModel(data, robot.arm, robot.joint_map, frames)
-        return model.placement(q, frame), [model.jacobian(q, frame, reference) for reference in references]
+        jacobians = [model.jacobian(q, frame, reference) for reference in references]
+        return model.placement(q, frame), jacobians, [model.jacobian_derivative(q, dq, frame, r) for r in references]
 
-    T, jacobians = values()
+    dq = np.random.default_rng(2).uniform(-1, 1, q.shape)
+    T, jacobians, rates = values()
     by_numpy(monkeypatch, robot)
-    T_plain, jacobians_plain = values()
-    np.testing.assert_allclose(T, T_plain, rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose(jacobians, jacobians_plain, rtol=0, atol=ROUNDING)
+    T_plain, jacobians_plain, rates_plain = values()
+    digits = ROUNDING if frame in (None, "target_a") else 1e-12  # of the URDF's numbers
+    np.testing.assert_allclose(T, T_plain, rtol=0, atol=digits)
+    np.testing.assert_allclose(jacobians, jacobians_plain, rtol=0, atol=digits)
+    # waves of some hundred cycles a turn have second derivatives of some ten
+    np.testing.assert_allclose(rates, rates_plain, rtol=1e-12, atol=1e-12)
     # against Pinocchio by the forward kinematics of its own model, for which the map is undone
     import pinocchio as pin
 
@@ -213,6 +231,10 @@ def test_what_is_not_for_it_is_left_to_the_plain_functions(robots):
         ({"slides": np.zeros(2), "chain": np.zeros(36), "levers": np.array([0.0, 0, 9, 1, 0])}, "none of the robot's"),
         ({"slides": np.zeros(2), "chain": np.zeros(36), "cosine": np.zeros(2)}, "even number of orders"),
         ({"slides": np.zeros(2), "chain": np.zeros(36), "closed_form": np.zeros(41)}, "six joints"),
+        ({"slides": np.zeros(2), "chain": np.zeros(36), "depth": np.array([3.0])}, "none of the robot's"),
+        ({"slides": np.zeros(2), "chain": np.zeros(36), "gain": np.zeros(2)}, "none of the robot's"),
+        ({"slides": np.zeros(2), "chain": np.zeros(36), "tiltings": np.full(14, 9.0)}, "none of the robot's"),
+        ({"slides": np.zeros(2), "chain": np.zeros(36), "bendings": np.full(12, 9.0)}, "none of the robot's"),
     ],
 )
 def test_wrong_numbers_are_refused(numbers, fault):
@@ -228,10 +250,11 @@ def test_robots_are_pickled_and_copied_with_it(robots):
         np.testing.assert_array_equal(other.poses(q), robot.poses(q))
 
 
-def test_long_chains_and_frame_terms_have_none():
+def test_long_chains_and_terms_that_are_not_known_have_none():
     framed = framed_robot("irb1600", np.random.default_rng(1))
-    assert framed.frame_terms is not None
-    assert framed.kernel is None
+    terms = framed.frame_terms
+    other = replace(terms, terms=(replace(terms.terms[0], also=(3,)), *terms.terms[1:]))
+    assert framed.replace(frame_terms=other).kernel is None
     long = arm()
     object.__setattr__(long, "joint_names", tuple(f"j{k}" for k in range(kernel.MOST_JOINTS + 1)))
     assert kernel_of(long) is None

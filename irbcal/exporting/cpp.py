@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
-from irbcal import literals
+from irbcal import kernel, literals
 from irbcal.arrays import FloatArray
+from irbcal.errors import RobotError
 from irbcal.exporting import live, motion
 from irbcal.exporting.parts import ExportFiles, render
 from irbcal.exporting.source import Source
+from irbcal.modeling.inverse.fixed_point import NEAR_NOMINAL
+from irbcal.modeling.inverse.orthoparallel import OrthoParallel
+from irbcal.modeling.robot import Robot
 from irbcal.units import DEG
+
+KERNEL = Path(kernel.__file__).parent
 
 WHAT = "C++17: one header without dependencies, and a program for live correction"
 NEXT = "g++ -std=c++17 -O3 {folder}/{word}_check.cpp -o check && ./check     # are its numbers right here, too?"
@@ -51,9 +60,22 @@ def files(source: Source) -> ExportFiles:
         "sine": _even(parts.sine),
         "uncoupling": np.linalg.inv(parts.coupling),
         "reach": parts.reach,
+        "closed_form": _closed_form(source.robot),
     }
     templates = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
-    return ExportFiles({name: render(template, parts, vectors, **values) for name, template in templates.items()})
+    files = {name: render(template, parts, vectors, **values) for name, template in templates.items()}
+    files[header] = files[header].replace(b'#include "kernel.hpp"\n', (KERNEL / "kernel.hpp").read_bytes())
+    return ExportFiles(files)
+
+
+def _closed_form(robot: Robot) -> list[Any] | None:
+    """Members of the kernel's structure for the nominal arm's closed form, from which inverses of far poses start."""
+    try:
+        closed = OrthoParallel.of(robot.joint_map.terms.arm, NEAR_NOMINAL)
+    except RobotError:
+        return None
+    frames = [[T[:3, :3], T[:3, 3]] for T in (closed.wrist.left, closed.wrist.right)]
+    return [*closed.lengths, closed.signs, closed.shifts, *frames]
 
 
 def _even(rows: FloatArray) -> FloatArray:

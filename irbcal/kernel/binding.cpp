@@ -5,11 +5,12 @@
 #include <new>
 #include <vector>
 
-#include "kernel.hpp"
-
 #if defined(__x86_64__) && defined(__GNUC__)
+#define IRBCAL_LANES
 #define SIDE_BY_SIDE __attribute__((target("avx2,fma"), flatten))
 #endif
+
+#include "kernel.hpp"
 
 namespace {
 
@@ -20,205 +21,38 @@ constexpr Py_ssize_t few = 4, worth_unlocking = 64;
 
 struct Robot {
   static constexpr int capacity = most_joints;
-  int joints = 0, orders = 0, waves = 0, bends = 0, levers = 0;
-  bool has_map = false, has_payload = false, has_history = false, has_closed_form = false;
+  static constexpr bool has_frames = true;
+  int joints = 0, depth = 0, orders = 0, waves = 0, bends = 0, levers = 0, tiltings = 0, bendings = 0;
+  bool has_map = false, has_payload = false, has_torques = false, has_history = false, has_closed_form = false;
+  bool moves_frames = false;
   bool slides[capacity] = {};
   double far[capacity], lower[capacity], upper[capacity];
   Constant chain[capacity], nominal[capacity], tip, nominal_tip;
   double gravity[3] = {}, payload_kg = 0.0, payload_place[3] = {};
-  double gain[capacity] = {}, offset[capacity] = {}, compliance[capacity] = {};
-  double direction[capacity] = {}, width[capacity], move[capacity] = {}, share[capacity] = {};
+  double gain[capacity] = {}, offset[capacity] = {}, compliance[capacity] = {}, torque[capacity] = {};
+  double direction[capacity] = {}, width[capacity], move[capacity] = {}, share[capacity] = {}, along[capacity] = {};
   double cosine[most_orders][capacity] = {}, sine[most_orders][capacity] = {};
   std::vector<Wave> wave;
   std::vector<Bend<capacity>> bend;
   std::vector<Lever<capacity>> lever;
   std::vector<LinkVector> link_vector;
+  std::vector<Tilting> tilting;
+  std::vector<Bending> bending;
   ClosedForm closed;
   double reach = 1.0;
 };
-
-// ------------------------------------------------------------------ many poses
-
-template <class S>
-S gathered(const double* from, Py_ssize_t stride, Py_ssize_t first, Py_ssize_t n);
-template <>
-inline double gathered<double>(const double* from, Py_ssize_t stride, Py_ssize_t first, Py_ssize_t) {
-  return from[first * stride];
-}
-inline void scatter(const double& x, double* to, Py_ssize_t stride, Py_ssize_t first, Py_ssize_t) { to[first * stride] = x; }
-template <class S>
-constexpr Py_ssize_t side_by_side = 1;
-#if defined(__GNUC__)
-template <>
-inline Lanes gathered<Lanes>(const double* from, Py_ssize_t stride, Py_ssize_t first, Py_ssize_t n) {
-  Lanes out;
-  for (Py_ssize_t k = 0; k < irbcal::width; ++k) out[k] = from[(first + (k < n ? k : n - 1)) * stride];
-  return out;
-}
-inline void scatter(const Lanes& x, double* to, Py_ssize_t stride, Py_ssize_t first, Py_ssize_t n) {
-  for (Py_ssize_t k = 0; k < n; ++k) to[(first + k) * stride] = x[k];
-}
-template <>
-constexpr Py_ssize_t side_by_side<Lanes> = irbcal::width;
-#endif
-
-template <class S>
-inline void poses_of(const Robot& r, const double* q, const double* before, double* out, Py_ssize_t n) {
-  constexpr Py_ssize_t together = side_by_side<S>;
-  const int joints = r.joints;
-  for (Py_ssize_t first = 0; first < n; first += together) {
-    const Py_ssize_t count = n - first < together ? n - first : together;
-    S x[Robot::capacity], theta[Robot::capacity];
-    for (int i = 0; i < joints; ++i) x[i] = gathered<S>(q + i, joints, first, count);
-    const Frame<S> tip = forward<false>(r, x, before == nullptr ? nullptr : before + first * joints, theta,
-                                        static_cast<S(*)[Robot::capacity]>(nullptr), static_cast<Frame<S>*>(nullptr));
-    for (int i = 0; i < 3; ++i) {
-      for (int j = 0; j < 3; ++j) scatter(tip.R[j][i], out + 4 * i + j, 16, first, count);
-      scatter(tip.o[i], out + 4 * i + 3, 16, first, count);
-    }
-    for (Py_ssize_t k = first; k < first + count; ++k) {
-      double* last = out + 16 * k + 12;
-      last[0] = last[1] = last[2] = 0.0;
-      last[3] = 1.0;
-    }
-  }
-}
-
-template <class S>
-inline void effective_of(const Robot& r, const double* q, const double* before, double* out, Py_ssize_t n) {
-  constexpr Py_ssize_t together = side_by_side<S>;
-  const int joints = r.joints;
-  for (Py_ssize_t first = 0; first < n; first += together) {
-    const Py_ssize_t count = n - first < together ? n - first : together;
-    S x[Robot::capacity], c[Robot::capacity], s[Robot::capacity], f[Robot::capacity];
-    for (int i = 0; i < joints; ++i) x[i] = gathered<S>(q + i, joints, first, count);
-    shift<false>(r, x, before == nullptr ? nullptr : before + first * joints, c, s, f,
-                 static_cast<S(*)[Robot::capacity]>(nullptr));
-    for (int i = 0; i < joints; ++i) scatter(x[i] + f[i], out + i, joints, first, count);
-  }
-}
-
-template <class S>
-inline void jacobians_of(const Robot& r, const double* q, const double* before, int reference, double* out, Py_ssize_t n) {
-  constexpr Py_ssize_t together = side_by_side<S>;
-  const int joints = r.joints;
-  for (Py_ssize_t first = 0; first < n; first += together) {
-    const Py_ssize_t count = n - first < together ? n - first : together;
-    S x[Robot::capacity], J[6][Robot::capacity];
-    for (int i = 0; i < joints; ++i) x[i] = gathered<S>(q + i, joints, first, count);
-    const Frame<S> tip = with_jacobian(r, x, before == nullptr ? nullptr : before + first * joints, J);
-    for (int j = 0; j < joints; ++j) {
-      Vector<S> linear{ {J[0][j], J[1][j], J[2][j]} }, angular{ {J[3][j], J[4][j], J[5][j]} };
-      if (reference == 1) {  // along the tip's own axes
-        linear = { {dot(tip.R[0], linear), dot(tip.R[1], linear), dot(tip.R[2], linear)} };
-        angular = { {dot(tip.R[0], angular), dot(tip.R[1], angular), dot(tip.R[2], angular)} };
-      } else if (reference == 2) {  // of the point of the body that passes the origin
-        const Vector<S> more = cross(tip.o, angular);
-        for (int k = 0; k < 3; ++k) linear[k] += more[k];
-      }
-      for (int k = 0; k < 3; ++k) {
-        scatter(linear[k], out + k * joints + j, 6 * joints, first, count);
-        scatter(angular[k], out + (k + 3) * joints + j, 6 * joints, first, count);
-      }
-    }
-  }
-}
-
-template <class S>
-inline Frame<S> frame_of(const double* T, Py_ssize_t first, Py_ssize_t count) {
-  Frame<S> out;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) out.R[j][i] = gathered<S>(T + 4 * i + j, 16, first, count);
-    out.o[i] = gathered<S>(T + 4 * i + 3, 16, first, count);
-  }
-  return out;
-}
-
-// Whether the last rows of poses are 0, 0, 0, 1.
-template <class S>
-inline auto last_row(const double* T, Py_ssize_t first, Py_ssize_t count, const S&) {
-  S off = S{};
-  for (int j = 0; j < 4; ++j) off += magnitude(gathered<S>(T + 12 + j, 16, first, count) - (j < 3 ? 0.0 : 1.0));
-  return off <= 1e-6;
-}
-
-struct Wanted {  // arrays of poses and what becomes of them
-  const double *T, *signs, *near;  // (n, 4, 4); (n, 3) or null: those of near, else all 1; (n, 6) or null
-  double position, rotation;
-  double *q, *found;  // (n, 6), and (n, of_a_pose)
-};
-// Errors of position and rotation, margin, steps, branch asked for, branch found, and 1 where it is within tolerances and
-// limits, from a seed within all bounds, for what is a pose: nothing is left to be done there.
-constexpr int of_a_pose = 7;
-
-template <class S>
-inline void inverses_of(const Robot& r, const Wanted& w, Py_ssize_t n) {
-  constexpr Py_ssize_t together = side_by_side<S>;
-  for (Py_ssize_t first = 0; first < n; first += together) {
-    const Py_ssize_t count = n - first < together ? n - first : together;
-    S signs[3], near[6], there[3];
-    const Frame<S> wanted = frame_of<S>(w.T, first, count);
-    auto done = rigid(wanted) & last_row(w.T, first, count, S{});
-    if (w.near != nullptr)
-      for (int i = 0; i < 6; ++i) {
-        near[i] = gathered<S>(w.near + i, 6, first, count);
-        done = done & (magnitude(near[i]) <= r.far[i]) & (magnitude(near[i]) < infinity);
-      }
-    for (int i = 0; i < 3; ++i) signs[i] = w.signs == nullptr ? all<S>(1.0) : gathered<S>(w.signs + i, 3, first, count);
-    if (w.signs == nullptr && w.near != nullptr) branch_signs(r.closed, near, signs);
-    const Solution<S> out =
-        fixed_point(r, r.closed, wanted, signs, w.near == nullptr ? nullptr : near, r.reach, w.position, w.rotation);
-    branch_signs(r.closed, out.q, there);
-    done = done & (out.position <= w.position) & (out.rotation <= w.rotation);
-    for (int i = 0; i < 6; ++i) {
-      done = done & (out.q[i] >= r.lower[i] - limit_tolerance) & (out.q[i] <= r.upper[i] + limit_tolerance);
-      scatter(out.q[i], w.q + i, 6, first, count);
-    }
-    const auto number = [](const S* s) { return 0.5 * (7.0 - 4.0 * s[0] - 2.0 * s[1] - s[2]); };
-    const S found[of_a_pose] = {out.position, out.rotation,  out.margin, out.steps, number(signs),
-                                number(there), done ? all<S>(1.0) : S{}};
-    for (int i = 0; i < of_a_pose; ++i) scatter(found[i], w.found + i, of_a_pose, first, count);
-  }
-}
-
-template <class S>
-inline void branches_of(const Robot& r, const double* T, double* q, double* found, Py_ssize_t n) {
-  constexpr Py_ssize_t together = side_by_side<S>;
-  for (Py_ssize_t first = 0; first < n; first += together) {
-    const Py_ssize_t count = n - first < together ? n - first : together;
-    const Frame<S> wanted = frame_of<S>(T, first, count);
-    Hand<S> hand = hand_of(r.closed, wanted);
-    const auto pose = rigid(wanted) & last_row(T, first, count, S{});
-    const S off = pose ? S{} : all<S>(not_a_number);
-    hand.radius += off;
-    scatter(hand.radius, found, 1, first, count);
-    for (int b = 0; b < 8; b += 2) {
-      const S front = all<S>(b & 4 ? -1.0 : 1.0);
-      S x[6], c23, s23, angle[3];
-      const S margin = elbow(r.closed, hand, front, all<S>(b & 2 ? -1.0 : 1.0), x, c23, s23);
-      const S lost = margin >= -reach_tolerance ? S{} : all<S>(not_a_number);
-      wrist(hand, front, c23, s23, angle);
-      x[0] = joint_of(r.closed, 0, arc(hand.s1 * front, hand.c1 * front));
-      for (int flip = 0; flip < 2; ++flip) {
-        wrist_joints(r.closed, angle, all<S>(flip ? -1.0 : 1.0), x);
-        for (int i = 0; i < 6; ++i) scatter(x[i] + lost, q + (6 * (b + flip) + i) * n, 1, first, count);
-      }
-      if ((b & 2) == 0) scatter(margin, found + (1 + b / 4) * n, 1, first, count);
-    }
-  }
-}
 
 // Four poses side by side where the processor adds four doubles at once; the few one by one.
 #if defined(SIDE_BY_SIDE)
 const bool wide = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
 SIDE_BY_SIDE void poses_together(const Robot& r, const double* q, double* out, Py_ssize_t n) {
-  poses_of<Lanes>(r, q, nullptr, out, n);
+  poses_of<Lanes>(r, q, Stops{}, out, n);
 }
 SIDE_BY_SIDE void effective_together(const Robot& r, const double* q, double* out, Py_ssize_t n) {
-  effective_of<Lanes>(r, q, nullptr, out, n);
+  effective_of<Lanes>(r, q, Stops{}, out, n);
 }
 SIDE_BY_SIDE void jacobians_together(const Robot& r, const double* q, int reference, double* out, Py_ssize_t n) {
-  jacobians_of<Lanes>(r, q, nullptr, reference, out, n);
+  jacobians_of<Lanes>(r, q, Stops{}, reference, out, n);
 }
 SIDE_BY_SIDE void inverses_together(const Robot& r, const Wanted& w, Py_ssize_t n) { inverses_of<Lanes>(r, w, n); }
 SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* q, double* found, Py_ssize_t n) {
@@ -230,17 +64,17 @@ SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* q, 
 #define TOGETHER(function, condition, ...)
 #endif
 
-void poses(const Robot& r, const double* q, const double* before, double* out, Py_ssize_t n) {
-  TOGETHER(poses, before == nullptr, r, q, out, n);
-  poses_of<double>(r, q, before, out, n);
+void poses(const Robot& r, const double* q, const Stops& stops, double* out, Py_ssize_t n) {
+  TOGETHER(poses, !stops.known(), r, q, out, n);
+  poses_of<double>(r, q, stops, out, n);
 }
-void effective(const Robot& r, const double* q, const double* before, double* out, Py_ssize_t n) {
-  TOGETHER(effective, before == nullptr, r, q, out, n);
-  effective_of<double>(r, q, before, out, n);
+void effectives(const Robot& r, const double* q, const Stops& stops, double* out, Py_ssize_t n) {
+  TOGETHER(effective, !stops.known(), r, q, out, n);
+  effective_of<double>(r, q, stops, out, n);
 }
-void jacobians(const Robot& r, const double* q, const double* before, int reference, double* out, Py_ssize_t n) {
-  TOGETHER(jacobians, before == nullptr, r, q, reference, out, n);
-  jacobians_of<double>(r, q, before, reference, out, n);
+void jacobians(const Robot& r, const double* q, const Stops& stops, int reference, double* out, Py_ssize_t n) {
+  TOGETHER(jacobians, !stops.known(), r, q, reference, out, n);
+  jacobians_of<double>(r, q, stops, reference, out, n);
 }
 void inverses(const Robot& r, const Wanted& w, Py_ssize_t n) {
   TOGETHER(inverses, true, r, w, n);
@@ -285,17 +119,25 @@ struct Kernel {
   PyObject* numbers;  // the dict that it was made of
 };
 
-struct Joints {  // arguments (q, before or None, ..., out)
-  Array q, before, out;
-  const double* previous = nullptr;
+// Arguments (q, stops, ..., out). stops: None, or a tuple of the stops before, masses, places and torques, or None for each.
+struct Joints {
+  Array q, out, known[4];
+  Stops stops;
   // False where these are not (n, joints) doubles, the output has another size, or, checked, a number is beyond all bounds.
-  bool take(const Robot& r, PyObject* q_object, PyObject* before_object, bool checked, PyObject* out_object,
+  bool take(const Robot& r, PyObject* q_object, PyObject* stops_object, bool checked, PyObject* out_object,
             Py_ssize_t per_pose) {
-    if (!q.take(q_object) || !q.is(q.rows(), r.joints) || !out.take(out_object, true)) return false;
-    if (out.size() != q.rows() * per_pose) return false;
-    if (before_object != Py_None) {
-      if (!before.take(before_object) || !before.is(q.rows(), r.joints)) return false;
-      previous = before.data();
+    const Py_ssize_t n = q.take(q_object) ? q.rows() : -1;
+    if (n < 0 || !q.is(n, r.joints) || !out.take(out_object, true) || out.size() != n * per_pose) return false;
+    if (stops_object != Py_None) {
+      if (!PyTuple_Check(stops_object) || PyTuple_Size(stops_object) != 4) return false;
+      const double** const to[4] = {&stops.before, &stops.payload_kg, &stops.payload_place, &stops.torques};
+      const Py_ssize_t sizes[4] = {n * r.joints, n, 3 * n, n * r.joints};
+      for (Py_ssize_t k = 0; k < 4; ++k) {
+        PyObject* const item = PyTuple_GetItem(stops_object, k);
+        if (item == Py_None) continue;
+        if (!known[k].take(item) || known[k].size() != sizes[k]) return false;
+        *to[k] = known[k].data();
+      }
     }
     const double* x = q.data();
     for (Py_ssize_t k = 0; checked && k < q.size(); k += r.joints)
@@ -327,7 +169,7 @@ PyObject* kernel_poses(PyObject* self, PyObject* const* args, Py_ssize_t count) 
   const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
   Joints a;
   if (!a.take(r, args[0], args[1], args[2] == Py_True, args[3], 16)) Py_RETURN_FALSE;
-  unlocked(a.q.rows(), [&] { poses(r, a.q.data(), a.previous, a.out.data(), a.q.rows()); });
+  unlocked(a.q.rows(), [&] { poses(r, a.q.data(), a.stops, a.out.data(), a.q.rows()); });
   Py_RETURN_TRUE;
 }
 
@@ -336,7 +178,7 @@ PyObject* kernel_effective(PyObject* self, PyObject* const* args, Py_ssize_t cou
   const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
   Joints a;
   if (!a.take(r, args[0], args[1], false, args[2], r.joints)) Py_RETURN_FALSE;
-  unlocked(a.q.rows(), [&] { effective(r, a.q.data(), a.previous, a.out.data(), a.q.rows()); });
+  unlocked(a.q.rows(), [&] { effectives(r, a.q.data(), a.stops, a.out.data(), a.q.rows()); });
   Py_RETURN_TRUE;
 }
 
@@ -348,7 +190,22 @@ PyObject* kernel_jacobians(PyObject* self, PyObject* const* args, Py_ssize_t cou
   Joints a;
   if (!a.take(r, args[0], args[1], true, args[3], 6 * r.joints)) Py_RETURN_FALSE;
   unlocked(a.q.rows(), [&] {
-    jacobians(r, a.q.data(), a.previous, static_cast<int>(reference), a.out.data(), a.q.rows());
+    jacobians(r, a.q.data(), a.stops, static_cast<int>(reference), a.out.data(), a.q.rows());
+  });
+  Py_RETURN_TRUE;
+}
+
+PyObject* kernel_rates(PyObject* self, PyObject* const* args, Py_ssize_t count) {
+  if (!count_is(count, 4)) return nullptr;
+  const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
+  const long reference = PyLong_AsLong(args[2]);
+  if (reference == -1 && PyErr_Occurred()) return nullptr;
+  Joints a;
+  Array dq;
+  if (!a.take(r, args[0], Py_None, true, args[3], 6 * r.joints)) Py_RETURN_FALSE;
+  if (!dq.take(args[1]) || !dq.is(a.q.rows(), r.joints)) Py_RETURN_FALSE;
+  unlocked(a.q.rows(), [&] {
+    rates_of(r, a.q.data(), dq.data(), static_cast<int>(reference), a.out.data(), a.q.rows());
   });
   Py_RETURN_TRUE;
 }
@@ -460,7 +317,8 @@ bool fill(Robot& r, PyObject* dict) {
   struct { const char* name; double* to; Py_ssize_t size; } const plain[] = {
       {"far", r.far, n}, {"lower", r.lower, n}, {"upper", r.upper, n}, {"gravity", r.gravity, 3}, {"payload_kg", &r.payload_kg, 1},
       {"payload_place", r.payload_place, 3}, {"gain", r.gain, n}, {"offset", r.offset, n}, {"compliance", r.compliance, n},
-      {"direction", r.direction, n}, {"width", r.width, n}, {"move", r.move, n}, {"share", r.share, n}, {"reach", &r.reach, 1}};
+      {"direction", r.direction, n}, {"width", r.width, n}, {"move", r.move, n}, {"share", r.share, n}, {"reach", &r.reach, 1},
+      {"torque", r.torque, n}, {"along", r.along, n}};
   for (const auto& item : plain) {
     if (!numbers(dict, item.name, v, item.size)) return false;
     std::copy(v.begin(), v.end(), item.to);
@@ -473,6 +331,10 @@ bool fill(Robot& r, PyObject* dict) {
   to_chain(v, n, r.chain, r.tip);
   if (!numbers(dict, "nominal", v, 12 * (n + 1))) return false;
   if (!v.empty()) to_chain(v, n, r.nominal, r.nominal_tip);
+  const bool has_nominal = !v.empty();
+  if (!numbers(dict, "depth", v, 1)) return false;
+  r.depth = v.empty() ? n : static_cast<int>(v[0]);
+  if (!numbers(dict, "gain", v, n)) return false;
   r.has_map = !v.empty();
   if (!numbers(dict, "cosine", v, n, 0)) return false;
   if (v.size() > static_cast<std::size_t>(n * most_orders) || (v.size() / static_cast<std::size_t>(n)) % 2 != 0) {
@@ -508,12 +370,29 @@ bool fill(Robot& r, PyObject* dict) {
     for (std::size_t i = 0; i < joints; ++i) lever.to[i] = v[k + 3 + i] != 0.0;
     r.lever.push_back(lever);
   }
-  bool within = true;
+  if (!numbers(dict, "tiltings", v, 14, 0)) return false;
+  for (std::size_t k = 0; k < v.size(); k += 14) {
+    Tilting item{static_cast<int>(v[k]), v[k + 1], {}, {}};
+    std::copy(&v[k] + 2, &v[k] + 8, item.cosine);
+    std::copy(&v[k] + 8, &v[k] + 14, item.sine);
+    r.tilting.push_back(item);
+  }
+  if (!numbers(dict, "bendings", v, 12, 0)) return false;
+  for (std::size_t k = 0; k < v.size(); k += 12) {
+    Bending item{static_cast<int>(v[k]), static_cast<int>(v[k + 1]), static_cast<int>(v[k + 2]), {}, {}};
+    std::copy(&v[k] + 3, &v[k] + 6, item.axis);
+    std::copy(&v[k] + 6, &v[k] + 12, item.motion);
+    r.bending.push_back(item);
+  }
+  bool within = r.depth >= 0 && r.depth <= n && (has_nominal || !(r.has_map || r.tilting.size() || r.bending.size()));
+  const int vectors = static_cast<int>(r.link_vector.size());
+  for (const Tilting& item : r.tilting) within = within && item.joint >= 0 && item.joint < n;
+  for (const Bending& item : r.bending)
+    within = within && item.joint >= 0 && item.joint < n && item.first >= 0 && item.last < vectors;
   for (const Wave& item : r.wave) within = within && item.joint >= 0 && item.joint < n;
   for (const LinkVector& item : r.link_vector) within = within && item.link >= 0 && item.link < n;
   for (const auto& item : r.lever)
-    within = within && item.joint >= 0 && item.joint < n && item.first >= 0 &&
-             item.last < static_cast<int>(r.link_vector.size());
+    within = within && item.joint >= 0 && item.joint < n && item.first >= 0 && item.last < vectors;
   if (!within) {
     PyErr_SetString(PyExc_ValueError, "a joint, link or vector is none of the robot's");
     return false;
@@ -521,8 +400,12 @@ bool fill(Robot& r, PyObject* dict) {
   r.waves = static_cast<int>(r.wave.size());
   r.bends = static_cast<int>(r.bend.size());
   r.levers = static_cast<int>(r.lever.size());
+  r.tiltings = static_cast<int>(r.tilting.size());
+  r.bendings = static_cast<int>(r.bending.size());
+  r.moves_frames = r.tiltings > 0 || r.bendings > 0;
   for (int i = 0; i < n; ++i) {
     r.has_payload = r.has_payload || r.compliance[i] != 0.0;
+    r.has_torques = r.has_torques || r.torque[i] != 0.0;
     r.has_history = r.has_history || r.direction[i] != 0.0 || r.move[i] != 0.0 || r.share[i] != 0.0;
   }
   if (!numbers(dict, "closed_form", v, 5 + 12 + 24)) return false;
@@ -593,9 +476,10 @@ constexpr PyCFunction method(Function function) {
 
 PyMethodDef methods[] = {
     {"__reduce__", kernel_reduce, METH_NOARGS, "How it is pickled."},
-    {"poses", method(kernel_poses), METH_FASTCALL, "poses(q, before, checked, out): (n, 4, 4); False where refused"},
-    {"effective", method(kernel_effective), METH_FASTCALL, "effective(q, before, out): effective joints (n, joints)"},
-    {"jacobians", method(kernel_jacobians), METH_FASTCALL, "jacobians(q, before, reference, out): (n, 6, joints)"},
+    {"poses", method(kernel_poses), METH_FASTCALL, "poses(q, stops, checked, out): (n, 4, 4); False where refused"},
+    {"effective", method(kernel_effective), METH_FASTCALL, "effective(q, stops, out): effective joints (n, joints)"},
+    {"jacobians", method(kernel_jacobians), METH_FASTCALL, "jacobians(q, stops, reference, out): (n, 6, joints)"},
+    {"rates", method(kernel_rates), METH_FASTCALL, "rates(q, dq, reference, out): time derivatives of jacobians"},
     {"inverses", method(kernel_inverses), METH_FASTCALL,
      "inverses(T, signs, near, position, rotation, q, found): found as in binding.cpp (n, 7)"},
     {"newton", method(kernel_newton), METH_FASTCALL,

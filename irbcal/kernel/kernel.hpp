@@ -1,8 +1,8 @@
 // Kinematics of calibrated serial arms: C++17, nothing but the standard library, no allocation, no exceptions.
 //
 // Every function takes a robot as data, any structure with the members that are used here, and a type of number: double
-// for one pose, Lanes for four poses side by side. Sines,
-// cosines and arcs are polynomials, so that both give the same numbers on every machine. Radians, metres, kilograms.
+// for one pose, Lanes for four poses side by side, Dual for a pose and how it changes in time. Sines, cosines and arcs
+// are polynomials, so that all give the same numbers on every machine. Radians, metres, kilograms.
 // Do not compile with -ffast-math.
 #ifndef IRBCAL_KERNEL_HPP
 #define IRBCAL_KERNEL_HPP
@@ -13,12 +13,15 @@
 #include <cstring>
 #include <limits>
 
+#if defined(__GNUC__) && (defined(__AVX__) || defined(__aarch64__)) && !defined(IRBCAL_LANES)
+#define IRBCAL_LANES  // vectors of four numbers, which other options of the compiler do not take well
+#endif
+
 namespace irbcal {
 
 // ------------------------------------------------------------------ numbers
 
-#if defined(__GNUC__)
-#pragma GCC diagnostic ignored "-Wpsabi"  // nothing here is called across objects
+#if defined(IRBCAL_LANES)
 constexpr int width = 4;
 typedef double Lanes __attribute__((vector_size(8 * width)));
 typedef std::int64_t LaneBits __attribute__((vector_size(8 * width)));
@@ -36,13 +39,12 @@ inline double from_bits(std::int64_t x) noexcept {
 }
 inline double root(double x) noexcept { return std::sqrt(x); }
 inline bool any(bool x) noexcept { return x; }
-#if defined(__GNUC__)
+#if defined(IRBCAL_LANES)
 inline LaneBits bits(const Lanes& x) noexcept { return (LaneBits)x; }
 inline Lanes from_bits(const LaneBits& x) noexcept { return (Lanes)x; }
 inline Lanes root(const Lanes& x) noexcept {
   double in[width], out[width];
   std::memcpy(in, &x, sizeof in);
-#pragma omp simd
   for (int k = 0; k < width; ++k) out[k] = std::sqrt(in[k]);
   Lanes result;
   std::memcpy(&result, out, sizeof out);
@@ -74,6 +76,27 @@ inline S least(const S& a, const S& b) noexcept {
 template <class S>
 inline S most(const S& a, const S& b) noexcept {
   return a < b ? b : a;
+}
+
+struct Dual {  // a number and its derivative
+  double v = 0.0, d = 0.0;
+};
+inline Dual operator+(const Dual& a, const Dual& b) noexcept { return {a.v + b.v, a.d + b.d}; }
+inline Dual operator+(const Dual& a, double b) noexcept { return {a.v + b, a.d}; }
+inline Dual operator+(double a, const Dual& b) noexcept { return {a + b.v, b.d}; }
+inline Dual operator-(const Dual& a) noexcept { return {-a.v, -a.d}; }
+inline Dual operator-(const Dual& a, const Dual& b) noexcept { return {a.v - b.v, a.d - b.d}; }
+inline Dual operator-(double a, const Dual& b) noexcept { return {a - b.v, -b.d}; }
+inline Dual operator*(const Dual& a, const Dual& b) noexcept { return {a.v * b.v, a.d * b.v + a.v * b.d}; }
+inline Dual operator*(const Dual& a, double b) noexcept { return {a.v * b, a.d * b}; }
+inline Dual operator*(double a, const Dual& b) noexcept { return b * a; }
+inline Dual operator/(double a, const Dual& b) noexcept { return {a / b.v, -a / (b.v * b.v) * b.d}; }
+inline Dual& operator+=(Dual& a, const Dual& b) noexcept { return a = a + b; }
+inline Dual& operator+=(Dual& a, double b) noexcept { return a = a + b; }
+inline Dual& operator-=(Dual& a, const Dual& b) noexcept { return a = a - b; }
+inline Dual root(const Dual& x) noexcept {
+  const double y = std::sqrt(x.v);
+  return {y, 0.5 * x.d / y};
 }
 
 constexpr double magic = 6755399441055744.0;  // 1.5 * 2^52: added to a number, it leaves the nearest whole one
@@ -123,6 +146,12 @@ inline void sine_cosine(const S& x, S& sine, S& cosine) noexcept {
   const S a = odd ? c : s, b = odd ? s : c;
   sine = (quadrant & std::int64_t{2}) != 0 ? -a : a;
   cosine = ((quadrant + std::int64_t{1}) & std::int64_t{2}) != 0 ? -b : b;
+}
+
+inline void sine_cosine(const Dual& x, Dual& sine, Dual& cosine) noexcept {
+  sine_cosine(x.v, sine.v, cosine.v);
+  sine.d = cosine.v * x.d;
+  cosine.d = -sine.v * x.d;
 }
 
 // By Cephes' rational function of the smaller over the larger one, reduced to below 0.66; 0 where both are 0.
@@ -210,12 +239,39 @@ inline void trigonometry(const Robot& r, const S* q, S* c, S* s) noexcept {
   for (int i = 0; i < r.joints; ++i) sine_cosine(q[i], s[i], c[i]);
 }
 
-// Axes and origin of each joint's link after it has turned or slid; of the last one alone unless every is true.
+// A small motion of a frame, a rotation vector and a shift, before the joint's place along its axis.
+template <class S>
+inline void move(Frame<S>& F, const S* xi, double along) noexcept {
+  const S x = xi[0], y = xi[1], z = xi[2], angle = root(x * x + y * y + z * z + 1e-300);
+  S s, c;
+  sine_cosine(0.5 * angle, s, c);
+  const S over = 1.0 / angle, first = 2.0 * s * c * over, second = 2.0 * (s * over) * (s * over);
+  const S E[3][3] = {{-second * (y * y + z * z), second * x * y - first * z, second * x * z + first * y},
+                     {second * x * y + first * z, -second * (x * x + z * z), second * y * z - first * x},
+                     {second * x * z - first * y, second * y * z + first * x, -second * (x * x + y * y)}};
+  for (int k = 0; k < 3; ++k) {
+    const S u = F.R[0][k], v = F.R[1][k], w = F.R[2][k];
+    F.R[0][k] += u * E[0][0] + v * E[1][0] + w * E[2][0];
+    F.R[1][k] += u * E[0][1] + v * E[1][1] + w * E[2][1];
+    const S tilt = u * E[0][2] + v * E[1][2] + w * E[2][2];
+    F.R[2][k] += tilt;
+    F.o[k] += u * xi[3] + v * xi[4] + w * xi[5] + tilt * along;
+  }
+}
+
+template <class S>
+constexpr S (*no_motions)[6] = nullptr;
+
+// Axes and origin of each joint's link after it has turned or slid; of the last one alone unless every is true. xi: small
+// motions of the frames before, or null; depth: how many joints there are on the way.
 template <bool every, class S, class Robot>
-inline Frame<S> walk(const Robot& r, const Constant* chain, const S* q, const S* c, const S* s, Frame<S>* out) noexcept {
+inline Frame<S> walk(const Robot& r, const Constant* chain, const S* q, const S* c, const S* s, S (*xi)[6],
+                     Frame<S>* out, int depth) noexcept {
   Frame<S> F = at<S>(chain[0]);
-  for (int i = 0; i < r.joints; ++i) {
+  for (int i = 0; i < depth; ++i) {
     if (i > 0) step(F, chain[i]);
+    if constexpr (Robot::has_frames)
+      if (xi != nullptr) move(F, xi[i], r.along[i]);
     for (int k = 0; k < 3; ++k) {
       if (r.slides[i]) {
         F.o[k] += q[i] * F.R[2][k];
@@ -314,6 +370,19 @@ inline void weights(const Robot& r, const Frame<S>* w, double payload_kg, const 
   }
 }
 
+// What effective joints depend on beside the commands: the stop before as commanded, where it is known, the load, and
+// the torques that the robot reports; pointers may be null.
+struct Situation {
+  const double* before = nullptr;
+  const double* torques = nullptr;
+  double payload_kg = 0.0;
+  const double* payload_place = nullptr;  // of its centre in the tip link
+};
+template <class Robot>
+inline Situation usual(const Robot& r) noexcept {
+  return {nullptr, nullptr, r.payload_kg, r.payload_place};
+}
+
 // What the last move does; moves are commanded joints minus those of the stop before. full: below one, a part of a move.
 template <bool slopes, class Robot>
 inline void history(const Robot& r, const double* moves, double* f, double (*J)[Robot::capacity], double full = 1.0) noexcept {
@@ -351,7 +420,7 @@ inline void clenshaw(const Robot& r, int i, const S& c, S& a, S& a1, S& b, S& b1
 
 // f: what effective joints are more than commanded ones, without the last move; J: its derivative; c, s: of q.
 template <bool slopes, class S, class Robot>
-inline void still(const Robot& r, const S* q, const S* c, const S* s, double payload_kg, const double* centre, S* f,
+inline void still(const Robot& r, const S* q, const S* c, const S* s, const Situation& at, S* f,
                   S (*J)[Robot::capacity]) noexcept {
   for (int i = 0; i < r.joints; ++i) {
     f[i] = r.offset[i] + r.gain[i] * q[i];
@@ -389,52 +458,164 @@ inline void still(const Robot& r, const S* q, const S* c, const S* s, double pay
           if (bend.of[i]) J[t][i] += bend.coefficient * cx;
     }
   }
-  if (r.levers > 0 || (r.has_payload && payload_kg != 0.0)) {
+  if (r.levers > 0 || (r.has_payload && at.payload_kg != 0.0)) {
     Frame<S> w[Robot::capacity];
-    walk<true>(r, r.nominal, q, c, s, w);
-    weights<slopes>(r, w, payload_kg, centre, f, J);
+    walk<true>(r, r.nominal, q, c, s, no_motions<S>, w, r.joints);
+    weights<slopes>(r, w, at.payload_kg, at.payload_place, f, J);
   }
+  if (r.has_torques && at.torques != nullptr)
+    for (int i = 0; i < r.joints; ++i)
+      if (r.torque[i] != 0.0 && !std::isnan(at.torques[i])) f[i] += r.torque[i] * at.torques[i];
 }
 
-// ------------------------------------------------------------------ forward, with its derivative
-
-// f: what effective joints are more than commanded ones, with the usual load; map: its slopes; c, s: of q.
-// before: the stop before, where it is known (one pose only).
+// f: what effective joints are more than commanded ones; map: its slopes; c, s: of q. The last move is for one pose only.
 template <bool slopes, class S, class Robot>
-inline void shift(const Robot& r, const S* q, const double* before, S* c, S* s, S* f, S (*map)[Robot::capacity]) noexcept {
-  trigonometry(r, q, c, s);
-  still<slopes>(r, q, c, s, r.payload_kg, r.payload_place, f, map);
+inline void shift(const Robot& r, const S* q, const S* c, const S* s, const Situation& at, S* f,
+                  S (*map)[Robot::capacity]) noexcept {
+  still<slopes>(r, q, c, s, at, f, map);
   if constexpr (sizeof(S) == sizeof(double)) {
-    if (before == nullptr || !r.has_history) return;
+    if (at.before == nullptr || !r.has_history) return;
     double moves[Robot::capacity] = {};
     for (int i = 0; i < r.joints; ++i) {
-      moves[i] = q[i] - before[i];
+      moves[i] = q[i] - at.before[i];
       if (!std::isfinite(moves[i])) return;
     }
     history<slopes>(r, moves, f, map);
   }
 }
 
+// Effective joints of commanded ones.
+template <class S, class Robot>
+inline void effective(const Robot& r, const S* q, const Situation& at, S* theta) noexcept {
+  S c[Robot::capacity], s[Robot::capacity], f[Robot::capacity];
+  trigonometry(r, q, c, s);
+  shift<false>(r, q, c, s, at, f, static_cast<S(*)[Robot::capacity]>(nullptr));
+  for (int i = 0; i < r.joints; ++i) theta[i] = q[i] + f[i];
+}
+
+// Solves q + f(q) = theta from a start, joint by joint with the slope between the last two steps: f is small, and what a
+// joint is shifted by depends on itself above all. moves: the last move, where it does not change with q; else null.
+// False where it does not converge.
+template <class Robot>
+inline bool settle(const Robot& r, const double* theta, const Situation& at, const double* moves, double* q) noexcept {
+  double full = 0.0;
+  if (moves != nullptr)
+    for (int i = 0; i < r.joints; ++i) full = std::max(full, std::abs(moves[i]) / r.stride[i]);
+  double last[Robot::capacity] = {}, step[Robot::capacity] = {};
+  for (int it = 0; it < 60; ++it) {
+    double f[Robot::capacity], c[Robot::capacity], s[Robot::capacity];
+    double (*const none)[Robot::capacity] = nullptr;
+    trigonometry(r, q, c, s);
+    if (moves == nullptr) {
+      shift<false>(r, q, c, s, at, f, none);
+    } else {
+      still<false>(r, q, c, s, at, f, none);
+      if (r.has_history && full > 0.0) history<false>(r, moves, f, none, full);
+    }
+    double change = 0.0;
+    for (int i = 0; i < r.joints; ++i) {
+      const double miss = theta[i] - f[i] - q[i];
+      const double slope = it > 0 && std::abs(step[i]) > 1e-9 ? (f[i] - last[i]) / step[i] : 0.0;
+      step[i] = std::abs(slope) < 0.3 ? miss / (1.0 + slope) : miss;
+      last[i] = f[i];
+      q[i] += step[i];
+      change = std::isfinite(step[i]) ? std::max(change, std::abs(step[i])) : infinity;
+    }
+    if (!std::isfinite(change)) return false;
+    if (change < 1e-12) return true;  // steps shrink at least tenfold: what is left is rounding
+  }
+  return false;
+}
+
+// ------------------------------------------------------------------ small motions of the joints' frames
+
+struct Tilting {  // of a joint's frame by one multiple of its angle: rotations and shifts, three each
+  int joint;
+  double cycles, cosine[6], sine[6];
+};
+struct Bending {  // a lever about an axis of the joint's frame, and the motion for each unit of it
+  int joint, first, last;
+  double axis[3], motion[6];
+};
+
+// Motions of the frames before each joint turns, along the axes of its constant frame; c, s: of the commanded joints q.
+template <class S, class Robot>
+inline void frame_motions(const Robot& r, const S* q, const S* c, const S* s, S (*xi)[6]) noexcept {
+  for (int i = 0; i < r.joints; ++i)
+    for (int a = 0; a < 6; ++a) xi[i][a] = S{};
+  for (int k = 0; k < r.tiltings; ++k) {
+    const Tilting& item = r.tilting[k];
+    S cx, sx;
+    sine_cosine(item.cycles * q[item.joint], sx, cx);
+    for (int a = 0; a < 6; ++a) xi[item.joint][a] += item.cosine[a] * cx + item.sine[a] * sx;
+  }
+  if (r.bendings == 0) return;
+  Frame<S> w[Robot::capacity];
+  walk<true>(r, r.nominal, q, c, s, no_motions<S>, w, r.joints);
+  const Vector<S> g{ {all<S>(r.gravity[0]), all<S>(r.gravity[1]), all<S>(r.gravity[2])} };
+  for (int k = 0; k < r.bendings; ++k) {
+    const Bending& item = r.bending[k];
+    const Frame<S>& at = w[item.joint];
+    Vector<S> sum{}, axis;
+    for (int m = item.first; m <= item.last; ++m) {
+      const Vector<S> v = turned(w[r.link_vector[m].link], r.link_vector[m].v);
+      for (int j = 0; j < 3; ++j) sum[j] += v[j];
+    }
+    for (int j = 0; j < 3; ++j) {  // the joint's turn undone
+      const S x = r.slides[item.joint] ? at.R[0][j] : c[item.joint] * at.R[0][j] - s[item.joint] * at.R[1][j];
+      const S y = r.slides[item.joint] ? at.R[1][j] : c[item.joint] * at.R[1][j] + s[item.joint] * at.R[0][j];
+      axis[j] = x * item.axis[0] + y * item.axis[1] + at.R[2][j] * item.axis[2];
+    }
+    const S value = dot(axis, cross(sum, g));
+    for (int a = 0; a < 6; ++a) xi[item.joint][a] += value * item.motion[a];
+  }
+}
+
+// ------------------------------------------------------------------ forward, with its derivative
+
 // The tip in the base for commanded joints, links on the way where slopes are wanted.
 template <bool slopes, class S, class Robot>
-inline Frame<S> forward(const Robot& r, const S* q, const double* before, S* theta, S (*map)[Robot::capacity],
-                        Frame<S>* links) noexcept {
-  S c[Robot::capacity], s[Robot::capacity], f[Robot::capacity];
-  if (r.has_map) shift<slopes>(r, q, before, c, s, f, map);
-  for (int i = 0; i < r.joints; ++i) theta[i] = r.has_map ? q[i] + f[i] : q[i];
+inline Frame<S> forward(const Robot& r, const S* q, const Situation& at, S (*map)[Robot::capacity], Frame<S>* links) noexcept {
+  S c[Robot::capacity]{}, s[Robot::capacity]{}, theta[Robot::capacity], xi[Robot::has_frames ? Robot::capacity : 1][6];
+  for (int i = 0; i < r.joints; ++i) theta[i] = q[i];
+  if (r.has_map || (Robot::has_frames && r.moves_frames)) {
+    S f[Robot::capacity];
+    trigonometry(r, q, c, s);
+    if constexpr (Robot::has_frames)
+      if (r.moves_frames) frame_motions(r, q, c, s, xi);
+    if (r.has_map) {
+      shift<slopes>(r, q, c, s, at, f, map);
+      for (int i = 0; i < r.joints; ++i) theta[i] += f[i];
+    }
+  }
   trigonometry(r, theta, c, s);
-  Frame<S> tip = walk<slopes>(r, r.chain, theta, c, s, links);
+  const bool moves = Robot::has_frames && r.moves_frames;
+  Frame<S> tip = walk<slopes>(r, r.chain, theta, c, s, moves ? xi : no_motions<S>, links, r.depth);
   step(tip, r.tip);
   return tip;
 }
-
-// Derivative of the tip's place and rotation by the commanded joints, along the axes of the base.
 template <class S, class Robot>
-inline Frame<S> with_jacobian(const Robot& r, const S* q, const double* before, S (*J)[Robot::capacity]) noexcept {
-  S theta[Robot::capacity], map[Robot::capacity][Robot::capacity], G[6][Robot::capacity];
-  Frame<S> links[Robot::capacity];
-  const Frame<S> tip = forward<true>(r, q, before, theta, map, links);
-  for (int j = 0; j < r.joints; ++j) {
+inline Frame<S> forward(const Robot& r, const S* q, const Situation& at) noexcept {
+  return forward<false>(r, q, at, static_cast<S(*)[Robot::capacity]>(nullptr), static_cast<Frame<S>*>(nullptr));
+}
+
+// The tip for joints of the chain itself, calibrated or nominal.
+template <class S, class Robot>
+inline Frame<S> tip_of(const Robot& r, const Constant* chain, const Constant& last, const S* theta) noexcept {
+  S c[Robot::capacity], s[Robot::capacity];
+  trigonometry(r, theta, c, s);
+  Frame<S> tip = walk<false>(r, chain, theta, c, s, no_motions<S>, static_cast<Frame<S>*>(nullptr), r.joints);
+  step(tip, last);
+  return tip;
+}
+
+// Derivative of the tip's place and rotation along the axes of the base, links given, by effective joints; by commanded
+// ones where there are slopes of the joint map. What motions of the frames change with the joints is left out of it.
+template <class S, class Robot>
+inline void jacobian(const Robot& r, const Frame<S>& tip, const Frame<S>* links, S (*map)[Robot::capacity],
+                     S (*J)[Robot::capacity]) noexcept {
+  S G[6][Robot::capacity];
+  for (int j = 0; j < r.depth; ++j) {
     const Vector<S> z = links[j].R[2], linear = r.slides[j] ? z : cross(z, minus(tip.o, links[j].o));
     for (int k = 0; k < 3; ++k) {
       G[k][j] = linear[k];
@@ -443,14 +624,37 @@ inline Frame<S> with_jacobian(const Robot& r, const S* q, const double* before, 
   }
   for (int i = 0; i < 6; ++i)
     for (int j = 0; j < r.joints; ++j) {
-      J[i][j] = G[i][j];
-      if (r.has_map)
-        for (int k = 0; k < r.joints; ++k) J[i][j] += G[i][k] * map[k][j];
+      J[i][j] = j < r.depth ? G[i][j] : S{};
+      if (map != nullptr)
+        for (int k = 0; k < r.depth; ++k) J[i][j] += G[i][k] * map[k][j];
     }
+}
+
+// Tip and its derivative by the commanded joints.
+template <class S, class Robot>
+inline Frame<S> with_jacobian(const Robot& r, const S* q, const Situation& at, S (*J)[Robot::capacity]) noexcept {
+  S map[Robot::capacity][Robot::capacity];
+  Frame<S> links[Robot::capacity];
+  const Frame<S> tip = forward<true>(r, q, at, map, links);
+  jacobian(r, tip, links, r.has_map ? map : nullptr, J);
+  return tip;
+}
+
+// The same for effective joints.
+template <class S, class Robot>
+inline Frame<S> chain_with_jacobian(const Robot& r, const S* theta, S (*J)[Robot::capacity]) noexcept {
+  S c[Robot::capacity], s[Robot::capacity];
+  Frame<S> links[Robot::capacity];
+  trigonometry(r, theta, c, s);
+  Frame<S> tip = walk<true>(r, r.chain, theta, c, s, no_motions<S>, links, r.depth);
+  step(tip, r.tip);
+  jacobian(r, tip, links, static_cast<S(*)[Robot::capacity]>(nullptr), J);
   return tip;
 }
 
 // ------------------------------------------------------------------ the closed form of ortho-parallel arms
+
+constexpr double reach_tolerance = 1e-12;  // metres by which rounding may put a pose beyond the reach
 
 struct ClosedForm {
   double a2, a3, d4, a4, bend;
@@ -581,10 +785,31 @@ inline void branch_signs(const ClosedForm& a, const S* q, S* signs) noexcept {
   signs[2] = within_half_turn(angle[4]) < 0.0 ? -one : one;
 }
 
+// The branch, and the turns within the limits, nearest to given joints; false where none is within reach and limits.
+template <class Robot>
+inline bool nearest_branch(const Robot& r, const ClosedForm& a, const Frame<double>& wanted, const double* near, double* q) noexcept {
+  const Hand<double> hand = hand_of(a, wanted);
+  double least_distance = infinity;
+  for (int b = 0; b < 8; ++b) {
+    double x[6], distance = 0.0;
+    if (!(branch(a, hand, b & 4 ? -1.0 : 1.0, b & 2 ? -1.0 : 1.0, b & 1 ? -1.0 : 1.0, x) >= -reach_tolerance)) continue;
+    for (int i = 0; i < 6; ++i) {
+      const double first = std::ceil((r.lower[i] - x[i]) / tau), last = std::floor((r.upper[i] - x[i]) / tau);
+      if (!(first <= last)) distance = infinity;
+      x[i] += tau * std::min(std::max(std::nearbyint((near[i] - x[i]) / tau), first), last);
+      distance += (x[i] - near[i]) * (x[i] - near[i]);
+    }
+    if (!(distance < least_distance)) continue;
+    least_distance = distance;
+    std::copy(x, x + 6, q);
+  }
+  return least_distance < infinity;
+}
+
 // ------------------------------------------------------------------ the calibrated inverse
 
 constexpr int iterations = 24;
-constexpr double stalled = 0.5, slack = 0.05, reach_tolerance = 1e-12, limit_tolerance = 1e-9;
+constexpr double stalled = 0.5, slack = 0.05, limit_tolerance = 1e-9;
 
 template <class S>
 struct Solution {
@@ -627,9 +852,7 @@ inline Solution<S> fixed_point(const Robot& r, const ClosedForm& a, const Frame<
       const S chosen = first <= final ? least(most(turns, first), final) : turns;
       q[i] = stay ? q[i] : q[i] + tau * chosen;
     }
-    S theta[Robot::capacity];
-    const Frame<S> tip = forward<false>(r, q, nullptr, theta, static_cast<S(*)[Robot::capacity]>(nullptr),
-                                        static_cast<Frame<S>*>(nullptr));
+    const Frame<S> tip = forward(r, q, usual(r));
     S chord = S{}, length = S{};
     for (int k = 0; k < 3; ++k) {
       const S lacks = wanted.o[k] - tip.o[k];
@@ -664,10 +887,11 @@ inline Solution<S> fixed_point(const Robot& r, const ClosedForm& a, const Frame<
   return out;
 }
 
-struct Steps {  // of Newton's method; limits may be null
+struct Steps {  // of Newton's method; limits may be null; mapped: joints are commanded ones, else effective
   double position, rotation;
   int straighten, patience;
   const double *lower, *upper;
+  bool mapped = true;
 };
 
 template <class Robot>
@@ -677,8 +901,9 @@ struct Linear {
 
 // What a step from q needs: lengths are over the reach.
 template <class Robot>
-inline void linearise(const Robot& r, const Frame<double>& wanted, double reach, const double* q, Linear<Robot>& out) noexcept {
-  const Frame<double> tip = with_jacobian(r, q, nullptr, out.J);
+inline void linearise(const Robot& r, const Frame<double>& wanted, double reach, bool mapped, const double* q,
+                      Linear<Robot>& out) noexcept {
+  const Frame<double> tip = mapped ? with_jacobian(r, q, usual(r), out.J) : chain_with_jacobian(r, q, out.J);
   for (int k = 0; k < 3; ++k)
     for (int j = 0; j < r.joints; ++j) out.J[k][j] /= reach;
   double length = 0.0, chord = 0.0, trace = 0.0;
@@ -737,7 +962,7 @@ template <class Robot>
 inline int newton(const Robot& r, const Frame<double>& wanted, double reach, const Steps& steps, double* q, double& position,
                   double& rotation) noexcept {
   Linear<Robot> at, next;
-  linearise(r, wanted, reach, q, at);
+  linearise(r, wanted, reach, steps.mapped, q, at);
   double damping = 1e-6, bound = infinity;
   int evaluations = 1, waited = 0;
   for (int count = 0; count < 6 * steps.patience; ++count) {
@@ -748,13 +973,12 @@ inline int newton(const Robot& r, const Frame<double>& wanted, double reach, con
     if (good || waited > steps.patience || !std::isfinite(at.cost)) break;
     double trial[Robot::capacity];
     std::copy(q, q + r.joints, trial);
-    damped_step(r, at, steps, damping * std::min(std::sqrt(at.cost), 1.0) + 1e-15, trial);
-    linearise(r, wanted, reach, trial, next);
-    for (int k = 0; k < steps.straighten; ++k) {
-      damped_step(r, next, steps, 1e-5, trial);
+    for (int k = 0; k <= steps.straighten; ++k) {
+      const double weight = damping * std::min(std::sqrt(at.cost), 1.0) + 1e-15;
+      damped_step(r, k > 0 ? next : at, steps, k > 0 ? 1e-5 : weight, trial);
       if (steps.lower != nullptr)
         for (int i = 0; i < r.joints; ++i) trial[i] = std::min(std::max(trial[i], steps.lower[i]), steps.upper[i]);
-      linearise(r, wanted, reach, trial, next);
+      linearise(r, wanted, reach, steps.mapped, trial, next);
     }
     evaluations += 1 + steps.straighten;
     const bool better = next.cost < at.cost;
@@ -767,6 +991,229 @@ inline int newton(const Robot& r, const Frame<double>& wanted, double reach, con
   position = at.position;
   rotation = at.rotation;
   return evaluations;
+}
+
+// ------------------------------------------------------------------ many poses
+
+template <class S>
+S gathered(const double* from, std::ptrdiff_t stride, std::ptrdiff_t first, std::ptrdiff_t n);
+template <>
+inline double gathered<double>(const double* from, std::ptrdiff_t stride, std::ptrdiff_t first, std::ptrdiff_t) {
+  return from[first * stride];
+}
+inline void scatter(const double& x, double* to, std::ptrdiff_t stride, std::ptrdiff_t first, std::ptrdiff_t) { to[first * stride] = x; }
+template <class S>
+constexpr std::ptrdiff_t side_by_side = 1;
+#if defined(IRBCAL_LANES)
+template <>
+inline Lanes gathered<Lanes>(const double* from, std::ptrdiff_t stride, std::ptrdiff_t first, std::ptrdiff_t n) {
+  Lanes out;
+  for (std::ptrdiff_t k = 0; k < width; ++k) out[k] = from[(first + (k < n ? k : n - 1)) * stride];
+  return out;
+}
+inline void scatter(const Lanes& x, double* to, std::ptrdiff_t stride, std::ptrdiff_t first, std::ptrdiff_t n) {
+  for (std::ptrdiff_t k = 0; k < n; ++k) to[(first + k) * stride] = x[k];
+}
+template <>
+constexpr std::ptrdiff_t side_by_side<Lanes> = width;
+using Widest = Lanes;
+#else
+using Widest = double;
+#endif
+
+// What n stops depend on beside the commands, rows each: the stop before, the load (a mass, its centre), torques; pointers
+// may be null, and what is no number is not known.
+struct Stops {
+  const double *before = nullptr, *payload_kg = nullptr, *payload_place = nullptr, *torques = nullptr;
+  bool known() const noexcept {
+    return before != nullptr || payload_kg != nullptr || payload_place != nullptr || torques != nullptr;
+  }
+};
+template <class Robot>
+inline Situation situation_of(const Robot& r, const Stops& stops, std::ptrdiff_t k) noexcept {
+  Situation at = usual(r);
+  if (stops.before != nullptr) at.before = stops.before + k * r.joints;
+  if (stops.torques != nullptr) at.torques = stops.torques + k * r.joints;
+  if (stops.payload_kg != nullptr && std::isfinite(stops.payload_kg[k])) at.payload_kg = stops.payload_kg[k];
+  if (stops.payload_place != nullptr) {
+    const double* v = stops.payload_place + 3 * k;
+    if (std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2])) at.payload_place = v;
+  }
+  return at;
+}
+
+// Tips (n, 4, 4) of commanded joints (n, joints). Lanes are for stops of which nothing else is known.
+template <class S, class Robot>
+inline void poses_of(const Robot& r, const double* q, const Stops& stops, double* out, std::ptrdiff_t n) noexcept {
+  constexpr std::ptrdiff_t together = side_by_side<S>;
+  for (std::ptrdiff_t first = 0; first < n; first += together) {
+    const std::ptrdiff_t count = n - first < together ? n - first : together;
+    S x[Robot::capacity];
+    for (int i = 0; i < r.joints; ++i) x[i] = gathered<S>(q + i, r.joints, first, count);
+    const Frame<S> tip = forward(r, x, situation_of(r, stops, first));
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) scatter(tip.R[j][i], out + 4 * i + j, 16, first, count);
+      scatter(tip.o[i], out + 4 * i + 3, 16, first, count);
+    }
+    for (std::ptrdiff_t k = first; k < first + count; ++k) {
+      double* last = out + 16 * k + 12;
+      last[0] = last[1] = last[2] = 0.0;
+      last[3] = 1.0;
+    }
+  }
+}
+
+// Effective joints (n, joints) of commanded ones.
+template <class S, class Robot>
+inline void effective_of(const Robot& r, const double* q, const Stops& stops, double* out, std::ptrdiff_t n) noexcept {
+  constexpr std::ptrdiff_t together = side_by_side<S>;
+  for (std::ptrdiff_t first = 0; first < n; first += together) {
+    const std::ptrdiff_t count = n - first < together ? n - first : together;
+    S x[Robot::capacity], theta[Robot::capacity];
+    for (int i = 0; i < r.joints; ++i) x[i] = gathered<S>(q + i, r.joints, first, count);
+    effective(r, x, situation_of(r, stops, first), theta);
+    for (int i = 0; i < r.joints; ++i) scatter(theta[i], out + i, r.joints, first, count);
+  }
+}
+
+// Column j of a Jacobian along the axes of the base at the tip (0), along the tip's own (1), or of the point of the body
+// that passes the origin (2).
+template <class S, int capacity>
+inline void column_of(const Frame<S>& tip, const S (&J)[6][capacity], int j, int reference, Vector<S>& linear,
+                      Vector<S>& angular) noexcept {
+  linear = { {J[0][j], J[1][j], J[2][j]} };
+  angular = { {J[3][j], J[4][j], J[5][j]} };
+  if (reference == 1) {
+    linear = { {dot(tip.R[0], linear), dot(tip.R[1], linear), dot(tip.R[2], linear)} };
+    angular = { {dot(tip.R[0], angular), dot(tip.R[1], angular), dot(tip.R[2], angular)} };
+  } else if (reference == 2) {
+    const Vector<S> more = cross(tip.o, angular);
+    for (int k = 0; k < 3; ++k) linear[k] += more[k];
+  }
+}
+
+// Jacobians (n, 6, joints).
+template <class S, class Robot>
+inline void jacobians_of(const Robot& r, const double* q, const Stops& stops, int reference, double* out,
+                         std::ptrdiff_t n) noexcept {
+  constexpr std::ptrdiff_t together = side_by_side<S>;
+  for (std::ptrdiff_t first = 0; first < n; first += together) {
+    const std::ptrdiff_t count = n - first < together ? n - first : together;
+    S x[Robot::capacity], J[6][Robot::capacity];
+    for (int i = 0; i < r.joints; ++i) x[i] = gathered<S>(q + i, r.joints, first, count);
+    const Frame<S> tip = with_jacobian(r, x, situation_of(r, stops, first), J);
+    for (int j = 0; j < r.joints; ++j) {
+      Vector<S> linear, angular;
+      column_of(tip, J, j, reference, linear, angular);
+      for (int k = 0; k < 3; ++k) {
+        scatter(linear[k], out + k * r.joints + j, 6 * r.joints, first, count);
+        scatter(angular[k], out + (k + 3) * r.joints + j, 6 * r.joints, first, count);
+      }
+    }
+  }
+}
+
+// Derivatives of Jacobians (n, 6, joints) along joint speeds dq (n, joints); the stops before are not known.
+template <class Robot>
+inline void rates_of(const Robot& r, const double* q, const double* dq, int reference, double* out, std::ptrdiff_t n) noexcept {
+  for (std::ptrdiff_t row = 0; row < n; ++row) {
+    Dual x[Robot::capacity], J[6][Robot::capacity];
+    for (int i = 0; i < r.joints; ++i) x[i] = {q[row * r.joints + i], dq[row * r.joints + i]};
+    const Frame<Dual> tip = with_jacobian(r, x, usual(r), J);
+    double* to = out + 6 * r.joints * row;
+    for (int j = 0; j < r.joints; ++j) {
+      Vector<Dual> linear, angular;
+      column_of(tip, J, j, reference, linear, angular);
+      for (int k = 0; k < 3; ++k) {
+        to[k * r.joints + j] = linear[k].d;
+        to[(k + 3) * r.joints + j] = angular[k].d;
+      }
+    }
+  }
+}
+
+template <class S>
+inline Frame<S> frame_of(const double* T, std::ptrdiff_t first, std::ptrdiff_t count) noexcept {
+  Frame<S> out;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) out.R[j][i] = gathered<S>(T + 4 * i + j, 16, first, count);
+    out.o[i] = gathered<S>(T + 4 * i + 3, 16, first, count);
+  }
+  return out;
+}
+
+// Whether the last rows of poses are 0, 0, 0, 1.
+template <class S>
+inline auto last_row(const double* T, std::ptrdiff_t first, std::ptrdiff_t count, const S&) noexcept {
+  S off = S{};
+  for (int j = 0; j < 4; ++j) off += magnitude(gathered<S>(T + 12 + j, 16, first, count) - (j < 3 ? 0.0 : 1.0));
+  return off <= 1e-6;
+}
+
+struct Wanted {  // arrays of poses and what becomes of them
+  const double *T, *signs, *near;  // (n, 4, 4); (n, 3) or null: those of near, else all 1; (n, 6) or null
+  double position, rotation;
+  double *q, *found;  // (n, 6), and (n, of_a_pose)
+};
+// Errors of position and rotation, margin, steps, branch asked for, branch found, and 1 where it is within tolerances and
+// limits, from a seed within all bounds, for what is a pose: nothing is left to be done there.
+constexpr int of_a_pose = 7;
+
+template <class S, class Robot>
+inline void inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_t n) noexcept {
+  constexpr std::ptrdiff_t together = side_by_side<S>;
+  for (std::ptrdiff_t first = 0; first < n; first += together) {
+    const std::ptrdiff_t count = n - first < together ? n - first : together;
+    S signs[3], near[6], there[3];
+    const Frame<S> wanted = frame_of<S>(w.T, first, count);
+    auto done = rigid(wanted) & last_row(w.T, first, count, S{});
+    if (w.near != nullptr)
+      for (int i = 0; i < 6; ++i) {
+        near[i] = gathered<S>(w.near + i, 6, first, count);
+        done = done & (magnitude(near[i]) <= r.far[i]) & (magnitude(near[i]) < infinity);
+      }
+    for (int i = 0; i < 3; ++i) signs[i] = w.signs == nullptr ? all<S>(1.0) : gathered<S>(w.signs + i, 3, first, count);
+    if (w.signs == nullptr && w.near != nullptr) branch_signs(r.closed, near, signs);
+    const Solution<S> out =
+        fixed_point(r, r.closed, wanted, signs, w.near == nullptr ? nullptr : near, r.reach, w.position, w.rotation);
+    branch_signs(r.closed, out.q, there);
+    done = done & (out.position <= w.position) & (out.rotation <= w.rotation);
+    for (int i = 0; i < 6; ++i) {
+      done = done & (out.q[i] >= r.lower[i] - limit_tolerance) & (out.q[i] <= r.upper[i] + limit_tolerance);
+      scatter(out.q[i], w.q + i, 6, first, count);
+    }
+    const auto number = [](const S* s) { return 0.5 * (7.0 - 4.0 * s[0] - 2.0 * s[1] - s[2]); };
+    const S found[of_a_pose] = {out.position, out.rotation,  out.margin, out.steps, number(signs),
+                                number(there), done ? all<S>(1.0) : S{}};
+    for (int i = 0; i < of_a_pose; ++i) scatter(found[i], w.found + i, of_a_pose, first, count);
+  }
+}
+
+template <class S, class Robot>
+inline void branches_of(const Robot& r, const double* T, double* q, double* found, std::ptrdiff_t n) noexcept {
+  constexpr std::ptrdiff_t together = side_by_side<S>;
+  for (std::ptrdiff_t first = 0; first < n; first += together) {
+    const std::ptrdiff_t count = n - first < together ? n - first : together;
+    const Frame<S> wanted = frame_of<S>(T, first, count);
+    Hand<S> hand = hand_of(r.closed, wanted);
+    const auto pose = rigid(wanted) & last_row(T, first, count, S{});
+    const S off = pose ? S{} : all<S>(not_a_number);
+    hand.radius += off;
+    scatter(hand.radius, found, 1, first, count);
+    for (int b = 0; b < 8; b += 2) {
+      const S front = all<S>(b & 4 ? -1.0 : 1.0);
+      S x[6], c23, s23, angle[3];
+      const S margin = elbow(r.closed, hand, front, all<S>(b & 2 ? -1.0 : 1.0), x, c23, s23);
+      const S lost = margin >= -reach_tolerance ? S{} : all<S>(not_a_number);
+      wrist(hand, front, c23, s23, angle);
+      x[0] = joint_of(r.closed, 0, arc(hand.s1 * front, hand.c1 * front));
+      for (int flip = 0; flip < 2; ++flip) {
+        wrist_joints(r.closed, angle, all<S>(flip ? -1.0 : 1.0), x);
+        for (int i = 0; i < 6; ++i) scatter(x[i] + lost, q + (6 * (b + flip) + i) * n, 1, first, count);
+      }
+      if ((b & 2) == 0) scatter(margin, found + (1 + b / 4) * n, 1, first, count);
+    }
+  }
 }
 
 }  // namespace irbcal

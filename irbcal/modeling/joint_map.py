@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.parts import compiled, map_parts
+from irbcal.modeling.parts import compiled, map_parts, stops
 from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.payload import largest_torque
 from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
@@ -294,10 +294,9 @@ class JointMap:
         q = np.asarray(q, dtype=float)
         if self.is_identity or not len(q):
             return q
-        if payload_kg is None and payload_place is None and torques is None and self._kernel is not None:
-            theta = np.empty(q.shape)
-            before = None if previous is None else np.array(np.broadcast_to(previous, q.shape), dtype=float)
-            if self._kernel.effective(np.ascontiguousarray(q), before, theta):
+        if self._kernel is not None and q.ndim == 2:
+            theta, known = np.empty(q.shape), stops(q, previous, payload_kg, payload_place, torques)
+            if self._kernel.effective(np.ascontiguousarray(q), known, theta):
                 return theta
         theta = q * (1.0 + self._gain)
         if payload_kg is None and payload_place is None:

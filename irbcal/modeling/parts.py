@@ -12,6 +12,7 @@ from math import cos, sin
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal import kernel
 from irbcal.arrays import FloatArray, Locked
@@ -20,7 +21,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import QUARTER, Row
 from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
-from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term import AXES, Term
 from irbcal.modeling.terms.term_map import TermMap
 
 SERIES = 128
@@ -217,6 +218,8 @@ def compiled(
     limits: Arm | None = None,
     closed_form: FloatArray | None = None,
     reach: float = 1.0,
+    frame_terms: TermMap | None = None,
+    depth: int | None = None,
 ) -> Any:
     """The compiled kernel of a robot; None where the kernel was not built or does not take such a robot.
 
@@ -232,6 +235,10 @@ def compiled(
         As `irbcal.modeling.inverse.orthoparallel.OrthoParallel.numbers` gives it.
     reach : float
         Metres by which errors of position are divided to weigh them against radians.
+    frame_terms : TermMap, optional
+        Of `Robot.frame_terms`.
+    depth : int, optional
+        How many joints carry what is computed: the link behind the last of them is the arm's tip; all unless given.
     """
     if kernel.Kernel is None or not 0 < len(arm.joint_names) <= kernel.MOST_JOINTS:
         return None
@@ -243,13 +250,14 @@ def compiled(
         "upper": bounds.upper,
         "chain": _rows(Chain.of(arm)),
     }
+    vectors = list[tuple[float, ...]]()
     if parts is not None:
         names = ("gain", "offset", "cosine", "sine", "gravity", "compliance", "payload_kg", "payload_place")
-        values |= {name: parts[name] for name in (*names, "direction", "width", "move", "share")}
+        values |= {name: parts[name] for name in (*names, "torque", "direction", "width", "move", "share")}
         if len(parts["cosine"]) % 2:
             nothing = np.zeros((1, len(arm.joint_names)))
             values |= {name: np.vstack([parts[name], nothing]) for name in ("cosine", "sine")}
-        n, vectors = len(arm.joint_names), list[tuple[float, ...]]()
+        n = len(arm.joint_names)
         levers = list[list[float]]()
         for lever in parts["levers"]:
             first = len(vectors)
@@ -260,11 +268,89 @@ def compiled(
             "waves": [(wave.joint, wave.cycles, wave.cosine, wave.sine) for wave in parts["waves"]],
             "bends": [[b.coefficient, b.phase, *_mask(b.joints, n), *_mask(b.targets, n)] for b in parts["bends"]],
             "levers": levers,
-            "link_vectors": vectors,
         }
+    if frame_terms is not None:
+        numbers = _frame_numbers(frame_terms, arm, vectors)
+        if numbers is None or (parts is not None and not np.array_equal(numbers["gravity"], parts["gravity"])):
+            return None
+        values |= numbers
+    values["link_vectors"] = vectors
+    if depth is not None:
+        values["depth"] = depth
     if closed_form is not None:
         values |= {"closed_form": closed_form, "reach": reach}
     return kernel.made({name: np.array(value, dtype=float) for name, value in values.items()})
+
+
+def stops(
+    q: FloatArray,
+    previous: ArrayLike | None,
+    payload_kg: ArrayLike | None = None,
+    payload_place: ArrayLike | None = None,
+    torques: ArrayLike | None = None,
+) -> tuple[FloatArray | None, ...] | None:
+    """What is known of stops (n, joints) beside the commands, as the compiled kernel takes it; None: nothing."""
+    n = len(q)
+    values = ((previous, q.shape), (payload_kg, (n,)), (payload_place, (n, 3)), (torques, q.shape))
+    if all(value is None for value, _ in values):
+        return None
+    return tuple(
+        None if value is None else np.array(np.broadcast_to(np.asarray(value, dtype=float), shape))
+        for value, shape in values
+    )
+
+
+def _frame_numbers(terms: TermMap, arm: Arm, vectors: list[tuple[float, ...]]) -> dict[str, Any] | None:
+    """Frame terms as the compiled kernel takes them, link vectors joining those given; None where some are not known.
+
+    Parameters
+    ----------
+    terms : TermMap
+        Frame terms, functions of the nominal arm.
+    arm : Arm
+        Calibrated: its ``theta`` turns the frames that move.
+    vectors : list of tuple
+    """
+    tilting: dict[tuple[int, float], FloatArray] = {}
+    bending: dict[tuple[int, int], dict[int, FloatArray]] = {}
+    for term, coefficient in zip(terms.terms, map(float, terms.coefficients), strict=True):
+        if term.basis == "decay" or coefficient == 0.0:
+            continue
+        axis = AXES.index(term.axis)
+        if term.also or term.basis not in ("cos", "sin", "gravity"):
+            return None
+        if term.basis == "gravity":
+            links = bending.setdefault((term.joint, axis), {})
+            link = int(str(term.parameters["link"])) - 1
+            links[link] = links.get(link, np.zeros(3)) + coefficient * _vector(term)
+        else:
+            pair = tilting.setdefault((term.joint, float(str(term.parameters["cycles_per_turn"]))), np.zeros((2, 6)))
+            pair[int(term.basis == "sin"), axis] += coefficient
+
+    def turned(motion: FloatArray, theta: float) -> list[float]:
+        """Rotations and shifts along a frame's axes, along those that it has at the joint's zero."""
+        c, s = cos(theta), sin(theta)
+        (x, y, z), (u, v, w) = motion[:3], motion[3:]
+        return [c * x + s * y, c * y - s * x, z, c * u + s * v, c * v - s * u, w]
+
+    theta, nominal = arm.table.theta.tolist(), terms.arm.table.theta.tolist()
+    bendings = []
+    for (joint, axis), links in bending.items():
+        first, unit = len(vectors), np.eye(6)[axis]
+        vectors += [(link, *links[link]) for link in sorted(links)]
+        about = turned(np.eye(6)[axis % 3], nominal[joint])[:3]
+        bendings.append([joint, first, len(vectors) - 1, *about, *turned(unit, theta[joint])])
+    rows = [
+        [joint, cycles, *turned(pair[0], theta[joint]), *turned(pair[1], theta[joint])]
+        for (joint, cycles), pair in tilting.items()
+    ]
+    return {
+        "tiltings": rows,
+        "bendings": bendings,
+        "along": arm.table.d,
+        "nominal": _rows(Chain.of(terms.arm)),
+        "gravity": terms.gravity,
+    }
 
 
 def _mask(joints: tuple[int, ...], n: int) -> list[bool]:

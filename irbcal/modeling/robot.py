@@ -16,7 +16,7 @@ from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.joint_map import JointMap
-from irbcal.modeling.parts import compiled
+from irbcal.modeling.parts import compiled, stops
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
@@ -108,9 +108,9 @@ class Robot:
     @cached_property
     def kernel(self) -> Any:
         """The compiled kernel of it, see `irbcal.modeling.parts.compiled`; None where numpy serves."""
-        if self.frame_terms is not None or (parts := self.joint_map.parts) is None:
+        if (parts := self.joint_map.parts) is None:
             return None
-        return compiled(self.arm, None if self.joint_map.is_identity else parts)
+        return compiled(self.arm, None if self.joint_map.is_identity else parts, frame_terms=self.frame_terms)
 
     def forward(
         self,
@@ -127,11 +127,10 @@ class Robot:
         (n,), its centre in the tip link (n, 3) and torques that the robot reports (n, joints) likewise; without them
         the robot carries what most poses of the calibration were measured with, see `carrying`.
         """
-        if payload_kg is None and payload_place is None and torques is None and self.kernel is not None:
+        if self.kernel is not None:
             q = np.ascontiguousarray(q, dtype=float)
-            before = None if previous is None else np.array(np.broadcast_to(previous, q.shape), dtype=float)
             T = np.empty((len(q), 4, 4))
-            if self.kernel.poses(q, before, False, T):
+            if self.kernel.poses(q, stops(q, previous, payload_kg, payload_place, torques), False, T):
                 return T
         if self.frame_terms is None:
             return self.arm.forward(self.joint_map.effective(q, previous, payload_kg, payload_place, torques))

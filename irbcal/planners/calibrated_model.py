@@ -570,6 +570,13 @@ class CalibratedModel(AlongTime, Result):
             Derivative of the matrix that `jacobian` gives; in ``LOCAL`` that of components along moving axes.
         """
         q, dq = self.arm.check_joints(q), self.arm.check_shape(dq)
+        if str(reference) in _REFERENCES:
+            kernel = self._kernel(self._number(frame, self._place.tip), True)
+            out = np.empty((len(q), 6, len(self.arm.lower)))
+            if kernel is not None and kernel.rates(
+                np.ascontiguousarray(q), np.ascontiguousarray(dq), _REFERENCES[str(reference)], out
+            ):
+                return out
         M = self.joint_map.jacobian(q)
         dtheta = np.einsum("nij,nj->ni", M, dq)
         J, dJ = self._effective_jacobians(self.joint_map.effective(q), dtheta, frame, reference)
@@ -581,17 +588,30 @@ class CalibratedModel(AlongTime, Result):
         return {}
 
     def _kernel(self, frame: int, in_universe: bool) -> Any:
-        """The compiled kernel to a frame that is fixed to the tip, from the universe or the base link; else None."""
+        """The compiled kernel to a frame that the arm carries, from the universe or the base link; else None."""
         if (frame, in_universe) not in self._kernels:
-            made, parts = None, self.joint_map.parts
-            if self._fixed_to_tip(frame) and parts is not None:
-                listed, arm = self.model.frames, self.arm
-                T_tip_frame = listed[self._place.tip].placement.actInv(listed[frame].placement).homogeneous
-                T_base_0 = self.T_universe_base @ arm.T_base_0 if in_universe else arm.T_base_0
-                to_frame = replace(arm, T_base_0=T_base_0, T_last_tip=arm.T_last_tip @ T_tip_frame)
-                made = compiled(to_frame, None if self.joint_map.is_identity else parts)
+            made, parts, listed = None, self.joint_map.parts, self.model.frames
+            carriers = [*self._place.joint_ids[:-1], listed[self._place.tip].parentJoint]
+            if parts is not None and listed[frame].parentJoint in carriers:
+                depth = carriers.index(listed[frame].parentJoint) + 1
+                T_base_0 = self.T_universe_base @ self.arm.T_base_0 if in_universe else self.arm.T_base_0
+                to_frame = replace(self.arm, T_base_0=T_base_0, T_last_tip=self._behind(depth, frame))
+                made = compiled(to_frame, None if self.joint_map.is_identity else parts, depth=depth)
             self._kernels[frame, in_universe] = made
         return self._kernels[frame, in_universe]
+
+    def _behind(self, depth: int, frame: int) -> FloatArray:
+        """Place of a frame in the DHM frame of the link that it is fixed to, the one behind so many joints, (4, 4)."""
+        listed = self.model.frames
+        if depth == len(self.arm.lower):
+            T_tip_frame = listed[self._place.tip].placement.actInv(listed[frame].placement).homogeneous
+            return np.asarray(self.arm.T_last_tip @ T_tip_frame)
+        zero = np.zeros((1, len(self.arm.lower)))
+        T_base_link = self.arm.T_base_0
+        for k in range(depth):
+            T_base_link = T_base_link @ self.arm.table.step(k)
+        T_base_frame = jacobians.placements(self.model, self._place, frame, zero, self._rest)[0]
+        return np.asarray(frames.inverse(T_base_link) @ T_base_frame)
 
     def _number(self, frame: str | None, default: int) -> int:
         return default if frame is None else self._place.frame(frame)

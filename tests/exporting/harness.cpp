@@ -60,6 +60,15 @@ int main(int arguments, char**) {
     std::printf("%.3f %.3f %.3f %.3f %.4f %.2f %g\n", fk, map, jac, ik, double(good) / n, double(steps) / n, sum * 0.0);
     return 0;
   }
+  std::vector<double> together, tips(16 * rows.size());
+  for (const Row& row : rows) together.insert(together.end(), row.q.begin(), row.q.end());
+  forward(together.data(), tips.data(), static_cast<std::ptrdiff_t>(rows.size()));
+  for (std::size_t k = 0; k < rows.size(); ++k) {  // the same bits as one by one
+    const Pose usual = forward(rows[k].q);
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 4; ++j)
+        if (std::abs(tips[16 * k + 4 * i + j] - (j < 3 ? usual.R[i][j] : usual.p[i])) > 1e-14) return 1;
+  }
   for (const Row& row : rows) {
     JointMatrix M;
     Jacobian J;
@@ -68,7 +77,10 @@ int main(int arguments, char**) {
     Joints back{}, seed = row.q;
     const bool done = commanded(theta, back, row.at);
     for (int i = 0; i < joints; ++i) seed[i] += 0.02 * (i % 3 - 1);
-    const Inverse found = inverse(T, seed, row.at);
+    const Inverse close = inverse(T, seed, row.at);
+    for (int i = 0; i < joints; ++i) seed[i] += data::has_closed_form ? 0.2 * (i % 3 - 1) : 0.0;
+    Inverse found = inverse_near(T, seed, row.at);
+    found.converged = found.converged && close.converged;
     const Pose again = forward(found.q, row.at);
     const double flags[2] = {done ? 1.0 : 0.0, found.converged ? 1.0 : 0.0};
     std::fwrite(theta.data(), sizeof(theta), 1, stdout);

@@ -21,7 +21,7 @@ CASES = [("irb1600", 10_000), ("ur10", 10_000), ("panda", 10_000), ("level", 200
 def test_the_header_computes_what_irbcal_computes(sources, tmp_path, compiler, name, poses):
     source = sources[name]
     robot = source.robot
-    program = compiled(source, tmp_path, compiler, ("-O1",) if poses > 1000 else ("-O0",))
+    program = compiled(source, tmp_path, compiler, ("-O1", "-march=native") if poses > 1000 else ("-O0",))
     q, situation = situations(robot, poses, 11)
     theta, T, _, _, back, again, flags = computed(program, q, situation)
     assert np.abs(theta - robot.joint_map.effective(q, *situation)).max() < 1e-12

@@ -60,10 +60,11 @@ for, branch found, and 1 where nothing is left to be done."""
 def kernel_of(robot: Robot, nominal: Arm) -> Any:
     """The compiled kernel of a robot with the closed form of its nominal arm; None where there is none."""
     parts = robot.joint_map.parts
-    if robot.frame_terms is not None or parts is None:
+    if parts is None:
         return None
     closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
-    return made(robot.arm, None if robot.joint_map.is_identity else parts, nominal, closed.numbers, closed.reach)
+    usual = None if robot.joint_map.is_identity else parts
+    return made(robot.arm, usual, nominal, closed.numbers, closed.reach, robot.frame_terms)
 
 
 class FixedPoint:

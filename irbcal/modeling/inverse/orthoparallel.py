@@ -170,13 +170,16 @@ class OrthoParallel(Locked):
         T_6 = frames.transform(frames.rot_x(np.pi) if mirrored[5] else None) @ arm.T_last_tip
         return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, between(T_1, T_6, d[0], d[5]))
 
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """Lengths and bend."""
+        return self.a2, self.a3, self.d4, self.a4, self._bend
+
     @cached_property
     def numbers(self) -> FloatArray:
         """What the compiled kernel takes: lengths, bend, signs, shifts, and the frames before and behind the tip's."""
-        lengths = [self.a2, self.a3, self.d4, self.a4, self._bend]
-        return np.concatenate(
-            [lengths, self.signs, self.shifts, self.wrist.left[:3].ravel(), self.wrist.right[:3].ravel()]
-        )
+        frames_apart = self.wrist.left[:3].ravel(), self.wrist.right[:3].ravel()
+        return np.concatenate([self.lengths, self.signs, self.shifts, *frames_apart])
 
     @cached_property
     def _kernel(self) -> Any:
