@@ -34,6 +34,9 @@ from irbcal.units import DEG, MM
 
 SCHEMA = "irbcal-cell-1"
 TOOL, WORK_OBJECT, AXIS = "tool", "work_object", "axis"
+HELD_PART, FIXED_TOOL = "held_part", "fixed_tool"
+"""A part on the flange counts among the tools, the tool that stands and works on it among the work objects."""
+ON_FLANGE, STANDING = (TOOL, HELD_PART), (WORK_OBJECT, FIXED_TOOL)
 RESIDUALS = ("residual", "residual_nominal")
 QUATERNION_TOLERANCE = 1e-9
 """How far the length of a quaternion of the file may be from one."""
@@ -84,7 +87,10 @@ class FrameInCell(Locked):
     T_controller : ndarray, shape (4, 4), or None
         What the controller has, in the same links, where that is known.
     position_only : bool
-        A tool taught by its tip alone: its axes are the controller's, or the tip link's, and count as exact.
+        A tool taught by its tip alone: its axes are the controller's, or the tip link's (of a fixed tool the base
+        link's), and count as exact.
+    fixed_tool : bool
+        A part that the robot holds, or the tool that stands and works on it.
     """
 
     name: str
@@ -92,6 +98,7 @@ class FrameInCell(Locked):
     T_nominal: FloatArray
     T_controller: FloatArray | None = None
     position_only: bool = False
+    fixed_tool: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +110,14 @@ class Touch(Locked):
     row : int
         In the table, for messages.
     frame, name, point, tool : str
-        ``tool`` or ``work_object``; its name; the point of it; the tool whose tip touched, the tool itself for tools.
+        ``tool``, ``work_object``, ``held_part`` or ``fixed_tool``; its name; the point of it; the tool whose tip
+        touched, the tool itself for tools, and for a held part the fixed tool that was touched with it.
     q : ndarray, shape (joints,)
         Radians (metres).
     u95 : float
         Of the touch, metres.
     xyz : ndarray, shape (3,), or None
-        The point in the work object, where it is known, metres.
+        The point in the work object (held part, fixed tool), where it is known, metres.
     kind : str
         What the tip of a tool touched: a ``point``, ``sphere``, ``plane`` or ``line``.
     radius : float or None
@@ -136,6 +144,18 @@ class Touch(Locked):
     residual: FloatArray = field(default_factory=lambda: np.zeros(3))
     residual_nominal: FloatArray = field(default_factory=lambda: np.zeros(3))
     e: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def on_flange(self) -> tuple[str, str]:
+        """Kind and name of what the robot carries to the touch; no name where a tracker measured what stands."""
+        return (HELD_PART, self.name) if self.frame == HELD_PART else (TOOL, self.tool)
+
+    @property
+    def standing(self) -> tuple[str, str]:
+        """Kind and name of what stands there; no name where it is a place."""
+        if self.frame == HELD_PART:
+            return FIXED_TOOL, self.tool
+        return (self.frame, self.name) if self.frame in STANDING else (WORK_OBJECT, "")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -196,7 +216,8 @@ class CellFile(Result):
             away = float(np.linalg.norm(theirs[:3, 3] - one.T_true[:3, 3])) / MM
             turned = float(frames.rotation_distance(theirs[:3, :3], one.T_true[:3, :3])) / DEG
             true, other = (map(float, notation.numbers(frame, T)) for T in (one.T_true, theirs))
-            label = f"{'tool' if frame == TOOL else 'object'} {one.name}"
+            labels = ("held part", "fixed tool") if one.fixed_tool else ("tool", "object")
+            label = f"{labels[frame != TOOL]} {one.name}"
             rows.append((label, *true, touching[0] / MM, None if one.position_only else touching[1] / DEG, None, None))
             word = "  nominal" if one.T_controller is None else "  controller"
             rows.append((word, *other, None, None, away, None if one.position_only else turned))
@@ -314,6 +335,7 @@ class _FrameSection(Section):
     nominal: PoseSection
     controller: PoseSection | None
     position_only: bool
+    fixed_tool: bool = False
 
     @staticmethod
     def of(one: FrameInCell) -> _FrameSection:
@@ -325,12 +347,14 @@ class _FrameSection(Section):
             nominal=_pose(one.T_nominal),
             controller=there,
             position_only=one.position_only,
+            fixed_tool=one.fixed_tool,
         )
 
     def frame(self) -> FrameInCell:
         """The frame of the section."""
         there = None if self.controller is None else _transform(self.controller)
-        return FrameInCell(self.name, _transform(self.true), _transform(self.nominal), there, self.position_only)
+        true, nominal = _transform(self.true), _transform(self.nominal)
+        return FrameInCell(self.name, true, nominal, there, self.position_only, self.fixed_tool)
 
 
 class _AxisSection(Section):
@@ -346,7 +370,7 @@ class _TouchSection(Section):
     """A touch, in the file; joints in radians (metres)."""
 
     row: int
-    frame: Literal["tool", "work_object"]
+    frame: Literal["tool", "work_object", "held_part", "fixed_tool"]
     name: Name
     point: Name
     tool: Name

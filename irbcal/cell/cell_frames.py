@@ -17,6 +17,10 @@ link, and each work object ``T_b_o``. Each touch is an observation (`irbcal.iden
 cell's graph of frames (`irbcal.modeling.cell_graph`), all are adjusted together by least squares, so that an error of a
 tool goes on into the work objects touched with it.
 
+Where the robot holds the part, rows of a ``fixed_tool`` bring the tip of ``tool`` to its tip (``origin``), or to points
+that show its axes, too, as of a work object; rows of a ``held_part`` bring points of the part to the tip of the fixed
+``tool`` (`irbcal.cell.held_parts`).
+
 External axes (`irbcal.cell.external_axes`) are edges of that graph whose screws are unknown, too: columns ``e1_mm``,
 ``e2_deg`` … say where they were. Places of tools stand on the floor; on a work object that an axis carries any point
 without coordinates may be touched at several positions of the axis.
@@ -36,9 +40,22 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.cell import external_axes
-from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch, frames_by_name
+from irbcal.cell.cell_file import (
+    AXIS,
+    FIXED_TOOL,
+    HELD_PART,
+    ON_FLANGE,
+    STANDING,
+    TOOL,
+    WORK_OBJECT,
+    CellFile,
+    FrameInCell,
+    Touch,
+    frames_by_name,
+)
 from irbcal.cell.contacts import Contacts, with_contacts
 from irbcal.cell.external_axes import ExternalAxis
+from irbcal.cell.held_parts import start_of_held_parts
 from irbcal.cell.robot_derivatives import own_ends_in_words, robot_derivatives
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.identification import feature_problem
@@ -49,10 +66,12 @@ from irbcal.identification.feature_problem import (
     FeatureProblem,
     FeatureState,
     GroupResiduals,
+    Key,
     edge_key,
 )
 from irbcal.identification.observation_kind import with_third
 from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.io.schema import RobotSection
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.modeling import cell_graph, frames
@@ -133,11 +152,21 @@ class Adjusted:
         A = self.rows[0]
         return A.shape[0] - A.shape[1]
 
+    @staticmethod
+    def _tip(kind: str, name: str) -> Key:
+        """Key of a tip that is known without axes."""
+        return (feature_problem.TOOL, name) if kind == TOOL else ("centre", frame_name(kind, name))
+
+    def position_only(self, kind: str, name: str) -> bool:
+        """Whether the touches show a tip and no axes."""
+        return self._tip(kind, name) in self.state.values
+
     def frame(self, kind: str, name: str) -> FloatArray:
         """A tool in the tip link or a work object in the base link, shape (4, 4); a tip alone with the link's axes."""
-        tip = self.state.values.get((feature_problem.TOOL, name))
-        alone = kind == TOOL and tip is not None
-        return frames.transform(np.eye(3), tip) if alone else self.state.values[FRAME, frame_name(kind, name)]
+        values = self.state.values
+        if self.position_only(kind, name):
+            return frames.transform(np.eye(3), values[self._tip(kind, name)])
+        return values[FRAME, frame_name(kind, name)]
 
     def motions(self, kind: str, name: str, R: FloatArray) -> FloatArray:
         """Small motion of a frame in its own axes by the unknowns, shape (6, unknowns); R: axes of a tip alone.
@@ -145,9 +174,8 @@ class Adjusted:
         Of an external axis the change of its screw; ``name`` is the frame that it moves.
         """
         out = np.zeros((6, self.problem.flat))
-        key = feature_problem.TOOL, name
-        if kind == TOOL and key in self.problem.layout:
-            at = self.problem.layout[key][1]
+        if self._tip(kind, name) in self.problem.layout:
+            at = self.problem.layout[self._tip(kind, name)][1]
             out[3:, at : at + 3] = R.T
         else:
             at = self.problem.layout[(SCREW, name) if kind == AXIS else (FRAME, frame_name(kind, name))][1]
@@ -224,24 +252,31 @@ def adjust(
     MeasurementError
         If the touches do not determine a tool or a work object: the sentence says what is missing.
     """
-    framed = {t.name for t in touches if t.frame == TOOL and t.point in SIDES}
+    framed = {frame_name(t.frame, t.name) for t in touches if _shows_axes(t)}
     root = external_axes.root(axes)
     rows = _feature_rows(touches, framed, COVERAGE * sigma, robot.arm, source, root)
     load = robot.joint_map.load(len(rows))
     rows = replace(rows, payload_kg=load["payload_kg"], payload_place=load["payload_place"])
-    edges = [Edge(FLANGE, frame_name(TOOL, name)) for name in sorted(framed)]
+    carried = sorted({frame_name(*t.on_flange) for t in touches} & framed)
+    edges = [Edge(FLANGE, name) for name in carried]
     moving = external_axes.edges(axes, np.array([touch.e for touch in touches]))
     known = {BASE: robot.T_world_base} | {
         edge_key(edge): edge.screw for edge in moving if nominal and edge.screw is not None
     }
     if axes:
-        objects = dict.fromkeys(t.name for t in touches if t.frame == WORK_OBJECT)
-        edges += [Edge(external_axes.stand(axes, name), frame_name(WORK_OBJECT, name)) for name in objects]
+        objects = dict.fromkeys(t.standing for t in touches if frame_name(*t.standing) in framed)
+        edges += [Edge(external_axes.stand(axes, name), frame_name(kind, name)) for kind, name in objects]
         edges += [*moving, Edge(WORLD, root, robot.T_world_base)]
     problem = FeatureProblem(robot.arm, rows, [], known, edges, robot)
     _refuse_too_few(touches, problem, source)
     try:
-        adjusted = Adjusted(problem, feature_problem.start(problem), root)
+        held = start_of_held_parts(touches, _tip_link(problem, moving, root))
+        starts: dict[Key, FloatArray] = {}
+        for (kind, name), T in held.items():
+            key = (FRAME if frame_name(kind, name) in framed else "centre"), frame_name(kind, name)
+            if kind == HELD_PART or key[0] == "centre":
+                starts[key] = T if key[0] == FRAME else T[:3, 3]
+        adjusted = Adjusted(problem, feature_problem.start(problem, starts), root)
     except IdentificationError as error:
         raise MeasurementError(str(error), file=source) from None
     for of_group in adjusted.by_group:
@@ -258,6 +293,20 @@ def adjust(
     return adjusted
 
 
+def _shows_axes(touch: Touch) -> bool:
+    """Whether a touch makes its frame one with axes: of tools and fixed tools only some do, of the others all."""
+    if touch.frame == TOOL:
+        return touch.point in SIDES
+    return touch.frame != FIXED_TOOL or touch.xyz is not None or touch.point in SIDES
+
+
+def _tip_link(problem: FeatureProblem, moving: Sequence[Edge], root: str) -> FloatArray:
+    """The tip link in the frame that stands still at each touch, shape (n, 4, 4); axes as the controller has them."""
+    assert problem.robot is not None
+    T = chain.poses(problem.robot.walk(problem.motion))
+    return cell_graph.view(moving, {edge.child: edge.at(None) for edge in moving}, root, cell_graph.BASE, len(T)).T @ T
+
+
 def _feature_rows(
     touches: Sequence[Touch], framed: set[str], u95: FloatArray, arm: Arm, source: str, root: str
 ) -> FeatureSet:
@@ -272,12 +321,32 @@ def _feature_rows(
             column.append(value)
 
     for k, touch in enumerate(touches):
-        tip = frame_name(TOOL, touch.tool) if touch.tool in framed else FLANGE
+        tip = frame_name(*touch.on_flange)
+        tip = tip if tip in framed else FLANGE
         of = frame_name(touch.frame, touch.name)
-        if touch.tracker is not None:
+        stands = frame_name(*touch.standing)
+        if touch.frame == FIXED_TOOL and of not in framed:
+            features[of] = Feature(of, "point", touch.tool)
+            row("point", of, touch.tool, root, tip)
+        elif touch.frame == HELD_PART and touch.tracker is None:
+            at = stands if stands in framed else root
+            point[k] = np.zeros(3) if touch.xyz is None else touch.xyz
+            if touch.point in SIDES and touch.xyz is None:
+                kind, axes, _ = SIDES[touch.point]
+                feature = Feature(f"{touch.point} of {of}", kind, stands, centre=np.zeros(3), axes=axes)
+                features[feature.name] = feature
+                row(kind, feature.name, stands, of, at)
+            elif at == root:
+                features[stands] = Feature(stands, "point", of)
+                row("point", stands, of, root, of)
+            else:
+                xyz[k] = np.zeros(3)
+                row("point", "", of, stands, of)
+        elif touch.tracker is not None:
             xyz[k] = touch.tracker
-            if touch.frame == TOOL:
-                row("point", "", touch.tool, WORLD, tip)
+            if touch.frame in ON_FLANGE:
+                point[k] = np.zeros(3) if touch.xyz is None else touch.xyz
+                row("point", "", touch.tool if touch.frame == TOOL else of, WORLD, tip)
             else:
                 point[k] = touch.xyz
                 row("point", "", of, WORLD, of)
@@ -285,7 +354,7 @@ def _feature_rows(
             kind, axes, _ = SIDES[touch.point]
             feature = Feature(f"{touch.point} of {of}", kind, touch.tool, centre=np.zeros(3), axes=axes)
             features[feature.name] = feature
-            if touch.frame == WORK_OBJECT:
+            if touch.frame in STANDING:
                 row(kind, feature.name, touch.tool, of, tip)
             else:
                 places = {t.point for t in touches if _at_place(t, touch.name)}
@@ -297,11 +366,11 @@ def _feature_rows(
                         column="point",
                     )
                 row(kind, feature.name, f"{places.pop()} of {of}", of, root)
-        elif touch.frame == WORK_OBJECT and touch.xyz is None and touch.point != TAUGHT[0]:
+        elif touch.frame in STANDING and touch.xyz is None and touch.point != TAUGHT[0]:
             name = f"{touch.point} of {of}"
             features[name] = Feature(name, "point", touch.tool)
             row("point", name, touch.tool, of, tip)
-        elif touch.frame == WORK_OBJECT:
+        elif touch.frame in STANDING:
             xyz[k] = np.zeros(3) if touch.xyz is None else touch.xyz
             row("point", "", touch.tool, of, tip)
         else:
@@ -343,19 +412,19 @@ def _at_place(touch: Touch, tool: str) -> bool:
 def _refuse_too_few(touches: Sequence[Touch], problem: FeatureProblem, source: str) -> None:
     """Refuse tools and work objects that their rows cannot show, with what is missing."""
     T = chain.poses(problem.robot.walk(problem.motion)) if problem.robot is not None else np.zeros((0, 4, 4))
-    for name in dict.fromkeys(t.tool for t in touches if t.tool):
+    for name in dict.fromkeys(t.tool for t in touches if t.tool and t.frame != HELD_PART):
         sides = {t.point for t in touches if t.frame == TOOL and t.name == name} & set(SIDES)
         if len(sides) == 1:
             raise MeasurementError(
                 f"tool {name}: its axes take points x and xy, {(set(SIDES) - sides).pop()} is missing", file=source
             )
         of_tool = [t for t in touches if t.frame == TOOL and t.name == name and t.point not in SIDES]
-        by_points = sum(t.frame == WORK_OBJECT and t.tool == name and t.xyz is not None for t in touches)
+        by_points = sum(t.frame in STANDING and t.tool == name and t.xyz is not None for t in touches)
         if not of_tool and by_points < ALONE:
-            touch = next(t for t in touches if t.tool == name)
+            touch = next(t for t in touches if t.tool == name and t.frame != HELD_PART)
             raise MeasurementError(
-                f"work object {touch.name} was touched with tool {name}, of which there are no rows: bring the tip of "
-                f"that tool to one place from {LEAST_SIDES} or more sides, too",
+                f"{frame_name(touch.frame, touch.name)} was touched with tool {name}, of which there are no rows: "
+                f"bring the tip of that tool to one place from {LEAST_SIDES} or more sides, too",
                 file=source,
                 row=touch.row,
                 column="tool",
@@ -380,17 +449,20 @@ def _refuse_too_few(touches: Sequence[Touch], problem: FeatureProblem, source: s
                 "with the tool tilted another way, too",
                 file=source,
             )
-    for name in dict.fromkeys(t.name for t in touches if t.frame == WORK_OBJECT):
-        of_object = [t for t in touches if t.frame == WORK_OBJECT and t.name == name]
+    for kind, name in dict.fromkeys((t.frame, t.name) for t in touches if t.frame != TOOL):
+        of_object = [t for t in touches if (t.frame, t.name) == (kind, name)]
+        if not any(map(_shows_axes, of_object)):
+            continue
+        title = frame_name(kind, name)
         known = np.array([t.xyz for t in of_object if t.xyz is not None]).reshape(-1, 3)
         if len(known) >= LEAST_SIDES:
             if np.linalg.svd(known - known.mean(axis=0), compute_uv=False)[1] < LEAST_LENGTH:
-                raise MeasurementError(f"work object {name}: its points with coordinates are on a line", file=source)
+                raise MeasurementError(f"{title}: its points with coordinates are on a line", file=source)
             continue
         missing = [point for point in TAUGHT if point not in {t.point for t in of_object if t.xyz is None}]
         if missing:
             raise MeasurementError(
-                f"work object {name}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing, and of "
+                f"{title}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing, and of "
                 f"three or more points with x_mm, y_mm, z_mm there are {len(known)}: it takes one or the other",
                 file=source,
             )
@@ -429,7 +501,7 @@ def read_touches(table: TableLike, arm: Arm, axes: Sequence[ExternalAxis] = ()) 
     positions, tracked = (np.column_stack([rows.optional(name) for name in names]) for names in (POSITION, TRACKER))
     u95s, radii, texts = rows.optional("u95_mm"), rows.optional("radius_mm"), [rows.filled(name) for name in TEXT[:3]]
     tools, kinds = rows.texts("tool"), rows.texts("kind")
-    at_rest = np.isfinite(tracked).all(axis=1) & (texts[0] == WORK_OBJECT)
+    at_rest = np.isfinite(tracked).all(axis=1) & np.isin(texts[0], STANDING)
     at_rest &= rows.cells[joints].astype(str).apply(lambda column: column.str.strip() == "").all(axis=1).to_numpy()
     cells = rows.cells.copy()
     cells.loc[at_rest, joints] = "0"
@@ -459,6 +531,14 @@ def read_touches(table: TableLike, arm: Arm, axes: Sequence[ExternalAxis] = ()) 
                 e=e[k],
             )
         )
+    kinds_of: dict[tuple[bool, str], str] = {}
+    for k, touch in enumerate(touches):
+        for kind, name in (touch.on_flange, touch.standing):
+            if name and kinds_of.setdefault((kind in ON_FLANGE, name.lower()), kind) != kind:
+                both = " and ".join(
+                    word.replace("_", " ") for word in (kinds_of[kind in ON_FLANGE, name.lower()], kind)
+                )
+                raise rows.fault(f"{name} is the name of a {both}: give them different names", k, "name")
     return touches, rows.source
 
 
@@ -470,10 +550,13 @@ def _fault(
     ``carried``: whether an external axis carries the work object.
     """
     known, tracked = counts
-    if frame not in (TOOL, WORK_OBJECT):
-        return "frame", f"expected {TOOL} or {WORK_OBJECT}, found {frame!r}"
+    stands, title = frame in STANDING, frame.replace("_", " ")
+    if frame not in (*ON_FLANGE, *STANDING):
+        return "frame", f"expected {', '.join((TOOL, WORK_OBJECT, HELD_PART))} or {FIXED_TOOL}, found {frame!r}"
+    if carried and frame == FIXED_TOOL:
+        return "frame", "a fixed tool stands still, this one is carried by an external axis: name it a work object"
     if known not in (0, 3):
-        return POSITION, "expected the point's coordinates in the work object, all or none"
+        return POSITION, f"expected the point's coordinates in the {title}, all or none"
     if tracked not in (0, 3):
         return TRACKER, "expected the point's coordinates in the measuring frame of the calibration, all or none"
     if kind not in KINDS:
@@ -484,15 +567,17 @@ def _fault(
         return POSITION, "coordinates belong to points of a work object, the place that a tool touches has none"
     if frame == TOOL and tool not in ("", name):
         return "tool", f"a row of tool {name} is touched with this tool, found {tool!r}"
-    if frame == WORK_OBJECT and tracked:
+    if frame != TOOL and tracked:
         if not known:
-            return POSITION, "a point that the tracker measured needs its coordinates in the work object"
-        if not at_rest:
+            return POSITION, f"a point that the tracker measured needs its coordinates in the {title}"
+        if stands and not at_rest:
             return "tool", "no tool touches a point that the tracker measured: leave the joints out"
         return None
-    if frame == WORK_OBJECT and not tool:
-        return "tool", f"expected the tool that touched work object {name}, found nothing"
-    if frame == WORK_OBJECT and not known and point not in TAUGHT and not carried:
+    if frame == HELD_PART and not tool:
+        return "tool", f"expected the fixed tool that held part {name} was brought to, found nothing"
+    if stands and not tool:
+        return "tool", f"expected the tool that touched {title} {name}, found nothing"
+    if frame != TOOL and not known and point not in TAUGHT and not carried:
         return "point", f"expected {', '.join(TAUGHT)}, or x_mm, y_mm and z_mm of the point, found {point!r} without"
     return None
 
@@ -570,7 +655,7 @@ def cell_frames(
     axes_before = () if axes is None else external_axes.read_axes(axes)
     all_rows, source = read_touches(touches, robot.arm, axes_before)
     for axis in axes_before:
-        touched = {t.name.lower() for t in all_rows if t.frame == WORK_OBJECT}
+        touched = {t.standing[1].lower() for t in all_rows}
         unknown = sorted({*axis.carries} - touched - {external_axes.ROBOT})
         if unknown:
             message = f"axes: {axis.column} carries {unknown[0]}, which is neither robot nor a touched work object"
@@ -586,15 +671,16 @@ def cell_frames(
     C, G, doubt = _covariance(adjusted, certainty, [touch.row for touch in rows], contacts)
     of_cell: dict[str, dict[str, FrameInCell]] = {TOOL: {}, WORK_OBJECT: {}}
     M = []
-    for kind, frames_of_kind in of_cell.items():
-        for name in dict.fromkeys(t.tool if kind == TOOL else t.name for t in rows if kind in (TOOL, t.frame)):
+    for mount, frames_of_mount in of_cell.items():
+        for kind, name in dict.fromkeys(t.on_flange if mount == TOOL else t.standing for t in rows):
             if not name:
                 continue
-            T_controller = of_controller[kind].get(name)
-            alone = (feature_problem.TOOL, name) in adjusted.state.values and kind == TOOL
+            T_controller = of_controller[mount].get(name)
+            alone = adjusted.position_only(kind, name)
             axes = frames.transform(T_controller[:3, :3]) if alone and T_controller is not None else np.eye(4)
             T_true, T_nominal = (each.frame(kind, name) @ axes for each in (adjusted, by_nominal))
-            frames_of_kind[name] = FrameInCell(name, T_true, T_nominal, T_controller, position_only=alone)
+            reverse = kind in (HELD_PART, FIXED_TOOL)
+            frames_of_mount[name] = FrameInCell(name, T_true, T_nominal, T_controller, alone, reverse)
             M.append(adjusted.motions(kind, name, axes[:3, :3]))
     axes_of_cell = []
     for axis, edge in zip(axes_before, external_axes.edges(axes_before, np.zeros((1, len(axes_before)))), strict=True):
@@ -617,7 +703,7 @@ def cell_frames(
             for k, touch in enumerate(rows)
         ),
         left_out=tuple(left_out),
-        notes=tuple(filter(None, (doubt, *_notes(record.robot.tip_link, rows, of_cell[TOOL], certainty)))),
+        notes=tuple(filter(None, (doubt, *_notes(record.robot, rows, of_cell, certainty)))),
     )
     if out is not None:
         cell.save(out)
@@ -628,8 +714,8 @@ def _of_controller(
     frames_given: Mapping[str, ArrayLike] | None, parameter: str, kind: str, rows: Sequence[Touch]
 ) -> dict[str, FloatArray]:
     """The controller's frames by the names of the rows."""
-    names = {t.tool.lower(): t.tool for t in rows} if kind == TOOL else {}
-    names |= {t.name.lower(): t.name for t in rows if t.frame == kind}
+    pairs = [t.on_flange if kind == TOOL else t.standing for t in rows]
+    names = {name.lower(): name for _, name in pairs if name}
     by_name = frames_by_name(frames_given, parameter)
     for name in by_name:
         if name not in names:
@@ -717,14 +803,18 @@ def _covariance(
     return C, -pseudo @ adjusted.by_robot(certainty)[0], doubt
 
 
-def _notes(tip: str, rows: Sequence[Touch], tools: Mapping[str, FrameInCell], certainty: Certainty) -> list[str]:
+def _notes(
+    robot: RobotSection, rows: Sequence[Touch], of_cell: Mapping[str, Mapping[str, FrameInCell]], certainty: Certainty
+) -> list[str]:
     """What a reader must know of how this was computed."""
-    touched = np.array([touch.q for touch in rows if touch.tool])
+    touched = np.array([touch.q for touch in rows if touch.on_flange[1]])
     outside = certainty.outside_in_words(touched, "touches") if len(touched) else ""
     notes = [outside] if outside else []
-    alone = [name for name, frame in tools.items() if frame.position_only and frame.T_controller is None]
-    if alone:
-        notes.append(f"a tip alone tells no axes: tool {', '.join(alone)} has those of {tip}")
+    for mount, word, link in ((TOOL, "tool", robot.tip_link), (WORK_OBJECT, "fixed tool", robot.base_link)):
+        of_mount = of_cell[mount].items()
+        alone = [name for name, frame in of_mount if frame.position_only and frame.T_controller is None]
+        if alone:
+            notes.append(f"a tip alone tells no axes: {word} {', '.join(alone)} has those of {link}")
     if any(touch.u95 == U95_BY_EYE for touch in rows):
         notes.append(f"touches without u95_mm count as made by eye, u95 {U95_BY_EYE / MM:.1f} mm")
     return [*notes, *filter(None, [own_ends_in_words(certainty)])]

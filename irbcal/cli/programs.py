@@ -306,7 +306,10 @@ def cell(
             {name: T @ one.T_true for name, one in named.items()}
             for T, named in zip(to_controller, (cell_file.tools, cell_file.work_objects), strict=True)
         ]
-        contents[declare] = declared(as_, *true).encode()
+        reverse = {
+            name for named in (cell_file.tools, cell_file.work_objects) for name, one in named.items() if one.fixed_tool
+        }
+        contents[declare] = declared(as_, true[0], true[1], reverse).encode()
     if urdf is not None:
         contents[urdf] = with_cell(saved.urdf, saved.record.arm(), cell_file)
     if report is not None:

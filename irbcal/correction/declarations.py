@@ -7,7 +7,7 @@ Yaskawa controllers keep them in binary or whole-system files: theirs is a list 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,9 @@ class Declaration(NamedTuple):
         Pattern of the names that it allows, and the same in words.
     head, tool, work_object, foot : str
         Lines; those of frames with their ``{name}``, its ``{base}`` without index, and numbers ``{0}`` …
+    held_part, fixed_tool : str
+        Likewise of a part that the robot holds, in the flange, and of the tool that works on it; empty where how the
+        maker has them is not known.
     """
 
     language: str
@@ -39,6 +42,8 @@ class Declaration(NamedTuple):
     tool: str
     work_object: str
     foot: str = ""
+    held_part: str = ""
+    fixed_tool: str = ""
 
 
 _WORD = r"[A-Za-z_]\w{0,31}"
@@ -56,6 +61,8 @@ DECLARATIONS = {
         "TOOL_DATA[{name}]={{X {0},Y {1},Z {2},A {3},B {4},C {5}}}",
         "BASE_DATA[{name}]={{X {0},Y {1},Z {2},A {3},B {4},C {5}}}",
         "ENDDAT",
+        "TOOL_DATA[{name}]={{X {0},Y {1},Z {2},A {3},B {4},C {5}}}",
+        "BASE_DATA[{name}]={{X {0},Y {1},Z {2},A {3},B {4},C {5}}}",
     ),
     "abb": Declaration(
         "rapid",
@@ -65,6 +72,8 @@ DECLARATIONS = {
         f"  PERS tooldata {{name}}:=[TRUE,{_POSE},[-1,[0,0,0],[1,0,0,0],0,0,0]];",
         f'  PERS wobjdata {{name}}:=[FALSE,TRUE,"",{_POSE},[[0,0,0],[1,0,0,0]]];',
         "ENDMODULE",
+        f'  PERS wobjdata {{name}}:=[TRUE,TRUE,"",{_POSE},[[0,0,0],[1,0,0,0]]];',
+        f"  PERS tooldata {{name}}:=[FALSE,{_POSE},[-1,[0,0,0],[1,0,0,0],0,0,0]];",
     ),
     "fanuc": Declaration(
         "fanuc",
@@ -125,7 +134,12 @@ def numbers(maker: Maker, T: FloatArray) -> list[float]:
     return [float(number) for number in maker.numbers(T[None], np.zeros((1, 7 if maker is rapid.ABB else 6)))[0]]
 
 
-def declared(name: str, tools: Mapping[str, FloatArray], work_objects: Mapping[str, FloatArray]) -> str:
+def declared(
+    name: str,
+    tools: Mapping[str, FloatArray],
+    work_objects: Mapping[str, FloatArray],
+    with_fixed_tool: Collection[str] = (),
+) -> str:
     """Declarations of tools and work objects.
 
     Parameters
@@ -134,16 +148,24 @@ def declared(name: str, tools: Mapping[str, FloatArray], work_objects: Mapping[s
         Of the maker.
     tools, work_objects : dict of str to ndarray, shape (4, 4)
         In the controller's flange and base, metres.
+    with_fixed_tool : collection of str, optional
+        Names of those that are parts that the robot holds, and fixed tools.
 
     Raises
     ------
     OptionError
-        If a name is none that the maker allows.
+        If a name is none that the maker allows, or how the maker has fixed tools is not known.
     """
     form, maker = DECLARATIONS[name], maker_of(name)
     lines = [form.head]
-    for title, line, named in (("tool", form.tool, tools), ("work object", form.work_object, work_objects)):
+    for named, usual, other in (
+        (tools, ("tool", form.tool), ("held part", form.held_part)),
+        (work_objects, ("work object", form.work_object), ("fixed tool", form.fixed_tool)),
+    ):
         for key, T in named.items():
+            title, line = other if key in with_fixed_tool else usual
+            if not line:
+                raise OptionError(f"{title} {key}: how {name} has fixed tools is not known", parameter="declare")
             if not re.fullmatch(form.name, key, re.ASCII):
                 message = f"{title} {key}: names of {name} {form.names}; name it so in the touches"
                 raise OptionError(message, parameter="declare")

@@ -456,7 +456,7 @@ def filter_program(
     refuse_filtered(program)
     true_frames = true_frames or TrueFrames()
     batches = of_arm(program, nominal)
-    frames_of = [true_frames.frames_of(program, batch) for batch in batches]
+    frames_of = [true_frames.frames_of(program, batch, controller or nominal) for batch in batches]
     uncoupled = [
         (batch, corrected(robot, nominal, batch, controller, at, true_frames))
         for batch, at in zip(batches, frames_of, strict=True)

@@ -9,6 +9,9 @@ every other byte::
 
 where ``tip`` is the flange frame that carries the tool (``tool0``) and ``base`` the frame that carries the work
 objects (``wobj0``).
+
+Where the robot holds the part and the tool stands, the part is what is on the tip, and the tool what is in the base: a
+target that is the pose of the fixed tool in the part is then the inverse of ``T_wobj_tcp``.
 """
 
 from __future__ import annotations
@@ -55,9 +58,11 @@ class Use:
     role : str
         ``to``, or ``via`` for the point on the circle.
     tool, work_object : str or None
-        Names in lower case; None where the program computes them.
+        Names in lower case of what is on the flange and of what stands; None where the program computes them.
     file : str
         Of the move where that is another than the target's.
+    held : bool
+        Whether the robot holds the part: ``tool`` is that part, and ``work_object`` the fixed tool.
     """
 
     line: int
@@ -67,6 +72,7 @@ class Use:
     tool: str | None
     work_object: str | None
     file: str = ""
+    held: bool = False
 
     @property
     def place(self) -> str:
@@ -110,6 +116,8 @@ class Target:
     value : ndarray, shape (6,) or (4, 4)
         Joints of the URDF in radians, or ``T_wobj_tcp`` in metres; locked. NaN where ``conflicts`` says that it has
         none.
+    inverted : bool
+        Whether the robot holds the part, and the value is the pose of the fixed tool in it.
     """
 
     name: str
@@ -127,6 +135,7 @@ class Target:
     line: int = 0
     column: int = 0
     value: FloatArray = field(default_factory=lambda: _NO_VALUE)
+    inverted: bool = False
 
     @property
     def correctable(self) -> bool:
@@ -144,6 +153,12 @@ class Target:
         return tuple(number.value for number in self.numbers)
 
 
+WITNESSES = 3
+"""Points with whole postures at least that tell how targets of held parts are counted."""
+UNCLEAR_SIDE = (
+    "the tool is fixed and the part on the robot: the postures of such points do not tell whether they are counted in "
+    "the part or at the tool"
+)
 EXTERNAL_AXES = "has external axes: where they carry the robot or the work, its place is another"
 UNSET = "active"
 """Name of the tool and frame that hold before the program sets any."""
@@ -157,11 +172,12 @@ AT_START = -1
 
 @dataclass(frozen=True)
 class FrameState:
-    """Tool and frame, by name in lower case; None and the reason where they are computed."""
+    """Tool and frame, by name in lower case; None and the reason where they are computed; see `Use`."""
 
     tool: str | None = UNSET
     frame: str | None = UNSET
     why: str = ""
+    held: bool = False
 
 
 class Shift(NamedTuple):
@@ -279,7 +295,8 @@ class ControlFlow:
         """A move goes to a target, or over it."""
         state = state or self.state
         line = self.listing.line(at)
-        target.uses.append(Use(line, self.listing.column(at), instruction, role, state.tool, state.frame))
+        use = Use(line, self.listing.column(at), instruction, role, state.tool, state.frame, held=state.held)
+        target.uses.append(use)
         if target.kind == "pose" and None in (state.tool, state.frame):
             target.conflicts.append(state.why or f"the tool or frame of {instruction} in line {line} is computed")
         if role == "via":
@@ -306,10 +323,15 @@ class ControlFlow:
         shifts, self.shifts = self.shifts, []
         for shift in shifts:
             frames_of_uses = {(use.tool, use.work_object) for use in shift.target.uses}
-            if shift.target.kind == "pose" and frames_of_uses == {(shift.tool, shift.work_object)}:
+            held = any(use.held for use in shift.target.uses)
+            if shift.target.kind == "pose" and frames_of_uses == {(shift.tool, shift.work_object)} and not held:
                 self.shifts.append(shift)
             else:
-                reason = f"it is shifted, and no move goes to {shift.target.name} itself with the same tool and frame"
+                reason = "it is shifted, and the robot holds the part" if held else ""
+                reason = (
+                    reason
+                    or f"it is shifted, and no move goes to {shift.target.name} itself with the same tool and frame"
+                )
                 self.leave(shift.at, shift.instruction, shift.text, reason)
                 self.mention(shift.target, shift.at)
 
@@ -636,7 +658,7 @@ class TextProgram(Locked, Program):
     def tip_poses(self, indices: Sequence[int]) -> FloatArray:
         """Poses of the flange ``T_base_tip`` (n, 4, 4), metres, that correctable pose targets ask for."""
         T_base_wobj, T_tip_tcp = self._frames_of(indices)
-        values = np.array([self.targets[k].value for k in indices]).reshape(-1, 4, 4)
+        values = self._seen_from_base(indices, np.array([self.targets[k].value for k in indices]).reshape(-1, 4, 4))
         return T_base_wobj @ values @ frames.inverse(T_tip_tcp)
 
     def shifted(self, values: Mapping[int, FloatArray]) -> list[tuple[int, Shift, FloatArray, FloatArray, FloatArray]]:
@@ -673,7 +695,12 @@ class TextProgram(Locked, Program):
         """Values of pose targets that make the flange reach given poses; the inverse of `tip_poses`."""
         T_base_wobj, T_tip_tcp = self._frames_of(indices)
         values = frames.inverse(T_base_wobj) @ np.asarray(T_base_tip, dtype=float).reshape(-1, 4, 4) @ T_tip_tcp
-        return dict(zip(indices, values, strict=True))
+        return dict(zip(indices, self._seen_from_base(indices, values), strict=True))
+
+    def _seen_from_base(self, indices: Sequence[int], values: FloatArray) -> FloatArray:
+        """Values (n, 4, 4) of pose targets as what is on the tip in what stands in the base, and the way back."""
+        inverted = np.array([self.targets[k].inverted for k in indices], dtype=bool)[:, None, None]
+        return np.where(inverted, frames.inverse(values), values)
 
     def _frames_of(self, indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         uses = [self.targets[k].uses[0] for k in indices]  # a correctable target is used with one tool and work object
@@ -734,7 +761,7 @@ class PostureProgram(TextProgram):
             for target in done:
                 target.conflicts += [reason] if target.kind == "pose" and target.correctable else []
         on_tip, in_base = needed_frames(done, setup, tools, work_objects)
-        return cls(
+        program = cls(
             source=source,
             listing=listing,
             maker=maker,
@@ -753,6 +780,34 @@ class PostureProgram(TextProgram):
             shifts=tuple(flow.shifts),
             **more,
         )
+        program._settle_held_parts()
+        return program
+
+    def _settle_held_parts(self) -> None:
+        """Find out from postures whether targets of held parts are poses of the fixed tool in the part, or the inverse.
+
+        Makers do not say which it is. The postures of whole points, `WITNESSES` or more, decide: the robot must reach
+        all of them as one of the two, and not all of them as the other; else such targets are left.
+        """
+        held = [k for k in self.correctable("pose") if self.targets[k].uses[0].held]
+        whole: list[int] = []
+        for k in held:
+            posture = self.targets[k].configuration
+            if isinstance(posture, Posture) and posture.whole and np.isfinite([*posture.low, *posture.high]).any():
+                whole.append(k)
+        fits = []
+        unknown = np.full((len(whole), 6), np.nan)
+        for inverted in (False, True):
+            for k in held:
+                self.targets[k].inverted = inverted
+            postures = [posture for k in whole if isinstance(posture := self.targets[k].configuration, Posture)]
+            solutions = Solutions(self.maker, self.arm, self.tip_poses(whole), postures, self.own_model)
+            _, reasons = solutions.next_to(np.arange(len(whole)), unknown)
+            fits.append(len(whole) >= WITNESSES and not any(reasons))
+        for k in held:
+            self.targets[k].inverted = fits[1]
+            if fits[0] == fits[1]:
+                self.targets[k].conflicts.append(UNCLEAR_SIDE)
 
     def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture | None:
         """Posture as the language writes it; None where it writes none.
@@ -846,6 +901,8 @@ def complete(
 
 def _different_frames(uses: Sequence[Use]) -> list[str]:
     """What speaks against a pose whose moves name several tools or work objects."""
+    if len({use.held for use in uses}) > 1:
+        return ["used with the part on the robot, and with the tool on it"]
     tools = {use.tool: use.place for use in reversed(uses)}
     work_objects = {use.work_object: use.place for use in reversed(uses)}
     out = []

@@ -18,6 +18,11 @@ in their own axes (rotation ``w``, translation ``v``) and errors ``d`` of the ro
 
 The robot's terms act in the touches as in the program, so what both have in common cancels: the variances of robot and
 frames must not be added.
+
+Where the robot holds the part, ``Tc`` and ``Tt`` are that part, ``Oc`` and ``Ot`` the fixed tool, and ``P`` is the
+inverse of what such programs say. The error is that of the point ``p`` of the part that stands at the tip of the tool::
+
+    e = Ot^-1 C(q) Tt p,    de = Ro' (J d + Rf Rt (w_t x p + v_t)) - v_o
 """
 
 from __future__ import annotations
@@ -159,13 +164,16 @@ class TargetFrames(Locked):
     T_left, T_right : ndarray, shape (n, 4, 4)
         ``Ot Oc^-1`` and ``Tc Tt^-1``: between them stands the flange as the controller computes it.
     tcp : ndarray, shape (n, 3)
-        Tool centre point of the controller's tool in the tip link, metres.
+        The same by the controller's tool in the tip link, metres.
     T_tool, T_object : ndarray, shape (n, 4, 4)
         ``Tt`` and ``Ot``, as far as they are known.
     T_numbers : ndarray, shape (n, 4, 4)
         ``Oc On^-1``: from the true work object, as the controller moves it with its external axes, to its own.
     e : ndarray, shape (n, axes)
         Positions of the cell's external axes, radians (metres).
+    contact : ndarray, shape (n, 3)
+        Where the work is done, in the axes of what is on the flange, metres: zero, the tip of the tool, but with a part
+        that the robot holds its point at the tip of the fixed tool.
     points : ndarray of str, shape (n,)
         ``offline`` or ``taught``; this and what follows of corrected targets.
     at_stake : ndarray, shape (n,)
@@ -189,6 +197,7 @@ class TargetFrames(Locked):
     T_object: FloatArray
     T_numbers: FloatArray
     e: FloatArray
+    contact: FloatArray
     points: NameArray = field(default_factory=lambda: np.zeros(0, dtype=object))
     at_stake: FloatArray = field(default_factory=lambda: np.zeros(0))
     part_error: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -282,6 +291,9 @@ class TargetFrames(Locked):
             sentences.append(
                 "All of them are taken for offline points: name those that were shown on the robot with --points"
             )
+        held = int(np.any(self.contact != 0.0, axis=1).sum())
+        if held:
+            sentences.append(f"At {held} targets the robot holds the part, and the tool stands")
         expected = self.part_error[np.isfinite(self.part_error).all(axis=1)] / MM
         if len(expected):
             sentences.append(
@@ -293,7 +305,7 @@ class TargetFrames(Locked):
         return sentences
 
 
-_OF_FRAMES = tuple(column.name for column in fields(TargetFrames))[:11]
+_OF_FRAMES = tuple(column.name for column in fields(TargetFrames))[:12]
 """Arrays that tell of tools and work objects."""
 
 
@@ -344,14 +356,15 @@ class TrueFrames:
             message = "path_tolerance: paths are cut for the controller's own tools and work objects only, without cell"
             raise OptionError(f"{message} and taught points", parameter="path_tolerance")
 
-    def frames_of(self, program: Program, batch: WantedTargets) -> TargetFrames:
-        """Tools and work objects of the goals of a program."""
+    def frames_of(self, program: Program, batch: WantedTargets, controller: Arm) -> TargetFrames:
+        """Tools and work objects of the goals of a program; ``controller``: what it computes with."""
         n = len(batch.names)
+        T_tip = controller.forward(batch.values) if batch.kind == "joint" else batch.values
         tools, work_objects, tool_origins, object_origins = (np.full(n, "", dtype=object) for _ in range(4))
         T_left, T_right, T_tool, T_object, T_numbers = np.tile(np.eye(4), (5, n, 1, 1))
         axes = () if self.cell is None else self.cell.axes
         e = np.zeros((n, len(axes)))
-        tcp = np.zeros((n, 3))
+        tcp, contact = np.zeros((2, n, 3))
         for k, number in enumerate(batch.numbers.tolist()):
             names = _names_of(program, number) if isinstance(program, TextProgram) else None
             if names is None or not isinstance(program, TextProgram):
@@ -368,10 +381,13 @@ class TrueFrames:
                 T_controller = carried(axes, names[1], positions, nominal=True)
                 Oc, On, Ot = T_controller @ Oc, T_controller @ Ot, carried(axes, names[1], positions) @ Ot
                 e[k] = [positions.get(axis.name, 0.0) * axis.unit for axis in axes]
-            T_left[k], T_right[k], tcp[k] = Ot @ frames.inverse(Oc), Tc @ frames.inverse(Tt), Tc[:3, 3]
+            if program.targets[number].uses[0].held:
+                contact[k] = (frames.inverse(T_tip[k] @ Tc) @ Oc)[:3, 3]
+            T_left[k], T_right[k] = Ot @ frames.inverse(Oc), Tc @ frames.inverse(Tt)
+            tcp[k] = Tc[:3, :3] @ contact[k] + Tc[:3, 3]
             T_tool[k], T_object[k], T_numbers[k] = Tt, Ot, Oc @ frames.inverse(On)
         of_frames = tools, work_objects, tool_origins, object_origins, T_left, T_right, tcp, T_tool, T_object
-        return TargetFrames(*of_frames, T_numbers, e)
+        return TargetFrames(*of_frames, T_numbers, e, contact)
 
     def _true(self, kind: str, name: str, T: FloatArray, T_null: FloatArray) -> tuple[FloatArray, str]:
         """The true frame of a name, and its origin; ``T`` is what the controller has."""
@@ -451,7 +467,9 @@ def _derivatives(
 
     And the variance of each coordinate that neither explains: what the fit leaves over, and last moves.
     """
-    tcp, J, left_over = point_derivatives(robot, certainty, q, at.T_tool[rows, :3, 3])
+    p_tool = at.contact[rows]
+    on_tip = np.einsum("nij,nj->ni", at.T_tool[rows, :3, :3], p_tool) + at.T_tool[rows, :3, 3]
+    tcp, J, left_over = point_derivatives(robot, certainty, q, on_tip)
     T = robot.forward(q)
     to_object = np.swapaxes(at.T_object[rows, :3, :3], 1, 2)
     p = np.einsum("nij,nj->ni", to_object, tcp - at.T_object[rows, :3, 3])
@@ -462,8 +480,8 @@ def _derivatives(
         if at.tool_origins[row] == CELL:
             name = tools[at.tools[row]]
             columns = cell.rows(TOOL, name)
-            R = cell.tools[name].T_true[:3, :3]
-            F[n, :, columns.start + 3 : columns.stop] = to_object[n] @ T[n, :3, :3] @ R
+            by_motion = np.hstack([-cell_graph.cross(p_tool[n]), np.eye(3)])
+            F[n, :, columns] = to_object[n] @ T[n, :3, :3] @ cell.tools[name].T_true[:3, :3] @ by_motion
     for name in dict.fromkeys(at.work_objects[rows]):
         chosen = np.flatnonzero(at.work_objects[rows] == name)
         moved = external_axes.edges(cell.axes, at.e[rows[chosen]])

@@ -632,15 +632,15 @@ FALL = 1e-10
 """Relative fall of the sum of squares below which it has arrived."""
 
 
-def start(problem: FeatureProblem) -> FeatureState:
-    """The robot as it is, placed among the features: no guess is needed.
+def start(problem: FeatureProblem, near: Mapping[Key, FloatArray] | None = None) -> FeatureState:
+    """The robot as it is, placed among the features: no guess is needed, but what is ``near`` goes before.
 
     Raises
     ------
     IdentificationError
         If the rows leave base, tool or features open.
     """
-    zero = FeatureState(dict(problem.known), np.zeros(len(problem.terms)))
+    zero = FeatureState({**(near or {}), **problem.known}, np.zeros(len(problem.terms)))
     candidates = [_tools(problem, zero), {}]
     best, smallest, reason = None, np.inf, "no place of tool and features was found that these rows fit"
     for tools in candidates:
@@ -802,7 +802,7 @@ def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, Floa
     start_features(lambda frame: frame not in later | turned)
     for edge in unknown:
         frame, parent = (edge.parent, edge.child) if edge.child == cell_graph.BASE else (edge.child, edge.parent)
-        if frame in later | turned:
+        if frame in later | turned and edge_key(edge) not in zero.values:
             T = _placed(problem, state, frame, parent, values.get((FRAME, frame)))
             values[edge_key(edge)] = frames.inverse(T) if frame == WORLD else T
     start_features(lambda frame: frame in later)

@@ -220,6 +220,7 @@ def test_the_error_of_the_part_follows_the_axes(record, robot, touches):
         T_now[None],
         np.eye(4)[None],
         e[None],
+        np.zeros((1, 3)),
     )
     q = reach(robot, (T_now @ P)[:3], rng)[None]
     errors = []

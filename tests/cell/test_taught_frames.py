@@ -290,7 +290,7 @@ def test_what_determines_nothing_is_refused(record, robot, make, words, tmp_path
 @pytest.mark.parametrize(
     ("column", "value", "words"),
     [
-        ("frame", "base", "row 1, column frame: expected tool or work_object"),
+        ("frame", "base", "row 1, column frame: expected tool, work_object, held_part or fixed_tool"),
         ("tool", "other", "column tool"),
         ("x_mm", "5", "all or none"),
         ("q2_deg", "", "column q2_deg: expected a joint angle in degrees, found nothing"),

@@ -296,6 +296,7 @@ def situation(gain):
         np.zeros((n, 3)),
         *(np.tile(T, (n, 1, 1)) for T in (TOOL, WORK_OBJECT, np.eye(4))),
         np.zeros((n, 0)),
+        np.zeros((n, 3)),
     )
     return nominal, robot, cell, at
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import bisect
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -685,7 +685,8 @@ class Statements:
     def _checked_fdat(self, state: FrameState) -> FrameState:
         """Tool and base of a move; unknown where ``FDAT_ACT`` names others and no ``BAS`` has taken it."""
         fdat = self._fdat
-        if fdat is None or self._fdat_taken or (fdat.tool, fdat.frame) == (state.tool, state.frame):
+        same = fdat is not None and (fdat.tool, fdat.frame, fdat.held) == (state.tool, state.frame, state.held)
+        if fdat is None or self._fdat_taken or same:
             return state
         names = f"tool {fdat.tool} and base {fdat.frame}"
         return FrameState(None, None, fdat.why or f"FDAT_ACT names {names}, but no BAS sets them before the move")
@@ -700,12 +701,13 @@ class Statements:
     def _of_frame_data(self, data: Aggregate, name: str) -> FrameState:
         values = data.values
         numbers = [values[key].number for key in ("tool_no", "base_no") if key in values]
-        if "ipo_frame" in values and values["ipo_frame"].text.strip().lower() != "#base":
-            return FrameState(None, None, f"{name} says that {FIXED_TOOL}")
+        mode = values["ipo_frame"].text.strip().lower() if "ipo_frame" in values else "#base"
+        if mode not in ("#base", "#tcp"):
+            return FrameState(None, None, f"{name} does not say in a word whether {FIXED_TOOL}")
         plain = [str(int(number.value)) for number in numbers if number is not None and number.value % 1 == 0]
         if len(plain) < 2:
             return FrameState(None, None, f"the frame data {name} name no tool or base")
-        return FrameState(*plain)
+        return FrameState(plain[0], plain[1], held=mode == "#tcp")
 
     def _set_fdat(self, line: TokenLine) -> None:
         """A value of ``FDAT_ACT``: frame data by their name, or in braces."""
@@ -757,8 +759,7 @@ class Statements:
             (self.flow.tool if word == "$tool" else self.flow.frame)(name, reason)
             return
         if word == "$ipo_mode":
-            if line.word() != "#base":
-                self.flow.state = FrameState(None, None, FIXED_TOOL)
+            self.flow.state = self._with_mode(self.flow.state, line)
             return
         if word == "fdat_act":
             self._set_fdat(line)
@@ -835,17 +836,24 @@ class Statements:
             if token.word in ("$tool", "$base", "$ipo_mode") and behind.word == "=":
                 line.at = k + 2
                 if token.word == "$ipo_mode":
-                    fdat = self._of_fdat(line.part, line.word(2)) if line.word() == "sipo_mode" else None
-                    if line.word() != "#base" and (fdat is None or fdat.tool is None):
-                        state = FrameState(None, None, FIXED_TOOL if fdat is None else fdat.why)
+                    state = self._with_mode(state, line)
                     continue
                 name = self._frame_value(line, token.word == "$tool")
                 reason = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
                 new = (name, state.frame) if token.word == "$tool" else (state.tool, name)
-                state = FrameState(*new, reason if None in new else state.why)
+                state = FrameState(*new, reason if None in new else state.why, state.held)
         if lasting:
             self.flow.state = state
         return state
+
+    def _with_mode(self, state: FrameState, line: TokenLine) -> FrameState:
+        """Tool and base with the value of ``$IPO_MODE`` that comes next, in a word or as frame data have it."""
+        if line.word() == "sipo_mode":
+            form = self._of_fdat(line.part, line.word(2))
+            return form if form.tool is None else replace(state, held=form.held)
+        if line.word() in ("#base", "#tcp"):
+            return replace(state, held=line.word() == "#tcp")
+        return FrameState(None, None, f"$IPO_MODE is computed: it is not known whether {FIXED_TOOL}")
 
     def _move(self, line: TokenLine, name: str) -> None:
         """The points of a move."""

@@ -1127,8 +1127,7 @@ class Uses:
             if not literals or data is None or data.changes or len(shift.indices) != len(data.sizes):
                 reader.mentions.append(Mention(move.scope, shift.name, shift.indices, shift.start))
                 continue
-            tool, _ = self._frame_name(move, move.tool, "tooldata", "tool")
-            wobj, _ = self._frame_name(move, move.work_object, "wobjdata", "work object")
+            tool, wobj, _, _ = self._frames(move)
             T = frames.transform(None, np.array(shift.numbers or (0.0, 0.0, 0.0)) * MM)
             left, right = (np.eye(4), T) if shift.in_tool else (T, np.eye(4))
             known = shift.numbers is not None
@@ -1143,10 +1142,9 @@ class Uses:
         reader = self.reader
         kind: Kind = "joint" if move.name.endswith("AbsJ") else "pose"
         line = reader.line(move.start)
-        tool, no_tool = self._frame_name(move, move.tool, "tooldata", "tool")
-        wobj, no_wobj = self._frame_name(move, move.work_object, "wobjdata", "work object")
-        use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj)
-        unknown = no_tool or no_wobj if kind == "pose" else ""
+        tool, wobj, held, unclear = self._frames(move)
+        use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj, held=held)
+        unknown = unclear if kind == "pose" else ""
         points: list[tuple[list[Literal], bool]] = []
         self.goals.append((move, points))
         monitored = self._monitored(move) if kind == "pose" else True
@@ -1165,6 +1163,7 @@ class Uses:
                 self.literals.flow.leave(move.start, move.name, arg.text, reason or unknown)
             for literal in literals:
                 literal.monitored.add(monitored)
+                literal.inverted |= held and kind == "pose"
                 literal.uses.append(replace(use, role=as_role))
                 literal.conflicts.extend(text for text in (reason, unknown) if text)
 
@@ -1208,6 +1207,7 @@ class Uses:
         changes = [start for index, start in data.changes if may_be(index, arg.indices)]
         against += ["it is computed or changed in its own module"] if changes else []
         for literal in literals:
+            literal.inverted |= use.held and kind == "pose"
             literal.uses.append(replace(use, file=file))
             literal.after.append(None)
             literal.monitored.add(monitored)
@@ -1243,6 +1243,30 @@ class Uses:
         if changes:
             return literals, f"{arg.text} is computed or changed in line {reader.line(changes[0])}"
         return literals, "" if literals else f"{arg.text} has no value in this module"
+
+    def _frames(self, move: MoveInstruction) -> tuple[str | None, str | None, bool, str]:
+        """What is on the flange, what stands, whether the robot holds the part; and why they are not known."""
+        tool, no_tool = self._frame_name(move, move.tool, "tooldata", "tool")
+        wobj, no_wobj = self._frame_name(move, move.work_object, "wobjdata", "work object")
+        if tool is None or wobj is None:
+            return tool, wobj, False, no_tool or no_wobj
+        on_flange = self._is_on_flange("tooldata", tool), self._is_on_flange("wobjdata", wobj)
+        if on_flange == (False, True):
+            return wobj, tool, True, ""
+        if on_flange == (False, False):
+            wrong = f"the tool {tool} is not held by the robot (robhold FALSE), and the work object {wobj} neither"
+            return None, None, False, wrong
+        return tool, wobj, False, f"the robot holds both {tool} and {wobj} (robhold TRUE)" if on_flange[1] else ""
+
+    def _is_on_flange(self, type_name: str, name: str) -> bool:
+        """Whether the robot holds a tool or work object."""
+        other = next(key for key in self.given if key != type_name)
+        if name not in self.given[type_name] and name in self.given[other]:
+            return other == "tooldata"
+        data = self.reader.data.get(name)
+        if name in self.given[type_name] or data is None or data.type != type_name:
+            return type_name == "tooldata"
+        return is_on_flange(self.reader, data)
 
     def _frame_name(self, move: MoveInstruction, arg: Arg | None, type_name: str, title: str) -> tuple[str | None, str]:
         """Name of a tool or work object, or None and why there is no one name."""
@@ -1387,7 +1411,8 @@ def read_frame(reader: Reader, data: RapidData) -> FloatArray:
     Returns
     -------
     ndarray, shape (4, 4)
-        ``T_tip_tcp``, or ``T_base_wobj`` = user frame times object frame; metres.
+        ``T_tip_tcp``, or ``T_base_wobj`` = user frame times object frame; metres. A fixed tool is in the base, a work
+        object that the robot holds in the tip link.
 
     Raises
     ------
@@ -1401,9 +1426,8 @@ def read_frame(reader: Reader, data: RapidData) -> FloatArray:
         option = f"--{'tool' if tool else 'wobj'} {data.spelling}=…"
         raise ValueError(f"{title} has no frame in numbers: give it with {option}")
     texts = [reader.text[node_of_item.start : node_of_item.end].lower() for node_of_item in nodes]
-    if texts[0] != ("true" if tool else "false"):
-        holder = "is not held by the robot" if tool else "is held by the robot"
-        raise ValueError(f"{title} {holder} (robhold {texts[0].upper()}): this is not supported")
+    if texts[0] not in ("true", "false"):
+        raise ValueError(f"{title}: expected TRUE or FALSE for robhold, found {texts[0]}")
     if not tool and texts[1] != "true":
         moved = f"is moved by a mechanical unit (ufprog {texts[1].upper()})"
         raise ValueError(f"{title} {moved}: this is not supported")
@@ -1422,13 +1446,21 @@ def read_frame(reader: Reader, data: RapidData) -> FloatArray:
     return T
 
 
+def is_on_flange(reader: Reader, data: RapidData) -> bool:
+    """Whether the robot holds a tool or work object (``robhold``); as usual where that does not stand there."""
+    nodes = data.node.items if data.node is not None else None
+    text = reader.text[nodes[0].start : nodes[0].end].lower() if nodes else ""
+    return text == "true" if text in ("true", "false") else data.type == "tooldata"
+
+
 def frames_in_numbers(reader: Reader) -> dict[str, dict[str, FloatArray]]:
-    """Tools and work objects that a module defines in numbers, by type and by name."""
+    """Tools and work objects that a module defines in numbers, by name: ``tooldata`` what is on the flange."""
     out: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
     for name, declared in reader.data.items():
         if declared.type in out:
             with suppress(ValueError):  # targets that need it are left
-                out[declared.type][name] = read_frame(reader, declared)
+                mount = "tooldata" if is_on_flange(reader, declared) else "wobjdata"
+                out[mount][name] = read_frame(reader, declared)
     return out
 
 
@@ -1579,6 +1611,7 @@ def _path(
     ]
     start = None if previous_move is None else previous_move[1]
     reason = _doubt(reader, move, T, zones, [target for target in (start, *ends) if target is not None])
+    reason = "the robot holds the part" if use is not None and use.held else reason
     text = reader.text
     speed, tool_arg = move.args[len(move.points)], move.tool
     v, load = (move.options.get(option) for option in KEPT)

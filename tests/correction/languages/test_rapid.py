@@ -797,14 +797,15 @@ LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        (f"PERS tooldata t:=[FALSE,{FRAME},{LOAD}];", "tool t of line 3 is not held by the robot (robhold FALSE): this is not supported"),
+        (f"PERS tooldata t:=[FALSE,{FRAME},{LOAD}];", "the tool t is not held by the robot (robhold FALSE), and the work object wobj0 neither"),
+        (f"PERS tooldata t:=[n,{FRAME},{LOAD}];", "tool t of line 3: expected TRUE or FALSE for robhold, found n"),
         (f"PERS tooldata t:=[TRUE,[[1,0,0],[1,0,1,0]],{LOAD}];", "tool t of line 3: expected a unit quaternion, found one of length 1.414"),
         (f"PERS tooldata t:=[TRUE,[[1,0,n],[1,0,0,0]],{LOAD}];", "tool t of line 3: expected a frame [[x, y, z], [q1, q2, q3, q4]] in numbers, found [[1,0,n],[1,0,0,0]]"),
         (f"PERS tooldata t:=[TRUE,[[1,0,1E999],[1,0,0,0]],{LOAD}];", "tool t of line 3: found a number that is too large"),
         ("PERS tooldata t:=other;", "tool t of line 3 has no frame in numbers: give it with --tool t=…"),
         ("PERS tooldata t;", "tool t of line 3 has no frame in numbers: give it with --tool t=…"),
         ("VAR num t;", "expected a tooldata, but t is declared as num"),
-        (f'PERS wobjdata w:=[TRUE,TRUE,"",{FRAME},{FRAME}];', "work object w of line 3 is held by the robot (robhold TRUE): this is not supported"),
+        (f'PERS wobjdata w:=[TRUE,TRUE,"",{FRAME},{FRAME}];', "the robot holds both tool0 and w (robhold TRUE)"),
         (f'PERS wobjdata w:=[FALSE,FALSE,"STN1",{FRAME},{FRAME}];', "work object w of line 3 is moved by a mechanical unit (ufprog FALSE): this is not supported"),
         (f'PERS wobjdata w:=[FALSE,TRUE,"",{FRAME},[[1,0,0],[1,0,0]]];', "work object w of line 3: expected a frame [[x, y, z], [q1, q2, q3, q4]] in numbers, found [[1,0,0],[1,0,0]]"),
     ],
