@@ -42,13 +42,15 @@ LARGEST_MM = 1e6
 
 def read_frames(options: dict[str, Any], program: Any) -> None:
     """Read the tools, work objects and the place that were typed as the program's language writes them, in place."""
+    from irbcal.correction.backup import unpacked
     from irbcal.correction.languages import files_of
 
     given = options.keys() & {"tool", "wobj", "where"}
     if not given:
         return
     files = program if isinstance(program, list) else [] if program is None else [program]
-    maker = files_of(files).language.MAKER if files else None
+    with unpacked(files) as opened:
+        maker = files_of(opened.programs).language.MAKER if files else None
     for name in given:
         read = where(options[name], maker) if name == "where" else named_frames(options[name], f"--{name}", maker)
         options[name] = read

@@ -18,6 +18,7 @@ from irbcal.atomic import write_set
 from irbcal.cell.cell_file import CellFile, cell_of, frames_by_name
 from irbcal.cell.robot_derivatives import own_ends_in_words
 from irbcal.correction import languages
+from irbcal.correction.backup import Unpacked, of_programs, packed, unpacked
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, refused, writable
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.instructions import read as taught
@@ -121,10 +122,11 @@ def correct(
         Calibration folder, or its content.
     program : str, Path or sequence of these
         File of a language that is known (docs/programs.md), CSV of joints or of tip poses among them; several files of
-        one language, or a folder, which is searched to its end. A file of several that cannot be read is left.
+        one language, or a folder or a zip archive, which is searched to its end. A file of several that cannot be read
+        is left.
     out : str or Path, optional
-        File for the program with fake targets, or, where it lies in several files, the folder for them; without it the
-        bytes are in the result only.
+        File for the program with fake targets, or, where it lies in several files, the folder for them, or the archive
+        (``.zip``) with all files of the one that was given; without it the bytes are in the result only.
     allow_partial : bool
         Write files even if some targets could not be corrected; these stay as they are.
     changes : str or Path, optional
@@ -197,56 +199,61 @@ def correct(
     read_too = [path for path in (controller_model, cell, instructions) if isinstance(path, (str, os.PathLike))]
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
-    places = start, posture, instructions, harmless
-    opened = read_programs(calibration, programs_given, tool, wobj, pulses, controller_model, where, *places)
-    record, nominal, given, programs, setup, model, urdf = opened
-    language = given.language
-    tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
-    origin = point_origin(points, re_express)
-    true_frames = TrueFrames(
-        None if cell is None else cell_of(cell, record.fingerprint),
-        frames_measured,
-        controller_frames,
-        origin,
-        setup.controller,
-    )
-    true_frames.check(path_tolerance is not None)
-    if true_frames.cell is not None and true_frames.cell.axes:
-        axes = true_frames.cell.axes
-        programs = [program.on_axes(axes) if isinstance(program, TextProgram) else program for program in programs]
-    robot = loaded(record.robot_calibrated(), payload, payload_place)
-    robot = robot if model is None else model.seen_by_it(robot)
-    readable = [program_read for program_read in programs if not isinstance(program_read, Unread)]
-    if tolerance is not None and not all(isinstance(program_read, Cuttable) for program_read in readable):
-        raise OptionError(
-            "path_tolerance: points are put into moves of RAPID only, where a move can name its point in numbers; this "
-            f"is {language.NAME}",
-            parameter="path_tolerance",
+    with unpacked(programs_given) as files:
+        places = start, posture, instructions, harmless
+        opened = read_programs(calibration, files.programs, tool, wobj, pulses, controller_model, where, *places)
+        record, nominal, given, programs, setup, model, urdf, backup_notes = opened
+        language = given.language
+        tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
+        origin = point_origin(points, re_express)
+        true_frames = TrueFrames(
+            None if cell is None else cell_of(cell, record.fingerprint),
+            frames_measured,
+            controller_frames,
+            origin,
+            setup.controller,
         )
-    speeds = None if urdf is None else speed_limits(urdf, nominal.joint_names)
-    common = record.fingerprint, setup.own_model, tolerance, speeds
-    filtered = together(
-        [filter_program(robot, nominal, program_read, *common, true_frames) for program_read in programs],
-        {str(path): place.as_posix() for path, place in given.relative.items()},
-    )
-    skipped = tuple(Note(1, f"{path.name} was skipped: {reason}") for path, reason in given.skipped)
-    filtered = replace(filtered, notes=(*filtered.notes, *skipped))
-    if robot.certainty is not None and (outside := robot.certainty.outside_in_words(filtered.q_before, "targets")):
-        filtered = replace(filtered, cautions=(outside,))
-    if robot.certainty is not None and frames_measured and (own := own_ends_in_words(robot.certainty)):
-        filtered = replace(filtered, cautions=(*filtered.cautions, own))
-    if model is not None:
-        filtered = replace(filtered, cautions=(model.in_words(robot, filtered.q_before), *filtered.cautions))
-    if record.heldout is not None and record.features is None:  # rows at features tell no accuracy
-        filtered = replace(filtered, expected_error=record.heldout.all.mean_mm * MM)
-    if strict and filtered.unknown_frames is not None:
-        raise _not_written(filtered, filtered.unknown_frames.in_words())
-    if out is None and changes is None:
-        return filtered
-    if not len(filtered.targets) or (filtered.left and not allow_partial):
-        raise _not_written(filtered)
-    folder = len(filtered.files) > 1 or len(given.files) > 1
-    return _written(filtered, out, changes, folder, [path for path in map(Path, programs_given) if path.is_dir()])
+        true_frames.check(path_tolerance is not None)
+        if true_frames.cell is not None and setup.T_world_base is not None:
+            message = "cell: its frames are seen from the robot, which the backup places elsewhere in its world"
+            raise OptionError(f"{message}: correct the programs outside of the backup", parameter="cell")
+        if true_frames.cell is not None and true_frames.cell.axes:
+            axes = true_frames.cell.axes
+            programs = [program.on_axes(axes) if isinstance(program, TextProgram) else program for program in programs]
+        robot = loaded(record.robot_calibrated(), payload, payload_place)
+        robot = robot if model is None else model.seen_by_it(robot)
+        readable = [program_read for program_read in programs if not isinstance(program_read, Unread)]
+        if tolerance is not None and not all(isinstance(program_read, Cuttable) for program_read in readable):
+            raise OptionError(
+                "path_tolerance: points are put into moves of RAPID only, where a move can name its point in numbers; "
+                f"this is {language.NAME}",
+                parameter="path_tolerance",
+            )
+        speeds = None if urdf is None else speed_limits(urdf, nominal.joint_names)
+        common = record.fingerprint, setup.own_model, tolerance, speeds
+        filtered = together(
+            [filter_program(robot, nominal, program_read, *common, true_frames) for program_read in programs],
+            {str(path): place.as_posix() for path, place in given.relative.items()},
+        )
+        skipped = tuple(Note(1, f"{path.name} was skipped: {reason}") for path, reason in given.skipped)
+        filtered = replace(filtered, notes=(*filtered.notes, *skipped))
+        if robot.certainty is not None and (outside := robot.certainty.outside_in_words(filtered.q_before, "targets")):
+            filtered = replace(filtered, cautions=(outside,))
+        if robot.certainty is not None and frames_measured and (own := own_ends_in_words(robot.certainty)):
+            filtered = replace(filtered, cautions=(*filtered.cautions, own))
+        if model is not None:
+            filtered = replace(filtered, cautions=(model.in_words(robot, filtered.q_before), *filtered.cautions))
+        if record.heldout is not None and record.features is None:  # rows at features tell no accuracy
+            filtered = replace(filtered, expected_error=record.heldout.all.mean_mm * MM)
+        filtered = replace(filtered, notes=(*filtered.notes, *backup_notes))
+        if strict and filtered.unknown_frames is not None:
+            raise _not_written(filtered, filtered.unknown_frames.in_words())
+        if out is None and changes is None:
+            return _as_given(filtered, files)
+        if not len(filtered.targets) or (filtered.left and not allow_partial):
+            raise _not_written(filtered)
+        folder = len(filtered.files) > 1 or len(given.files) > 1
+        return _as_given(_written(filtered, out, changes, folder, files), files)
 
 
 class OpenedPrograms(NamedTuple):
@@ -264,6 +271,8 @@ class OpenedPrograms(NamedTuple):
         Where that is not the nominal robot.
     urdf : bytes or None
         Of the calibration, where it is at hand.
+    notes : sequence of Note
+        What the backup says in which the programs lie.
     """
 
     record: Record
@@ -273,6 +282,7 @@ class OpenedPrograms(NamedTuple):
     setup: ControllerSetup
     model: ControllerModel | None
     urdf: bytes | None
+    notes: Sequence[Note] = ()
 
 
 def read_programs(
@@ -305,17 +315,48 @@ def read_programs(
     setup = setup._replace(harmless=names("harmless", harmless or ()))
     if instructions is not None:
         setup = setup._replace(instructions=taught(instructions))
-    return OpenedPrograms(record, nominal, files, language.read_for(nominal, files.files, setup), setup, model, urdf)
+    backup = of_programs(languages.name_of(language), files.files)
+    if backup.accuracy and model is None:
+        raise ProgramError(
+            f"{backup.accuracy}: fake targets would correct it twice; switch that off, or give what the controller "
+            "computes with (--controller-model; the URDF that was calibrated, where it has these numbers)",
+            file=files.files[0],
+        )
+    notes: list[Note] = []
+    if backup.T_world_base is not None:
+        x, y, z = backup.T_world_base[:3, 3] / MM
+        place = (
+            f"the robot stands at {x:.3f}, {y:.3f}, {z:.3f} mm in the controller's world ({Path(backup.source).name})"
+        )
+        notes.append(Note(1, f"{place}: bases and work objects, given ones too, count from the world"))
+        setup = setup._replace(T_world_base=backup.T_world_base)
+    programs = language.read_for(nominal, files.files, setup)
+    return OpenedPrograms(record, nominal, files, programs, setup, model, urdf, notes)
+
+
+def _as_given(filtered: Filtered, files: Unpacked) -> Filtered:
+    """The result with the names of files in archives as the caller knows them."""
+    contents = {files.shown(name): data for name, data in filtered.files.items()}
+    return replace(filtered, files=contents, source=files.shown(filtered.source))
 
 
 def _written(
-    filtered: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool, searched: Sequence[Path]
+    filtered: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool, given: Unpacked
 ) -> Filtered:
     """Write what was asked for, all or nothing; files of folders that were searched lie as they did there."""
+    searched = [path for path in given.programs if path.is_dir()]
     contents: dict[Path, bytes] = {}
     if changes is not None:
         contents[Path(changes)] = csv_bytes(filtered.to_frame(), float_format="%.6f")
-    if out is not None:
+    if out is not None and Path(out).suffix.lower() == ".zip":
+        if len(given.archives) != 1 or len(given.programs) != 1:
+            raise OptionError("out: a zip archive is written of one that was given, expected a folder", parameter="out")
+        ((inside, archive),) = given.archives.items()
+        contents[Path(out)] = packed(
+            archive, {Path(name).relative_to(inside).as_posix(): data for name, data in filtered.files.items()}
+        )
+        filtered = replace(filtered, written=Path(out))
+    elif out is not None:
         targets_of_files = _places(Path(out), filtered.files, folder, searched)
         refuse_overwriting({"out": [*targets_of_files], "changes": changes}, [*filtered.files])
         contents |= targets_of_files

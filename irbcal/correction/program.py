@@ -125,6 +125,9 @@ class ControllerSetup(NamedTuple):
         Motion instructions that the user teaches, by language.
     harmless : tuple of str
         Patterns of names of routines that are not in the programs, and neither move the arm nor set tool or frame.
+    T_world_base : ndarray, shape (4, 4), or None
+        Where the robot stands in the controller's world, metres; None where they are the same, or the controller's
+        frames say it.
     """
 
     tools: Mapping[str, FloatArray]
@@ -137,6 +140,7 @@ class ControllerSetup(NamedTuple):
     posture: FloatArray | None = None
     instructions: Table = MappingProxyType({})
     harmless: tuple[str, ...] = ()
+    T_world_base: FloatArray | None = None
 
 
 class Program(ABC):

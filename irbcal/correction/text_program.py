@@ -932,7 +932,10 @@ def needed_frames(
         What the program says, in the controller's flange and world.
     """
     frame_values = {**tools, **setup.tools}, {**work_objects, **setup.work_objects}
-    ends = setup.controller.T_tip_flange, setup.controller.T_base_world
+    T_base_world = setup.controller.T_base_world
+    if setup.T_world_base is not None:
+        T_base_world = T_base_world @ frames.inverse(setup.T_world_base)
+    ends = setup.controller.T_tip_flange, T_base_world
     needed: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
     for target in targets:
         against: list[str] = []
@@ -948,6 +951,27 @@ def needed_frames(
                     against.append(f"{kind} {name}: found a number that is too large")
         target.conflicts += dict.fromkeys(against) if target.kind == "pose" else ()
     return needed
+
+
+def from_backup(
+    targets: Sequence[Target],
+    setup: ControllerSetup,
+    tools: Mapping[str, FloatArray],
+    user_frames: Mapping[str, FloatArray],
+    source: str,
+) -> list[Note]:
+    """A note of the tools and user frames of poses that are those of a file of the backup."""
+    uses = [use for target in targets if target.kind == "pose" for use in target.uses]
+    taken = [
+        f"{title} {number}"
+        for title, numbers, known, given in (
+            ("tool", {use.tool for use in uses}, tools, setup.tools),
+            ("user frame", {use.work_object for use in uses}, user_frames, setup.work_objects),
+        )
+        for number in sorted(filter(None, numbers))
+        if number in known and number not in given and number != "0"
+    ]
+    return [Note(1, f"{', '.join(taken)}: the numbers are those of {source}")] if taken else []
 
 
 def _unknown_ends(maker: Maker, arm: Arm, setup: ControllerSetup) -> str:

@@ -3,6 +3,7 @@
 import gc
 import json
 import pickle
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from support import arm, assert_same_poses, measured, random_robot, write_measurements
 
 import irbcal
+from irbcal.cell.cell_file import CellFile
 from irbcal.correction import notation
 from irbcal.correction.filter import NotWritten, _without_garbage_collection, correct, filter_program, fingerprint_of
 from irbcal.correction.filtered import Filtered
@@ -343,6 +345,43 @@ def test_several_files_go_into_a_folder_and_never_over_themselves(calibration, t
     with pytest.raises((CalibrationError, OptionError)):
         correct(calibration, folder, out=folder)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_backup_in_an_archive_is_corrected_where_its_robot_stands(calibration, tmp_path):
+    """Its work objects count from the world: as if the robot stood at the world's origin and they were moved."""
+    folder = tmp_path / "b"
+    programs = folder / "RAPID" / "TASK1" / "PROGMOD"
+    programs.parent.mkdir(parents=True)
+    two_modules(programs)
+    (folder / "SYSPAR").mkdir()
+    moved = frames.from_xyz_angles([0.0, 0.0, -0.05, 0.0, 0.0, np.radians(-5)])
+    turned = f"-base_frame_orient_u0 {np.cos(np.radians(2.5)):.9f} -base_frame_orient_u3 {-np.sin(np.radians(2.5)):.9f}"
+    cfg = f'ROBOT:\n\n      -name "ROB_1" -base_frame_pos_z -0.05\\\n      {turned}\n'
+    (folder / "SYSPAR" / "MOC.cfg").write_text(cfg)
+    archive = tmp_path / "b.zip"
+    with zipfile.ZipFile(archive, "w") as file:
+        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+            file.write(path, path.relative_to(folder).as_posix())
+    found = correct(calibration, archive, out=tmp_path / "new.zip", allow_partial=True)
+    assert any("stands at 0.000, 0.000, -50.000 mm" in note.text for note in found.notes)
+    assert all(name.startswith(f"{archive}!RAPID/TASK1") for name in found.files)
+    with zipfile.ZipFile(tmp_path / "new.zip") as file, zipfile.ZipFile(archive) as old:
+        assert file.namelist() == old.namelist()
+        assert file.read("SYSPAR/MOC.cfg") == cfg.encode()
+        assert file.read("RAPID/TASK1/PROGMOD/Job.mod") == found.files[f"{archive}!RAPID/TASK1/PROGMOD/Job.mod"]
+    (folder / "SYSPAR" / "MOC.cfg").unlink()
+    plain = correct(calibration, folder, wobj={"wobj0": frames.inverse(moved)})
+    assert len(plain.targets) == len(found.targets) > 0
+    np.testing.assert_allclose(found.q, plain.q, rtol=0, atol=1e-7)
+    (folder / "SYSPAR" / "MOC.cfg").write_text(cfg)
+    cell = CellFile(found.fingerprint, "robot", True, {}, {}, *[np.zeros((0, 0))] * 3)
+    with pytest.raises(OptionError, match="outside of the backup"):
+        correct(calibration, folder, cell=cell)
+    (folder / "SYSPAR" / "MOC.cfg").write_text(cfg.replace('ROB_1"', 'ROB_1" -use_robot_calib "r1_calib"'))
+    with pytest.raises(ProgramError, match="correct it twice; switch that off, or give"):
+        correct(calibration, folder)
+    with pytest.raises(OptionError, match="a zip archive is written of one that was given"):
+        correct(calibration, two_modules(tmp_path / "job"), out=tmp_path / "a.zip")
 
 
 def test_a_backup_comes_back_in_its_shape_and_one_bad_file_stops_no_other(calibration, tmp_path):

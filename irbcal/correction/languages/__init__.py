@@ -120,9 +120,13 @@ def known() -> tuple[Language, ...]:
 
 def by_name() -> dict[str, Language]:
     """All languages by the names of their files; a table is called ``csv``."""
-    from irbcal.correction.languages import table
+    return {name_of(language): language for language in known()}
 
-    return {"csv" if language is table else language.__name__.rsplit(".", 1)[1]: language for language in known()}  # type: ignore[attr-defined]
+
+def name_of(language: Language) -> str:
+    """Name of a language's module, ``csv`` for tables."""
+    name = str(language.__name__).rsplit(".", 1)[1]  # type: ignore[attr-defined]
+    return "csv" if name == "table" else name
 
 
 def of_robot(name: str) -> Language | None:

@@ -21,7 +21,14 @@ from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
-from irbcal.correction.text_program import Configuration, ControlFlow, FrameState, PostureProgram, Target
+from irbcal.correction.text_program import (
+    Configuration,
+    ControlFlow,
+    FrameState,
+    PostureProgram,
+    Target,
+    from_backup,
+)
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -236,6 +243,14 @@ _GOAL = re.compile(r"[\s:]*\b(PR?)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")
 _INDEX = re.compile(r"\s*(\d{1,6})\s*(?::.*)?\Z", re.DOTALL)
 _FLOW = re.compile(r"\b(LBL|JMP|CALL|IF|SELECT|FOR|ENDFOR|RUN|WENN|AUFRUF|SPRUNG)\b")
 _FRAME = re.compile(r"\b(UFRAME|UTOOL)\[[ \t]*(\w+)[^\]]*\][ \t]*=")
+_SIGNED = r"[-+]?(?:\d+\.?\d*|\.\d+)"
+_ELEMENT_SET = re.compile(
+    rf"\s*PR\[\s*(\d+)\s*(?::[^,\]]*)?,\s*([1-6])\s*(?::[^\]]*)?\]\s*=\s*\(?\s*({_SIGNED})\s*\)?\s*;?\s*"
+)
+_REGISTER_SET = re.compile(r"\s*PR\[\s*(\w+)[^=;]*=")
+_REGISTER = re.compile(r"\s*PR\[\s*(\d+)\s*(?::[^\]]*)?\]\s*;?\s*")
+SAME_FRAME = 1e-6
+"""By how much two frames may differ that are the same but for printed decimals; metres and components of rotations."""
 _REASONS = (
     (re.compile(r"\bRTCP\b"), "RTCP moves a part against a fixed tool"),
     (re.compile(r"\bINC\b"), "INC makes its target relative"),
@@ -316,7 +331,7 @@ def parse(
         if point.number in taught:
             raise listing.error(point.start, f"P[{point.number}] stands here a second time")
         taught[point.number] = point
-    moves = _Moves(listing, taught)
+    moves = _Moves(listing, taught, setup)
     steps = instructions(listing, *sections_of["MN"])
     for step in steps:
         moves.take(step)
@@ -330,38 +345,23 @@ def parse(
         setup,
         {**(tools or {}), **eye},
         {**(user_frames or {}), **eye},
-        notes=[*moves.notes(targets), *_from_backup(targets, setup, tools or {}, user_frames or {})],
+        notes=[
+            *moves.notes(targets),
+            *from_backup(targets, setup, tools or {}, user_frames or {}, "SYSFRAME.VA beside the program"),
+        ],
         comments=_joined(moves.comments),
         mark_at=sections_of["MN"][1],
         mark_number=max((step.number for step in steps), default=0) + 1 if any(step.number for step in steps) else 0,
     )
 
 
-def _from_backup(
-    targets: Sequence[Target],
-    setup: ControllerSetup,
-    tools: Mapping[str, FloatArray],
-    user_frames: Mapping[str, FloatArray],
-) -> list[Note]:
-    """A note of the tools and user frames that are those of the backup."""
-    uses = [use for target in targets if target.kind == "pose" for use in target.uses]
-    taken = [
-        f"{title} {number}"
-        for title, numbers, known, given in (
-            ("tool", {use.tool for use in uses}, tools, setup.tools),
-            ("user frame", {use.work_object for use in uses}, user_frames, setup.work_objects),
-        )
-        for number in sorted(filter(None, numbers))
-        if number in known and number not in given and number != "0"
-    ]
-    return [Note(1, f"{', '.join(taken)}: the numbers are those of SYSFRAME.VA beside the program")] if taken else []
-
-
 class _Moves:
     """Follows the instructions."""
 
-    def __init__(self, listing: Listing, taught: dict[int, ProgramPoint]) -> None:
+    def __init__(self, listing: Listing, taught: dict[int, ProgramPoint], setup: ControllerSetup) -> None:
         self.listing, self.taught = listing, taught
+        self._given = {"UTOOL": setup.tools, "UFRAME": setup.work_objects}
+        self._registers: dict[str, dict[str, float]] = {}
         self.flow = ControlFlow(listing)
         self.comments: list[str] = []
         self._noted: list[Note] = []
@@ -380,6 +380,7 @@ class _Moves:
         self._changes(step, text)
         if _FLOW.search(text.upper()):
             self.flow.forget()
+            self._registers.clear()
         for goal in _GOAL.finditer(text):
             if goal[1] == "P":
                 for point in self._named(goal[2])[0]:
@@ -434,13 +435,38 @@ class _Moves:
         return points[0].target if len(points) == 1 and not reason else None
 
     def _changes(self, step: Instruction, text: str) -> None:
-        """Frames that the program sets itself."""
+        """Frames that the program sets itself, and position registers that it sets number by number."""
+        element = _ELEMENT_SET.fullmatch(text)
+        if element is not None:
+            self._registers.setdefault(element[1], {})[element[2]] = float(element[3])
+        elif (register := _REGISTER_SET.match(text)) is not None:
+            if register[1].isdecimal():
+                self._registers.pop(register[1], None)
+            else:
+                self._registers.clear()
         for change in _FRAME.finditer(text.upper()):
-            line = self.listing.line(step.start)
-            for point in self.taught.values():
+            reason = self._changed(change, text[change.end() :], self.listing.line(step.start))
+            for point in self.taught.values() if reason else ():
                 frame_number = point.user_frame if change[1] == "UFRAME" else point.tool
                 if point.target is not None and (frame_number == change[2] or not change[2].isdecimal()):
-                    point.target.conflicts.append(f"line {line} changes {change[1]}[{change[2]}]")
+                    point.target.conflicts.append(reason)
+
+    def _changed(self, change: re.Match[str], value: str, line: int) -> str:
+        """Why a frame is not known that the program sets; empty where it is what the caller gives.
+
+        The numbers of a register are those of a frame only where the register is Cartesian, which no program says.
+        """
+        reason = f"line {line} changes {change[1]}[{change[2]}]"
+        source = _REGISTER.fullmatch(value)
+        numbers = self._registers.get(source[1], {}) if source is not None else {}
+        if set(numbers) != set("123456"):
+            return reason
+        values = [numbers[key] for key in "123456"]
+        given = self._given[change[1]].get(change[2])
+        if given is not None and np.abs(given - FANUC.frame(values)).max() < SAME_FRAME:
+            return ""
+        option = f"--{'frame' if change[1] == 'UFRAME' else 'tool'} {change[2]}={','.join(f'{v:g}' for v in values)}"
+        return f"{reason}: if its register is Cartesian, give {option}"
 
     def notes(self, targets: Sequence[Target]) -> list[Note]:
         """What the corrections do not know about."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, WantedTargets, each_read, read_bytes
-from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Target
+from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Target, from_backup
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -116,12 +116,49 @@ def looks_like(data: bytes) -> bool:
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read Yaskawa jobs for an arm, each a program; see `irbcal.correction.languages.Language`."""
     YASKAWA.check(arm, str(files[0]))
-    programs, unread = each_read(files, lambda file: parse(arm, read_bytes(file), str(file), setup))
+    beside = {folder: frames_beside(folder) for folder in {file.parent for file in files}}
+    programs, unread = each_read(
+        files, lambda file: parse(arm, read_bytes(file), str(file), setup, *beside[file.parent])
+    )
     return [*programs, *unread]
 
 
-def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> JobProgram:
-    """Read a Yaskawa job.
+_NUMBERED = re.compile(r"^//(TOOL|UFRAME)[ \t]+(\d+)[ \t]*\r?$", re.MULTILINE)
+_TOOL_LINE = re.compile(r"(?:^[ \t]*/[^\n]*\n)*^([^/\n]*)$", re.MULTILINE)
+_USER_LINE = re.compile(r"^/{3,4}BUSER[ \t]*\r?\n?[ \t]*([^/\n]+)$", re.MULTILINE)
+
+
+def frames_beside(folder: Path) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Tools and user frames, by number, that a backup's ``TOOL.CND`` and ``UFRAME.CND`` beside jobs have.
+
+    Those whose six numbers are not all there, and such that stand there twice with other numbers, are none.
+    """
+    found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
+    names = {"TOOL": "tool.cnd", "UFRAME": "uframe.cnd"}
+    for kind, (title, name) in enumerate(names.items()):
+        for path in sorted(path for path in folder.glob("*") if path.name.lower() == name):
+            text = read_bytes(path).decode("latin-1").replace("\r\n", "\n")
+            heads = [head for head in _NUMBERED.finditer(text) if head[1] == title]
+            for head, end in zip(heads, [*(behind.start() for behind in heads[1:]), len(text)], strict=True):
+                line = (_USER_LINE.search if kind else _TOOL_LINE.match)(text, head.end() + 1, end)
+                numbers = _numbers(line[1].strip(), 0) if line is not None else None
+                if numbers is None or len(numbers) != 6:
+                    continue
+                T = YASKAWA.frame([number.value for number in numbers])
+                known = found[kind].setdefault(head[2], T)
+                found[kind][head[2]] = T if np.array_equal(T, known) else np.full((4, 4), np.nan)
+    return found
+
+
+def parse(
+    arm: Arm,
+    data: bytes,
+    source: str,
+    setup: ControllerSetup,
+    tools: Mapping[str, FloatArray] | None = None,
+    user_frames: Mapping[str, FloatArray] | None = None,
+) -> JobProgram:
+    """Read a Yaskawa job; ``tools`` and ``user_frames`` by number are those of the backup that it lies in.
 
     Raises
     ------
@@ -140,10 +177,13 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> JobProg
         job.flow,
         targets,
         setup,
-        {},
-        {WORLD: frames.transform()},
+        tools or {},
+        {**(user_frames or {}), WORLD: frames.transform()},
         units=np.array([DEG / value for value in setup.pulses]) if setup.pulses else None,
-        notes=job.notes.values(),
+        notes=[
+            *job.notes.values(),
+            *from_backup(targets, setup, tools or {}, user_frames or {}, "TOOL.CND and UFRAME.CND beside the job"),
+        ],
         comments=_joined(job.comments),
         mark_at=job.nop,
         pulses=tuple(setup.pulses),

@@ -1315,6 +1315,7 @@ class Uses:
             literal.conflicts = list(dict.fromkeys(literal.conflicts))
         declared = self._declared_frames()
         setup = ControllerSetup(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
+        setup = setup._replace(T_world_base=None if controller is None else controller.T_world_base)
         tools, work_objects = needed_frames(literals, setup, declared["tooldata"], declared["wobjdata"])
         targets = tuple(sorted(literals, key=lambda literal: literal.start))
         in_order = self._in_order(breaks(reader, self.calls))
