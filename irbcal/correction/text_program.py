@@ -213,15 +213,25 @@ PROBE = 0.1
 """Metres by which a target is shifted to tell what becomes of shifts that are computed."""
 
 
+class _Inherited(NamedTuple):
+    """A use of a target in a block, and whether the tool or the frame is still the one from before the block."""
+
+    target: Target
+    tool: bool
+    frame: bool
+
+
 @dataclass
 class _Block:
     loop: bool
     before: FrameState
-    used: list[Target]
     previous: Target | None
     stops: int
+    used: list[_Inherited] = field(default_factory=list)
     changed: bool = False
     disturbed: bool = False
+    tool_set: bool = False
+    frame_set: bool = False
 
 
 class ControlFlow:
@@ -250,7 +260,7 @@ class ControlFlow:
 
     def __init__(self, listing: Listing, calls: Calls | None = None) -> None:
         self.listing, self.calls = listing, calls or Calls()
-        self.state = FrameState()
+        self._state = FrameState()
         self.stops: list[tuple[int, Target | None, Target | None]] = []
         self.moves_left: list[Left] = []
         self.previous: Target | None = START
@@ -260,13 +270,32 @@ class ControlFlow:
         self._passed: list[tuple[Target, Target | None]] = []
         self._blocks: list[_Block] = []
 
+    @property
+    def state(self) -> FrameState:
+        """Tool and frame that hold; both are set by an assignment."""
+        return self._state
+
+    @state.setter
+    def state(self, state: FrameState) -> None:
+        self._state = state
+        for block in self._blocks[-1:]:
+            block.tool_set = block.frame_set = True
+
     def tool(self, name: str | None, reason: str = "") -> None:
         """A tool is set; None where it is computed."""
-        self.state = replace(self.state, tool=name, why=reason or self.state.why)
+        self._state = replace(self.state, tool=name, why=reason or self.state.why)
+        for block in self._blocks[-1:]:
+            block.tool_set = True
 
     def frame(self, name: str | None, reason: str = "") -> None:
         """A frame is set; None where it is computed."""
-        self.state = replace(self.state, frame=name, why=reason or self.state.why)
+        self._state = replace(self.state, frame=name, why=reason or self.state.why)
+        for block in self._blocks[-1:]:
+            block.frame_set = True
+
+    def hold(self, held: bool) -> None:
+        """Whether the robot holds the part from here on; tool and frame stay."""
+        self._state = replace(self.state, held=held)
 
     def forget(self) -> None:
         """The arm may come from elsewhere."""
@@ -290,9 +319,16 @@ class ControlFlow:
             self.previous = None
 
     def use(
-        self, target: Target, at: int, instruction: str, role: Role = "to", state: FrameState | None = None
+        self,
+        target: Target,
+        at: int,
+        instruction: str,
+        role: Role = "to",
+        state: FrameState | None = None,
+        names: tuple[bool, bool] = (True, True),
     ) -> None:
-        """A move goes to a target, or over it."""
+        """A move goes to a target, or over it; with a ``state`` of its own, of which it names tool and frame or not."""
+        names_tool, names_frame = (False, False) if state is None or state is self.state else names
         state = state or self.state
         line = self.listing.line(at)
         use = Use(line, self.listing.column(at), instruction, role, state.tool, state.frame, held=state.held)
@@ -301,8 +337,10 @@ class ControlFlow:
             target.conflicts.append(state.why or f"the tool or frame of {instruction} in line {line} is computed")
         if role == "via":
             self._passed.append((target, self.previous))
-        for block in self._blocks:
-            block.used.append(target)
+        tool, frame = not names_tool, not names_frame
+        for block in reversed(self._blocks):
+            tool, frame = tool and not block.tool_set, frame and not block.frame_set
+            block.used.append(_Inherited(target, tool, frame))
 
     def stop(self, target: Target | None, at: int) -> None:
         """The arm stops at a target, or, with None, somewhere."""
@@ -342,7 +380,7 @@ class ControlFlow:
 
     def open(self, loop: bool = False) -> None:
         """A branch or loop begins."""
-        self._blocks.append(_Block(loop, self.state, [], self.previous, len(self.stops)))
+        self._blocks.append(_Block(loop, self.state, self.previous, len(self.stops)))
         self.previous = None
 
     def alternative(self) -> None:
@@ -351,7 +389,8 @@ class ControlFlow:
         if self._blocks:
             block = self._blocks[-1]
             block.changed |= self.state != block.before
-            self.state = block.before
+            self._state = block.before
+            block.tool_set = block.frame_set = False
 
     def close(self, at: int) -> None:
         """A branch or loop ends."""
@@ -366,10 +405,11 @@ class ControlFlow:
             return
         line = self.listing.line(at)
         reason = f"the tool or frame is set in the branch or loop that ends in line {line}"
-        if block.loop:
-            for target in block.used:
-                if any((use.tool, use.work_object) == (state_before.tool, state_before.frame) for use in target.uses):
-                    target.conflicts.append(reason)
+        other = block.changed or self.state.held != state_before.held
+        other_tool, other_frame = self.state.tool != state_before.tool, self.state.frame != state_before.frame
+        for used in block.used if block.loop else ():
+            if other or (used.tool and other_tool) or (used.frame and other_frame):
+                used.target.conflicts.append(reason)
         self.state = FrameState(None, None, reason)
 
     def order(self, targets: Iterable[Target]) -> tuple[Stop, ...]:

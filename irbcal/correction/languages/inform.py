@@ -103,7 +103,7 @@ WORLD = "base"
 _LINE = re.compile(r"[^\r\n]+")
 _POSITION = re.compile(r"[ \t]*((?:C|P|BC|BP|EC|EX)\d+)[ \t]*=[ \t]*(.*)")
 _PLAIN = re.compile(r"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+))[ \t]*(,|\Z)")
-_MOVE = re.compile(r"[ \t]*(S?MOV[JLCS]|IMOV|REFP)\b[ \t]*(.*)")
+_MOVE = re.compile(r"[ \t]*(S?MOV[JLCS]|SVSPOTMOV|IMOV|REFP)\b[ \t]*(.*)")
 _POINT = re.compile(r"\b(B?C|E?C|B?P|EX)(\d+)\b")
 _FLOW = re.compile(r"[ \t]*(?:\*|JUMP|CALL|RET|IF|ELSE|ENDIF|SWITCH|CASE|ENDSWITCH|FOR|NEXT|WHILE|ENDWHILE|DEFAULT)")
 
@@ -117,8 +117,9 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
     """Read Yaskawa jobs for an arm, each a program; see `irbcal.correction.languages.Language`."""
     YASKAWA.check(arm, str(files[0]))
     beside = {folder: frames_beside(folder) for folder in {file.parent for file in files}}
+    shared = _Shared(files)
     programs, unread = each_read(
-        files, lambda file: parse(arm, read_bytes(file), str(file), setup, *beside[file.parent])
+        files, lambda file: parse(arm, read_bytes(file), str(file), setup, *beside[file.parent], shared)
     )
     return [*programs, *unread]
 
@@ -157,6 +158,7 @@ def parse(
     setup: ControllerSetup,
     tools: Mapping[str, FloatArray] | None = None,
     user_frames: Mapping[str, FloatArray] | None = None,
+    shared: _Shared | None = None,
 ) -> JobProgram:
     """Read a Yaskawa job; ``tools`` and ``user_frames`` by number are those of the backup that it lies in.
 
@@ -168,7 +170,7 @@ def parse(
     listing = Listing([(source, data)], "Yaskawa INFORM")
     if not looks_like(data):
         raise ProgramError("expected a Yaskawa job that begins with /JOB", file=source)
-    job = _Job(listing, setup.pulses)
+    job = _Job(listing, setup.pulses, shared or _Shared({source: data}))
     job.read()
     targets = list(job.points.values())
     return JobProgram.assembled(
@@ -190,11 +192,53 @@ def parse(
     )
 
 
+_COMMENT = re.compile(r"^[ \t]*'[^\r\n]*", re.MULTILINE)
+_VARIABLE = re.compile(r"\bP(\d+)\b")
+_CALLED = re.compile(r"\bCALL[ \t]+(?:JOB:)?([^\s]+)")
+
+
+class _Shared:
+    """What several jobs know of position variables, which are the controller's and so those of all jobs.
+
+    Parameters
+    ----------
+    jobs : sequence of Path, or dict of str to bytes
+        Files, or their contents by their names; what cannot be read is passed over.
+    """
+
+    def __init__(self, jobs: Sequence[Path] | Mapping[str, bytes]) -> None:
+        contents = jobs if isinstance(jobs, Mapping) else {str(path): _content(path) for path in jobs}
+        self.users: dict[str, set[str]] = {}
+        self.names: set[str] = set()
+        self.indexed = ""
+        for source, data in contents.items():
+            text = _COMMENT.sub("", data.decode("latin-1"))
+            self.names |= set(re.findall(r"^//NAME[ \t]+(\S+)", text, re.MULTILINE))
+            if re.search(r"\bP\[", text):
+                self.indexed = self.indexed or Path(source).name
+            for number in set(_VARIABLE.findall(text)):
+                self.users.setdefault(f"P{int(number)}", set()).add(source)
+
+    def conflict(self, name: str, source: str) -> str:
+        """Why a position variable of a job is not the job's alone; empty where it is."""
+        if self.indexed:
+            return f"{self.indexed} uses position variables by an index that is computed"
+        others = sorted(self.users.get(name, set()) - {source})
+        return f"{Path(others[0]).name} uses it, too: position variables are those of all jobs" if others else ""
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return read_bytes(path)
+    except ProgramError:
+        return b""
+
+
 class _Job:
     """Follows the lines of a job."""
 
-    def __init__(self, listing: Listing, pulses: Sequence[float]) -> None:
-        self.listing, self.pulses = listing, pulses
+    def __init__(self, listing: Listing, pulses: Sequence[float], shared: _Shared) -> None:
+        self.listing, self.pulses, self.shared = listing, pulses, shared
         self.flow = ControlFlow(listing)
         self.points: dict[str, Target] = {}
         self.comments: list[str] = []
@@ -204,6 +248,7 @@ class _Job:
         self._missing: dict[str, str] = {}
         self._now = {"USER": "", "TOOL": "0", "POSTYPE": "PULSE", "RCONF": ""}
         self._trouble = ""
+        self._called = ""
 
     def read(self) -> None:
         """Take all lines."""
@@ -222,9 +267,12 @@ class _Job:
                 self._instruction(text, at)
             elif (position := _POSITION.match(text)) is not None:
                 self._position(position[1], position[2], at + position.start(2))
-        if self._trouble:
-            for target in self.points.values():
-                target.conflicts.append(self._trouble)
+        for name, target in self.points.items():
+            target.conflicts += [self._trouble] if self._trouble else []
+            target.conflicts += [self._called] if self._called and name[0] == "P" else []
+            if name[0] == "P" and target.correctable:
+                text = f"{name} is a position variable: other jobs and the pendant see the corrected one"
+                self.notes.setdefault("variables", Note(self.listing.line(target.start), text))
 
     def _pseudo(self, text: str) -> None:
         word, _, value = text[3:].partition(" ")
@@ -239,9 +287,10 @@ class _Job:
                 self._trouble = "the robot stands on base axes, which carry its frames"
 
     def _position(self, name: str, text: str, at: int) -> None:
-        """A position line; only the robot's own step points are targets."""
-        if not name.startswith("C"):
+        """A position line; only the robot's own step points and position variables are targets."""
+        if name[0] not in "CP":
             return
+        name = _shown(name)
         numbers = _numbers(text, at)
         kind = self._now["POSTYPE"]
         if numbers is None or len(numbers) != 6:
@@ -256,6 +305,8 @@ class _Job:
                 rconf = [int(v) for v in self._now["RCONF"].split(",") if re.fullmatch(r"\s*\d{1,3}\s*", v)]
                 target.configuration, reason = posture_of(rconf)
                 target.conflicts += [reason] if reason else []
+            if name[0] == "P" and (reason := self.shared.conflict(name, self.listing.parts[0].name)):
+                target.conflicts.append(reason)
             self.points[name] = target
             frame = self._now["USER"] if kind == "USER" else WORLD
             self._frames[name] = FrameState(self._now["TOOL"], frame or "0")
@@ -264,7 +315,11 @@ class _Job:
 
     def _instruction(self, text: str, at: int) -> None:
         move = _MOVE.match(text)
-        names = [match[0] for match in _POINT.finditer(text)]
+        names = [_shown(match[0]) for match in _POINT.finditer(text)]
+        called = _CALLED.search(text)
+        if called is not None and called[1] not in self.shared.names and not self._called:
+            self._called = f"{called[1][:40]}, called in line {self.listing.line(at)}, may set position variables: it"
+            self._called += " is not among these jobs"
         if move is None:
             if _FLOW.match(text):
                 self.flow.forget()
@@ -295,6 +350,11 @@ class _Job:
         for name in names:
             if name in self.points:
                 self.flow.mention(self.points[name], at)
+
+
+def _shown(name: str) -> str:
+    """A position's name; that of a variable has different numbers of digits in positions and instructions."""
+    return f"P{int(name[1:])}" if name[0] == "P" else name
 
 
 def _numbers(text: str, at: int) -> list[Number] | None:

@@ -759,7 +759,7 @@ class Statements:
             (self.flow.tool if word == "$tool" else self.flow.frame)(name, reason)
             return
         if word == "$ipo_mode":
-            self.flow.state = self._with_mode(self.flow.state, line)
+            self._hold(self._with_mode(self.flow.state, line))
             return
         if word == "fdat_act":
             self._set_fdat(line)
@@ -837,14 +837,23 @@ class Statements:
                 line.at = k + 2
                 if token.word == "$ipo_mode":
                     state = self._with_mode(state, line)
+                    if lasting:
+                        self._hold(state)
                     continue
                 name = self._frame_value(line, token.word == "$tool")
                 reason = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
                 new = (name, state.frame) if token.word == "$tool" else (state.tool, name)
                 state = FrameState(*new, reason if None in new else state.why, state.held)
-        if lasting:
-            self.flow.state = state
+                if lasting:
+                    (self.flow.tool if token.word == "$tool" else self.flow.frame)(name, "" if name else reason)
         return state
+
+    def _hold(self, state: FrameState) -> None:
+        """Take from a state, beside which tool and frame stay, whether the robot holds the part, if that is known."""
+        if state.tool is state.frame is None:
+            self.flow.state = state
+        else:
+            self.flow.hold(state.held)
 
     def _with_mode(self, state: FrameState, line: TokenLine) -> FrameState:
         """Tool and base with the value of ``$IPO_MODE`` that comes next, in a word or as frame data have it."""
@@ -863,6 +872,7 @@ class Statements:
         line.at = 1
         if line.word() in ("$axis_act", "$pos_act") and not ends:  # to where the arm stands
             return
+        words = [token.word for token in line.tokens]
         roles: tuple[Role, ...] = ("via", "to") if name in ("CIRC", "SCIRC") else ("to",)
         goal: Target | None = None
         for k, role in enumerate(roles):
@@ -877,7 +887,7 @@ class Statements:
             if reason:
                 self.flow.leave(line.start, name, text, reason)
             for goal_target in targets:
-                self.flow.use(goal_target, line.start, name, role, state)
+                self.flow.use(goal_target, line.start, name, role, state, ("$tool" in words, "$base" in words))
                 if reason:
                     goal_target.conflicts.append(reason)
             goal = targets[0] if len(targets) == 1 and not reason else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -175,7 +175,7 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptP
         targets,
         setup,
         script.tools,
-        {"base": frames.transform()},
+        script.frames,
         notes=(Note(1, _NOTE),) if poses and setup.own_model is None else (),
         comments=comments,
         mark_at=listing.after_line(head.start()) if head else len(BOM) * listing.text.startswith(BOM),
@@ -193,6 +193,8 @@ class _Script:
         self.variables: dict[str, Target] = {}
         self.literals: list[Target] = []
         self.tools: dict[str, FloatArray] = {}
+        self.frames = {"base": frames.transform()}
+        self._framed: dict[str, int] = {}
         self._changed: dict[str, int] = {}
         self._mentioned: list[Token] = []
         self._set_tcp = 0
@@ -343,10 +345,16 @@ class _Script:
                 return None
             goal = setup[0][1]
             near = self._joints(seed) if seed is not None else None
-        elif len(point) > 1 and point[0].kind == "name" and point[0].word != "p":
+        elif len(point) > 1 and point[0].kind == "name" and point[0].word not in ("p", "pose_trans"):
             self._mentioned += [token for token in point if token.kind == "name"]
+        state = self.flow.state
+        if goal[0].word == "pose_trans" and goal[1:2] and goal[1].word == "(":
+            in_frame = [value for key, value in arguments(goal[1:]) if not key]
+            frame = self._frame(in_frame[0]) if len(in_frame) == 2 else None
+            if frame is not None:
+                goal, state = in_frame[1], replace(state, frame=frame)
         target = self._target(goal, f"of {move} in line {self.listing.line(at)}")
-        if target is None:
+        if target is None or (state.frame != "base" and target.kind == "joint"):
             name = goal[0].word if len(goal) == 1 else ""
             changed = self._changed.get(name)
             where = f"{name} is computed or changed in line {self.listing.line(changed)}" if changed is not None else ""
@@ -356,8 +364,22 @@ class _Script:
             if target.near is not None and np.abs(target.near - near).max() > 0.5:
                 target.conflicts.append("its moves start from different joints (qnear)")
             target.near = near
-        self.flow.use(target, at, move, role)
+        self.flow.use(target, at, move, role, state, (False, True))
         return target
+
+    def _frame(self, tokens: Tokens) -> str | None:
+        """Name of a frame in the base: a pose in numbers, or in a variable that does not change; None for others."""
+        target = self._pose(tokens)
+        if target is None or target.kind != "pose":
+            return None
+        at = tokens[0].start
+        if len(tokens) == 1:
+            self._framed[tokens[0].word] = at
+            name = tokens[0].word.lower()
+        else:
+            name = f"of line {self.listing.line(at)}, column {self.listing.column(at)}"
+        self.frames[name] = UNIVERSAL_ROBOTS.frame([number.value for number in target.numbers])
+        return name
 
     def _target(self, tokens: Tokens, name: str) -> Target | None:
         if len(tokens) == 1 and tokens[0].kind == "name":
@@ -380,6 +402,9 @@ class _Script:
             if name in self.variables:
                 line = self.listing.line(at)
                 self.variables[name].conflicts.append(f"{name} is computed or changed in line {line}")
+        for name, at in self._framed.items():
+            if self.variables[name].uses:
+                self.flow.mention(self.variables[name], at)
         for token in self._mentioned:
             if token.word in self.variables:
                 self.flow.mention(self.variables[token.word], token.start)

@@ -227,3 +227,30 @@ def test_what_it_means(rconf, expected, reason):
     assert posture[:3] == expected
     assert reason in why
     assert bool(why) == bool(reason)
+
+
+PULSES_OF = ["///TOOL 1", "///POSTYPE PULSE", "///PULSE", "P00005=1000,2000,3000,4000,5000,6000"]
+
+
+@pytest.mark.parametrize(
+    ("moves", "other", "why"),
+    [
+        (["MOVJ P005 VJ=1"], ["WAIT IN#(1)=ON"], ""),
+        (["MOVJ P005 VJ=1", "SVSPOTMOV P005 V=10"], ["'P005"], ""),
+        (["MOVJ P005 VJ=1", "CALL JOB:TEST"], ["WAIT IN#(1)=ON"], ""),
+        (["MOVJ P005 VJ=1", "CALL JOB:AWAY"], ["WAIT IN#(1)=ON"], "AWAY, called in line"),
+        (["MOVJ P005 VJ=1"], ["SETE P005 (3) 1000"], "b.jbi uses it, too"),
+        (["MOVJ P005 VJ=1"], ["MOVJ P[B000] VJ=1"], "by an index that is computed"),
+        (["MOVJ P005 VJ=1", "SETE P005 (3) 1000"], ["WAIT IN#(1)=ON"], "uses it in another way"),
+    ],
+)
+def test_position_variables_are_targets_where_no_other_job_uses_them(robots, tmp_path, moves, other, why):
+    nominal, _, at = robots
+    (tmp_path / "a.jbi").write_bytes(job(PULSES_OF, moves))
+    (tmp_path / "b.jbi").write_bytes(job([], other))
+    setup = given(at, **FRAMES)._replace(pulses=PULSES)
+    first, _ = inform.read_for(nominal, [tmp_path / "a.jbi", tmp_path / "b.jbi"], setup)
+    (target,) = first.targets
+    assert target.name == "P5"
+    assert (why in target.reason) if why else target.correctable, target.reason
+    assert any("is a position variable" in note.text for note in first.notes) == (not why)

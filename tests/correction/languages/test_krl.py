@@ -151,6 +151,17 @@ FRAMES = {"tools": {"1": np.eye(4)}, "work_objects": {"2": np.eye(4)}}
         (f"P={POINT}\nLIN P\n$BASE=EK(1,2,3)\nLIN P\n", "BASE is computed in line"),
         (f"P={POINT}\nIF n==1 THEN\n$TOOL=TOOL_DATA[3]\nENDIF\nLIN P\n", "branch or loop"),
         (f"P={POINT}\nLOOP\nLIN P\n$TOOL=TOOL_DATA[3]\nENDLOOP\n", "branch or loop"),
+        (f"P={POINT}\nLOOP\n$BASE=BASE_DATA[2]\nLIN P\n$TOOL=TOOL_DATA[3]\nENDLOOP\n", "branch or loop"),
+        (f"P={POINT}\nLOOP\nSLIN P WITH $TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[3]\nENDLOOP\n", "branch or loop"),
+        (
+            f"P={POINT}\nLOOP\nIF n==1 THEN\n$TOOL=TOOL_DATA[1]\nENDIF\nLIN P\n$TOOL=TOOL_DATA[3]\nENDLOOP\n",
+            "branch or loop",
+        ),
+        (
+            f"P={POINT}\nLOOP\nSPLINE WITH $TOOL=TOOL_DATA[1]\nSLIN P\nENDSPLINE\n$BASE=BASE_DATA[3]\nENDLOOP\n",
+            "branch or loop",
+        ),
+        (f"P={POINT}\nLOOP\nLIN P\n$IPO_MODE=#TCP\nENDLOOP\n", "branch or loop"),
         (f"P={POINT}\nSLIN P WITH $IPO_MODE=mode\n", "the part on the robot"),
         (f"grip()\nLIN {POINT}\nEND\nDEF grip()\n$TOOL=TOOL_DATA[1]\n", "grip, called in line 6, may set the tool"),
         (f"grip()\nLIN {POINT}\nEND\nDEF grip()\nchange()\n", "grip, called in line 6, may set the tool or base"),
@@ -173,6 +184,8 @@ def test_what_cannot_be_corrected_is_left_with_its_reason(robots, body, reason):
         f"PTP {{E6POS: {POINT[1:]}\n",
         f"P={POINT}\nSLIN P WITH $VEL.CP=1, $TOOL=TOOL_DATA[1]\n",
         f"P={POINT}\nIF n==1 THEN\nLIN P\nELSE\nPTP P\nENDIF\n",
+        f"P={POINT}\nLOOP\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\nLIN P\n$TOOL=TOOL_DATA[3]\nENDLOOP\n",
+        f"P={POINT}\nLOOP\nSLIN P WITH $TOOL=TOOL_DATA[1], $BASE=BASE_DATA[2]\n$BASE=BASE_DATA[3]\nENDLOOP\n",
         "PTP {A1 10,A2 -80,A3 90,A4 10,A5 20,A6 0}\nLIN {X 1675.117,Y -311.39,Z 1471.544,A -174.596,B 53.668,C -163.224}\n",
         'DECL FDAT FP={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " "}\nFDAT_ACT=FP\nBAS(#FRAMES)\nBAS(#TOOL,1)\n'
         f"LIN {POINT}\n",

@@ -290,3 +290,44 @@ def test_open_brackets_are_refused():
 
 def test_units_are_si():
     assert (UNIVERSAL_ROBOTS.length, UNIVERSAL_ROBOTS.angle, UNIVERSAL_ROBOTS.joint) == (1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("frame", "move", "why"),
+    [
+        ("plane=FRAME", "movel(pose_trans(plane, POSE), a=1)", ""),
+        ("plane=FRAME", "movel(get_inverse_kin(pose_trans(plane, POSE), qnear=[JOINTS]))", ""),
+        ("plane=FRAME", "p1=POSE\n  movel(pose_trans(plane, p1))", ""),
+        ("n=1", "movel(pose_trans(FRAME, POSE))", ""),
+        ("plane=FRAME", "movel(pose_trans(plane, POSE))\n  plane=get_actual_tcp_pose()", "its target is computed"),
+        ("plane=FRAME", "movel(pose_trans(plane, get_actual_tcp_pose()))", "its target is computed"),
+        ("plane=FRAME", "movel(pose_trans(plane, [JOINTS]))", "its target is computed"),
+        ("plane=FRAME", "p1=POSE\n  movel(pose_trans(plane, p1))\n  movel(p1)", "used with different work objects"),
+    ],
+)
+def test_poses_in_a_plane_are_corrected_there(robots, frame, move, why):
+    """pose_trans(F, p) is F p: both by scipy."""
+    nominal, robot, at = robots
+    q = joints(1)[0]
+    F = poses([0.1, -0.2, 0.3, 0.2, -0.1, 1.2], None, 1.0)[0]
+    T = frames.inverse(F) @ frames.inverse(at.T_base_world) @ nominal.forward(q[None])
+    pose = f"p[{numbers(pose_numbers(T, None, 1.0)[0])}]"
+    text = f"def job():\n  set_tcp(p[0,0,0,0,0,0])\n  {frame}\n  movej([JOINTS])\n  {move}\nend\n"
+    text = (
+        text.replace("FRAME", "p[0.1, -0.2, 0.3, 0.2, -0.1, 1.2]").replace("POSE", pose).replace("JOINTS", numbers(q))
+    )
+    seen = urscript.parse(nominal, text.encode(), "job.script", given(at))
+    if why:
+        assert any(why in left.reason for left in seen.left()), seen.left()
+        return
+    (batch,) = [batch for batch in seen.wanted_targets() if batch.kind == "pose"]
+    np.testing.assert_allclose(batch.values[0], nominal.forward(q[None])[0], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(batch.joints[0], q, rtol=0, atol=1e-6)
+    found = corrected(robot, nominal, seen)
+    new = re.findall(rb"p\[([^\]]*)\]", found.data)[-1].decode()
+    reached = (
+        at.T_base_world @ F @ poses([float(v) for v in new.split(",")], None, 1.0)[0] if "p1" not in move else None
+    )
+    if reached is not None:
+        assert_same_poses(reached[None], nominal.forward(found.q[-1:]), 1e-7, 1e-7)
+        assert_same_poses(robot.poses(found.q[-1:]), nominal.forward(q[None]), 1e-6, 1e-6)
