@@ -8,6 +8,7 @@ thread in each worker.
 from __future__ import annotations
 
 import functools
+import logging
 import os
 import pickle
 import signal
@@ -15,6 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -422,12 +424,16 @@ def _client(address: str) -> Iterator[Any]:
     """A client of a Dask cluster, whose workers have the same versions as this process."""
     try:
         from distributed import Client
+        from distributed.comm import CommClosedError
     except ImportError:
         raise OptionError("engine: this needs Dask: pip install 'irbcal[dask]'", parameter="engine") from None
     try:
         client: Any = Client(address, timeout=10, set_as_default=False)
     except OSError:
         raise IrbcalError(f"no Dask scheduler answers at {address}", parameter="engine") from None
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)  # it tells a lost scheduler as a traceback
     try:
         versions, theirs = _versions(), client.run(_versions)
         if not theirs:
@@ -438,9 +444,17 @@ def _client(address: str) -> Iterator[Any]:
                     f"the worker {worker} has {other_versions}, this process {versions}: results would differ",
                     parameter="engine",
                 )
-        yield client
+        try:
+            yield client
+        except (CancelledError, CommClosedError):
+            raise IrbcalError(
+                f"the Dask scheduler at {address} is gone: the same call goes on from there, with another engine or "
+                "without",
+                parameter="engine",
+            ) from None
     finally:
-        client.close()
+        client.close(timeout=2)
+        log.setLevel(level)
 
 
 def _versions() -> str:

@@ -27,7 +27,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses, feature_errors
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.axis_calibration import PARALLELS
-from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, method_of
+from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, Goal, method_of
 from irbcal.identification.evidence import check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.explanation import explain
@@ -116,7 +116,10 @@ OPEN = 0.5
 LENGTH_ERROR = 0.1 * MM
 """Error of known lengths below which it is no doubt, metres."""
 LINKS = ("base_link", "tip_link", "coupling")
-FEATURE_OPTIONS = ("model", "free", "hold", "terms", "seed", *LINKS, "features", "leave_out", "payload_place")
+FEATURE_OPTIONS = (
+    *("model", "free", "hold", "terms", "seed", "objective", "power", "loss"),
+    *(*LINKS, "features", "leave_out", "payload_place"),
+)
 """Options that rows at features take."""
 
 Progress: TypeAlias = Callable[[str], Any]
@@ -235,6 +238,11 @@ class Options:
             ("hold", tuple(self.hold), ()),
         )
         return tuple(option for option, value, default in choices if value != default)
+
+    @property
+    def goal(self) -> Goal:
+        """What a fit of rows at features makes small."""
+        return Goal(checked("objective", self.objective, OBJECTIVES), self.power, checked("loss", self.loss, LOSSES))
 
     @property
     def share(self) -> float:
@@ -989,7 +997,8 @@ def fit_features(inputs: Inputs, say: Progress) -> Doubted:
     rows, arm = inputs.feature_rows, inputs.urdf.arm
     assert rows is not None
     level, terms = _feature_terms(inputs.options, arm)
-    feature_fit, left_out, doubt = identify_without_gross_errors(arm, rows, terms, progress=say)
+    goal = inputs.options.goal
+    feature_fit, left_out, doubt = identify_without_gross_errors(arm, rows, terms, progress=say, goal=goal)
     feature_fit = replace(feature_fit, level=level)
     remaining = feature_fit.problem.rows
     points = as_points(remaining)
@@ -1027,7 +1036,7 @@ def prove_features(done: Doubted, say: Progress) -> Proven:
     assert rows is not None
     assert isinstance(fit, FeatureFit)
     terms = _feature_terms(options, done.urdf.arm)[1]
-    proof = prove_places(done.urdf.arm, rows, options.leave_out, terms, options.seed, say)
+    proof = prove_places(done.urdf.arm, rows, options.leave_out, terms, options.seed, say, options.goal)
     section = _features_section(fit, proof)
     against = (*done.doubts, *_feature_doubts(section), *fit.doubts())
     order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")

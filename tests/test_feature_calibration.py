@@ -146,8 +146,6 @@ def test_options_of_other_ways_are_refused(contacts):
         irbcal.calibrate(contacts, "irb1600", features=KNOWN, verify="other.csv")
     with pytest.raises(OptionError, match="take auto or a level of error parameters, not best-level"):
         irbcal.calibrate(contacts, "irb1600", "best-level", features=KNOWN)
-    with pytest.raises(OptionError, match="loss: rows at features do not take it"):
-        irbcal.calibrate(contacts, "irb1600", "34", features=KNOWN, loss="huber")
     with pytest.raises(OptionError, match="needs a constant of the geometry"):
         irbcal.calibrate(contacts, "irb1600", "34", features=KNOWN, hold=["delta_*"])
     with pytest.raises(OptionError, match="only rows at features have places"):

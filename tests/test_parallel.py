@@ -29,6 +29,10 @@ def matrix(shared, item):
     return (np.linalg.inv(A @ A.T) @ A).tobytes()
 
 
+def slow(shared, item):
+    time.sleep(0.05)
+
+
 def deadly(folder, item):
     """Item 3 kills its worker the first time, item 5 always."""
     path = Path(folder) / f"{item}-{time.monotonic_ns()}"
@@ -120,6 +124,36 @@ def test_a_dask_cluster_gives_the_same_bytes_also_where_a_worker_is_killed(clust
         assert dict(parallel.each(matrix, 60, range(6), seconds=0.0)) == alone
         assert sorted(parallel.each(deadly, str(tmp_path), range(5), seconds=0.0)) == [(k, k * k) for k in range(5)]
     assert len(list(tmp_path.glob("3-*"))) == 2
+
+
+SCHEDULER = """
+import sys, time
+from distributed import LocalCluster
+if __name__ == "__main__":
+    found = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1", silence_logs=50)
+    print(found.scheduler_address, flush=True)
+    time.sleep(300)
+"""
+
+
+def test_a_killed_scheduler_is_one_sentence(tmp_path):
+    pytest.importorskip("distributed", reason="irbcal[dask] is not installed")
+    (tmp_path / "scheduler.py").write_text(SCHEDULER)
+    path = f"{Path(__file__).parent}:{os.environ.get('PYTHONPATH', '')}"
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "scheduler.py"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        start_new_session=True,
+    ) as scheduler:
+        address = scheduler.stdout.readline().strip().removeprefix("tcp://")
+        with parallel.using(engine=f"dask://{address}"):
+            results = parallel.each(slow, None, range(200), seconds=0.0)
+            next(results)
+            os.killpg(scheduler.pid, signal.SIGKILL)
+            with pytest.raises(IrbcalError, match=r"scheduler at .* is gone"):
+                list(results)
 
 
 def address_of(cluster):

@@ -118,7 +118,8 @@ def read_manifest(manifest: str | Path) -> list[Entry]:
         If a row is no robot, or two have one id.
     """
     table = InputTable.read(manifest, NEEDED, KNOWN)
-    entries = [_entry(table, row, Path(table.source).parent) for row in range(len(table))]
+    folder = Path(table.source).parent.absolute()  # a cluster's workers have working folders of their own
+    entries = [_entry(table, row, folder) for row in range(len(table))]
     # a folder's name: some systems take A for a
     table.refuse_repeats("id", [entry.id.casefold() for entry in entries])
     return entries

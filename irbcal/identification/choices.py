@@ -5,8 +5,10 @@ The command line reads this file at every start: it imports nothing heavy.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
+from irbcal.errors import OptionError
 from irbcal.modeling.levels import LEVELS as LEVELS
 from irbcal.modeling.levels import Level as Level
 from irbcal.options import checked
@@ -41,6 +43,33 @@ OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 MODELS: tuple[Model, ...] = get_args(Model)
 TERMS: tuple[Terms, ...] = get_args(Terms)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a fit makes small.
+
+    Attributes
+    ----------
+    objective : {"rms", "max", "pnorm"}
+    power : float
+        Of a p-norm.
+    loss : {"linear", "soft_l1", "huber"}
+        What a residual counts in the root mean square.
+    """
+
+    objective: Objective = "rms"
+    power: float = 8.0
+    loss: Loss = "linear"
+
+    def __post_init__(self) -> None:
+        if self.objective != "rms" and self.loss != "linear":
+            raise OptionError(f"loss {self.loss} goes with objective rms, not with {self.objective}", parameter="loss")
+
+    @property
+    def least_squares(self) -> bool:
+        """Whether it is the sum of squares."""
+        return self.objective == "rms" and self.loss == "linear"
 
 
 def method_of(name: str) -> Method:

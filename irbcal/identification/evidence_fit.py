@@ -11,6 +11,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
+from irbcal.identification.choices import Objective
 from irbcal.identification.evidence_maximisation import (
     LEAST,
     NATS,
@@ -285,7 +286,9 @@ class EvidenceFit(Result):
         Of the points that contradict all others, how far they are from where the others put them, metres; zero for good
         ones.
     level, method, objective : str
-    value, lower_bound, least_squares, history : None
+    value, lower_bound : float or None
+        Of another objective than the root mean square, metres.
+    least_squares, history : None
         What other ways to identify have.
     """
 
@@ -322,9 +325,9 @@ class EvidenceFit(Result):
     outlying: FloatArray = field(default_factory=lambda: np.zeros(0))
     level: Level | Literal["auto"] = "auto"
     method: Literal["evidence"] = "evidence"
-    objective: Literal["rms"] = "rms"
-    value: None = None
-    lower_bound: None = None
+    objective: Objective = "rms"
+    value: float | None = None
+    lower_bound: float | None = None
     least_squares: None = None
     history: None = None
 

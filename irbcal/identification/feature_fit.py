@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import feature_problem, term_sets
+from irbcal.identification.choices import Goal
 from irbcal.identification.evidence import Averaging, Progress
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import (
@@ -25,6 +27,7 @@ from irbcal.identification.evidence_maximisation import (
     fit_temper,
     maximise_evidence,
 )
+from irbcal.identification.feature_objectives import minimise
 from irbcal.identification.feature_problem import (
     BASE,
     TOOL,
@@ -50,6 +53,8 @@ from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
+
+LEAST_SQUARES = Goal()
 
 STEPS = 20
 """Gauss-Newton steps of the geometry at most."""
@@ -284,6 +289,7 @@ def identify_features(
     progress: Progress | None = None,
     start: FeatureState | None = None,
     bare: bool = False,
+    goal: Goal = LEAST_SQUARES,
 ) -> FeatureFit:
     """Identify base, tool, features and the averaged terms.
 
@@ -302,6 +308,8 @@ def identify_features(
         The nominal robot among the features, where it is known from more rows.
     bare : bool
         Leave out what only a report asks for: leave-one-out errors and what the rows show.
+    goal : Goal
+        What to make small from the evidence fit on.
 
     Raises
     ------
@@ -346,6 +354,13 @@ def identify_features(
     state = replace(linear.state, coefficients=linear.state.coefficients[union])
     covariance = covariance * np.outer(linear.sizes, linear.sizes)
     smaller = FeatureProblem(arm, seen, linear.terms)
+    reached: dict[str, Any] = {}
+    if not goal.least_squares:
+        say("minimising the objective")
+        solution = minimise(smaller, state, goal)
+        state = solution.state
+        if goal.objective != "rms":
+            reached = {"objective": goal.objective, "value": solution.value, "lower_bound": solution.lower_bound}
     names = sorted({key[1] for key in problem.layout if key[0] == TOOL})
     framed = sorted({key[1] for key in problem.layout if key[0] == "axes" and key[1] in set(seen.target)})
     points = as_points(seen)
@@ -372,6 +387,7 @@ def identify_features(
         nominal_state=replace(nominal, coefficients=nominal.coefficients[union]),
         step_covariance=covariance,
         **results,
+        **reached,
     )
 
 
@@ -380,6 +396,7 @@ def identify_without_gross_errors(
     rows: FeatureSet,
     terms: str | Sequence[Parameter] = term_sets.JOINT_MAP,
     progress: Progress | None = None,
+    goal: Goal = LEAST_SQUARES,
 ) -> tuple[FeatureFit, dict[int, float], str]:
     """Identify from the rows that do not contradict all others by far: a wrong feature, a slip, a mistyped joint.
 
@@ -392,7 +409,7 @@ def identify_without_gross_errors(
     arm : Arm
         Nominal.
     rows : FeatureSet
-    terms, progress
+    terms, progress, goal
         As of `identify_features`.
 
     Returns
@@ -409,7 +426,7 @@ def identify_without_gross_errors(
     IdentificationError
         As `identify_features`.
     """
-    fit_of_all = fit = identify_features(arm, rows, terms, progress=progress)
+    fit_of_all = fit = identify_features(arm, rows, terms, progress=progress, goal=goal)
     left_out: dict[int, float] = {}
     while True:
         remaining, distance = fit.problem.rows, fit.problem.distances(fit.state)
@@ -424,7 +441,7 @@ def identify_without_gross_errors(
         if len(left_out) > MOST_GROSS * len(rows):
             return fit_of_all, {}, f"{doubt}they are more than {MOST_GROSS:.0%} of all rows. Look at these rows first."
         try:
-            fit = identify_features(arm, remaining.select(~gross), terms, progress=progress)
+            fit = identify_features(arm, remaining.select(~gross), terms, progress=progress, goal=goal)
         except IdentificationError as error:
             return fit_of_all, {}, f"{doubt}without them, {error}"
 

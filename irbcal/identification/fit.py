@@ -25,6 +25,7 @@ from irbcal.identification.choices import (
     LEVELS,
     LOSSES,
     OBJECTIVES,
+    Goal,
     Level,
     Loss,
     Method,
@@ -132,7 +133,7 @@ class Fit(Result):
     robot: Robot
     level: Level
     problem: Problem
-    solution: least_squares.Solution
+    solution: least_squares.Solution[State]
     stiffness_guess: Stiffness | None
     method: Method = "least-squares"
     objective: Objective = "rms"
@@ -453,7 +454,7 @@ def _poses_missing(problem: Problem, spare: int) -> int:
     return int(np.ceil((1 - spare) / per_pose))
 
 
-def fit_of(problem: Problem, solution: least_squares.Solution, level: Level, guess: Stiffness | None) -> Fit:
+def fit_of(problem: Problem, solution: least_squares.Solution[State], level: Level, guess: Stiffness | None) -> Fit:
     """The robot that a solution describes, with what the fit knows of itself."""
     arm, terms = problem.model(solution.state)
     names = problem.points.target_names
@@ -546,10 +547,7 @@ def identify_by(
 def _check(level: Level, method: Method, objective: Objective, loss: Loss) -> None:
     """Refuse options that do not exist or contradict one another."""
     checked("level", level, LEVELS)
-    checked("objective", objective, OBJECTIVES)
-    checked("loss", loss, LOSSES)
-    if objective != "rms" and loss != "linear":
-        raise OptionError(f"loss {loss} goes with objective rms, not with {objective}", parameter="loss")
+    Goal(checked("objective", objective, OBJECTIVES), loss=checked("loss", loss, LOSSES))
     if method != "least-squares" and (objective, loss) not in (("rms", "linear"), ("max", "linear")):
         raise OptionError(
             f"method {method} has its own objective: leave objective and loss at their defaults", parameter="method"
@@ -563,7 +561,7 @@ def _measure(method: Method, objective: Objective, power: float) -> Callable[[Fl
     return rms if objective == "rms" else partial(robust.norm, p=power)
 
 
-def _moved(base: Fit, found: least_squares.Solution, course: History, **changes: Any) -> Fit:
+def _moved(base: Fit, found: least_squares.Solution[State], course: History, **changes: Any) -> Fit:
     """The fit of another objective, with the least-squares fit that it started from."""
     return replace(
         fit_of(base.problem, found, base.level, base.stiffness_guess), history=course, least_squares=base, **changes

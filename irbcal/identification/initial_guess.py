@@ -241,7 +241,7 @@ def first_state(problem: Problem) -> State:
         return min((state, turned), key=lambda guess: float(np.sum(problem.residuals(guess) ** 2)))
     nominal = Problem(problem.arm, problem.points, (), known_targets=problem.known)
     first, _ = closed_form(nominal)
-    best: least_squares.Solution | None = None
+    best: least_squares.Solution[State] | None = None
     failure = IdentificationError("no start was found")
     by_orientation = hand_eye(nominal)
     apart = float(((problem.points.xyz - problem.points.xyz.mean(axis=0)) ** 2).sum())

@@ -14,10 +14,10 @@ what is left is an ordinary least-squares problem with fewer unknowns.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -31,13 +31,68 @@ from irbcal.units import MM
 if TYPE_CHECKING:
     import pandas as pd
 
-    from irbcal.identification.problem import Problem
-
 ROUNDING = 1e-13
 """Information below this fraction of the largest is rounding, whatever the residuals."""
 
 HELD, TIED = 0.99, 0.01
 """Share of a parameter in held directions above which it counts as held, and as tied."""
+
+
+S = TypeVar("S")
+"""A candidate: values of all unknowns."""
+
+
+class VectorProblem(Protocol[S]):
+    """Measured vectors against a model with unknowns: what every solver takes.
+
+    `irbcal.identification.problem.Problem` is one of a tracker's points, and
+    `irbcal.identification.feature_objectives.FeatureVectors` one of rows at features.
+
+    Attributes
+    ----------
+    outer : int
+        Number of unknowns without a nominal value; they stand before the error parameters.
+    rows, equations, poses : int
+        Number of vectors, of their measured coordinates, and of poses.
+    weights : ndarray, shape (rows,)
+    scales : ndarray, shape (error parameters,)
+        Plausible sizes of the error parameters in units of a step.
+    """
+
+    outer: int
+    rows: int
+    weights: FloatArray
+
+    @property
+    def poses(self) -> int: ...  # noqa: D102
+
+    @property
+    def equations(self) -> int: ...  # noqa: D102
+
+    @property
+    def scales(self) -> FloatArray: ...  # noqa: D102
+
+    @property
+    def refusal(self) -> str:
+        """Why the measurements cannot serve where they leave outer unknowns open; empty where these may stay open."""
+
+    def moved(self, state: S, step: FloatArray) -> S:
+        """The state after a step (unknowns,)."""
+
+    def residuals(self, state: S) -> FloatArray:
+        """Measured minus predicted, shape (rows, 3), metres; not weighted."""
+
+    def jacobian(self, state: S) -> FloatArray:
+        """Derivative of all predictions, shape (3 rows, unknowns)."""
+
+    def jacobian_blocks(self, state: S) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Parts of the `jacobian`: rows (r,) and their derivatives (r, 3, unknowns)."""
+
+    def rss(self, state: S) -> float:
+        """Weighted sum of squared residuals, m^2."""
+
+    def normal_equations(self, state: S, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float]:
+        """Sums of ``J^T J``, ``J^T r`` and ``r^T r`` with factors (rows,) on the rows, ``weights`` unless given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,12 +250,14 @@ def _leading(directions: FloatArray) -> list[int]:
     return chosen
 
 
-def information_of(problem: Problem, H: FloatArray, rss: float, fixed: FloatArray | None = None) -> Information:
+def information_of(
+    problem: VectorProblem[Any], H: FloatArray, rss: float, fixed: FloatArray | None = None
+) -> Information:
     """Information about the error parameters from the normal matrix.
 
     Parameters
     ----------
-    problem : Problem
+    problem : VectorProblem
     H : ndarray, shape (unknowns, unknowns)
     rss : float
         Sum of squared residuals, m^2.
@@ -217,11 +274,8 @@ def information_of(problem: Problem, H: FloatArray, rss: float, fixed: FloatArra
     b = problem.outer
     values, vectors = np.linalg.eigh(H[:b, :b])
     null = values < 1e-9 * values[-1]
-    if null.any() and not problem.arm.planar:
-        raise IdentificationError(
-            f"the {problem.points.poses} poses do not determine base and tool: they are too alike; "
-            "measure poses that turn the tool about at least two directions"
-        )
+    if null.any() and problem.refusal:
+        raise IdentificationError(problem.refusal)
     # a direction that nothing depends on gets no step: base and tool stay as they started along it
     H_nn_inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
     follow = H_nn_inverse @ H[:b, b:]
@@ -242,16 +296,16 @@ def judged_again(
 
 
 def _judged(
-    problem: Problem, eigenvalues: FloatArray, outer: int, rss: float, fixed: FloatArray | None
+    problem: VectorProblem[Any], eigenvalues: FloatArray, outer: int, rss: float, fixed: FloatArray | None
 ) -> tuple[BoolArray, float]:
     """Which directions are seen, and the standard deviation of a coordinate, with so many outer unknowns seen."""
-    equations = 3 * problem.rows
+    equations = problem.equations
     solid = eigenvalues > ROUNDING * max(eigenvalues.max(initial=0.0), 0.0)
     unknowns = outer + int(solid.sum())
     spare = equations - unknowns
     if spare < 1:
         raise IdentificationError(
-            f"{len(problem.points)} points of {problem.points.poses} poses give {equations} equations for "
+            f"{problem.poses} poses give {equations} equations for "
             f"{unknowns} unknowns: measure at least {-(-(1 - spare) // 3)} more points or choose a "
             "smaller model"
         )
@@ -277,7 +331,7 @@ def _eigen(S: FloatArray, fixed: FloatArray | None) -> tuple[FloatArray, FloatAr
     return np.concatenate([values for values, _ in blocks]), np.hstack([vectors for _, vectors in blocks])
 
 
-def distances(problem: Problem, state: State) -> FloatArray:
+def distances(problem: VectorProblem[S], state: S) -> FloatArray:
     """Distances of all rows (Nubiola 2011, eq. 3.36), shape (rows,), metres."""
     r = problem.residuals(state)
     return np.sqrt(np.einsum("jk,jk->j", r, r))
@@ -446,12 +500,12 @@ SUPPORT = 1e-3
 
 T = TypeVar("T")
 
-Record = Callable[[int, State], None]
+Record: TypeAlias = Callable[[int, S], None]
 """Called with iteration and state."""
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Locked):
+class Solution(Locked, Generic[S]):
     """Outcome of a fit, by whatever solver.
 
     Attributes
@@ -478,7 +532,7 @@ class Solution(Locked):
         Of the objective, without derivatives.
     """
 
-    state: State
+    state: S
     information: Information
     rss: float
     value: float
@@ -523,7 +577,7 @@ def line_search(trial: Callable[[float], T], accepted: Callable[[T, float], bool
     return None
 
 
-def solve(problem: Problem, state: State, record: Record | None = None) -> Solution:
+def solve(problem: Problem, state: State, record: Record[State] | None = None) -> Solution[State]:
     """Minimise the sum of squared distances from a start.
 
     Parameters

@@ -35,7 +35,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned, row_arithmetic
 from irbcal.errors import IdentificationError
-from irbcal.identification.least_squares import Record, Solution, distances, largest, line_search
+from irbcal.identification.least_squares import Record, S, Solution, VectorProblem, distances, largest, line_search
 from irbcal.identification.problem import Problem, State
 from irbcal.units import DEG, MM
 
@@ -240,21 +240,22 @@ MAX_ITERATIONS = 50
 
 
 def solve(
-    problem: Problem,
-    solution: Solution,
-    start: State | None = None,
+    problem: VectorProblem[S],
+    solution: Solution[S],
+    start: S | None = None,
     tolerance: float = TOLERANCE,
-    record: Record | None = None,
-) -> Solution:
+    record: Record[S] | None = None,
+) -> Solution[S]:
     """Minimise the largest distance (Nubiola 2011, eqs. 3.35 and 3.36), with a certificate.
 
     Parameters
     ----------
-    problem : Problem
+    problem : VectorProblem
         All its rows count alike: the uncertainties of the points are not used.
     solution : Solution
         Gives the seen directions and, unless ``start`` is given, the start.
-    start : State, optional
+    start : optional
+        State of the problem.
     tolerance : float
         Relative gap between largest distance and lower bound to reach.
     record : callable, optional
@@ -268,7 +269,7 @@ def solve(
     state = solution.state if start is None else start
     basis = solution.information.basis()
     r = problem.residuals(state)
-    if len(r) > MOST_POSES and problem.points.poses > MOST_POSES:
+    if isinstance(problem, Problem) and isinstance(state, State) and len(r) > MOST_POSES and problem.poses > MOST_POSES:
         return _by_parts(problem, solution, state, tolerance, record)
     value = largest_distance(r)
     history = [value]
@@ -309,11 +310,11 @@ def solve(
 
 def _by_parts(
     problem: Problem,
-    solution: Solution,
+    solution: Solution[State],
     state: State,
     tolerance: float,
-    record: Record | None,
-) -> Solution:
+    record: Record[State] | None,
+) -> Solution[State]:
     """The same for many poses: for those with the largest distances, and others as they come to be the largest.
 
     What some of the points need at least all need at least: the bound of the part is one of the whole.
@@ -378,11 +379,11 @@ def _closed(value: float, bound: float, tolerance: float) -> bool:
 
 
 def _shortened(
-    problem: Problem, state: State, step: FloatArray, value: float, bound: float
-) -> tuple[State, FloatArray] | None:
+    problem: VectorProblem[S], state: S, step: FloatArray, value: float, bound: float
+) -> tuple[S, FloatArray] | None:
     """State and residuals after as much of the step as makes the true largest distance follow its model."""
 
-    def trial(share: float) -> tuple[State, FloatArray]:
+    def trial(share: float) -> tuple[S, FloatArray]:
         moved = problem.moved(state, share * step)
         return moved, problem.residuals(moved)
 
@@ -411,13 +412,13 @@ def plausible_sizes(problem: Problem) -> FloatArray:
 
 def nelder_mead(
     problem: Problem,
-    solution: Solution,
+    solution: Solution[State],
     start: State | None = None,
     iterations: int = ITERATIONS,
     simplex: float = SIMPLEX,
     objective: Callable[[FloatArray], float] = largest,
-    record: Record | None = None,
-) -> Solution:
+    record: Record[State] | None = None,
+) -> Solution[State]:
     """Search for a smaller objective without derivatives (Nubiola 2011, sections 3.5 and 7.3).
 
     Parameters

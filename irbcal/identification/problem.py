@@ -311,6 +311,26 @@ class Problem:
         return self.outer + len(self.terms)
 
     @property
+    def poses(self) -> int:
+        """Number of poses."""
+        return self.points.poses
+
+    @property
+    def equations(self) -> int:
+        """Number of measured coordinates."""
+        return 3 * self.rows
+
+    @property
+    def refusal(self) -> str:
+        """Why the points cannot serve where they leave base or tool open; arms of parallel axes always do."""
+        return (
+            ""
+            if self.arm.planar
+            else f"the {self.poses} poses do not determine base and tool: they are too alike; "
+            "measure poses that turn the tool about at least two directions"
+        )
+
+    @property
     def scales(self) -> FloatArray:
         """Plausible sizes of the error parameters, SI units."""
         return np.array([parameter.scale for parameter in self.parameters])

@@ -25,8 +25,15 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification.choices import RobustLoss
-from irbcal.identification.least_squares import Record, Solution, distances, information_of, line_search
-from irbcal.identification.problem import Problem, State
+from irbcal.identification.least_squares import (
+    Record,
+    S,
+    Solution,
+    VectorProblem,
+    distances,
+    information_of,
+    line_search,
+)
 from irbcal.options import checked
 
 MAX_ITERATIONS = 200
@@ -44,25 +51,26 @@ def norm(distance: FloatArray, p: float) -> float:
 
 
 def solve_p_norm(
-    problem: Problem,
-    solution: Solution,
+    problem: VectorProblem[S],
+    solution: Solution[S],
     p: float = 8.0,
-    start: State | None = None,
-    record: Record | None = None,
-) -> Solution:
+    start: S | None = None,
+    record: Record[S] | None = None,
+) -> Solution[S]:
     """Minimise the p-norm of the distances by Newton steps of its convex model.
 
     Large p are reached through smaller ones, each twice the last.
 
     Parameters
     ----------
-    problem : Problem
+    problem : VectorProblem
         All its rows count alike: the uncertainties of the points are not used.
     solution : Solution
         Gives the seen directions and, unless ``start`` is given, the start.
     p : float
         At least 2.
-    start : State, optional
+    start : optional
+        State of the problem.
     record : callable, optional
         Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
 
@@ -101,7 +109,7 @@ def solve_p_norm(
     return Solution(state, solution.information, rss, history[-1], count, tuple(history), weights)
 
 
-def _newton(problem: Problem, state: State, basis: FloatArray, p: float) -> tuple[FloatArray, FloatArray, float]:
+def _newton(problem: VectorProblem[S], state: S, basis: FloatArray, p: float) -> tuple[FloatArray, FloatArray, float]:
     """Newton step of ``sum (d / max d)^p`` without the curvature of the residuals, weights, relative decrease."""
     r = problem.residuals(state)
     d = np.sqrt(np.einsum("jk,jk->j", r, r))
@@ -130,8 +138,8 @@ def solved(H: FloatArray, g: FloatArray) -> FloatArray:
 
 
 def _lowered(
-    problem: Problem, state: State, step: FloatArray, objective: Callable[[FloatArray], float], value: float
-) -> State | None:
+    problem: VectorProblem[S], state: S, step: FloatArray, objective: Callable[[FloatArray], float], value: float
+) -> S | None:
     """State after as much of the step as does not raise the objective; None where there is none."""
     return line_search(
         lambda share: problem.moved(state, share * step),
@@ -164,13 +172,13 @@ LOSSES: dict[RobustLoss, Callable[[FloatArray], tuple[FloatArray, FloatArray]]] 
 
 
 def solve_loss(
-    problem: Problem,
-    solution: Solution,
+    problem: VectorProblem[S],
+    solution: Solution[S],
     loss: RobustLoss = "soft_l1",
     scale: float | None = None,
-    start: State | None = None,
-    record: Record | None = None,
-) -> Solution:
+    start: S | None = None,
+    record: Record[S] | None = None,
+) -> Solution[S]:
     """Minimise a robust loss of the distances by iteratively reweighted Gauss-Newton.
 
     The distances are multiplied by the rows' weights (`Problem.weights`) as in least squares. Outliers spoil what
@@ -180,14 +188,15 @@ def solve_loss(
 
     Parameters
     ----------
-    problem : Problem
+    problem : VectorProblem
     solution : Solution
         Gives the seen directions, the default scale and, unless ``start`` is given, the start.
     loss : str
         ``soft_l1`` or ``huber``.
     scale : float, optional
         ``c``, metres; unless given, `LOSS_SCALE` medians of the distances, first those of least squares.
-    start : State, optional
+    start : optional
+        State of the problem.
     record : callable, optional
         Called with (iteration, state) for the start and after each step.
 
@@ -237,6 +246,6 @@ def solve_loss(
     raise IdentificationError(f"the fit with the loss {loss} did not converge in {MAX_ITERATIONS} iterations")
 
 
-def _default_scale(problem: Problem, state: State) -> float:
+def _default_scale(problem: VectorProblem[S], state: S) -> float:
     """Scale of a robust loss from the median of a state's weighted distances, metres."""
     return max(LOSS_SCALE * float(np.median(problem.weights * distances(problem, state))), LOSS_FLOOR)

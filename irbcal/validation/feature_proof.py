@@ -12,7 +12,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification.feature_fit import held_out, identify_features
+from irbcal.identification.choices import Goal
+from irbcal.identification.feature_fit import LEAST_SQUARES, held_out, identify_features
 from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
@@ -144,6 +145,7 @@ def prove(
     terms: str | Sequence[Parameter] = "joint-map",
     seed: int = 0,
     progress: Callable[[str], object] | None = None,
+    goal: Goal = LEAST_SQUARES,
 ) -> FeatureProof | None:
     """Leave each place out in turn: fit the rest, place its features anew, see how well its rows agree.
 
@@ -158,6 +160,8 @@ def prove(
     terms, seed
         As `irbcal.identification.feature_fit.identify_features`; which poses of a tracker go together.
     progress : callable, optional
+    goal : Goal
+        As of the fit.
 
     Returns
     -------
@@ -185,7 +189,7 @@ def prove(
         if progress:
             progress(f"leaving out {title}")
         try:
-            fit = identify_features(arm, rows.select(~mine), terms, bare=True)
+            fit = identify_features(arm, rows.select(~mine), terms, bare=True, goal=goal)
             pairs = [held_out(fit, rows.select(mine), which, rows.lengths) for which in (False, True)]
         except IdentificationError as error:
             raise IdentificationError(
