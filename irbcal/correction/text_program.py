@@ -160,6 +160,19 @@ UNCLEAR_SIDE = (
     "the part or at the tool"
 )
 EXTERNAL_AXES = "has external axes: where they carry the robot or the work, its place is another"
+CARRIED = "ex_base"
+"""Names of frames begin so that the program ties to external axes."""
+PULSES = "pulses"
+"""External axes of a target whose positions stand in pulses."""
+
+
+def _carried(name: str | None) -> str:
+    """Why a target in such a frame is left where no axis of the cell carries it."""
+    return (
+        f"external axes carry its base: say which, and how, with irbcal cell --axes (carries {name}), and give --cell"
+    )
+
+
 UNSET = "active"
 """Name of the tool and frame that hold before the program sets any."""
 
@@ -485,9 +498,15 @@ class TextProgram(Locked, Program):
         """The program in a cell with external axes: targets that do not say where these are stay as they are."""
         for target in self.targets:
             for use in target.uses:
+                if any(use.work_object in axis.carries for axis in axes):
+                    target.conflicts = [text for text in target.conflicts if text != _carried(use.work_object)]
                 missing = [axis.name for axis in moving(axes, use.work_object) if axis.name not in target.e]
                 if missing:
-                    target.conflicts.append(f"it has no position of external axis {missing[0]}")
+                    pulses = "its external axes are in pulses, of which it is not known how many a mm or degree has"
+                    conflict = (
+                        pulses if target.external == PULSES else f"it has no position of external axis {missing[0]}"
+                    )
+                    target.conflicts.append(conflict)
             target.conflicts = list(dict.fromkeys(target.conflicts))
         notes = tuple(note for note in self.notes if not note.text.endswith(EXTERNAL_AXES))
         return replace(self, axes=tuple(axes), notes=notes)
@@ -801,6 +820,9 @@ class PostureProgram(TextProgram):
             for target in done:
                 target.conflicts += [reason] if target.kind == "pose" and target.correctable else []
         on_tip, in_base = needed_frames(done, setup, tools, work_objects)
+        for target in done:
+            names = dict.fromkeys(use.work_object for use in target.uses if (use.work_object or "").startswith(CARRIED))
+            target.conflicts += map(_carried, names)
         program = cls(
             source=source,
             listing=listing,

@@ -3,26 +3,28 @@
 The truth is composed here by rotations about lines and shifts along directions, without screws.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pinocchio
 import pytest
+from maker_cases import given, language_tests, pose_numbers, robot_of, well_inside
 from scipy.spatial.transform import Rotation
 from support import assert_derivative
 from touching import SOCKET, START, TIP, reach
 
-from irbcal.cell.cell_file import AXIS, read_cell
+from irbcal.cell.cell_file import AXIS, CellFile, FrameInCell, read_cell
 from irbcal.cell.cell_frames import Adjusted, adjust, cell_frames, read_touches
 from irbcal.cell.cell_urdf import with_cell
 from irbcal.cell.external_axes import carried, read_axes
 from irbcal.correction.declarations import declared
-from irbcal.correction.filter import correct
-from irbcal.correction.languages import rapid
+from irbcal.correction.filter import correct, filter_program
+from irbcal.correction.languages import fanuc, inform, krl, rapid
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
-from irbcal.correction.true_frames import CELL, TargetFrames, _derivatives
+from irbcal.correction.true_frames import CELL, TargetFrames, TrueFrames, _derivatives
 from irbcal.errors import MeasurementError, OptionError, ProgramError
 from irbcal.io import calibration_folder
 from irbcal.modeling import frames
@@ -283,3 +285,121 @@ def test_touches_that_do_not_show_an_axis_are_refused(record, touches):
         cell_frames(record, touches.drop(columns="e2_deg"), axes=NOMINAL)
     with pytest.raises(OptionError, match="carries jig, which is neither"):
         cell_frames(record, touches[touches["point"] != "mark"], axes=NOMINAL.assign(carries=["robot", "jig", "jig"]))
+
+
+# ---------------------------------------------------------------- other makers
+
+TRUE_SCREWS = [
+    np.r_[np.zeros(3), DIRECTIONS[0]],
+    *(
+        np.r_[w, np.cross(p, w)]
+        for p, w in zip(POINTS, DIRECTIONS[1:] / np.linalg.norm(DIRECTIONS[1:], axis=1)[:, None], strict=True)
+    ),
+]
+"""The true axes as turns and shifts by one radian or metre."""
+
+
+def true_cell(tool, fixture):
+    """The true frames and axes under the names of a program."""
+    nominal = read_axes(NOMINAL.replace({"fixture": fixture}))
+    axes = tuple(replace(axis, screw=screw) for axis, screw in zip(nominal, TRUE_SCREWS, strict=True))
+    named = ({name: FrameInCell(name, T, T)} for name, T in ((tool, frames.transform(None, TIP)), (fixture, T_OBJECT)))
+    return CellFile("abc123", "robot", True, *named, np.zeros((30, 30)), np.zeros((30, 30)), np.zeros((30, 0)), axes)
+
+
+def programmed(nominal, q):
+    """Positions of the axes, and the targets with which this controller commands joints, (n, 4, 4)."""
+    e = POSITIONS[np.arange(len(q)) % len(POSITIONS)]
+    return e, np.linalg.inv([controller_object(row) for row in e]) @ nominal.forward(q) @ TOOL_CONTROLLER
+
+
+def kuka(nominal, q):
+    """A KRL program on a base that external axes carry; S and T as of its joints."""
+    status_and_turn = language_tests("krl").status_and_turn
+    lines = ["DEF job()", "BAS(#TOOL,1)", "BAS(#EX_BASE,2)"]
+    e, T = programmed(nominal, q)
+    for joints, row, at in zip(q, pose_numbers(T, "ZYX"), e, strict=True):
+        s, t = status_and_turn(nominal, joints)
+        text = ",".join(f"{name} {value:.6f}" for name, value in zip("XYZABC", row, strict=True))
+        turns = np.degrees(at[1:])
+        lines.append(f"LIN {{{text},S {s},T {t},E1 {at[0] / MM:.4f},E2 {turns[0]:.6f},E3 {turns[1]:.6f}}}")
+    return "\n".join([*lines, "END", ""]).encode()
+
+
+def fanuc_listing(nominal, q):
+    """A FANUC listing, the track an axis of the first group, the table the second group."""
+    tests = language_tests("fanuc")
+    points, (e, T) = [], programmed(nominal, q)
+    for k, (joints, row, at) in enumerate(zip(q, pose_numbers(T, "xyz"), e, strict=True), 1):
+        turns = np.degrees(at[1:])
+        group = f",\n\tE1 = {at[0] / MM:.4f}  mm\n   GP2:\n\tUF : 2, UT : 1,\n\tJ1 = {turns[0]:.6f} deg,\tJ2 = {turns[1]:.6f} deg\n}};"
+        points.append(tests.point(k, row, tests.config(joints)).replace("\n};", group))
+    return tests.listing([f"L P[{k}] 100mm/sec FINE" for k in range(1, len(q) + 1)], points)
+
+
+@pytest.mark.parametrize("maker", ["kuka", "fanuc"])
+def test_other_makers_bring_the_tool_to_the_true_place(maker):
+    """Track and positioner with their errors: the true tool is where it is wanted in the true work object."""
+    nominal, robot, at = robot_of("kr120r2500pro" if maker == "kuka" else "m20ia", size=0.05)
+    q = well_inside(nominal, 8) if maker == "kuka" else language_tests("fanuc").in_front(nominal, 8)
+    tool, fixture = ("1", "ex_base2") if maker == "kuka" else ("1", "2")
+    to_controller = np.linalg.inv(at.T_tip_flange), np.linalg.inv(at.T_base_world)
+    setup = given(at, {tool: to_controller[0] @ TOOL_CONTROLLER}, {fixture: to_controller[1] @ FIXTURE_CONTROLLER})
+    cell = true_cell(tool, fixture)
+    e, wanted_now = programmed(nominal, q)
+    data = (kuka if maker == "kuka" else fanuc_listing)(nominal, q)
+
+    def read(content):
+        name = "job.src" if maker == "kuka" else "job.ls"
+        return (
+            krl.parse(nominal, [(name, content)], setup)
+            if maker == "kuka"
+            else fanuc.parse(nominal, content, name, setup)
+        )
+
+    program = read(data).on_axes(cell.axes)
+    found = filter_program(robot, nominal, program, "abc123", true_frames=TrueFrames(cell, ends=at))
+    assert found.left == ()
+    reached = np.linalg.inv([true_object(row) for row in e]) @ robot.forward(found.q) @ frames.transform(None, TIP)
+    printed = 2e-6 if maker == "kuka" else 2e-5
+    assert np.linalg.norm((reached - wanted_now)[:, :3, 3], axis=1).max() < printed
+    before = np.linalg.inv([true_object(row) for row in e]) @ robot.forward(q) @ frames.transform(None, TIP)
+    assert np.linalg.norm((before - wanted_now)[:, :3, 3], axis=1).mean() > 3e-4
+    content = next(iter(found.files.values()))
+    text = content.decode("latin-1")
+    for k in (1, 2, 3):  # the axes keep their values to the letter
+        assert re.findall(rf"(?:E{k}|J{k - 1})\s*=?\s*([-\d.]+) ?(?:mm|deg)?", text) == re.findall(
+            rf"(?:E{k}|J{k - 1})\s*=?\s*([-\d.]+) ?(?:mm|deg)?", data.decode("latin-1")
+        )
+    asked = read(content.replace(b"irbcal", b"x")).on_axes(cell.axes)
+    T_asked = asked.tip_poses(asked.correctable("pose"))
+    np.testing.assert_allclose(T_asked, nominal.forward(found.q), rtol=0, atol=2e-6 if maker == "kuka" else 3e-5)
+
+
+def test_bases_of_kuka_on_axes_that_the_cell_does_not_have_are_left():
+    nominal, _, at = robot_of("kr120r2500pro")
+    data = kuka(nominal, well_inside(nominal, 3))
+    setup = given(at, {"1": TOOL_CONTROLLER}, {"ex_base2": FIXTURE_CONTROLLER})
+    for axes in ((), true_cell("1", "other").axes):
+        program = krl.parse(nominal, [("job.src", data)], setup).on_axes(axes)
+        assert program.correctable() == []
+        assert "external axes carry its base" in program.targets[0].reason
+    without = krl.parse(nominal, [("job.src", data)], given(at, {"1": TOOL_CONTROLLER}))
+    assert "give it with --frame ex_base2=" in without.targets[0].reason
+
+
+def test_stations_of_yaskawa_are_left_with_axes():
+    tests = language_tests("inform")
+    nominal, _, at = robots = robot_of("gp8", size=0.05)
+    data = (
+        tests.program(robots, tests.in_front(nominal, 2))
+        .replace(b" VJ=", b" EC00000 VJ=")
+        .replace(b"  V=", b" EC00001 V=")
+    )
+    setup = given(at, **tests.FRAMES)._replace(pulses=tests.PULSES)
+    program = inform.parse(nominal, data, "job.jbi", setup)
+    assert len(program.correctable()) == 4
+    program = program.on_axes(true_cell("1", "2").axes)
+    assert {target.reason for target in program.targets} == {
+        "its external axes are in pulses, of which it is not known how many a mm or degree has"
+    }

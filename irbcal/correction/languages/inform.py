@@ -21,7 +21,7 @@ from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, WantedTargets, each_read, read_bytes
-from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Target, from_backup
+from irbcal.correction.text_program import PULSES, ControlFlow, FrameState, PostureProgram, Target, from_backup
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -343,6 +343,7 @@ class _Job:
         if any(name.startswith("E") for name in names):
             moved = "stations move together with the robot: where they carry the work, its place is another"
             self.notes.setdefault("stations", Note(self.listing.line(at), moved))
+            target.external = PULSES
         self.flow.use(target, at, move[1], state=self._frames[first])
         self.flow.stop(target, at)
 

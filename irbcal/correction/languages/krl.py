@@ -24,6 +24,7 @@ from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
 from irbcal.correction.text_program import (
+    CARRIED,
     Configuration,
     ControlFlow,
     FrameState,
@@ -668,7 +669,8 @@ class Statements:
         elif command == "#base":
             self.flow.frame(plain, computed)
         elif command == "#ex_base":
-            self.flow.frame(None, f"BAS in line {where} ties the base to an external axis")
+            name = None if plain is None else f"{CARRIED}{plain}"
+            self.flow.frame(name, f"BAS in line {where} ties the base to an external axis")
         elif command in TAKES_FDAT:
             reason = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
             self.flow.state = self._fdat or FrameState(None, None, reason)

@@ -550,7 +550,7 @@ def test_inline_forms_set_tool_and_base(lines, tool, base):
         ((FP1, "FDAT_ACT=FP1", "FDAT_ACT.TOOL_NO=2", "BAS(#FRAMES)", "LIN {P}"), "a part of FDAT_ACT is set"),
         (("FDAT_ACT=FP9", "BAS(#CP_PARAMS,1)", "LIN {P}"), "FP9 are not in these files"),
         ((FIXED.replace("#TCP", "mode"), "FDAT_ACT=FP3", "BAS(#CP_PARAMS,1)", "LIN {P}"), "the part on the robot"),
-        (("BAS(#EX_BASE,2)", "LIN {P}"), "external axis"),
+        (("BAS(#EX_BASE,n)", "LIN {P}"), "external axis"),
         (("BAS(n,2)", "LIN {P}"), "computes the tool or base"),
         (("grip()", "LIN {P}"), "grip, called in line 3, may set the tool or base"),
         ((FP1, "FDAT_ACT=FP1", "grip()", "BAS(#FRAMES)", "LIN {P}"), "FDAT_ACT, which is not set"),
