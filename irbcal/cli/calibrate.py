@@ -103,7 +103,7 @@ MEASURED = "demo_identification.csv"
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = OWN,
-    model: Annotated[Model, typer.Option(help="Level of the error model (thesis, section 5.4).")] = "34",
+    model: Annotated[Model, typer.Option(help="Error model; 34 is the largest level of the thesis.")] = "auto",
     force: Annotated[
         bool,
         typer.Option(

@@ -150,7 +150,7 @@ def test_demo_calls_its_data_simulated(tmp_path):
     loaded = irbcal.load(tmp_path / "demo")
     assert loaded.record.simulated
     assert loaded.record.poses_heldout == 1000
-    assert loaded.record.heldout.all.mean_mm < 0.4 < 0.9 < loaded.record.heldout_nominal.all.mean_mm
+    assert loaded.record.heldout.all.mean_mm < 0.05 < 0.9 < loaded.record.heldout_nominal.all.mean_mm
     assert "simulated" in (tmp_path / "demo" / "report.html").read_text().lower()
 
 
