@@ -65,6 +65,14 @@ class Root(TyperGroup):
             _complete(args[0], args[1] if len(args) > 1 else None)
         return super().parse_args(ctx, args)
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Help whose switches show no type."""
+        params: list[Any] = self.get_params(ctx)
+        for param in params:
+            if getattr(param, "is_flag", False):
+                param.metavar = ""
+        super().format_help(ctx, formatter)
+
 
 def _complete(option: str, shell: str | None) -> None:
     from typer._completion_shared import _get_shell_name, get_completion_script, install
@@ -138,7 +146,7 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
         for name in members:
             if name in names and name in GROUPS and not summary:
                 group = import_module(f"irbcal.cli.{name}").app
-                app.add_typer(group, name=name, rich_help_panel=panel, context_settings=HELP_OPTIONS)
+                app.add_typer(group, cls=Root, name=name, rich_help_panel=panel, context_settings=HELP_OPTIONS)
             elif name in names:
                 text = _summary(name) if summary else None
                 app.command(name, help=text, rich_help_panel=panel, cls=Guarded)(
