@@ -115,7 +115,7 @@ JOINTS = numbers("J1,…,J6", 6, units=[DEG])
     flags=PROGRAM_FLAGS,
     without=("out",),
     panels={
-        "Everyday": ("allow_partial", "changes", "path_tolerance", "payload", "payload_place", "json"),
+        "Everyday": ("allow_partial", "changes", "page", "path_tolerance", "payload", "payload_place", "json"),
         "Tools and work objects": ("cell", "tool", "wobj", "controller_frames", "frames_measured", "strict"),
         "Points": ("points", "re_express", "start", "posture", "instructions", "harmless"),
         "Controllers": ("controller_model", "pulses", "where"),
@@ -125,17 +125,26 @@ JOINTS = numbers("J1,…,J6", 6, units=[DEG])
 def filter_program(
     options: dict[str, Any],
     out: Annotated[Path, typer.Option(help="File for the program with fake targets; of several files, a folder.")],
+    page: Annotated[
+        Path | None, typer.Option(help="File for a page (HTML) with all targets before and after, and what was left.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
     from irbcal.correction.filter import NotWritten
+    from irbcal.overwriting import refuse_overwriting
 
+    refuse_overwriting({"out": out, "page": page}, options["program"], options["calibration"])
     read_frames(options, options["program"])
     refused, strict = False, options.get("strict", False)
     try:
         result = public("correct")(**options, out=out)
     except NotWritten as refusal:
         result, refused = refusal.filtered, True
+    if page is not None and len(result.targets):
+        from irbcal.viewer.program_page import program_view
+
+        program_view(options["calibration"], result).save(page)
     if json:
         show.print_json(_content(result))
     else:

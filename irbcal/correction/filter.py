@@ -20,6 +20,7 @@ from irbcal.cell.robot_derivatives import own_ends_in_words
 from irbcal.correction import languages
 from irbcal.correction.backup import Unpacked, of_programs, packed, unpacked
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, refused, writable
+from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.instructions import read as taught
 from irbcal.correction.last_moves import LastMoves, with_last_moves
@@ -519,6 +520,10 @@ def filter_program(
         left += [Left(batch.names[k], int(batch.lines[k]), fake.reason[k]) for k in unlike]
         unchanged += int((~fake.ok).sum()) - len(unlike)
     fakes = [fake for _, fake in corrections]
+    rows = {int(n): k for k, n in enumerate(n for batch, fake in corrections for n in batch.numbers[fake.ok])}
+    stops = (stop.target for stop in program.stops())
+    way = [rows[number] for number in stops if number is not None and number in rows]
+    places = [_places_of_tool(robot, fake, at) for fake, at in zip(fakes, frames_of, strict=True)]
     cuts: list[CutPath] = []
     if path_tolerance is not None and isinstance(program, Cuttable):
         ends = _ends(corrections)
@@ -552,7 +557,18 @@ def filter_program(
         paths=tuple(cuts) if path_tolerance is not None else None,
         frames=TargetFrames.of(robot, controller or nominal, corrections, frames_of, true_frames),
         unchanged=unchanged,
+        places=np.concatenate([np.zeros((0, 3, 3)), *places]),
+        way=np.array(way, dtype=int),
     )
+
+
+def _places_of_tool(robot: Robot, fake: Corrected, at: TargetFrames) -> FloatArray:
+    """Tool centre points of corrected targets, (n, 3, 3): wanted, before and after the correction; in the base link."""
+    ok = fake.ok
+    tip = np.stack([fake.T_wanted[ok], robot.forward(fake.q_nominal[ok]), robot.forward(fake.q[ok])], axis=1)
+    T_tool = at.T_tool[ok]
+    on_tip = np.einsum("nij,nj->ni", T_tool[:, :3, :3], at.contact[ok]) + T_tool[:, :3, 3]
+    return np.asarray(np.einsum("nkij,nj->nki", tip[..., :3, :3], on_tip) + tip[..., :3, 3])
 
 
 def _with_shifts(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,6 +75,11 @@ class Filtered(Result):
         Tool, work object and origin of each corrected target.
     unchanged : int
         Targets that need no correction: taught points.
+    places : ndarray, shape (n, 3, 3)
+        Of each target the tool centre point where it is wanted, and where the calibrated robot takes it before and
+        after the correction, in the base link, metres.
+    way : ndarray of int, shape (k,)
+        Rows of the corrected targets in the order in which the program stops at them.
     """
 
     source: str
@@ -99,6 +104,8 @@ class Filtered(Result):
     paths: tuple[CutPath, ...] | None = None
     frames: TargetFrames | None = None
     unchanged: int = 0
+    places: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    way: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     @property
     def data(self) -> bytes:
@@ -288,6 +295,7 @@ def together(programs: Sequence[Filtered], places: Mapping[str, str]) -> Filtere
         return programs[0]
     names = [places.get(program.source, Path(program.source).name) for program in programs]
     named = [*zip(programs, names, strict=True)]
+    sizes = np.array([len(program.targets) for program in programs])
 
     def joined(key: str) -> FloatArray:
         return np.concatenate([getattr(program, key) for program in programs])
@@ -312,6 +320,10 @@ def together(programs: Sequence[Filtered], places: Mapping[str, str]) -> Filtere
         else tuple(path for program in programs for path in program.paths or ()),
         frames=TargetFrames.joined([program.frames for program in programs if program.frames is not None]),
         unchanged=sum(program.unchanged for program in programs),
+        places=joined("places"),
+        way=np.concatenate(
+            [program.way + before for program, before in zip(programs, np.cumsum(sizes) - sizes, strict=True)]
+        ).astype(int),
     )
 
 

@@ -20,7 +20,7 @@ from irbcal.viewer.shapes import Mesh
 if TYPE_CHECKING:
     from irbcal.viewer.features import ShownFeature
 
-Mode: TypeAlias = Literal["measured", "plan", "sliders"]
+Mode: TypeAlias = Literal["measured", "plan", "program", "sliders"]
 Model: TypeAlias = Literal["calibrated", "nominal"]
 
 
@@ -102,7 +102,7 @@ class PageScene(Locked):
     title : str
     simulated : bool
     mode : str
-        ``measured``, ``plan`` or ``sliders``.
+        ``measured``, ``plan``, ``program`` (targets before and after a correction) or ``sliders``.
     robot : Robot
         Predicts; its base link is the scene.
     drawn, ghost : Drawn

@@ -11,7 +11,8 @@ const points = data.points && { count: data.points.count, pose: integers(data.po
   u95: data.points.u95 && floats(data.points.u95) };
 const U95 = "95 % of a coordinate's errors are expected within this";
 const within = (row) => element("td", `± ${number(1e3 * points.u95[row], 3)}`);
-const measured = data.mode === "measured";
+const in_program = data.mode === "program"; // targets where they shall be take the place of measured points
+const measured = data.mode === "measured" || in_program;
 const MODELS = ["nominal", "calibrated"];
 const total = points ? points.count : 0;
 const rows_of = Array.from({ length: poses.count }, () => []);
@@ -24,10 +25,10 @@ const in_kind = [0, 0];
 for (let pose = 0; pose < poses.count; pose++) in_kind[kind_of(pose)]++;
 const both_kinds = !!poses.fitted && in_kind[0] > 0 && in_kind[1] > 0;
 
-const state = { pose: 0, at: 0, active: [], playing: false, speed: 1, model: "calibrated", own: measured,
+const state = { pose: 0, at: 0, active: [], playing: false, speed: 1, model: "calibrated", own: measured && !in_program,
   factor: Object.fromEntries(Object.entries(data.scale).map(([name, own]) => [name, own.magnification])),
   top: Object.fromEntries(Object.entries(data.scale).map(([name, own]) => [name, own.top_mm])),
-  which: measured && poses.count > 10 ? "worst" : "all", order: "error", ghost: "magnified", q: new Array(joints).fill(0),
+  which: measured && !in_program && poses.count > 10 ? "worst" : "all", order: "error", ghost: "magnified", q: new Array(joints).fill(0),
   layers: {}, groups: poses.groups.map(() => true), kinds: [true, true], off: new Set(), travel: null };
 
 // a family that is off moves the modelled points: the whole model says how far; several together add up
@@ -91,7 +92,13 @@ const scale_name = () => (state.own && data.scale[state.model] ? state.model : "
 const magnification = () => state.factor[scale_name()];
 const top_mm = () => state.top[scale_name()];
 const model_words = (model) =>
-  model === "calibrated" && state.off.size ? `without ${[...state.off].join(", ")}` : model;
+  in_program ? { nominal: "before", calibrated: "after" }[model]
+    : model === "calibrated" && state.off.size ? `without ${[...state.off].join(", ")}` : model;
+if (in_program) {
+  for (const input of document.querySelectorAll('input[name="model"]')) input.nextSibling.textContent = model_words(input.value);
+  document.querySelector("#listed h2").textContent = "Targets";
+  document.getElementById("meaning").textContent = "error vectors (from where it goes to where it shall)";
+}
 
 const group_on = (pose) => state.groups[poses.group[pose]] && state.kinds[kind_of(pose)];
 let worst_tenth = new Set();

@@ -79,7 +79,7 @@ function tell_pose() {
     return;
   }
   const group = poses.groups[poses.group[state.pose]];
-  box.append(element("p", `Pose ${poses.ids[state.pose]}`, "name"));
+  box.append(element("p", `${in_program ? "Target" : "Pose"} ${poses.ids[state.pose]}`, "name"));
   const kind = poses.fitted ? ` · ${KINDS[kind_of(state.pose)]}` : "";
   const where = `${state.at + 1} of ${state.active.length}${kind}` + (group ? ` · group ${group}` : "");
   box.append(element("p", (data.mode === "plan" ? "planned, not measured · " : "") + where, "where"));
