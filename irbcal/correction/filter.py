@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -548,7 +549,7 @@ def filter_program(
         turn=np.concatenate([none[:, 0], *(fake.turn[fake.ok] for fake in fakes)]),
         residual=np.concatenate([none[:, 0], *(fake.residual[fake.ok] for fake in fakes)]),
         left=tuple(sorted(left, key=lambda target: target.line)),
-        notes=(*program.notes, *shift_notes, *(last_moves.notes if last_moves else ())),
+        notes=(*program.notes, *shift_notes, *(last_moves.notes if last_moves else ()), *_load_notes(robot, program)),
         joint_columns=tuple(nominal.joint_columns),
         fingerprint=fingerprint,
         last_move_error=last_move_error,
@@ -560,6 +561,24 @@ def filter_program(
         places=np.concatenate([np.zeros((0, 3, 3)), *places]),
         way=np.array(way, dtype=int),
     )
+
+
+_LOAD_WORDS = r"\bGripLoad\b|\$LOAD[ \t]*=|\bPAYLOAD\[|\bset_(?:target_)?payload\w*[ \t]*\(|^[ \t]*WEIGHT[ \t]"
+_SETS_LOAD = re.compile(rf"^[^!;#'\r\n]*?(?:{_LOAD_WORDS})[^\r\n]*", re.IGNORECASE | re.MULTILINE)
+"""Statements of RAPID, KRL, FANUC, URScript and AS that say what the robot carries from there on."""
+
+
+def _load_notes(robot: Robot, program: Program) -> list[Note]:
+    """A note where a program says what the robot carries, and the calibration knows what loads do."""
+    if not robot.joint_map.knows_loads or not isinstance(program, TextProgram):
+        return []
+    sets = list(_SETS_LOAD.finditer(program.text))
+    if not sets:
+        return []
+    line, more = program.listing.line(sets[0].start()), f" and {len(sets) - 1} more" if len(sets) > 1 else ""
+    words = f"{program.listing.quote(sets[0].start(), sets[0].end())}{more}: the program says what the robot carries"
+    text = f"{words}; all targets are corrected for {robot.joint_map.payload_kg:g} kg: say with --payload what holds"
+    return [Note(line, text)]
 
 
 def _places_of_tool(robot: Robot, fake: Corrected, at: TargetFrames) -> FloatArray:
