@@ -48,6 +48,7 @@ ELSEWHERE = {
         "approach": "device_plan",
     },
     "ballbar": {"magnify": None},
+    "filter": {"page": None},
     "iso9283": dict.fromkeys(("plane", "near", "center", "inset", "edge"), "iso9283_plan") | {"plan": None},
 }
 """Options that are the first arguments of the function, drawn later (None), or belong to another function."""
