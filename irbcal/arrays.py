@@ -9,10 +9,13 @@ from dataclasses import fields, is_dataclass
 from datetime import date
 from functools import cache
 from pathlib import PurePath
-from typing import Any, Literal, NoReturn, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
@@ -144,6 +147,13 @@ class Locked:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    @classmethod
+    def of_new(cls, **values: Any) -> Self:
+        """An instance of arrays that nobody else has and that are read-only, without the search for others."""
+        instance = object.__new__(cls)
+        instance.__dict__.update(values)
+        return instance
 
 
 def lock(instance: Any) -> None:

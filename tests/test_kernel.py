@@ -195,6 +195,32 @@ def test_the_inverse_is_that_of_numpy(size, monkeypatch):
 
 
 @compiled
+def test_poses_next_to_singularities_and_limits_leave_nothing_to_numpy(monkeypatch):
+    nominal = arm()
+    robot = random_robot(nominal, "34", np.random.default_rng(2))
+    rng = np.random.default_rng(4)
+    q = nominal.random_joints(600, 3)
+    q[:200, 4] = rng.uniform(-0.01, 0.01, 200)  # the wrist stretched, then joint 3 at a limit
+    q[200:300, 2] = nominal.upper[2] - 1e-6
+    T, seed = robot.poses(q), q + 5e-3 * rng.standard_normal(q.shape)
+    found, left, numbers, flags = out = fixed_point.room(len(q))
+    own = fixed_point.kernel_of(robot, nominal)
+    assert own.inverses(T, None, seed, 1e-10, 1e-10, *out, 6) == len(q)
+    assert flags[0].all()
+    assert flags[1].all()
+    assert set(numbers[2]) == {Method.FIXED_POINT, Method.NEWTON}
+    assert left[:2].max() <= 1e-10
+    assert own.inverses(T, None, seed, 1e-10, 1e-10, *fixed_point.room(len(q)), 0) < 0.9 * len(q)  # without a search
+    plain = by_numpy(monkeypatch, robot)
+    fixed_point.kernel_of.cache_clear()
+    assert np.abs(plain.forward(found) - T).max() < 3e-10
+    expected = calibrated_arm.solve(plain, nominal, T[150:250], seed[150:250])
+    fixed_point.kernel_of.cache_clear()
+    assert expected.inside.all()
+    assert flags[2].mean() > 0.95
+
+
+@compiled
 def test_what_is_not_for_it_is_left_to_the_plain_functions(robots):
     robot = robots["irb1600"]
     q, _ = stops(robot, 8)

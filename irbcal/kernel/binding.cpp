@@ -39,7 +39,7 @@ struct Robot {
   std::vector<Tilting> tilting;
   std::vector<Bending> bending;
   ClosedForm closed;
-  double reach = 1.0;
+  double reach = 1.0, difference = 0.0, starts[6 * starts_of_all] = {};
 };
 
 // Four poses side by side where the processor adds four doubles at once; the few one by one.
@@ -54,9 +54,9 @@ SIDE_BY_SIDE void effective_together(const Robot& r, const double* q, double* ou
 SIDE_BY_SIDE void jacobians_together(const Robot& r, const double* q, int reference, double* out, Py_ssize_t n) {
   jacobians_of<Lanes>(r, q, Stops{}, reference, out, n);
 }
-SIDE_BY_SIDE void inverses_together(const Robot& r, const Wanted& w, Py_ssize_t n) { inverses_of<Lanes>(r, w, n); }
-SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* q, double* found, Py_ssize_t n) {
-  branches_of<Lanes>(r, T, q, found, n);
+SIDE_BY_SIDE Py_ssize_t inverses_together(const Robot& r, const Wanted& w, Py_ssize_t n) { return inverses_of<Lanes>(r, w, n); }
+SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* q, double* found, bool* valid, Py_ssize_t n) {
+  branches_of<Lanes>(r, T, q, found, valid, n);
 }
 #define TOGETHER(function, condition, ...) \
   if (wide && n >= few && (condition)) return function##_together(__VA_ARGS__)
@@ -76,18 +76,18 @@ void jacobians(const Robot& r, const double* q, const Stops& stops, int referenc
   TOGETHER(jacobians, !stops.known(), r, q, reference, out, n);
   jacobians_of<double>(r, q, stops, reference, out, n);
 }
-void inverses(const Robot& r, const Wanted& w, Py_ssize_t n) {
+Py_ssize_t inverses(const Robot& r, const Wanted& w, Py_ssize_t n) {
   TOGETHER(inverses, true, r, w, n);
-  inverses_of<double>(r, w, n);
+  return inverses_of<double>(r, w, n);
 }
-void branches(const Robot& r, const double* T, double* q, double* found, Py_ssize_t n) {
-  TOGETHER(branches, true, r, T, q, found, n);
-  branches_of<double>(r, T, q, found, n);
+void branches(const Robot& r, const double* T, double* q, double* found, bool* valid, Py_ssize_t n) {
+  TOGETHER(branches, true, r, T, q, found, valid, n);
+  branches_of<double>(r, T, q, found, valid, n);
 }
 
 // ------------------------------------------------------------------ arrays from Python
 
-class Array {  // a row-major array of doubles, as long as this lives
+class Array {  // a row-major array of doubles, or of another type by its letters, as long as this lives
  public:
   Array() = default;
   Array(const Array&) = delete;
@@ -96,16 +96,19 @@ class Array {  // a row-major array of doubles, as long as this lives
     if (open_) PyBuffer_Release(&view_);
   }
   // False where it is none; no exception is left.
-  bool take(PyObject* object, bool writable = false) {
+  bool take(PyObject* object, bool writable = false, const char* type = "d") {
     open_ = PyObject_GetBuffer(object, &view_, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0)) == 0;
     if (!open_) PyErr_Clear();
-    return open_ && view_.format != nullptr && view_.format[0] == 'd' && view_.format[1] == 0;
+    return open_ && view_.format != nullptr && view_.format[0] != 0 && view_.format[1] == 0 &&
+           std::strchr(type, view_.format[0]) != nullptr;
   }
-  double* data() const { return static_cast<double*>(view_.buf); }
-  Py_ssize_t size() const { return view_.len / 8; }
+  template <class T = double>
+  T* data() const { return static_cast<T*>(view_.buf); }
+  Py_ssize_t size() const { return view_.len / view_.itemsize; }
   bool is(Py_ssize_t rows, Py_ssize_t columns) const {
     return view_.ndim == 2 && view_.shape[0] == rows && view_.shape[1] == columns;
   }
+  Py_ssize_t bytes() const { return view_.itemsize; }
   Py_ssize_t rows() const { return view_.ndim > 0 ? view_.shape[0] : 0; }
 
  private:
@@ -211,39 +214,46 @@ PyObject* kernel_rates(PyObject* self, PyObject* const* args, Py_ssize_t count) 
 }
 
 PyObject* kernel_inverses(PyObject* self, PyObject* const* args, Py_ssize_t count) {
-  if (!count_is(count, 7)) return nullptr;
+  if (!count_is(count, 10)) return nullptr;
   const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
-  Array T, signs, near, q, found;
+  Array T, signs, near, q, left, whole, flags;
   Wanted w{};
   w.position = PyFloat_AsDouble(args[3]);
   w.rotation = PyFloat_AsDouble(args[4]);
+  w.stages = static_cast<int>(std::min(PyLong_AsLong(args[9]), static_cast<long>(most_stages)));
   if (PyErr_Occurred()) return nullptr;
-  if (!r.has_closed_form || !T.take(args[0]) || !q.take(args[5], true) || !found.take(args[6], true)) Py_RETURN_FALSE;
+  if (!r.has_closed_form || !T.take(args[0]) || !q.take(args[5], true) || !left.take(args[6], true)) Py_RETURN_NONE;
+  if (!whole.take(args[7], true, "lq") || !flags.take(args[8], true, "?")) Py_RETURN_NONE;
   const Py_ssize_t n = T.rows();
-  if (T.size() != 16 * n || !q.is(n, 6) || !found.is(n, of_a_pose)) Py_RETURN_FALSE;
+  if (T.size() != 16 * n || !q.is(n, 6) || left.size() != 3 * n || flags.size() != 3 * n) Py_RETURN_NONE;
+  if (whole.size() != 4 * n || whole.bytes() != 8) Py_RETURN_NONE;
   if (args[1] != Py_None) {
-    if (!signs.take(args[1]) || !signs.is(n, 3)) Py_RETURN_FALSE;
+    if (!signs.take(args[1]) || !signs.is(n, 3)) Py_RETURN_NONE;
     w.signs = signs.data();
   }
   if (args[2] != Py_None) {
-    if (!near.take(args[2]) || !near.is(n, 6)) Py_RETURN_FALSE;
+    if (!near.take(args[2]) || near.size() != 6 * n) Py_RETURN_NONE;
     w.near = near.data();
   }
   w.T = T.data();
   w.q = q.data();
-  w.found = found.data();
-  unlocked(n, [&] { inverses(r, w, n); });
-  Py_RETURN_TRUE;
+  w.left = left.data();
+  w.numbers = whole.data<std::int64_t>();
+  w.flags = flags.data<bool>();
+  Py_ssize_t done = 0;
+  unlocked(n, [&] { done = inverses(r, w, n); });
+  return PyLong_FromSsize_t(done);
 }
 
 PyObject* kernel_branches(PyObject* self, PyObject* const* args, Py_ssize_t count) {
-  if (!count_is(count, 3)) return nullptr;
+  if (!count_is(count, 4)) return nullptr;
   const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
-  Array T, q, found;
+  Array T, q, found, valid;
   if (!r.has_closed_form || !T.take(args[0]) || !q.take(args[1], true) || !found.take(args[2], true)) Py_RETURN_FALSE;
   const Py_ssize_t n = T.rows();
+  if (!valid.take(args[3], true, "?") || valid.size() != 8 * n) Py_RETURN_FALSE;
   if (T.size() != 16 * n || q.size() != 48 * n || found.size() != 3 * n) Py_RETURN_FALSE;
-  unlocked(n, [&] { branches(r, T.data(), q.data(), found.data(), n); });
+  unlocked(n, [&] { branches(r, T.data(), q.data(), found.data(), valid.data<bool>(), n); });
   Py_RETURN_TRUE;
 }
 
@@ -318,7 +328,8 @@ bool fill(Robot& r, PyObject* dict) {
       {"far", r.far, n}, {"lower", r.lower, n}, {"upper", r.upper, n}, {"gravity", r.gravity, 3}, {"payload_kg", &r.payload_kg, 1},
       {"payload_place", r.payload_place, 3}, {"gain", r.gain, n}, {"offset", r.offset, n}, {"compliance", r.compliance, n},
       {"direction", r.direction, n}, {"width", r.width, n}, {"move", r.move, n}, {"share", r.share, n}, {"reach", &r.reach, 1},
-      {"torque", r.torque, n}, {"along", r.along, n}};
+      {"torque", r.torque, n}, {"along", r.along, n}, {"difference", &r.difference, 1},
+      {"starts", r.starts, 6 * starts_of_all}};
   for (const auto& item : plain) {
     if (!numbers(dict, item.name, v, item.size)) return false;
     std::copy(v.begin(), v.end(), item.to);
@@ -481,10 +492,10 @@ PyMethodDef methods[] = {
     {"jacobians", method(kernel_jacobians), METH_FASTCALL, "jacobians(q, stops, reference, out): (n, 6, joints)"},
     {"rates", method(kernel_rates), METH_FASTCALL, "rates(q, dq, reference, out): time derivatives of jacobians"},
     {"inverses", method(kernel_inverses), METH_FASTCALL,
-     "inverses(T, signs, near, position, rotation, q, found): found as in binding.cpp (n, 7)"},
+     "inverses(T, signs, near, position, rotation, q, left, numbers, flags, stages): as Wanted in kernel.hpp; how many are done"},
     {"newton", method(kernel_newton), METH_FASTCALL,
      "newton(T, q, reach, position, rotation, straighten, patience, limits, found): q in place; errors, evaluations (n, 3)"},
-    {"branches", method(kernel_branches), METH_FASTCALL, "branches(T, q, found): (8, 6, n); radius, margins (3, n)"},
+    {"branches", method(kernel_branches), METH_FASTCALL, "branches(T, q, found, valid): (8, 6, n); radius, margins (3, n); (8, n)"},
     {nullptr, nullptr, 0, nullptr}};
 
 PyType_Slot slots[] = {{Py_tp_new, reinterpret_cast<void*>(kernel_new)},

@@ -771,18 +771,27 @@ inline auto rigid(const Frame<S>& T) noexcept {
          (place < infinity);
 }
 
+// The thesis's angle of a joint, and the distance of the wrist centre from axis 1, negative behind it.
+template <class S>
+inline S angle_of(const ClosedForm& a, const S* q, int joint) noexcept {
+  return (q[joint] - a.shifts[joint]) * a.signs[joint];
+}
+template <class S>
+inline S radius_of(const ClosedForm& a, const S* q) noexcept {
+  const S q2 = angle_of(a, q, 1);
+  S s2, c2, s23, c23;
+  sine_cosine(q2, s2, c2);
+  sine_cosine(q2 + angle_of(a, q, 2), s23, c23);
+  return a.a2 + a.a3 * s2 + a.d4 * c23 + a.a4 * s23;
+}
+
 // Branch that joints lie in: -1 where behind axis 1, where down, where flipped, else 1.
 template <class S>
 inline void branch_signs(const ClosedForm& a, const S* q, S* signs) noexcept {
-  S angle[6];
-  for (int i = 0; i < 6; ++i) angle[i] = (q[i] - a.shifts[i]) * a.signs[i];
-  S s2, c2, s23, c23;
-  sine_cosine(angle[1], s2, c2);
-  sine_cosine(angle[1] + angle[2], s23, c23);
-  const S one = all<S>(1.0), radius = a.a2 + a.a3 * s2 + a.d4 * c23 + a.a4 * s23;
-  signs[0] = radius < 0.0 ? -one : one;
+  const S one = all<S>(1.0);
+  signs[0] = radius_of(a, q) < 0.0 ? -one : one;
   signs[1] = within_half_turn(a.signs[2] * (q[2] - a.bend)) < 0.0 ? -one : one;
-  signs[2] = within_half_turn(angle[4]) < 0.0 ? -one : one;
+  signs[2] = within_half_turn(angle_of(a, q, 4)) < 0.0 ? -one : one;
 }
 
 // The branch, and the turns within the limits, nearest to given joints; false where none is within reach and limits.
@@ -816,6 +825,23 @@ struct Solution {
   S q[6], position, rotation, margin, steps;
 };
 
+// Turns of a joint within the limits, but for some slack, nearest to a joint.
+template <class S, class Robot>
+inline S start_turn(const Robot& r, int i, const S& q, const S* near) noexcept {
+  const double lower = r.lower[i] - slack, upper = r.upper[i] + slack;
+  auto stay = (q >= lower) & (q <= upper);
+  S close = S{};
+  if (near != nullptr) {
+    close = near[i];
+    stay = stay & (magnitude(close - q) <= pi);
+  }
+  const S first = up_to_whole((most(all<S>(lower), all<S>(-1e6)) - q) * (1.0 / tau));
+  const S final = down_to_whole((least(all<S>(upper), all<S>(1e6)) - q) * (1.0 / tau));
+  const S turns = nearest_whole((close - q) * (1.0 / tau));
+  const S chosen = first <= final ? least(most(turns, first), final) : turns;
+  return stay ? q : q + tau * chosen;
+}
+
 // The fixed point of Nubiola 2011, section 6.2: the nominal closed form, in one branch, of targets that are moved by what
 // the calibrated tip lacks. near: joints whose turns are kept, or null. What is not within the tolerances in the end is
 // left to other methods; where the wanted pose is beyond the nominal reach all is NaN.
@@ -839,18 +865,7 @@ inline Solution<S> fixed_point(const Robot& r, const ClosedForm& a, const Frame<
         q[i] += nearest_whole((before[i] - q[i]) * (1.0 / tau)) * tau;
         continue;
       }
-      const double lower = r.lower[i] - slack, upper = r.upper[i] + slack;
-      auto stay = (q[i] >= lower) & (q[i] <= upper);
-      S close = S{};
-      if (near != nullptr) {
-        close = near[i];
-        stay = stay & (magnitude(close - q[i]) <= pi);
-      }
-      const S first = up_to_whole((most(all<S>(lower), all<S>(-1e6)) - q[i]) * (1.0 / tau));
-      const S final = down_to_whole((least(all<S>(upper), all<S>(1e6)) - q[i]) * (1.0 / tau));
-      const S turns = nearest_whole((close - q[i]) * (1.0 / tau));
-      const S chosen = first <= final ? least(most(turns, first), final) : turns;
-      q[i] = stay ? q[i] : q[i] + tau * chosen;
+      q[i] = start_turn(r, i, q[i], near);
     }
     const Frame<S> tip = forward(r, q, usual(r));
     S chord = S{}, length = S{};
@@ -993,6 +1008,125 @@ inline int newton(const Robot& r, const Frame<double>& wanted, double reach, con
   return evaluations;
 }
 
+// The branch of a pose whose wrist centre is brought inside the reach where it is beyond it, or nearer to its limits.
+template <class Robot>
+inline void start_of(const Robot& r, const Frame<double>& wanted, const double* signs, const double* near, double* q) noexcept {
+  const ClosedForm& a = r.closed;
+  const double L = std::sqrt(a.a4 * a.a4 + a.d4 * a.d4), inside = 5e-4 * r.reach;
+  Hand<double> hand = hand_of(a, wanted);
+  const double k1 = signs[0] * hand.radius - a.a2, k2 = hand.k2, rho = std::sqrt(k1 * k1 + k2 * k2);
+  const double limited = std::min(std::max(rho, std::abs(a.a3 - L) + inside), a.a3 + L - inside);
+  hand.radius = signs[0] * ((rho > 0.0 ? k1 * (limited / rho) : limited) + a.a2);
+  hand.k2 = rho > 0.0 ? k2 * (limited / rho) : 0.0;
+  branch(a, hand, signs[0], signs[1], signs[2], q);
+  for (int i = 0; i < 6; ++i) q[i] = start_turn(r, i, q[i], near);
+}
+
+struct Stage {  // starts, and Steps' straighten and patience, of Newton's method for what the fixed point leaves
+  int starts, straighten, patience;
+};
+constexpr Stage stages[] = {{1, 0, 10}, {6, 0, 10}, {24, 2, 10}, {96, 2, 10}, {64, 2, 30}, {1, 2, 100}};
+constexpr int most_stages = 6, starts_of_all = 6 + 24 + 96 + 64;
+
+// Newton's steps for a pose that the fixed point left, from where it came to, then from many starts: until one ends in the
+// branch and within the limits. As irbcal/modeling/inverse/calibrated_arm.py has it; what it cannot do is left unsolved.
+// first_rank: of the solution in out; infinite where it is none, -2 where it is one in the branch but beyond the limits.
+// r.starts: six standard normal numbers for each start; r.difference: metres between the tips of nominal and calibrated arm.
+template <class Robot>
+inline bool search(const Robot& r, const Frame<double>& wanted, const double* signs, const double* near, int count,
+                   double position, double rotation, double first_rank, Solution<double>& out) noexcept {
+  if (!(out.margin > -2.0 * r.difference)) return false;
+  const ClosedForm& a = r.closed;
+  double pulled[6], best[6], best_rank = first_rank, left[2] = {out.position, out.rotation};
+  start_of(r, wanted, signs, near, pulled);
+  const bool finite = std::isfinite(out.q[0] + out.q[1] + out.q[2] + out.q[3] + out.q[4] + out.q[5]);
+  std::copy(finite ? out.q : pulled, (finite ? out.q : pulled) + 6, best);
+  const double q5 = angle_of(a, pulled, 4);
+  const bool plain = std::abs(q5 - pi * std::nearbyint(q5 / pi)) > 0.05 && std::abs(radius_of(a, pulled)) > 5.0 * r.difference;
+  bool folds = true;
+  for (int i = 1; i < 3; ++i) folds = folds && pulled[i] >= r.lower[i] - 0.2 && pulled[i] <= r.upper[i] + 0.2;
+  const double* normal = r.starts;
+  for (int s = 0; s < count && best_rank > -4.0; ++s) {
+    const Stage& stage = stages[s];
+    if (stage.starts > 6 && (!folds || (plain && out.margin < 0.0 && !(left[0] <= 0.1 * r.difference)))) break;
+    const Steps steps{position, rotation, stage.straighten, stage.patience, nullptr, nullptr};
+    int drawn = 0;
+    for (int k = 0; k < stage.starts && best_rank > -4.0; ++k) {
+      double q[6], p = 0.0, t = 0.0, there[3];
+      if (stage.starts == 1) {
+        std::copy(best, best + 6, q);
+      } else if (k == 0 || (k == 1 && near != nullptr)) {
+        std::copy(k == 0 ? pulled : near, (k == 0 ? pulled : near) + 6, q);
+      } else {  // solutions of targets moved a little: on all sides of the holes that errors leave at singularities
+        constexpr double turns[3] = {0.01, 0.0, 0.03}, shifts[3] = {0.0, 0.5, 1.5};
+        const double* of = normal + 6 * drawn++;
+        Vector<double> axis{ {of[0], of[1], of[2]} };
+        const double length = std::sqrt(dot(axis, axis)), angle = turns[k % 3] * length;
+        double sine, cosine;
+        sine_cosine(angle, sine, cosine);
+        for (int m = 0; m < 3; ++m) axis[m] /= length;
+        Frame<double> goal = wanted;
+        for (int m = 0; m < 3; ++m) {
+          const Vector<double> v = wanted.R[m], across = cross(axis, v);
+          const double along = dot(axis, v);
+          for (int j = 0; j < 3; ++j) goal.R[m][j] += sine * across[j] + (1.0 - cosine) * (axis[j] * along - v[j]);
+          goal.o[m] += shifts[k % 3] * r.difference * of[3 + m];
+        }
+        start_of(r, goal, signs, near, q);
+      }
+      out.steps += newton(r, wanted, r.reach, steps, q, p, t);
+      bool fits = true;
+      for (int i = 0; i < 6; ++i)
+        fits = fits && std::ceil((r.lower[i] - limit_tolerance - q[i]) / tau) <= std::floor((r.upper[i] + limit_tolerance - q[i]) / tau);
+      branch_signs(a, q, there);
+      const bool same = there[0] == signs[0] && there[1] == signs[1] && there[2] == signs[2];
+      const double rank = p <= position && t <= rotation ? -1.0 - same - 2.0 * fits : p / r.reach + t;
+      if (!(rank < best_rank)) continue;
+      best_rank = rank;
+      std::copy(q, q + 6, best);
+      left[0] = p;
+      left[1] = t;
+    }
+    if (stage.starts > 1) normal += 6 * stage.starts;
+    if (stage.starts >= 24 && best_rank <= -3.0) break;
+  }
+  if (!(best_rank < 0.0)) return false;
+  std::copy(best, best + 6, out.q);
+  out.position = left[0];
+  out.rotation = left[1];
+  return true;
+}
+
+template <class Robot>
+inline bool within_limits(const Robot& r, const double* q) noexcept {
+  for (int i = 0; i < 6; ++i)
+    if (!(q[i] >= r.lower[i] - limit_tolerance && q[i] <= r.upper[i] + limit_tolerance)) return false;
+  return true;
+}
+
+// Brings a solution beyond a limit back by whole turns, and by what the tolerances leave open; false where that fails.
+template <class Robot>
+inline bool into_limits(const Robot& r, const Frame<double>& wanted, const double* near, double position, double rotation,
+                        Solution<double>& out) noexcept {
+  constexpr double rounding = 1e-4;
+  double q[6], p, t;
+  for (int i = 0; i < 6; ++i) {
+    const double first = std::ceil((r.lower[i] - rounding - out.q[i]) / tau), last = std::floor((r.upper[i] + rounding - out.q[i]) / tau);
+    if (!(first <= last)) return false;
+    const double turns = std::nearbyint(((near == nullptr ? 0.0 : near[i]) - out.q[i]) / tau);
+    q[i] = out.q[i] + tau * std::min(std::max(turns, first), last);
+  }
+  out.steps += newton(r, wanted, r.reach, Steps{0.0, 0.0, 0, 3, nullptr, nullptr}, q, p, t);
+  for (int i = 0; i < 6; ++i) q[i] = std::min(std::max(q[i], r.lower[i]), r.upper[i]);
+  Linear<Robot> at;
+  linearise(r, wanted, r.reach, true, q, at);
+  if (!(at.position <= position && at.rotation <= rotation)) return false;
+  std::copy(q, q + 6, out.q);
+  out.position = at.position;
+  out.rotation = at.rotation;
+  return true;
+}
+
 // ------------------------------------------------------------------ many poses
 
 template <class S>
@@ -1002,6 +1136,7 @@ inline double gathered<double>(const double* from, std::ptrdiff_t stride, std::p
   return from[first * stride];
 }
 inline void scatter(const double& x, double* to, std::ptrdiff_t stride, std::ptrdiff_t first, std::ptrdiff_t) { to[first * stride] = x; }
+inline double lane(const double& x, std::ptrdiff_t) { return x; }
 template <class S>
 constexpr std::ptrdiff_t side_by_side = 1;
 #if defined(IRBCAL_LANES)
@@ -1014,6 +1149,7 @@ inline Lanes gathered<Lanes>(const double* from, std::ptrdiff_t stride, std::ptr
 inline void scatter(const Lanes& x, double* to, std::ptrdiff_t stride, std::ptrdiff_t first, std::ptrdiff_t n) {
   for (std::ptrdiff_t k = 0; k < n; ++k) to[(first + k) * stride] = x[k];
 }
+inline double lane(const Lanes& x, std::ptrdiff_t k) { return x[k]; }
 template <>
 constexpr std::ptrdiff_t side_by_side<Lanes> = width;
 using Widest = Lanes;
@@ -1153,15 +1289,18 @@ inline auto last_row(const double* T, std::ptrdiff_t first, std::ptrdiff_t count
 struct Wanted {  // arrays of poses and what becomes of them
   const double *T, *signs, *near;  // (n, 4, 4); (n, 3) or null: those of near, else all 1; (n, 6) or null
   double position, rotation;
-  double *q, *found;  // (n, 6), and (n, of_a_pose)
+  int stages;             // of search: how many are gone through
+  double *q, *left;       // (n, 6); errors of position and rotation, margin (3, n)
+  std::int64_t* numbers;  // steps; where done branch found and method: 1, or 2 where searched; 0 (4, n)
+  bool* flags;            // done; within the limits; branch found is the one asked for (3, n)
 };
-// Errors of position and rotation, margin, steps, branch asked for, branch found, and 1 where it is within tolerances and
-// limits, from a seed within all bounds, for what is a pose: nothing is left to be done there.
-constexpr int of_a_pose = 7;
 
+// How many are done, so that nothing is left to be tried: within tolerances, from a seed within all bounds, for what is a
+// pose.
 template <class S, class Robot>
-inline void inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_t n) noexcept {
+inline std::ptrdiff_t inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_t n) noexcept {
   constexpr std::ptrdiff_t together = side_by_side<S>;
+  std::ptrdiff_t all_done = 0;
   for (std::ptrdiff_t first = 0; first < n; first += together) {
     const std::ptrdiff_t count = n - first < together ? n - first : together;
     S signs[3], near[6], there[3];
@@ -1177,20 +1316,71 @@ inline void inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_t n) noexc
     const Solution<S> out =
         fixed_point(r, r.closed, wanted, signs, w.near == nullptr ? nullptr : near, r.reach, w.position, w.rotation);
     branch_signs(r.closed, out.q, there);
-    done = done & (out.position <= w.position) & (out.rotation <= w.rotation);
+    const S usable = done ? all<S>(1.0) : S{};
+    const auto solved = (out.position <= w.position) & (out.rotation <= w.rotation);
+    const S converged = solved ? all<S>(1.0) : S{};
+    done = done & solved;
     for (int i = 0; i < 6; ++i) {
       done = done & (out.q[i] >= r.lower[i] - limit_tolerance) & (out.q[i] <= r.upper[i] + limit_tolerance);
       scatter(out.q[i], w.q + i, 6, first, count);
     }
-    const auto number = [](const S* s) { return 0.5 * (7.0 - 4.0 * s[0] - 2.0 * s[1] - s[2]); };
-    const S found[of_a_pose] = {out.position, out.rotation,  out.margin, out.steps, number(signs),
-                                number(there), done ? all<S>(1.0) : S{}};
-    for (int i = 0; i < of_a_pose; ++i) scatter(found[i], w.found + i, of_a_pose, first, count);
+    scatter(out.position, w.left, 1, first, count);
+    scatter(out.rotation, w.left + n, 1, first, count);
+    scatter(out.margin, w.left + 2 * n, 1, first, count);
+    const auto number = [](const auto* s) { return 0.5 * (7.0 - 4.0 * s[0] - 2.0 * s[1] - s[2]); };
+    const S each[4] = {done ? all<S>(1.0) : S{}, out.steps, number(there), number(signs)};
+    for (std::ptrdiff_t k = 0; k < count; ++k) {
+      double of[4];
+      for (int i = 0; i < 4; ++i) of[i] = lane(each[i], k);
+      bool good = of[0] != 0.0, searched = false, inside = good;
+      if (!good && lane(usable, k) != 0.0) {
+        double wanted_signs[3], found_signs[3];
+        double* const q = w.q + 6 * (first + k);
+        for (int i = 0; i < 3; ++i) wanted_signs[i] = lane(signs[i], k);
+        Solution<double> one;
+        std::copy(q, q + 6, one.q);
+        one.position = lane(out.position, k);
+        one.rotation = lane(out.rotation, k);
+        one.margin = lane(out.margin, k);
+        one.steps = of[1];
+        const double* close = w.near == nullptr ? nullptr : w.near + 6 * (first + k);
+        const Frame<double> pose = frame_of<double>(w.T, first + k, 1);
+        good = lane(converged, k) != 0.0;
+        if (!good) good = searched = search(r, pose, wanted_signs, close, w.stages, w.position, w.rotation, infinity, one);
+        inside = good && (within_limits(r, one.q) || into_limits(r, pose, close, w.position, w.rotation, one));
+        if (good && !inside && !searched && w.stages > 1) {  // next to a singularity a branch has several solutions
+          const double q5 = angle_of(r.closed, one.q, 4), apart = std::min(std::abs(radius_of(r.closed, one.q)), one.margin);
+          if (std::abs(q5 - pi * std::nearbyint(q5 / pi)) < 0.1 || apart < 20.0 * r.difference) {
+            searched = search(r, pose, wanted_signs, close, w.stages, w.position, w.rotation, -2.0, one);
+            inside = within_limits(r, one.q) || into_limits(r, pose, close, w.position, w.rotation, one);
+          }
+        }
+        if (good) {
+          std::copy(one.q, one.q + 6, q);
+          w.left[first + k] = one.position;
+          w.left[n + first + k] = one.rotation;
+          branch_signs(r.closed, one.q, found_signs);
+          of[1] = one.steps;
+          of[2] = number(found_signs);
+        }
+      }
+      all_done += good;
+      std::int64_t* numbers = w.numbers + first + k;
+      bool* flags = w.flags + first + k;
+      numbers[0] = static_cast<std::int64_t>(of[1]);
+      numbers[n] = good ? static_cast<std::int64_t>(of[2]) : -1;
+      numbers[2 * n] = good + searched;
+      numbers[3 * n] = 0;
+      flags[0] = good;
+      flags[n] = good && inside;
+      flags[2 * n] = of[2] == of[3];
+    }
   }
+  return all_done;
 }
 
 template <class S, class Robot>
-inline void branches_of(const Robot& r, const double* T, double* q, double* found, std::ptrdiff_t n) noexcept {
+inline void branches_of(const Robot& r, const double* T, double* q, double* found, bool* valid, std::ptrdiff_t n) noexcept {
   constexpr std::ptrdiff_t together = side_by_side<S>;
   for (std::ptrdiff_t first = 0; first < n; first += together) {
     const std::ptrdiff_t count = n - first < together ? n - first : together;
@@ -1211,6 +1401,8 @@ inline void branches_of(const Robot& r, const double* T, double* q, double* foun
         wrist_joints(r.closed, angle, all<S>(flip ? -1.0 : 1.0), x);
         for (int i = 0; i < 6; ++i) scatter(x[i] + lost, q + (6 * (b + flip) + i) * n, 1, first, count);
       }
+      for (std::ptrdiff_t k = 0; k < count; ++k)
+        valid[b * n + first + k] = valid[(b + 1) * n + first + k] = lane(lost, k) == 0.0;
       if ((b & 2) == 0) scatter(margin, found + (1 + b / 4) * n, 1, first, count);
     }
   }

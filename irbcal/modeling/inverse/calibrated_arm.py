@@ -8,7 +8,6 @@ calibrated arm times that of its joint map, from several starts. What neither so
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +17,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
-from irbcal.modeling.inverse.fixed_point import OF_A_POSE, FixedPoint, FixedPointState, kernel_of
-from irbcal.modeling.inverse.orthoparallel import TAU
+from irbcal.modeling.inverse.fixed_point import FixedPoint, FixedPointState, difference, kernel_of, room, starts_of
 from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
@@ -88,7 +86,7 @@ def solve(
         If shapes do not fit, the seed looks like degrees, or the nominal arm has no closed-form inverse.
     """
     if configuration is None:
-        quick = _few_by_kernel(robot, nominal, T_base_tip, seed, position, rotation)
+        quick = _few_by_kernel(robot, nominal, T_base_tip, seed, position, rotation, 6 if thorough else 1)
         if quick is not None:
             return quick
     stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
@@ -97,31 +95,31 @@ def solve(
 
 
 def _few_by_kernel(
-    robot: Robot, nominal: Arm, T: ArrayLike, seed: ArrayLike | None, position: float, rotation: float
+    robot: Robot, nominal: Arm, T: ArrayLike, seed: ArrayLike | None, position: float, rotation: float, stages: int
 ) -> InverseResult | None:
     """The result of `solve` for a few poses where the compiled kernel leaves nothing to be done; else None."""
     n = len(T) if isinstance(T, np.ndarray) and T.ndim == 3 and T.shape[1:] == (4, 4) else 0
     kernel = kernel_of(robot, nominal) if 0 < n <= FEW else None
     if kernel is None:
         return None
-    if isinstance(seed, np.ndarray) and seed.ndim == 1 and n == 1:
-        seed = seed[None]
-    q, found = np.empty((n, 6)), np.empty((n, OF_A_POSE))
-    if not kernel.inverses(T, None, seed, position, rotation, q, found) or not found[:, 6].all():
+    q, left, numbers, flags = room(n)
+    if kernel.inverses(T, None, seed, position, rotation, q, left, numbers, flags, stages) != n:
         return None
-    numbers = found[:, 3:].astype(int)
-    yes = numbers[:, 3] == 1
-    return InverseResult(
+    for array in (q, left, numbers, flags):
+        array.setflags(write=False)
+    steps, branch, method, reason = numbers
+    converged, inside, kept = flags
+    return InverseResult.of_new(
         joints=q,
-        converged=yes,
-        inside=yes.copy(),
-        configuration=numbers[:, 2],
-        branch_kept=numbers[:, 1] == numbers[:, 2],
-        iterations=numbers[:, 0],
-        method=yes * np.int64(Method.FIXED_POINT),
-        position_residual=found[:, 0],
-        rotation_residual=found[:, 1],
-        reason=np.zeros(n, dtype=int),
+        converged=converged,
+        inside=inside,
+        configuration=branch,
+        branch_kept=kept,
+        iterations=steps,
+        method=method,
+        position_residual=left[0],
+        rotation_residual=left[1],
+        reason=reason,
     )
 
 
@@ -152,15 +150,6 @@ def solve_nearest(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: Float
     return result
 
 
-@lru_cache(maxsize=16)
-def _difference(robot: Robot, nominal: Arm) -> float:
-    """About the largest distance (m) between tips of the two arms, from random joints."""
-    q = nominal.random_joints(500, 0)
-    q -= TAU * np.rint(q / TAU)  # joints of many turns look like degrees
-    difference = robot.poses(q) - nominal.forward(q)
-    return 1e-6 + float(np.linalg.norm(difference[:, :3, 3], axis=1).max())
-
-
 class _Solver:
     def __init__(
         self,
@@ -178,8 +167,8 @@ class _Solver:
 
     @property
     def difference(self) -> float:
-        """See `_difference`."""
-        return _difference(self.robot, self.nominal)
+        """See `irbcal.modeling.inverse.fixed_point.difference`."""
+        return difference(self.robot, self.nominal)
 
     def inside(self, joints: FloatArray) -> BoolArray:
         """Whether joints (6, n) are within the limits as they are."""
@@ -220,13 +209,13 @@ class _Solver:
         bad_pose = np.concatenate([~usable(T[k], pose_columns(T[k])) for k in blocks] or [np.zeros(0, dtype=bool)])
         todo = np.flatnonzero(~bad_pose & ~bad_seed)
         signs, close = branch_signs(branch[todo]), None if near is None else near[:, todo]
-        if not self.iteration.compiled(T, todo, signs, close, state):
+        if not self.iteration.compiled(T, todo, signs, close, state, len(self.stages)):
             for block in blocks:
                 H = pose_columns(T[todo[block]])
                 close_here = None if close is None else close[:, block]
                 self.iteration.run(todo[block], H, signs[:, block], close_here, state)
         done = self.good(state.position, state.rotation)
-        state.method[done] = Method.FIXED_POINT
+        state.method[done & (state.method == Method.NONE)] = Method.FIXED_POINT
         self._newton(np.flatnonzero(~done & ~bad_pose & ~bad_seed), T, branch, near, state)
         beyond = self._into_limits(T, near, state)
         if len(self.stages) > 1 and len(beyond):
@@ -320,7 +309,7 @@ class _Solver:
             for first in range(0, len(unsolved), BLOCK // starts):
                 todo = unsolved[first : first + BLOCK // starts]
                 goal = H[:, :, todo]
-                rng = np.random.default_rng(starts)  # the same for each pose, whatever its neighbours
+                normal = iter(starts_of(starts))
                 close = None if near is None else near[:, todo]
                 best = state.q[:, rows[todo]]
                 tried = [np.where(np.isfinite(best), best, start[:, todo])]
@@ -328,9 +317,9 @@ class _Solver:
                     tried = [pulled[:, todo], *([] if close is None else [close])]
                 while len(tried) < starts:
                     # solutions of targets moved a little: on all sides of the holes that errors leave at singularities
-                    turn, shift = rng.standard_normal((2, 3, 1))
-                    turn *= (0.01, 0.0, 0.03)[len(tried) % 3]
-                    shift *= (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
+                    turn, shift = next(normal).reshape(2, 3, 1)
+                    turn = turn * (0.01, 0.0, 0.03)[len(tried) % 3]
+                    shift = shift * (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
                     start_pose = newton.moved(goal, turn, shift)
                     q, _ = self.closed.branch(start_pose.reshape(12, -1), branch_signs(branch[todo]), self.pull)
                     tried.append(self.iteration.start_turns(q, close))

@@ -51,9 +51,14 @@ class FixedPointState:
         self.rank = np.full(n, np.inf)
 
 
-OF_A_POSE = 7
-"""Numbers that the kernel says of a pose: errors of position and rotation, margin of reach, steps, branch asked
-for, branch found, and 1 where nothing is left to be done."""
+def room(n: int) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
+    """Where the kernel writes the inverses of n poses.
+
+    Joints (n, 6); errors of position and rotation and the margin of reach (3, n); steps, branch, method and reason
+    (4, n); and what is converged, within the limits and in the branch asked for (3, n). The last two are whole only
+    where nothing is left to be done.
+    """
+    return np.empty((n, 6)), np.empty((3, n)), np.empty((4, n), dtype=np.int64), np.empty((3, n), dtype=bool)
 
 
 @lru_cache(maxsize=16)
@@ -64,7 +69,29 @@ def kernel_of(robot: Robot, nominal: Arm) -> Any:
         return None
     closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
     usual = None if robot.joint_map.is_identity else parts
-    return made(robot.arm, usual, nominal, closed.numbers, closed.reach, robot.frame_terms)
+    starts = np.concatenate([starts_of(k) for k in (6, 24, 96, 64)])
+    search = {"starts": starts, "difference": difference(robot, nominal)}
+    return made(robot.arm, usual, nominal, closed.numbers, closed.reach, search, robot.frame_terms)
+
+
+def starts_of(count: int) -> FloatArray:
+    """Standard normal numbers that move targets for so many starts: the same for each pose, whatever its neighbours.
+
+    Returns
+    -------
+    ndarray, shape (count, 6)
+        Rotation vector and shift.
+    """
+    return np.random.default_rng(count).standard_normal((count, 6))
+
+
+@lru_cache(maxsize=16)
+def difference(robot: Robot, nominal: Arm) -> float:
+    """About the largest distance (m) between tips of the two arms, from random joints."""
+    q = nominal.random_joints(500, 0)
+    q -= TAU * np.rint(q / TAU)  # joints of many turns look like degrees
+    apart = robot.poses(q) - nominal.forward(q)
+    return 1e-6 + float(np.linalg.norm(apart[:, :3, 3], axis=1).max())
 
 
 class FixedPoint:
@@ -97,21 +124,28 @@ class FixedPoint:
         return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
 
     def compiled(
-        self, T: FloatArray, rows: IntArray, signs: FloatArray, near: FloatArray | None, state: FixedPointState
+        self,
+        T: FloatArray,
+        rows: IntArray,
+        signs: FloatArray,
+        near: FloatArray | None,
+        state: FixedPointState,
+        stages: int = 0,
     ) -> bool:
         """The iteration for poses ``rows`` of T (n, 4, 4) by the compiled kernel, as `run`; False where there is none.
 
-        ``signs`` (3, m) and ``near`` (6, m) are those of the m rows.
+        ``signs`` (3, m) and ``near`` (6, m) are those of the m rows. What it leaves is searched, in so many ``stages``.
         """
         if self._kernel is None:
             return False
-        q, found = np.empty((len(rows), 6)), np.empty((len(rows), OF_A_POSE))
+        q, left, numbers, flags = room(len(rows))
         close = None if near is None else near.T.copy()
-        if not self._kernel.inverses(T[rows], signs.T.copy(), close, *self.tolerance, q, found):
+        out = (q, left, numbers, flags, stages)
+        if self._kernel.inverses(T[rows], signs.T.copy(), close, *self.tolerance, *out) is None:
             return False
         state.q[:, rows] = q.T
-        state.position[rows], state.rotation[rows], state.margin[rows] = found[:, :3].T
-        state.iterations[rows] = found[:, 3]
+        state.position[rows], state.rotation[rows], state.margin[rows] = left
+        state.iterations[rows], state.method[rows] = numbers[0], numbers[2]
         return True
 
     def start_turns(self, q: FloatArray, near: FloatArray | None) -> FloatArray:

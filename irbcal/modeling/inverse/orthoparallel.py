@@ -219,11 +219,17 @@ class OrthoParallel(Locked):
         T = check_poses(T_base_tip)
         n = len(T)
         if self._kernel is not None:
-            q, found = np.empty((8, 6, n)), np.empty((3, n))
-            if self._kernel.branches(np.ascontiguousarray(T), q, found):
-                reached = np.repeat(found[1:] >= -REACH_TOLERANCE, 4, axis=0)
-                radius, reach = handed_on(found[0]), handed_on(found[1:])
-                return Branches(handed_on(q).transpose(2, 0, 1), handed_on(reached).T, radius, reach.T, self)
+            q, found, valid = np.empty((8, 6, n)), np.empty((3, n)), np.empty((8, n), dtype=bool)
+            if self._kernel.branches(np.ascontiguousarray(T), q, found, valid):
+                for array in (q, found, valid):
+                    array.setflags(write=False)
+                return Branches.of_new(
+                    joints=q.transpose(2, 0, 1),
+                    valid=valid.T,
+                    shoulder=found[0],
+                    reach_margin=found[1:].T,
+                    arm=self,
+                )
         columns = pose_columns(T).reshape(12, n)
         columns[:, ~usable(T, columns.reshape(4, 3, n))] = np.nan
         joints, margins = np.empty((8, 6, n)), np.empty((2, n))
