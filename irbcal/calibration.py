@@ -239,10 +239,9 @@ class Calibration(Result):
         r = self.record
         lines = [*self.verdict.report(), self._errors(targets=False), self._identified()]
         lines += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.evidence)[:1]]
-        notes = [note for note in r.notes if note not in r.doubts]
         more = [
             f"{count} {unit}{'s'[: count != 1]}{rest}"
-            for count, unit, rest in ((len(notes), "note", ""), (len(r.excluded), "point", " left out"))
+            for count, unit, rest in ((len(r.notes_to_read()), "note", ""), (len(r.excluded), "point", " left out"))
             if count
         ]
         return lines + (
@@ -273,7 +272,7 @@ class Calibration(Result):
         groups = [] if r.evidence is None else [(g.name, g.terms, g.seen, g.size) for g in r.evidence.groups]
         lines += [self._identified(), *([groups_table(groups)] if groups else []), *model_tables(r)]
         lines += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
-        lines += [f"Note: {note}" for note in r.notes if note not in r.doubts]
+        lines += [f"Note: {note}" for note in r.notes_to_read()]
         check = r.urdf_witnesses
         lines.append(
             f"The written URDF as {check.in_words()} read it: differs by {check.position_m:.1e} m, "

@@ -56,7 +56,7 @@ from irbcal.cell.cell_file import (
 from irbcal.cell.contacts import Contacts, with_contacts
 from irbcal.cell.external_axes import ExternalAxis
 from irbcal.cell.held_parts import start_of_held_parts
-from irbcal.cell.robot_derivatives import own_ends_in_words, robot_derivatives
+from irbcal.cell.robot_derivatives import robot_derivatives
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import (
@@ -817,4 +817,4 @@ def _notes(
             notes.append(f"a tip alone tells no axes: {word} {', '.join(alone)} has those of {link}")
     if any(touch.u95 == U95_BY_EYE for touch in rows):
         notes.append(f"touches without u95_mm count as made by eye, u95 {U95_BY_EYE / MM:.1f} mm")
-    return [*notes, *filter(None, [own_ends_in_words(certainty)])]
+    return [*notes, *filter(None, [certainty.open_ends_in_words()])]

@@ -12,7 +12,6 @@ from irbcal.modeling.certainty import HISTORY, Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
-from irbcal.units import MM
 
 
 def robot_derivatives(
@@ -74,29 +73,3 @@ def point_derivatives(
     points = path.tip[3] + np.einsum("acn,na->cn", path.tip[:3], place)
     J, variance = robot_derivatives(certainty, path, points, motion)
     return points.T, J.transpose(2, 1, 0), variance
-
-
-def own_ends(certainty: Certainty) -> float:
-    """Size of what reflectors of unknown place leave open of base and tip link, metres; zero where none is unknown.
-
-    Errors of the last link move flange and reflectors alike, those of the first the base. Measurements do not show
-    them, so they count as large as those of the links between.
-    """
-    shifts = [
-        coefficient
-        for term, coefficient in zip(certainty.terms, certainty.coefficients, strict=True)
-        if term.family == "geometry" and term.axis[0] == "t"
-    ]
-    return float(np.sqrt(3.0 * np.mean(np.square(shifts)))) if certainty.free_targets and shifts else 0.0
-
-
-def own_ends_in_words(certainty: Certainty) -> str:
-    """The same as a sentence: what it means and how to mend it; empty where nothing is left open."""
-    if not certainty.free_targets:
-        return ""
-    return (
-        "base and flange of a calibration by unknown reflectors are its own, about "
-        f"{own_ends(certainty) / MM:.2f} mm beside the true ones, if as large as the errors of the links: frames by "
-        "irbcal cell have that in them and are right with this calibration only; frames that were measured otherwise "
-        "(CAD, tracker) are off by as much: calibrate with reflectors at known places of the flange (--targets)"
-    )

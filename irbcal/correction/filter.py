@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
 from irbcal.cell.cell_file import CellFile, cell_of, frames_by_name
-from irbcal.cell.robot_derivatives import own_ends_in_words
 from irbcal.correction import languages
 from irbcal.correction.backup import Unpacked, of_programs, packed, unpacked
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, refused, writable
@@ -241,8 +240,8 @@ def correct(
         filtered = replace(filtered, notes=(*filtered.notes, *skipped))
         if robot.certainty is not None and (outside := robot.certainty.outside_in_words(filtered.q_before, "targets")):
             filtered = replace(filtered, cautions=(outside,))
-        if robot.certainty is not None and frames_measured and (own := own_ends_in_words(robot.certainty)):
-            filtered = replace(filtered, cautions=(*filtered.cautions, own))
+        if robot.certainty is not None and frames_measured and (ends := robot.certainty.open_ends_in_words()):
+            filtered = replace(filtered, cautions=(*filtered.cautions, ends))
         if model is not None:
             filtered = replace(filtered, cautions=(model.in_words(robot, filtered.q_before), *filtered.cautions))
         if record.heldout is not None and record.features is None:  # rows at features tell no accuracy

@@ -1008,6 +1008,12 @@ class Record(Section):
         """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
         return self.robot.arm(calibrated)
 
+    def notes_to_read(self) -> list[str]:
+        """Notes that are no doubts, and what reflectors of unknown place leave open of base and flange."""
+        certainty = self.robot_calibrated().certainty
+        ends = "" if certainty is None else certainty.open_ends_in_words()
+        return [*(note for note in self.notes if note not in self.doubts), *filter(None, [ends])]
+
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints, and says how well it knows them."""
         moved_by = (self.robot, self.joint_map, self.frame_terms, self.placement)

@@ -144,6 +144,28 @@ class Certainty(Locked):
             "the calibration is extrapolated there, and errors can be far larger."
         )
 
+    def open_ends(self) -> float:
+        """Size of what reflectors of unknown place leave open of base and tip link, metres; zero where all is known.
+
+        Errors of the last link move flange and reflectors alike, those of the first the base. Measurements do not show
+        them, so they count as large as those of the links between.
+        """
+        pairs = zip(self.terms, self.coefficients, strict=True)
+        shifts = [value for term, value in pairs if term.family == "geometry" and term.axis[0] == "t"]
+        return float(np.sqrt(3.0 * np.mean(np.square(shifts)))) if self.free_targets and shifts else 0.0
+
+    def open_ends_in_words(self) -> str:
+        """The same as a sentence: what it means and how to mend it; empty where nothing is left open."""
+        if not self.free_targets:
+            return ""
+        return (
+            "base and flange of a calibration by unknown reflectors are its own, about "
+            f"{self.open_ends() / MM:.2f} mm beside the true ones, if as large as the errors of the links: frames by "
+            "irbcal cell have that in them and are right with this calibration only; frames that were measured "
+            "otherwise (CAD, tracker) are off by as much: calibrate with reflectors at known places of the flange "
+            "(--targets)"
+        )
+
     # ---------------------------------------------------------------- predictions
 
     def left_out(self, target: str | None, in_order: bool = False) -> float | None:

@@ -93,6 +93,7 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         families=report_data.families(calibration.evidence) if calibration.evidence else [],
         coverage=evidence.coverage,
         left_out=_left_out(calibration.excluded),
+        ends=[note for note in calibration.notes_to_read() if note not in calibration.notes],
     )
 
 

@@ -5,6 +5,7 @@ import json
 import os
 import re
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ import irbcal
 from irbcal.cell.cell_file import read_cell
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
+from irbcal.io import calibration_folder
+from irbcal.reports import report_page
 
 FOLDER = Path(os.environ.get("IRBCAL_SHARED_DATA", "../shared/data")) / "cell_example"
 PROGRAM = [FOLDER / "part.src", FOLDER / "part.dat", FOLDER / "$config.dat"]
@@ -120,6 +123,9 @@ def test_ends_that_reflectors_do_not_show_are_told(example):
     measured = irbcal.correct(example / "cal", PROGRAM, frames_measured=True)
     assert note in measured.cautions
     assert note not in irbcal.correct(example / "cal", PROGRAM, cell=example / "cell.json").cautions
+    record = calibration_folder.read(example / "cal").record
+    assert note in record.notes_to_read()
+    assert escape(note) in report_page.render(record)
 
 
 def test_the_command_takes_axes_and_writes_the_whole_cell(example, tmp_path):
