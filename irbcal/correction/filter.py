@@ -59,6 +59,9 @@ from irbcal.options import names, number, pulses_per_degree
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
+NOMINAL = "nominal"
+"""The controller model that is the nominal robot."""
+
 
 @contextmanager
 def _without_garbage_collection() -> Iterator[None]:
@@ -142,7 +145,8 @@ def correct(
     controller_model : str or Path, optional
         What the controller itself computes with where that is not the nominal robot: a URDF (``irbcal controller``
         writes one), or joint origins in the layout of ``ur_description``'s calibration files. Poses of the program, its
-        tools and its work objects are then those of this model.
+        tools and its work objects are then those of this model. ``nominal`` says that it is the nominal robot, though
+        a backup says that the controller corrects its robot itself.
     where : tuple, optional
         For poses of Kawasaki programs: joints (6,) as the controller counts them, radians, and the pose (4, 4), metres,
         that it reports there with null tool and null base.
@@ -305,7 +309,8 @@ def read_programs(
     record = open_calibration(calibration)
     nominal = record.arm(calibrated=False)
     urdf = _urdf(calibration)
-    model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)
+    own = controller_model is not None and str(controller_model) != NOMINAL
+    model = controller_kinematics(str(controller_model), record, urdf) if own else None
     ends = _controller(urdf, record)
     frames_given = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
     counts, controller_arm = pulses_per_degree(pulses), None if model is None else model.arm
@@ -317,10 +322,11 @@ def read_programs(
     if instructions is not None:
         setup = setup._replace(instructions=taught(instructions))
     backup = of_programs(languages.name_of(language), files.files)
-    if backup.accuracy and model is None:
+    if backup.accuracy and controller_model is None:
         raise ProgramError(
-            f"{backup.accuracy}: fake targets would correct it twice; switch that off, or give what the controller "
-            "computes with (--controller-model; the URDF that was calibrated, where it has these numbers)",
+            f"{backup.accuracy}: fake targets would correct it twice; give what the controller computes with "
+            f"(--controller-model), or say --controller-model {NOMINAL} where that is switched off, or the URDF that "
+            "was calibrated has these numbers",
             file=files.files[0],
         )
     notes: list[Note] = []

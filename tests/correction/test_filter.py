@@ -389,8 +389,10 @@ def test_a_backup_in_an_archive_is_corrected_where_its_robot_stands(calibration,
     with pytest.raises(OptionError, match="outside of the backup"):
         correct(calibration, folder, cell=cell)
     (folder / "SYSPAR" / "MOC.cfg").write_text(cfg.replace('ROB_1"', 'ROB_1" -use_robot_calib "r1_calib"'))
-    with pytest.raises(ProgramError, match="correct it twice; switch that off, or give"):
+    with pytest.raises(ProgramError, match="correct it twice; give what the controller computes with"):
         correct(calibration, folder)
+    off = correct(calibration, folder, controller_model="nominal")
+    np.testing.assert_allclose(off.q, found.q, rtol=0, atol=1e-12)
     with pytest.raises(OptionError, match="a zip archive is written of one that was given"):
         correct(calibration, two_modules(tmp_path / "job"), out=tmp_path / "a.zip")
 
