@@ -51,7 +51,7 @@ def solve(model, start, frame, T_universe_goal, steps=200):
 
 
 def plan(calibrated, frame, T_universe_goals):
-    """Commands that bring a frame to each goal.
+    """Commands from the home position that bring a frame to each goal.
 
     Parameters
     ----------
@@ -61,11 +61,13 @@ def plan(calibrated, frame, T_universe_goals):
 
     Returns
     -------
-    ndarray, shape (n, joints)
+    ndarray, shape (n, 2, joints)
+        Start and end.
     """
     start = calibrated.model_from_command(virtual_robot.home(calibrated))[0]
-    found = [solve(calibrated.model, start, frame, goal) for goal in T_universe_goals]
-    return calibrated.command_from_model(found)
+    ends = [solve(calibrated.model, start, frame, goal) for goal in T_universe_goals]
+    # joints lean to the side that they come from: each goal is reached from the home position
+    return np.array([calibrated.command_from_model([start, end], path=True) for end in ends])
 
 
 def main(folder, n=8):
@@ -74,7 +76,7 @@ def main(folder, n=8):
     frame, T_world_goals = virtual_robot.frame_to_place(side), virtual_robot.goals(side, n)
     T_universe_goals = side.in_universe(T_world_goals)
     q = plan(side.model, frame, T_universe_goals)
-    left = side.model.placement(q, frame, "universe")[:, :3, 3] - T_universe_goals[:, :3, 3]
+    left = side.model.placement(q[:, 1], frame, "universe", q[:, 0])[:, :3, 3] - T_universe_goals[:, :3, 3]
     print(f"{n} goals for {frame}; by the calibrated model it ends {np.abs(left).max() / MM:.1e} mm from them")
     if virtual_robot.is_demo(folder):
         return virtual_robot.compare_on_the_simulated_robot(folder, plan, T_world_goals)

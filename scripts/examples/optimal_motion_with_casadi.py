@@ -107,8 +107,8 @@ def motions(calibrated, frame, T_universe_goals):
 
 
 def plan(calibrated, frame, T_universe_goals):
-    """Commands at the end of the motion to each goal, (n, joints)."""
-    return np.array([motion.q[-1] for motion in motions(calibrated, frame, T_universe_goals)])
+    """First and last command of the motion to each goal, (n, 2, joints)."""
+    return np.array([motion.q[[0, -1]] for motion in motions(calibrated, frame, T_universe_goals)])
 
 
 def main(folder, n=8):
@@ -117,7 +117,8 @@ def main(folder, n=8):
     frame, T_world_goals = virtual_robot.frame_to_place(side), virtual_robot.goals(side, n)
     T_universe_goals = side.in_universe(T_world_goals)
     found = motions(side.model, frame, T_universe_goals)
-    left = side.model.placement([m.q[-1] for m in found], frame, "universe")[:, :3, 3] - T_universe_goals[:, :3, 3]
+    ends, starts = ([m.q[k] for m in found] for k in (-1, 0))
+    left = side.model.placement(ends, frame, "universe", starts)[:, :3, 3] - T_universe_goals[:, :3, 3]
     fastest = max(np.abs(m.dq).max() for m in found) / DEG
     hardest = max(np.abs(m.dense().ddq).max() for m in found)
     print(

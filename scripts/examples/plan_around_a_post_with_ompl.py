@@ -105,8 +105,8 @@ def behind_the_post(side, n):
 
 
 def plan(calibrated, frame, T_universe_goals):
-    """Commands at the end of the way to each goal, (n, joints)."""
-    return np.array([commands(calibrated, frame, goal)[0][-1] for goal in T_universe_goals])
+    """The last two commands of the way to each goal, (n, 2, joints)."""
+    return np.array([commands(calibrated, frame, goal)[0][-2:] for goal in T_universe_goals])
 
 
 def main(folder, n=3):

@@ -94,8 +94,8 @@ def motion(calibrated, frame, T_universe_goal):
 
 
 def plan(calibrated, frame, T_universe_goals):
-    """Commands at the end of the motion to each goal, (n, joints)."""
-    return np.array([motion(calibrated, frame, goal)[-1] for goal in T_universe_goals])
+    """First and last command of the motion to each goal, (n, 2, joints)."""
+    return np.array([motion(calibrated, frame, goal)[[0, -1]] for goal in T_universe_goals])
 
 
 def main(folder, n=8):
@@ -104,7 +104,7 @@ def main(folder, n=8):
     frame, T_world_goals = virtual_robot.frame_to_place(side), virtual_robot.goals(side, n)
     T_universe_goals = side.in_universe(T_world_goals)
     paths = np.array([motion(side.model, frame, goal) for goal in T_universe_goals])
-    left = side.model.placement(paths[:, -1], frame, "universe")[:, :3, 3] - T_universe_goals[:, :3, 3]
+    left = side.model.placement(paths[:, -1], frame, "universe", paths[:, 0])[:, :3, 3] - T_universe_goals[:, :3, 3]
     fastest = np.abs(np.diff(paths, axis=1)).max() / STEP / DEG
     print(
         f"{n} motions of {NODES * STEP:g} s for {frame}, at most {fastest:.0f} degrees/s; "

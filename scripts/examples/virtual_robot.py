@@ -51,7 +51,7 @@ def folder_from_command_line(description):
 def make_demo(folder):
     """Calibrate the shipped SIMULATED IRB 1600 into a folder."""
     identification, verification = (robots.demo_file(f"demo_{name}.csv") for name in ("identification", "verification"))
-    irbcal.save(irbcal.calibrate(identification, "irb1600", "34", verify=verification), folder)
+    irbcal.save(irbcal.calibrate(identification, "irb1600", verify=verification), folder)
     return folder
 
 
@@ -91,10 +91,13 @@ def goals(side, n, reach_deg=25.0, seed=1):
     return side.robot.T_world_base @ frames.inverse(side.model.T_universe_base) @ T_universe_frame
 
 
-def really_reached(q, seed=2):
-    """Where the simulated robot really puts the reflector, backlash and all, in the tracker's frame, (n, 3) metres."""
+def really_reached(motions, seed=2):
+    """Where the simulated robot really puts the reflector, backlash and all, in the tracker's frame, (n, 3) metres.
+
+    ``motions`` (n, 2, 6) are the commands before each end, from which the joints come, and those of the end.
+    """
     cell = demonstration_cell().without("noise", "drift", "lost").with_targets([TARGET])
-    return cell.measure(q, run=seed).xyz[:, 0]
+    return cell.measure(motions.reshape(-1, 6), run=seed).xyz[1::2, 0]
 
 
 def compare_on_the_simulated_robot(folder, plan, T_world_goals):
@@ -107,8 +110,8 @@ def compare_on_the_simulated_robot(folder, plan, T_world_goals):
     """
     misses = {}
     for name, side in (("nominal", nominal(folder)), ("calibrated", calibrated(folder))):
-        q = plan(side.model, frame_to_place(side), side.in_universe(T_world_goals))
-        misses[name] = np.linalg.norm(really_reached(q) - T_world_goals[:, :3, 3], axis=1) / MM
+        motions = plan(side.model, frame_to_place(side), side.in_universe(T_world_goals))
+        misses[name] = np.linalg.norm(really_reached(motions) - T_world_goals[:, :3, 3], axis=1) / MM
         print(
             f"SIMULATED robot, planned on the {name} model: the reflector misses its goals by "
             f"{misses[name].mean():.3f} mm on average, {misses[name].max():.3f} mm at most"

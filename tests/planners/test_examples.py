@@ -49,10 +49,10 @@ def test_planned_commands_are_as_good_as_the_calibration_on_the_simulated_robot(
     misses = examples(name).main(demo)
     calibration = irbcal.load(demo)
     heldout, nominal = calibration.record.heldout.all, calibration.record.heldout_nominal.all
-    assert misses["calibrated"].mean() < 1.2 * heldout.mean_mm
+    assert misses["calibrated"].mean() < 2.0 * heldout.mean_mm
     assert misses["calibrated"].max() < heldout.max_mm
     assert misses["nominal"].mean() > 0.7 * nominal.mean_mm
-    assert misses["nominal"].mean() > 3 * misses["calibrated"].mean()
+    assert misses["nominal"].mean() > 8 * misses["calibrated"].mean()
     said = capsys.readouterr().out
     for side in ("nominal", "calibrated"):
         assert f"{misses[side].mean():.3f} mm on average, {misses[side].max():.3f} mm at most" in said
@@ -70,7 +70,7 @@ def test_a_planner_reaches_the_pose_of_a_robot_that_is_known_exactly(examples, n
     q = (home + np.random.default_rng(12).uniform(-25, 25, (3, 6))) * DEG
     goals = robot.poses(q) @ tool["tcp"]
     plan = examples(name).plan
-    reached, missed = (robot.poses(plan(model, "tcp", goals)) @ tool["tcp"] for model in (known, nominal))
+    reached, missed = (robot.poses(plan(model, "tcp", goals)[:, 1]) @ tool["tcp"] for model in (known, nominal))
 
     def misses(T):
         return np.linalg.norm(T[:, :3, 3] - goals[:, :3, 3], axis=1)
@@ -80,10 +80,13 @@ def test_a_planner_reaches_the_pose_of_a_robot_that_is_known_exactly(examples, n
     assert misses(missed).min() > 0.3 * MM
 
 
-def test_the_motion_is_smooth_and_within_limits(examples, demo):
-    """It starts and ends at rest, and each step follows from the one before by a bounded acceleration."""
+def test_the_motion_is_smooth_and_within_limits(examples, demo_calibration):
+    """It starts and ends at rest, and each step follows from the one before by a bounded acceleration.
+
+    With backlash the commands would jump where joints turn back, so the robot is one of level 34.
+    """
     example = examples("reach_a_pose_with_crocoddyl")
-    model = CalibratedModel.load(demo)
+    model = CalibratedModel.load(demo_calibration)
     goal = model.placement(np.radians([[20, 5, -10, 30, 40, -50]]), "target_smr1", "universe")[0]
     q = example.motion(model, "target_smr1", goal)
     assert q.shape == (example.NODES + 1, 6)
