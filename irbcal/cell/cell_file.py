@@ -100,6 +100,11 @@ class FrameInCell(Locked):
     position_only: bool = False
     fixed_tool: bool = False
 
+    def title(self, mount: str) -> str:
+        """What it is, and its name; ``mount`` is ``tool`` on the flange, else ``work_object``."""
+        nouns = (HELD_PART, FIXED_TOOL) if self.fixed_tool else (TOOL, WORK_OBJECT)
+        return f"{nouns[mount != TOOL].replace('_', ' ')} {self.name}"
+
 
 @dataclass(frozen=True, eq=False)
 class Touch(Locked):
@@ -216,8 +221,7 @@ class CellFile(Result):
             away = float(np.linalg.norm(theirs[:3, 3] - one.T_true[:3, 3])) / MM
             turned = float(frames.rotation_distance(theirs[:3, :3], one.T_true[:3, :3])) / DEG
             true, other = (map(float, notation.numbers(frame, T)) for T in (one.T_true, theirs))
-            labels = ("held part", "fixed tool") if one.fixed_tool else ("tool", "object")
-            label = f"{labels[frame != TOOL]} {one.name}"
+            label = one.title(frame).removeprefix("work ")
             rows.append((label, *true, touching[0] / MM, None if one.position_only else touching[1] / DEG, None, None))
             word = "  nominal" if one.T_controller is None else "  controller"
             rows.append((word, *other, None, None, away, None if one.position_only else turned))

@@ -405,10 +405,10 @@ def _cell_frames(cell: CellFile | str | Path | None, opened: Opened) -> tuple[Ce
     known = cell_of(cell, opened.record.fingerprint)
     assert known is not None
     out = []
-    for frame, words, frames_of in ((TOOL, "tool", known.tools), (WORK_OBJECT, "work object", known.work_objects)):
+    for frame, frames_of in ((TOOL, known.tools), (WORK_OBJECT, known.work_objects)):
         for name, one in frames_of.items():
             u95 = known.u95(frame, name, known.covariance)[0] / MM
-            out.append(CellFrame(f"{words} {name} ± {u95:.2f} mm", one.T_true, frame == TOOL))
+            out.append(CellFrame(f"{one.title(frame)} ± {u95:.2f} mm", one.T_true, frame == TOOL))
     return tuple(out)
 
 
