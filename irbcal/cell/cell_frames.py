@@ -449,6 +449,16 @@ def _refuse_too_few(touches: Sequence[Touch], problem: FeatureProblem, source: s
                 "with the tool tilted another way, too",
                 file=source,
             )
+    for kind, name in dict.fromkeys(t.standing for t in touches if t.frame == HELD_PART and t.tool):
+        at_tip = [t for t in touches if t.standing == (kind, name)]
+        if len(at_tip) < LEAST_SIDES and all(t.frame == HELD_PART for t in at_tip):
+            raise MeasurementError(
+                f"fixed tool {name} has no rows of its own, and {len(at_tip)} of parts: bring the tip of a tool to it, "
+                f"or {LEAST_SIDES} points of a part or more",
+                file=source,
+                row=at_tip[0].row,
+                column="tool",
+            )
     for kind, name in dict.fromkeys((t.frame, t.name) for t in touches if t.frame != TOOL):
         of_object = [t for t in touches if (t.frame, t.name) == (kind, name)]
         if not any(map(_shows_axes, of_object)):

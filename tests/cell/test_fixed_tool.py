@@ -185,6 +185,13 @@ def test_touches_that_do_not_show_part_or_tool_are_refused(record, robot):
         cell_frames(record, turned.assign(**{f"q{k}_deg": turned[f"q{k}_deg"].iloc[0] for k in range(1, 7)}))
 
 
+def test_a_fixed_tool_that_is_named_wrongly_once_is_refused(record, robot):
+    table = touches_of(robot)
+    table.loc[table.index[-1], "tool"] = "nozle"
+    with pytest.raises(MeasurementError, match="fixed tool nozle has no rows of its own, and 1 of parts"):
+        cell_frames(record, table)
+
+
 def test_swapped_points_are_named(record, robot):
     """Two points of the part touched in the other order: the touches contradict one another, which is told."""
     table = touches_of(robot)
