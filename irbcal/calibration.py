@@ -16,9 +16,9 @@ from irbcal.identification.term_sets import TypePrior
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
 from irbcal.io.importing import MeasurementFiles
-from irbcal.io.mesh_paths import MeshPaths
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Errors, EvidenceChoice, Record
+from irbcal.io.urdf_xml import MeshPaths
 from irbcal.measurement.cleaning import left_out
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
@@ -234,7 +234,7 @@ class Calibration(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """What ``irbcal calibrate`` prints: the verdict, errors, and what limits them most; see `proof` for all."""
-        from irbcal.reports.limits import limits
+        from irbcal.reports.evidence import limits
 
         r = self.record
         lines = [*self.verdict.report(), self._errors(targets=False), self._identified()]
@@ -496,8 +496,8 @@ def save(
         If a mesh file whose path is asked for is not found.
     """
     from irbcal.atomic import made_folders
-    from irbcal.io import mesh_paths as paths
     from irbcal.io import robots, urdf
+    from irbcal.io import urdf_xml as paths
     from irbcal.options import checked
     from irbcal.reports import report_page
 
@@ -554,7 +554,7 @@ def report(
     """
     from irbcal.atomic import made_folders, write_set
     from irbcal.options import checked
-    from irbcal.reports import report_data, report_page
+    from irbcal.reports import report_page
 
     kind: Literal["png", "svg"] = checked("format", format or "png", FORMATS)
     if format is not None and figures is None:
@@ -570,7 +570,7 @@ def report(
         if figures is not None:
             folders[Path(figures)] |= report_page.figure_files(record, evidence, kind)
         if data is not None:
-            folders[Path(data)] |= report_data.data_files(record, evidence)
+            folders[Path(data)] |= report_page.data_files(record, evidence)
         page = report_page.render(record, evidence, report_page.view_beside(out)).encode("utf-8")
         folders[out] |= calibration_folder.with_page(out, page)
         write_set({folder / name: content for folder, files in folders.items() for name, content in files.items()})

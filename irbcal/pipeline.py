@@ -80,8 +80,7 @@ from irbcal.measurement import features as feature_files
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.columns import TableLike, read_targets
 from irbcal.measurement.features import FeatureSet
-from irbcal.measurement.last_moves import last_moves, with_last_moves
-from irbcal.measurement.motions import motion_of, times_of
+from irbcal.measurement.motions import last_moves, motion_of, times_of, with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses
 from irbcal.measurement.reading_lag import mixed_use

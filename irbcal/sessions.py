@@ -23,7 +23,7 @@ from irbcal.io import robots
 from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
-from irbcal.measurement import cleaning, swapped
+from irbcal.measurement import cleaning
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of, payload_of
 from irbcal.measurement.points import PointSet, distances
@@ -223,7 +223,7 @@ def without_gross_errors(
     gross = outliers.find_gross_errors(arm, points, measurements.source, measurements)
     wrong = np.zeros(points.poses, dtype=bool)
     wrong[points.pose[~gross.keep]] = True
-    swaps = [(p, order) for p, order in swapped.by_robot(gross.robot, points) if wrong[p]]
+    swaps = [(p, order) for p, order in cleaning.by_robot(gross.robot, points) if wrong[p]]
     truth = {(p, k): points.target_names[slot] for p, order in swaps for k, slot in enumerate(order) if slot != k}
     excluded = []
     for k in np.flatnonzero(~gross.keep):
@@ -235,7 +235,7 @@ def without_gross_errors(
             reason = f"swapped: this is {other}, from where the robot expects both"
         target = points.target_names[points.target[k]]
         excluded.append(Exclusion(pose=str(points.pose_ids[points.pose[k]]), target=target, reason=reason))
-    sentences = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
+    sentences = cleaning.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
     if np.count_nonzero(wrong) >= data_entry_errors.FEWEST_ROWS and not sentences:
         lost = data_entry_errors.find_lost_row(arm, points)
         if lost is not None and wrong.mean() > 1.0 - outliers.CORE:

@@ -13,7 +13,7 @@ from irbcal.correction import languages
 from irbcal.correction.moves import JointMove, Moves
 from irbcal.correction.trajectories import write_trajectory
 from irbcal.errors import ProgramError
-from irbcal.examples import makers
+from irbcal.examples import samples as makers
 from irbcal.io import robots, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from support import arm
 
-from irbcal.planning.information import Aim, Candidates
-from irbcal.planning.reflectors import Targets
+from irbcal.planning.conditions import Targets
+from irbcal.planning.optimal_design import Aim, Candidates
 
 PLACES = np.array([[-0.087, 0.087, 0.11], [0.084, 0.084, 0.11], [0.086, -0.086, 0.11]])
 

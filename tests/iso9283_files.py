@@ -6,7 +6,7 @@ import numpy as np
 from support import arm
 
 from irbcal.modeling import frames
-from irbcal.validation.cube import five_poses
+from irbcal.validation.pose_check import five_poses
 
 CYCLES = 12
 

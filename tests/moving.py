@@ -7,7 +7,7 @@ import pytest
 from support import TARGETS, arm, measured
 
 from irbcal.errors import IrbcalError
-from irbcal.measurement.last_moves import last_moves
+from irbcal.measurement.motions import last_moves
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot

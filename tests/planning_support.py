@@ -6,9 +6,8 @@ from support import arm
 from irbcal.io import urdf, urdf_check
 from irbcal.io.robots import robot_file
 from irbcal.modeling.robot import Robot
-from irbcal.planning.conditions import Setting
-from irbcal.planning.reflectors import Targets
-from irbcal.thesis_setup import IRB1600_HEIGHTS
+from irbcal.planning.conditions import Setting, Targets
+from irbcal.simulation.instruments import IRB1600_HEIGHTS
 
 PLACE = np.array([1.55, 1.63, 1.51])
 

@@ -19,7 +19,8 @@ import irbcal
 from irbcal.cell.cell_frames import adjust, read_touches
 from irbcal.cli.main import app
 from irbcal.errors import CalibrationError
-from irbcal.examples import makers, measurements
+from irbcal.examples import measurements
+from irbcal.examples import samples as makers
 from irbcal.examples.measurements import (
     MOVED,
     READING_NOISE_MM,

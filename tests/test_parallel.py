@@ -20,7 +20,7 @@ from irbcal.errors import IrbcalError, OptionError
 from irbcal.identification import problem
 from irbcal.io import robots
 from irbcal.measurement import cleaning
-from irbcal.validation import bootstrap
+from irbcal.validation import accuracy
 
 
 def matrix(shared, item):
@@ -88,7 +88,7 @@ def test_workers_and_threads_of_the_blas_change_no_byte_of_a_calibration(monkeyp
     """Every problem counts as large, and is cut into blocks of 20 poses."""
     monkeypatch.setattr(parallel, "THREADS_PAY", 0.0)
     monkeypatch.setattr(problem, "BLOCK", 20)
-    monkeypatch.setattr(bootstrap, "BLOCK", 20_000)
+    monkeypatch.setattr(accuracy, "BLOCK", 20_000)
     seen = pd.read_csv(robots.demo_file("demo_identification.csv"))
     seen = seen[seen["pose"].isin(seen["pose"].unique()[:40])]
     points = cleaning.clean(irbcal.read_measurements(seen)).points
@@ -97,7 +97,7 @@ def test_workers_and_threads_of_the_blas_change_no_byte_of_a_calibration(monkeyp
     def found(jobs, threads):
         with threadpool_limits(threads), parallel.using(jobs):
             fit = irbcal.identify_evidence(arm, points)
-            intervals = bootstrap.intervals(np.abs(np.sin(np.arange(600))), np.arange(600) // 3)
+            intervals = accuracy.intervals(np.abs(np.sin(np.arange(600))), np.arange(600) // 3)
         return fit.covariance.tobytes(), fit.coefficients.tobytes(), intervals
 
     assert found(1, 1) == found(2, 2)

@@ -8,7 +8,7 @@ from support import example_robot, proven_of
 from irbcal.io import urdf, urdf_check
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances, rotation_distances
-from irbcal.measurement.statistics import statistics
+from irbcal.statistics import statistics
 
 INDEPENDENT_MEAN_MM = {"nominal": 0.826, "11": 0.571, "16": 0.506, "26": 0.498, "34": 0.439}
 """Fit on the first 200 clean poses, verified on the other 296: computed outside this project."""

@@ -9,13 +9,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
-    ("errors", "units", "arrays", "chance", "kernel"),
+    ("errors", "units", "arrays", "kernel", "statistics"),
     (
         "literals",
         "options",
         "summary",
         "terminal",
-        "thesis_setup",
         "atomic",
         "names",
         "overwriting",

@@ -69,8 +69,7 @@ def test_each_room_and_file_with_a_command_is_there():
     for name, command in (
         ("pose_criteria", "iso9283"),
         ("pose_check", "iso9283"),
-        ("cube", "iso9283"),
-        ("path_check", "iso9283"),
+        ("iso9283_check", "iso9283"),
         ("settling", "tracker"),
         ("tracker_check", "tracker"),
         ("ballbar_check", "ballbar"),

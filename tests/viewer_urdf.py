@@ -5,7 +5,7 @@ import struct
 import numpy as np
 
 from irbcal.io import urdf
-from irbcal.viewer import building, links
+from irbcal.viewer import building, shapes
 
 JOINTS = "".join(
     f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
@@ -27,7 +27,7 @@ def mesh(name, more=""):
 
 def looks(visuals, folder, package_dirs=(), extra=""):
     arm = document(visuals, extra)
-    return building.link_meshes(arm, links.links(arm), folder, package_dirs)
+    return building.link_meshes(arm, shapes.links(arm), folder, package_dirs)
 
 
 def write_stl(path, triangles):

@@ -117,14 +117,14 @@ def plan(
 def _made(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tuple[Path, ...]]:
     """A plan and its files; a folder that had to be made for it goes where there is none."""
     from irbcal.atomic import made_folders
-    from irbcal.viewer import plan_page
+    from irbcal.viewer import view
 
     with made_folders(out), show.progress(12, quiet=json) as step:
         step("robot")
         made = public("plan")(**options, progress=step)
         step("files")
         try:
-            page = plan_page.page(made)
+            page = view.plan_page(made)
         except ModuleNotFoundError as error:
             if error.name != "meshcat":
                 raise

@@ -18,7 +18,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
 from irbcal.names import csv_bytes
 from irbcal.simulation import weights
-from irbcal.simulation.device_simulation import simulate_device
+from irbcal.simulation.devices import simulate_device
 from irbcal.simulation.part import reached
 from irbcal.simulation.pose_list import PoseList, numbered, random_list
 from irbcal.simulation.shipped_cells import open_cell, shipped_cell
@@ -26,8 +26,8 @@ from irbcal.simulation.simulation import measurement_table
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.units import DEG, MM
 from irbcal.validation.ballbar_check import CENTER_JOINTS, circle
-from irbcal.validation.cube import POSES as CUBE_POSES
-from irbcal.validation.cube import five_poses
+from irbcal.validation.pose_check import POSES as CUBE_POSES
+from irbcal.validation.pose_check import five_poses
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from irbcal.errors import CalibrationError
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io.calibration_folder import JSON_NAME
-from irbcal.io.mesh_paths import CHOICES, MeshPaths
 from irbcal.io.opening import CalibrationLike
+from irbcal.io.urdf_xml import CHOICES, MeshPaths
 from irbcal.options import checked
 from irbcal.overwriting import refuse_overwriting
 from irbcal.summary import Paragraph, Result, Table

@@ -11,8 +11,7 @@ from irbcal.errors import CalibrationError, RobotError
 from irbcal.exporting import python
 from irbcal.exporting.source import Source
 from irbcal.io import robots, urdf_xml
-from irbcal.io.mesh_paths import MESH_ENDINGS, MeshFolders, MeshProblem
-from irbcal.io.urdf_xml import XmlElement, XmlTree
+from irbcal.io.urdf_xml import MESH_ENDINGS, MeshFolders, MeshProblem, XmlElement, XmlTree
 
 FOLDER = "meshes"
 Convert = Callable[[Path], tuple[str, bytes] | None]

@@ -15,10 +15,10 @@ from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
 from irbcal.exporting.plain import Plain
 from irbcal.io import calibration_folder
-from irbcal.io.mesh_paths import MeshPaths
 from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
+from irbcal.io.urdf_xml import MeshPaths
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
 

@@ -6,7 +6,7 @@ from irbcal.exporting.gathered import beside, urdf_of
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io import joint_origins, robots
-from irbcal.io.mesh_paths import MeshFolders, with_mesh_paths
+from irbcal.io.urdf_xml import MeshFolders, with_mesh_paths
 
 WHAT = "the calibrated URDF with mesh paths of a kind, its joint origins, and the joint map as a Python module"
 NEXT = "check_urdf {folder}/{word}_calibrated.urdf     # its joints are effective joints"

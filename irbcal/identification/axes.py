@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import IdentificationError
-from irbcal.measurement.last_moves import STILL
+from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM

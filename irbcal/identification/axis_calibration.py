@@ -26,7 +26,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.identification.axes import MeasuredAxes, OneAxis, at_zero_joints, measure_axes, one_axis
 from irbcal.identification.choices import Parallel
-from irbcal.measurement.last_moves import STILL
+from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm

@@ -20,7 +20,7 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import table
 from irbcal.measurement.columns import JOINTS
-from irbcal.measurement.imports import dialect
+from irbcal.measurement.imports import tables
 from irbcal.measurement.imports.column_map import Changes, ImportMap, changed, read_map, validated
 from irbcal.measurement.imports.reader import Imported, refuse_sources, understand
 from irbcal.measurement.imports.recognition import recognise
@@ -85,7 +85,7 @@ def import_measurements(
     if out is not None:
         maps = [as_] if isinstance(as_, (str, PathLike)) and Path(as_).is_file() else []
         files = [*sources, *([] if joints is None else [joints]), *maps]
-        refuse_sources(Path(out), [dialect.file_of(path) for path in files])
+        refuse_sources(Path(out), [tables.file_of(path) for path in files])
     if as_ is None:
         imported = recognised(sources, None if robot is None else open_nominal(robot).arm, joints, set_)
     else:

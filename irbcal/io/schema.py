@@ -21,7 +21,6 @@ from irbcal.identification.gear_scan import GearSpectrum
 from irbcal.io import urdf_check
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.points import PointSet, rotation_distances
-from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
@@ -36,6 +35,7 @@ from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import SCHEMA, TermMap
 from irbcal.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
+from irbcal.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 

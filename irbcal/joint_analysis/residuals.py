@@ -178,7 +178,7 @@ def analyse_residuals(
         Nominal.
     points : PointSet
     step : ndarray, shape (n, joints)
-        Of `irbcal.measurement.last_moves.last_moves`, for the poses of ``points``.
+        Of `irbcal.measurement.motions.last_moves`, for the poses of ``points``.
     joint : int, optional
         Only this joint, counted from 1; the others are fitted beside it all the same.
     order : int

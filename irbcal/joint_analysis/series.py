@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, plain
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
-from irbcal.measurement.last_moves import STILL
+from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap

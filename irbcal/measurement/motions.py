@@ -1,18 +1,25 @@
-"""How the arm came to each measured pose: what terms of an error model are functions of."""
+"""How the arm came to each measured pose: the stop before, the last move of each joint, what error terms depend on.
+
+They follow from the order of a file, unless the errors show that the robot went in another order.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import repeats
 from irbcal.measurement.columns import PAYLOAD_CENTRE
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet, shared_table
+from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
+from irbcal.units import DEG, MM
 
 
 def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
@@ -144,3 +151,138 @@ def usual_place(load: FloatArray, centre: FloatArray | None, usual_kg: float | N
     usual = np.flatnonzero((load == usual_kg) & (load > 0.0))
     x, y, z = centre[usual[-1] if len(usual) else int(np.argmax(load))].tolist()
     return x, y, z
+
+
+STILL = 2e-3 * DEG
+"""Largest change of a joint, whole turns aside, that still counts as standing still."""
+SURE = 2.0
+"""Standard deviations by which the share of the last moves' effects that errors show must lie below one half."""
+
+
+def last_moves(q: ArrayLike, groups: NameArray | None = None) -> FloatArray:
+    """Last move of each joint before each pose.
+
+    A joint that stands still keeps its last move: it still leans to the side it came from. The first pose and the first
+    pose of each group follow a move that the file does not tell.
+
+    Parameters
+    ----------
+    q : array_like, shape (n, joints)
+        Joints in the order in which the robot visited them, radians.
+    groups : ndarray of str, shape (n,), optional
+
+    Returns
+    -------
+    ndarray, shape (n, joints)
+        Radians, NaN where unknown.
+    """
+    q = np.asarray(q, dtype=float)
+    change = np.vstack([np.full((min(len(q), 1), q.shape[1]), np.nan), np.diff(q, axis=0)])
+    if groups is not None and len(q):
+        change[np.r_[True, groups[1:] != groups[:-1]]] = np.nan
+    moves_seen = ~(np.abs(change) <= STILL)
+    last = np.maximum.accumulate(np.where(moves_seen, np.arange(len(q))[:, None], 0), axis=0)
+    return np.take_along_axis(change, last, axis=0)
+
+
+def previous_stops(q: FloatArray, pose: IntArray, groups: NameArray) -> FloatArray:
+    """The stop before each pose, from the order of a file's rows.
+
+    Where the robot stands still from one pose to the next (`STILL`), the next one is a repeat: it has the stop before
+    of the first, because its joints still lean to the side they came from.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n, joints)
+        Joints of each pose, radians (metres for prismatic joints).
+    pose : ndarray of int, shape (rows,)
+        Pose of each row, in the order of the file.
+    groups : ndarray of str, shape (rows,)
+        Group of each row.
+
+    Returns
+    -------
+    ndarray, shape (n, joints)
+        NaN rows where it is not known: for the first pose of the file and of each stretch of a group, and for poses
+        that stand in several places of the file behind different poses.
+    """
+    first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])  # of each stretch of rows of one pose
+    stops, stop_groups = pose[first], groups[first]
+    previous = np.full((len(stops), q.shape[1]), np.nan)
+    same_group = np.r_[False, stop_groups[1:] == stop_groups[:-1]]
+    previous[same_group] = q[stops[np.flatnonzero(same_group) - 1]]
+    repeat = same_group & (np.abs(previous - q[stops]) <= STILL).all(axis=1)
+    previous = previous[np.maximum.accumulate(np.where(repeat, 0, np.arange(len(stops))))]
+    out = np.full(q.shape, np.nan)
+    out[stops[::-1]] = previous[::-1]  # the first stretch of each pose
+    unlike = (previous != out[stops]).any(axis=1)
+    out[stops[unlike]] = np.nan
+    return out
+
+
+def shown_share(robot: Robot, points: PointSet) -> tuple[float, float]:
+    """How much of what a robot's joint map says of the last moves the measured points show.
+
+    One where the stops before are right: the regression of the errors at unknown last moves on the difference that the
+    moves make. Below one half, the moves make the errors larger. A shuffled file of poses all over the workspace still
+    shows about one half: a joint far to one side mostly comes from the other.
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+        Not those of its fit.
+
+    Returns
+    -------
+    share, std : float
+        The standard deviation is that of independent poses; infinite where the moves make no difference.
+    """
+    without = replace(points, previous=None).predicted(robot)
+    d = points.predicted(robot) - without
+    e = points.xyz - without
+    size = float(np.sum(d * d))
+    if not size > 0.0:
+        return 0.0, np.inf
+    share = float(np.sum(d * e)) / size
+    residual = np.bincount(points.pose, np.sum(d * (e - share * d), axis=1), points.poses)
+    return share, float(np.linalg.norm(residual)) / size
+
+
+def with_last_moves(robot: Robot, points: PointSet) -> tuple[PointSet, list[str]]:
+    """Points with their stops before, unless the errors contradict the order of the file; and a note.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    points : PointSet
+        Not those of its fit.
+
+    Returns
+    -------
+    points : PointSet
+        Without stops before where the order of the file is not that of the robot's way.
+    notes : list of str
+        Nothing where the robot's joint map does not depend on last moves.
+    """
+    if not robot.joint_map.has_history or not len(points):
+        return points, []
+    count = points.known_moves
+    if not count:
+        return points, [
+            "The calibration knows what the last move of each joint changes, but the moves before these poses are "
+            "not known: errors are those of unknown last moves."
+        ]
+    share, std = shown_share(robot, points)
+    without = replace(points, previous=None)
+    if share + SURE * std < 0.5:
+        return without, [
+            "The order of the file is not the order of measuring: the errors show "
+            f"{share:.0%} of what the last moves by the file's order would change. Last moves are taken as unknown."
+        ]
+    means = [np.linalg.norm(p.xyz - p.predicted(robot), axis=1).mean() / MM for p in (points, without)]
+    return points, [
+        f"The order of the file tells the last move before {count} of {points.poses} poses, and the calibrated robot's "
+        f"errors are those with it: {means[0]:.3f} mm mean; with last moves unknown it would be {means[1]:.3f} mm."
+    ]

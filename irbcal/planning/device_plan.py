@@ -1,35 +1,57 @@
-"""Poses for a device in place of a tracker: free to be touched or read, the best of many; ``irbcal plan --device``.
+"""Poses for a device in place of a tracker, and what each device would leave of a robot's position error.
+
+The error model comes with its natural sizes as prior: the geometry alone, or also what model ``auto`` fits beside it
+(gain, gravity, harmonics). Tool and features have next to none. In the terms of `irbcal.planning.information`, so that
+`irbcal.planning.exchange` chooses among poses at features as it does among poses that a tracker sees.
 
 Best are those that leave the least predicted error of positions over the whole range, chosen by the exchange that
 chooses tracker poses (`irbcal.planning.exchange`), for a robot whose joints err beyond its geometry
 (`irbcal.planning.device_information`).
+
+A calculation, no measurement (``irbcal plan --compare-devices``): the arm is uncertain by its natural sizes, each
+device shows what its rows show with its noise, and the rest stays as it was. Twice: as if the geometry were all, and
+with what model ``auto`` fits beside it (gain, gravity, harmonics of the joints).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import pandas as pd
 
 from irbcal import atomic
-from irbcal.arrays import FloatArray, IntArray, Locked
-from irbcal.errors import MeasurementError
-from irbcal.io.opening import RobotLike
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.errors import IdentificationError, MeasurementError
+from irbcal.identification import term_sets
+from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, Key
+from irbcal.identification.observation_kind import cross, vectors, with_third
+from irbcal.io.opening import RobotLike, open_robot
+from irbcal.measurement import features
+from irbcal.measurement.features import FeatureSet
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+from irbcal.modeling.terms.harmonics import order
+from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.names import csv_bytes
 from irbcal.options import MOST_POSES, checked, number
 from irbcal.options import seed as check_seed
-from irbcal.planning.device_information import DeviceModel, Rated
-from irbcal.planning.exchange import Chosen, DesignComparison, compare, exchange
-from irbcal.planning.information import Candidates
+from irbcal.planning.conditions import Setting, counted
+from irbcal.planning.optimal_design import WAVES, Aim, Candidates, Chosen, DesignComparison, compare, exchange
 from irbcal.planning.route import shortest_order
 from irbcal.planning.scene import Scene, open_scene
-from irbcal.simulation.devices import DEVICES, Device, Placed, drawn, placed, rows_table
-from irbcal.summary import Paragraph, Result
+from irbcal.simulation import devices
+from irbcal.simulation.devices import BALL, DEVICES, Device, Placed, drawn, placed, reach_of, rows_table, values
+from irbcal.simulation.devices import poses as device_poses
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -37,18 +59,128 @@ if TYPE_CHECKING:
 
     from irbcal.planning.choosing import Step
     from irbcal.planning.collisions import CollisionModel
-from typing import TYPE_CHECKING
 
-from irbcal.arrays import BoolArray
-from irbcal.identification.observation_kind import vectors, with_third
-from irbcal.modeling import frames
-from irbcal.modeling.terms import chain
-from irbcal.planning.conditions import Setting, counted
-from irbcal.simulation import devices
-from irbcal.simulation.devices import BALL, reach_of
 
-if TYPE_CHECKING:
-    from irbcal.planning.collisions import CollisionModel
+SAMPLES = 300
+"""Random poses on which the error that is left counts."""
+
+FREE = 1e3
+"""Tool and features: so many millimetres and milliradians, one standard deviation of what is known before."""
+
+BESIDE = ("gain", "gravity", "harmonics")
+"""Families beside the geometry in the wider model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rated(Locked):
+    """Poses as `irbcal.planning.optimal_design` takes them.
+
+    Attributes
+    ----------
+    poses : Candidates
+    aim : Aim
+        Mean squared error of positions over the whole range, m^2; known lengths are given.
+    """
+
+    poses: Candidates
+    aim: Aim
+
+    def left(self, rows: IntArray | None = None) -> float:
+        """Root mean square error of positions that some poses (all unless given) leave, metres."""
+        those = slice(None) if rows is None else rows
+        return float(np.sqrt(self.aim.value(self.poses.rows[those], self.poses.errors[those])))
+
+
+class DeviceModel:
+    """An arm with what is not known of it, and positions on which errors count.
+
+    Parameters
+    ----------
+    arm : Arm
+    seed : int
+        Of random poses.
+    wide : bool
+        With gain, gravity and harmonics up to `irbcal.planning.optimal_design.WAVES` beside the geometry.
+    prior : float, optional
+        Root mean square position error from the geometry before anything is measured, metres; as its natural sizes
+        make it unless given.
+
+    Attributes
+    ----------
+    geometry, before : float
+        Root mean square position errors before anything is measured, from the geometry and from all, metres; how the
+        arm stands does not count.
+    """
+
+    def __init__(self, arm: Arm, seed: int = 0, wide: bool = False, prior: float | None = None) -> None:
+        self.arm, self.seed = arm, seed
+        self.terms = _wide(arm) if wide else GEOMETRY.terms(arm)
+        constant = np.array([term.family == "geometry" for term in self.terms], dtype=bool)
+        self.sizes: FloatArray = np.array([term.size for term in self.terms])
+        natural = self._spread()
+        share = np.diagonal(natural)[3:]
+        self.geometry = float(np.sqrt(share[constant].sum()))
+        factor = np.where(constant, 1.0 if prior is None else prior / self.geometry, 1.0)
+        self.sizes = self.sizes * factor
+        self.G = natural * np.outer(np.r_[np.ones(3), factor], np.r_[np.ones(3), factor])
+        self.geometry *= float(factor[constant][0])
+        self.before = float(np.sqrt(np.trace(self.G[3:, 3:])))
+
+    def _spread(self) -> FloatArray:
+        """Mean products of what the tool's place and the terms, each in its size, do to positions, m^2."""
+        q = self.arm.random_joints(SAMPLES, self.seed + 7)
+        path = chain.walk(self.arm, q)
+        p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], np.array(BALL))
+        J = np.zeros((3 + len(self.terms), 3, SAMPLES))
+        J[:3] = path.tip[:3] * FREE * MM
+        values = basis_values(self.terms, Situation(self.arm, Motion(q)))
+        J[3:] = term_columns(self.terms, path, values, p) * self.sizes[:, None, None]
+        B = np.concatenate([-cross(p.T), np.broadcast_to(np.eye(3), (SAMPLES, 3, 3))], axis=2).reshape(-1, 6)
+        across = J.transpose(0, 2, 1).reshape(len(J), -1)
+        across = across - (across @ B) @ np.linalg.pinv(B)
+        return np.asarray(across @ across.T / SAMPLES)
+
+    def tracked(self, count: int, noise: float) -> Rated:
+        """Random poses that a tracker sees, its frame being the base link's."""
+        q = self.arm.random_joints(count, self.seed)
+        T = self.arm.forward(q)
+        xyz = (T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)) / MM
+        table = pd.DataFrame(self.arm.to_controller(q) / self.arm.joint_units, columns=self.arm.joint_columns)
+        table = table.assign(pose=np.arange(count), x_mm=xyz[:, 0], y_mm=xyz[:, 1], z_mm=xyz[:, 2], feature="")
+        return self._rated(features.read(table, None, self.arm), {}, noise)
+
+    def at(self, found: Placed, q: FloatArray, which: IntArray, noise: float) -> Rated:
+        """Poses (n, joints) at a device's features (n,)."""
+        table = rows_table(self.arm, found, q, which, values(self.arm, found, q, which))
+        return self._rated(features.read(table, found.table(), self.arm), found.unknowns(), noise)
+
+    def _rated(self, seen: FeatureSet, unknowns: Mapping[Key, FloatArray], noise: float) -> Rated:
+        seen = replace(seen, u95=np.full(len(seen), 1.96 * noise))
+        problem = FeatureProblem(self.arm, seen, self.terms)
+        target = str(seen.target[0])
+        state = FeatureState({**unknowns, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))
+        blocks = list(problem.dense(state))
+        J = np.concatenate([block.J for block in blocks], axis=1)
+        row = np.concatenate([block.row for block in blocks])
+        natural = problem.sizes[problem.flat :]
+        J = J * (np.r_[np.full(problem.flat, FREE), self.sizes / natural] * MM / noise)[:, None]
+        size = max(group.kind.size for group in problem.groups)
+        order_of = np.argsort(row[row >= 0], kind="stable")
+        rows = J[:, row >= 0][:, order_of].reshape(len(J), len(seen), size).transpose(1, 2, 0)
+        G = np.zeros((len(J), len(J)))
+        at = problem.layout[TOOL, target][1]
+        columns = np.r_[at : at + 3, problem.flat : len(J)]
+        G[np.ix_(columns, columns)] = self.G
+        nuisance = J[:, row < 0]
+        aim = Aim(problem.flat, G, np.zeros((len(J), 0)), 0.0, (nuisance @ nuisance.T, 0.0))
+        return Rated(Candidates.without_errors(rows), aim)
+
+
+def _wide(arm: Arm) -> list[Term]:
+    """Geometry and what model ``auto`` fits beside it, harmonics as high as they are imagined for tracker plans."""
+    terms = term_sets.superset(arm, term_sets.JOINT_MAP, False, None, [])
+    terms = [term for term in terms if term.family == "geometry" or term.family in BESIDE]
+    return [term for term in terms if term.family != "harmonics" or order(term) <= WAVES]
 
 
 STAND, BELOW = 40.0 * MM, 60.0 * MM
@@ -500,3 +632,157 @@ def _in_order(scene: Scene, q: FloatArray, which: IntArray, rows: IntArray) -> I
         rows_of_feature = rows_of_feature[shortest_order(q[rows_of_feature], start, scene.joint_speed)[0]]
         out, start = np.append(out, rows_of_feature), q[rows_of_feature[-1]]
     return out
+
+
+POSES = (25, 50, 100)
+"""Numbers of poses that are compared."""
+
+TRACKER, TRACKER_NOISE = "tracker", 0.03 * MM
+
+
+@dataclass(frozen=True)
+class RemainingError:
+    """What one device leaves.
+
+    Attributes
+    ----------
+    device, words : str
+    poses : int
+    noise, left, left_with_joints : float
+        Standard deviation of a coordinate, and root mean square error of positions that is left where the geometry is
+        all that errs, and where the joints err beyond it, metres.
+    """
+
+    device: str
+    words: str
+    poses: int
+    noise: float
+    left: float
+    left_with_joints: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DeviceComparison(Result):
+    """What devices leave of a robot's position error.
+
+    Attributes
+    ----------
+    robot : str
+    before, before_with_joints : float
+        Root mean square error without any, from the geometry and with the joints' errors beyond it, metres.
+    rows : tuple of RemainingError
+        Best first, by the largest number of poses.
+    missing : tuple of str
+        Devices that the arm does not reach, in sentences.
+    """
+
+    robot: str
+    before: float
+    before_with_joints: float
+    rows: tuple[RemainingError, ...]
+    missing: tuple[str, ...] = ()
+
+    def report(self) -> Sequence[Paragraph]:
+        """A row for each device, a column for each number of poses."""
+        counts = sorted({row.poses for row in self.rows})
+        devices = list(dict.fromkeys((row.device, row.words, row.noise) for row in self.rows))
+        remaining = {(row.device, row.poses): row.left / MM for row in self.rows}
+        last = {row.device: row.left_with_joints / MM for row in self.rows if row.poses == counts[-1]}
+        cells = tuple(
+            (device, label, noise / MM, *(remaining.get((device, count)) for count in counts), last.get(device))
+            for device, label, noise in devices
+        )
+        unmeasured = (
+            "before",
+            "no measurement",
+            None,
+            *(self.before / MM for _ in counts),
+            self.before_with_joints / MM,
+        )
+        columns = ("device", "what it is", "noise", *(f"{count} poses" for count in counts), f"{counts[-1]}, joints")
+        return [
+            f"{self.robot}: position error before calibration {self.before / MM:.2f} mm from the geometry, "
+            f"{self.before_with_joints / MM:.2f} mm with what joints err beyond it (root mean square over the whole "
+            "range; gain, gravity and harmonics in their natural sizes)",
+            Table("Predicted position error that each device leaves, mm", columns, (unmeasured, *cells)),
+            f"Columns with poses alone: as if the geometry were all that errs. {counts[-1]}, joints: the joints err "
+            "beyond it, as those of real robots do; a device that keeps the arm in one place does not tell them all.",
+            "Calculated, not measured: what no error model describes is not in it, and remains.",
+            *(f"Note: {text}" for text in self.missing),
+        ]
+
+    CONTENT = "robot before_mm before_with_joints_mm devices=to_frame notes=missing"
+    ROWS, COLUMNS = "rows", "device words poses noise_mm left_mm left_with_joints_mm"
+
+
+def compare_devices(
+    robot: RobotLike,
+    poses: Sequence[int] = POSES,
+    *,
+    noise: float | None = None,
+    prior: float | None = None,
+    seed: int = 0,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    coupling: str | None = None,
+    progress: Step | None = None,
+) -> DeviceComparison:
+    """Predict the position error that a tracker and each device in its place would leave.
+
+    Parameters
+    ----------
+    robot : str, Path or calibration
+    poses : sequence of int
+        Numbers of poses to compare.
+    noise : float, optional
+        Standard deviation of a coordinate for all devices, metres; what is plausible for each unless given.
+    prior : float, optional
+        Root mean square position error from the geometry before any measurement, metres; what its natural sizes make
+        unless given. Sizes of the joints' errors stay.
+    seed : int
+        Of the random poses.
+    base_link, tip_link, coupling
+        See `irbcal.read_urdf`.
+    progress : callable, optional
+        Called with a text at the beginning of each step.
+
+    Raises
+    ------
+    OptionError
+        If an option makes no sense.
+
+    Examples
+    --------
+    >>> print(compare_devices("irb1600"))  # doctest: +SKIP
+    """
+    check_seed(seed)
+    counts = sorted({number("poses", count, 5, 100_000, whole=True) for count in poses})
+    arm = open_robot(robot, base_link=base_link, tip_link=tip_link, coupling=coupling).robot.arm
+    say: Callable[[str], object] = progress or (lambda text: None)
+    size = None if prior is None else number("prior", prior, 1e-6, 0.1)
+    models = [DeviceModel(arm, seed, wide, size) for wide in (False, True)]
+    rows: list[RemainingError] = []
+    missing: list[str] = []
+    for name in (TRACKER, *DEVICES):
+        say(name)
+        for count in counts:
+            spread = TRACKER_NOISE if name == TRACKER else DEVICES[name].noise
+            spread = spread if noise is None else number("noise", noise, 1e-7, 0.01)
+            try:
+                errors = [_left(model, name, count, spread) for model in models]
+            except IdentificationError as error:
+                missing.append(str(error))
+                continue
+            label = "laser tracker, one reflector" if name == TRACKER else DEVICES[name].words
+            rows.append(RemainingError(name, label, count, spread, *errors))
+    with_joints = {row.device: row.left_with_joints for row in rows}
+    rows.sort(key=lambda row: with_joints[row.device])
+    return DeviceComparison(arm.name, models[0].before, models[1].before, tuple(rows), tuple(missing))
+
+
+def _left(model: DeviceModel, name: str, count: int, noise: float) -> float:
+    """What random poses leave."""
+    if name == TRACKER:
+        return model.tracked(count, noise).left()
+    features = placed(model.arm, DEVICES[name])
+    return model.at(features, *device_poses(model.arm, features, count, model.seed), noise).left()

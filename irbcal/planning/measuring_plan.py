@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,44 +14,343 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import atomic
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.correction import languages
+from irbcal.correction.moves import JointMove, Moves
+from irbcal.errors import MeasurementError, OptionError, ProgramError
+from irbcal.identification.least_squares import HELD, ROUNDING, TIED, information_of
 from irbcal.io.opening import RobotLike
-from irbcal.modeling.home import home_joints
+from irbcal.measurement.columns import joint_columns
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import DECIMALS, home_joints
 from irbcal.modeling.parameters import default_level
+from irbcal.names import csv_bytes
 from irbcal.options import number, pulses_per_degree
-from irbcal.planning import choosing
-from irbcal.planning.choosing import MOST_REFLECTORS, Step
-from irbcal.planning.information import IMAGINED_SIZE, NOISE, Model
-from irbcal.planning.planned_poses import PlannedPoses, predict, stops
-from irbcal.planning.program import language_of
-from irbcal.planning.reflectors import TargetsLike
+from irbcal.planning import choosing, route
+from irbcal.planning.choosing import (
+    FEW,
+    MANY,
+    MOST_REFLECTORS,
+    READINGS_S,
+    Poses,
+    Region,
+    Step,
+    Tally,
+    Wish,
+    axis_moves,
+    first_seen,
+    in_cube,
+    random_poses,
+)
+from irbcal.planning.conditions import CONDITIONS, TargetsLike
+from irbcal.planning.optimal_design import IMAGINED_SIZE, NOISE, DesignComparison, Model
 from irbcal.planning.scene import Scene, open_scene
-from irbcal.planning.sources import FEW, MANY, Poses, Region, Tally, axis_moves, first_seen, in_cube, random_poses
-from irbcal.planning.wish import Wish
-from irbcal.simulation.tracker import ACCEPTANCE
+from irbcal.simulation.instruments import ACCEPTANCE, FRONT
 from irbcal.simulation.virtual_cell import WAIT_S
 from irbcal.summary import Paragraph, Result, Table
-from irbcal.units import DEG
+from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 if TYPE_CHECKING:
     import pandas as pd
-import json
-from collections import Counter
-from typing import TYPE_CHECKING
 
-from irbcal.arrays import FloatArray
-from irbcal.measurement.columns import joint_columns
-from irbcal.modeling.home import DECIMALS
-from irbcal.names import csv_bytes
-from irbcal.planning import program
-from irbcal.planning.conditions import CONDITIONS
-from irbcal.planning.exchange import DesignComparison
-from irbcal.planning.wish import READINGS_S
-from irbcal.thesis_setup import FRONT
-from irbcal.units import MM
 
-if TYPE_CHECKING:
-    import pandas as pd
+@dataclass(frozen=True)
+class Predicted:
+    """Predicted standard deviation of one error parameter.
+
+    Attributes
+    ----------
+    name, unit : str
+    std : float or None
+        In the unit of the surface; None where the poses do not show the parameter by itself.
+    state : str
+        ``identified``, ``tied`` or ``held``, as in a calibration.
+    """
+
+    name: str
+    unit: str
+    std: float | None
+    state: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanPrediction(Locked):
+    """What a plan promises, from the noise of the points alone: errors that no model describes are not in it.
+
+    Attributes
+    ----------
+    model : Model
+        With the reflectors that the plan measures.
+    parameters : tuple of Predicted
+    covariance : ndarray, shape (unknowns, unknowns)
+        Of base, targets and error parameters, SI units; held combinations add nothing.
+    """
+
+    model: Model
+    parameters: tuple[Predicted, ...]
+    covariance: FloatArray
+
+    def __repr__(self) -> str:
+        single = sum(parameter.state == "identified" for parameter in self.parameters)
+        return f"<Prediction: {single} of {len(self.parameters)} parameters identified by themselves>"
+
+    def position_std(self, q: FloatArray, target: str) -> FloatArray:
+        """Standard deviations of a reflector's predicted positions: root of the summed variances of x, y and z.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n, joints)
+        target : str
+            One that the plan measures.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Metres.
+        """
+        index = self.model.targets.names.index(target)
+        problem, state = self.model.problem(q, self.model.one(len(q), index))
+        J = problem.jacobian(state)
+        return np.sqrt(np.sum((J @ self.covariance) * J, axis=1).reshape(-1, 3).sum(axis=1))
+
+
+def predict(model: Model, q: FloatArray, visible: BoolArray) -> PlanPrediction:
+    """Standard deviations that a plan promises.
+
+    Parameters
+    ----------
+    model : Model
+    q : ndarray, shape (n, joints)
+    visible : ndarray of bool, shape (n, k)
+        Reflectors measured in each pose; those that no pose has are left out.
+
+    Raises
+    ------
+    IdentificationError
+        If the poses cannot determine base and targets, or are too few.
+    """
+    model, visible = model.measuring(visible)
+    problem, state = model.problem(q, visible)
+    H, _, _ = problem.normal_equations(state)
+    information = information_of(problem, H, model.noise**2)
+    solid = information.eigenvalues > ROUNDING * information.eigenvalues.max(initial=0.0)
+    information = replace(information, sigma=model.noise, seen=solid & (information.eigenvalues > model.noise**2))
+    covariance = information.covariance()
+    std = np.sqrt(np.diag(covariance)[problem.outer :])
+    out: list[Predicted] = []
+    for parameter, value, share in zip(model.parameters, std, information.held_fraction(), strict=True):
+        unit, factor = UNIT_OUTSIDE[parameter.unit]
+        name = "held" if share > HELD else "tied" if share > TIED else "identified"
+        out.append(Predicted(parameter.name, unit, float(value / factor) if name == "identified" else None, name))
+    return PlanPrediction(model, tuple(out), covariance)
+
+
+def stops(
+    scene: Scene, wish: Wish, q: FloatArray, measured: BoolArray, start: FloatArray, over_home: BoolArray
+) -> FloatArray:
+    """When the robot stands still in each pose, seconds from the start, shape (n,).
+
+    Moves are as quick as the slowest joint, or as the tip (Nubiola 2011, section 7.1: 500 mm/s, four seconds of rest).
+    """
+    q_before = np.concatenate([start[None], q[:-1]])
+    home = np.broadcast_to(start, q.shape)
+    direct = move_times(scene, wish, q_before, q)
+    around = move_times(scene, wish, q_before, home) + move_times(scene, wish, home, q)
+    hold = wish.hold_s(measured)
+    times: FloatArray = np.cumsum(np.where(over_home, around, direct) + np.concatenate([[0.0], hold[:-1]]))
+    return times
+
+
+def move_times(scene: Scene, wish: Wish, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+    """Seconds of each move, shape (m,)."""
+    q_between, starts = route.between(q_from, q_to, scene.setting.arm.table.prismatic)
+    tip = scene.setting.places(q_between)[0]
+    pieces = np.append(np.linalg.norm(np.diff(tip, axis=0), axis=1), 0.0)
+    pieces[starts[1:] - 1] = 0.0
+    by_joint = route.move_times(q_from, q_to, scene.joint_speed)
+    return np.maximum(by_joint, np.add.reduceat(pieces, starts) / wish.speed)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlannedPoses(Locked):
+    """Poses to measure, in their order, and what they promise.
+
+    Attributes
+    ----------
+    scene : Scene
+    wish : Wish
+    q : ndarray, shape (n, joints)
+        Commanded joints in the order of the run, radians (metres for prismatic joints).
+    asked : ndarray of bool, shape (n, k)
+        Reflectors measured in each pose.
+    groups : ndarray of str, shape (n,)
+    over_home : ndarray of bool, shape (n,)
+        Poses to which the robot goes over its home joints, for the direct way is not free.
+    tallies : dict of str to Tally
+        Of each source of poses.
+    prediction : PlanPrediction
+    position_std : dict of str to ndarray
+        Standard deviations of the first measured reflector's predicted position in ``cube`` and ``range``, metres.
+    stops : ndarray, shape (n,)
+        When the robot stands still in each pose, seconds from the start.
+    comparison : DesignComparison or None
+        Of optimal poses with random ones.
+    notes : tuple of str
+    """
+
+    scene: Scene
+    wish: Wish
+    q: FloatArray
+    asked: BoolArray
+    groups: NameArray
+    over_home: BoolArray
+    tallies: dict[str, Tally]
+    prediction: PlanPrediction
+    position_std: dict[str, FloatArray]
+    stops: FloatArray
+    comparison: DesignComparison | None
+    notes: tuple[str, ...]
+
+    @property
+    def hold_s(self) -> FloatArray:
+        """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
+        return self.wish.hold_s(self.asked)
+
+    @property
+    def duration_s(self) -> float:
+        """Of the whole run, an estimate."""
+        return float(self.stops[-1] + self.hold_s[-1])
+
+    def expected(self) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Pose and reflector of each measurement, its place in the frame of the expected coordinates, and its time.
+
+        Returns
+        -------
+        pose, target : ndarray of int, shape (m,)
+        xyz : ndarray, shape (m, 3)
+            Metres.
+        time_s : ndarray, shape (m,)
+        """
+        pose, target = np.nonzero(self.asked)
+        _, points, _ = self.scene.setting.places(self.q)
+        number = (np.cumsum(self.asked, axis=1) - 1)[pose, target]
+        time = self.stops[pose] + self.wish.wait_s + READINGS_S * number
+        return pose, target, frames.apply(self.scene.T_world_base, points[pose, target]), time
+
+
+QUICKEST = 0.5
+"""Largest share of the joints' speeds: the arm carries reflectors."""
+FIRST = 0.1
+"""Share of the first move, which begins wherever the arm stands."""
+
+
+def language_of(arm: Arm, wish: Wish) -> tuple[str, str]:
+    """The language of the plan's program by its short name, and why there is none.
+
+    Returns
+    -------
+    name, note : str
+        One of them is empty, or both where tables were asked for.
+
+    Raises
+    ------
+    OptionError
+        If the wish names a language that is not known, or that cannot serve the arm.
+    """
+    known_languages = languages.by_name()
+    if wish.language is not None:
+        if wish.language not in known_languages:
+            raise OptionError.unknown("language", wish.language, tuple(known_languages))
+        fault = _fault(arm, known_languages[wish.language], wish)
+        if fault:
+            raise OptionError(f"language: {fault}", parameter="language")
+        return ("" if wish.language == "csv" else wish.language), ""
+    found = languages.of_robot(arm.name)
+    if found is None:
+        reason = "the name of the robot does not tell its maker" if arm.six_revolute else "it is not a six-axis arm"
+        return "", f"no robot program was written, because {reason}: the joints are in poses.csv" + (
+            "; --language names a language" if arm.six_revolute else ""
+        )
+    fault = _fault(arm, found, wish)
+    name = next(name for name, language in known_languages.items() if language is found)
+    return ("", f"no robot program was written: {fault}") if fault else (name, "")
+
+
+def _fault(arm: Arm, language: languages.Language, wish: Wish) -> str:
+    """Why a language cannot serve an arm; empty where it can."""
+    if language.NAME == "CSV":
+        return ""
+    if language.write_moves is None:
+        return f"{language.NAME} has no moves to write"
+    if not arm.six_revolute:
+        return f"{language.NAME} programs are of six revolute joints, {arm.name} has others"
+    if language.MAKER is not None and language.MAKER.pulses and not wish.pulses:
+        return f"{language.NAME} holds pulses: give the pulses per degree of the six joints (--pulses)"
+    try:
+        if language.MAKER is not None:
+            language.MAKER.check(arm, arm.name)
+    except ProgramError as error:
+        return str(error)
+    return ""
+
+
+def program_files(planned: PlannedPoses) -> dict[str, bytes]:
+    """The files of a plan's program: joint moves, and a rest in each pose for the wait and the readings.
+
+    Returns
+    -------
+    dict of str to bytes
+        None where the arm has no program.
+
+    Raises
+    ------
+    ProgramError
+        If what was written does not hold the plan's joints.
+    """
+    name, _ = language_of(planned.scene.setting.arm, planned.wish)
+    return languages.write(languages.by_name()[name], moves(planned)) if name else {}
+
+
+def moves(planned: PlannedPoses) -> Moves:
+    """The moves of a plan: from home through all poses, over home where the direct way is not free, and back."""
+    arm, wish = planned.scene.setting.arm, planned.wish
+    home = home_joints(arm)
+    stops = [([home] if over else []) + [q] for q, over in zip(planned.q, planned.over_home, strict=True)]
+    q = np.array([home, *chain.from_iterable(stops), home])
+    names = np.array(planned.scene.setting.targets.names, dtype=object)
+    comments, waits = [""], [0.0]
+    rows = zip(planned.groups, planned.asked, planned.hold_s, stops, strict=True)
+    for row_number, (group, measured, hold, through) in enumerate(rows, start=1):
+        comments += [f"pose {row_number}, {group}: {' '.join(names[measured])}", *[""] * (len(through) - 1)]
+        waits += [*[0.0] * (len(through) - 1), float(hold)]
+    share, speed = _speeds(planned, q)
+    return Moves(
+        arm=arm,
+        q=q,
+        moves=tuple(
+            JointMove(text, wait, float(fraction), float(rate))
+            for text, wait, fraction, rate in zip([*comments, ""], [*waits, 0.0], share, speed, strict=True)
+        ),
+        head=(
+            f"Measuring plan for {arm.name}: {len(planned.q)} poses, about {planned.duration_s / 60:.0f} minutes.",
+            f"In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, {wish.references} "
+            "references among them.",
+            "Do not filter this program: it commands the joints of plan.csv.",
+        ),
+        tip_speed=wish.speed,
+        pulses=wish.pulses,
+    )
+
+
+def _speeds(made: PlannedPoses, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Share of the joints' largest speeds and speed of the joint that turns most, rad/s, of the move to each row."""
+    rates = made.scene.joint_speed
+    fastest = route.move_times(q[:-1], q[1:], rates)
+    planned = np.maximum(move_times(made.scene, made.wish, q[:-1], q[1:]), 1e-3)
+    share = np.concatenate([[FIRST], np.clip(fastest / planned, 0.01, QUICKEST)])
+    rates_of_move = np.abs(np.diff(q, axis=0)).max(axis=1) / np.maximum(planned, fastest / QUICKEST)
+    return share, np.concatenate([[FIRST * float(rates.min())], np.maximum(rates_of_move, 0.01)])
 
 
 def files(planned: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
@@ -64,14 +366,14 @@ def files(planned: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
     -------
     dict of str to bytes
         ``plan.csv`` (what the tracker is asked for), ``poses.csv`` (what the robot does), ``plan.json``; the program
-        of `irbcal.planning.program`; ``plan.html`` with a page.
+        of `irbcal.planning.measuring_plan`; ``plan.html`` with a page.
     """
     out = {
         "plan.csv": _csv(plan_table(planned)),
         "poses.csv": _csv(pose_table(planned)),
         "plan.json": (json.dumps(facts(planned), indent=1, allow_nan=False) + "\n").encode(),
     }
-    out |= program.files(planned)
+    out |= program_files(planned)
     if page is not None:
         out["plan.html"] = page.encode("utf-8")
     return out
@@ -133,7 +435,7 @@ def facts(planned: PlannedPoses) -> dict[str, Any]:
     return {
         "robot": setting.arm.name,
         "source": scene.name,
-        "language": program.language_of(setting.arm, wish)[0] or None,
+        "language": language_of(setting.arm, wish)[0] or None,
         "poses": len(planned.q),
         "points": int(planned.asked.sum()),
         "duration_s": planned.duration_s,
@@ -278,7 +580,7 @@ class Plan(PlannedPoses, Result):
         ----------
         folder : str or Path
         page : str, optional
-            The plan to look at, HTML; see `irbcal.viewer.plan_page.page`.
+            The plan to look at, HTML; see `irbcal.viewer.view.plan_page`.
 
         Returns
         -------

@@ -20,12 +20,10 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.options import length, names, place
-from irbcal.planning.conditions import CONDITIONS, SOLID, Setting
-from irbcal.planning.reflectors import TargetsLike, reflectors
+from irbcal.planning.conditions import CONDITIONS, SOLID, Setting, TargetsLike, reflectors
 from irbcal.simulation.effects import size_of
+from irbcal.simulation.instruments import ACCEPTANCE, IRB1600_HEIGHTS
 from irbcal.simulation.shipped_cells import T_TRACKER_BASE
-from irbcal.simulation.tracker import ACCEPTANCE
-from irbcal.thesis_setup import IRB1600_HEIGHTS
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -33,7 +31,7 @@ if TYPE_CHECKING:
 from collections.abc import Callable
 from typing import TypeAlias
 
-from irbcal.thesis_setup import IRB1600_CUBE, IRB1600_P1
+from irbcal.simulation.instruments import IRB1600_CUBE, IRB1600_P1
 
 LARGEST_CORRECTION = 10 * MM
 """Farther from that no calibration takes the tip."""
@@ -180,7 +178,7 @@ def open_scene(
     robot : str, Path or calibration
         Calibration folder, URDF, or shipped robot. A loaded calibration must be of a shipped robot: the URDF is needed.
     targets : str, Path, int, sequence of str or Targets, optional
-        See `irbcal.planning.reflectors.reflectors`.
+        See `irbcal.planning.conditions.reflectors`.
     tracker : array_like, shape (3,) or (4,), optional
         x, y, z (metres) in the base link and, at will, the turn of its axes about z (radians). Of a calibration, the
         origin of its measuring frame unless given; else the place in the thesis's cell, scaled to the arm.

@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
-from irbcal.chance import normal_quantile
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Lines, Panel, Sign, Text, fixed, round_number, up_to
+from irbcal.statistics import normal_quantile
 from irbcal.units import DEG, MM
 
 MOST_TITLED = 1500

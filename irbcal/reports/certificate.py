@@ -19,8 +19,8 @@ from irbcal.options import checked
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import PoseErrors, WorstPose, errors_by_pose, vectors, workspace, worst_poses
-from irbcal.reports import report_data
-from irbcal.reports.report_data import as_csv
+from irbcal.reports import report_page
+from irbcal.reports.report_page import as_csv
 from irbcal.units import MM
 from irbcal.validation.evaluation import MODELS, Evaluation
 from irbcal.validation.origin import FIELDS, Origin
@@ -113,7 +113,7 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
     origin, conformity = _origin(evaluation), evaluation.conformity
     remarks, stated = _remarks(evaluation), origin.stated()
     crowded = sum(_lines([text for _, text in remarks], stated) > room for room in ROOM)
-    return report_data.template("certificate.html.j2").render(
+    return report_page.template("certificate.html.j2").render(
         e=evaluation,
         origin=origin,
         kept=conformity,

@@ -1,4 +1,4 @@
-"""``report.html``: one self-contained page that shows what a calibration is worth and how to use it.
+"""``report.html``: one self-contained page; tables, numbers and data files that the pages of this room share.
 
 The page says what ``calibration.json`` says; what it adds about the poses is computed in `irbcal.validation`. It runs
 no script and loads nothing. The same figures and their data can be had as files.
@@ -6,30 +6,279 @@ no script and loads nothing. The same figures and their data can be had as files
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+from collections.abc import Mapping, Sequence
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
 from irbcal.identification.fit import ParameterReport
 from irbcal.io.schema import Record, RobotSection
 from irbcal.joint_analysis.residuals import needed_by_residuals, residual_terms_table
+from irbcal.joint_analysis.terms import term_rows
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
 from irbcal.modeling.terms.gear import in_words
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.names import cell
 from irbcal.plotting import charts
-from irbcal.plotting.charts import Chart
+from irbcal.plotting.charts import Chart, fixed
 from irbcal.plotting.pose_errors import WorstPose, worst_poses
-from irbcal.reports import report_data
-from irbcal.reports.limits import limits
+from irbcal.reports.evidence import limits
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
 
 if TYPE_CHECKING:
+    from jinja2 import Template
+
+    from irbcal.io.schema import EvidenceSection
     from irbcal.reports.evidence import Evidence
+
+
+DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
+
+
+def template(name: str) -> Template:
+    """A template of this room by the name of its file; what is put into it is escaped, and nothing may be missing."""
+    from irbcal.templates import environment as templates
+
+    environment = templates("irbcal.reports")
+    environment.filters |= {"fixed": fixed, "unit": in_unit, "std": deviation, "count": count, "svg": charts.inline}
+    environment.filters |= {"repr": repr, "short": short, "file_name": file_name}
+    return environment.get_template(name)
+
+
+def in_unit(value: float, unit: str) -> str:
+    """A number with the decimals of its unit."""
+    return fixed(value, DIGITS[unit]) if unit in DIGITS else format(value, ".6g")
+
+
+def deviation(value: float | None, unit: str) -> str:
+    """A standard deviation, also one that is too small to show, or none."""
+    if value is None:
+        return "–"
+    smallest = 10.0 ** -DIGITS.get(unit, 6)
+    return f"< {in_unit(smallest, unit)}" if value < smallest / 2 else in_unit(value, unit)
+
+
+def count(n: int, noun: str) -> str:
+    """A number of things in words."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def file_name(path: str) -> str:
+    """The name of a file without its folders: a page that is handed on must not tell how a disk is laid out."""
+    return path.replace("\\", "/").rstrip("/").rpartition("/")[2] or path
+
+
+def short(text: str, limit: int = 28) -> str:
+    """A name from data that must not fill a page: its beginning and its end."""
+    return text if len(text) <= limit else f"{text[: limit // 2]}…{text[-(limit // 2 - 1) :]}"
+
+
+T = TypeVar("T")
+
+
+def _models(c: Record, nominal: T, calibrated: T) -> dict[str, T]:
+    """The models to show; the level ``nominal`` has but one."""
+    return {"nominal": nominal} if c.model == "nominal" else {"nominal": nominal, "calibrated": calibrated}
+
+
+def error_tables(c: Record) -> list[dict[str, Any]]:
+    """Per set of poses: title, number of poses, whether it proves anything, and rows by part."""
+    out: list[dict[str, Any]] = []
+    for title, proves, poses, nominal, calibrated in (
+        ("Held-out poses", True, c.poses_heldout, c.heldout_nominal, c.heldout),
+        ("Fitted poses", False, c.poses_fit, c.fit_nominal, c.fit),
+    ):
+        if calibrated is None or nominal is None:
+            continue
+        overall = _models(c, nominal.all, calibrated.all)
+        if proves and c.heldout_least_squares:
+            overall["calibrated by rms"] = c.heldout_least_squares.all
+        by_kind: dict[str, dict[str, Any]] = {"": {"": overall}}
+        for name, before, after, fewest in (
+            ("target", nominal.per_target, calibrated.per_target, 2),
+            ("group", nominal.per_group, calibrated.per_group, 1),
+        ):
+            if len(after) >= fewest:
+                by_kind[name] = {label: _models(c, before[label], after[label]) for label in after}
+        turned = _models(c, nominal.orientation, calibrated.orientation) if calibrated.orientation else {}
+        out.append({"title": title, "proves": proves, "poses": poses, "parts": by_kind, "orientation": turned})
+    return out
+
+
+def families(section: EvidenceSection) -> list[dict[str, Any]]:
+    """Groups of terms summed up by family: what was expected, what was found, and what is lost without it.
+
+    ``natural`` is in words; ``expected``, ``found`` and ``std`` are root mean squares in natural sizes.
+    """
+    lost = {row.family: row for row in section.families}
+    out: list[dict[str, Any]] = []
+    for family in dict.fromkeys(group.family for group in section.groups):
+        groups = [group for group in section.groups if group.family == family]
+        terms = sum(group.terms for group in groups)
+        natural = {unit: size for group in groups for unit, size in group.natural.items()}
+        squares = {
+            name: sum(group.terms * getattr(group, field) ** 2 for group in groups)
+            for name, field in (("expected", "size"), ("found", "estimate"), ("std", "std"))
+        }
+        out.append(
+            {
+                "family": family,
+                "terms": terms,
+                "seen": sum(group.seen for group in groups),
+                "natural": ", ".join(
+                    f"{size:.4g}" + ("" if unit == "1" else f" {unit}") for unit, size in natural.items()
+                ),
+                **{name: (value / terms) ** 0.5 for name, value in squares.items()},
+                "lost": lost.get(family),
+            }
+        )
+    return out
+
+
+def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
+    """The data behind the figures and tables of the page as CSV files.
+
+    Returns
+    -------
+    dict of str to bytes
+        Contents by file name. Lengths in mm, angles in degrees; places and vectors along the axes of the base link.
+    """
+    tables = {
+        "points.csv": _points_rows(evidence),
+        "poses.csv": _poses_rows(calibration, evidence),
+        "errors.csv": _errors_rows(calibration, evidence),
+        "parameters.csv": [vars(parameter) for parameter in calibration.parameters],
+        "singular_values.csv": [
+            {"direction": k, "singular_value_mm": value, "seen": k <= calibration.observability.seen}
+            for k, value in enumerate(calibration.observability.singular_values_mm, 1)
+        ],
+        **_model_rows(calibration, evidence),
+        "left_out.csv": [vars(point) for point in calibration.excluded],
+        "joints.csv": _joints_rows(evidence),
+        "joint_terms.csv": _joint_terms_rows(evidence),
+    }
+    return {name: as_csv(rows, calibration.simulated) for name, rows in tables.items() if rows}
+
+
+def _model_rows(c: Record, evidence: Evidence) -> dict[str, list[dict[str, Any]]]:
+    """Families, gear scan and coverage of an average of error models."""
+    out: dict[str, list[dict[str, Any]]] = {}
+    if evidence.coverage is not None:
+        out["coverage.csv"] = [{"part": name} | row for name, row in evidence.coverage["parts"].items()]
+    if c.evidence is None:
+        return out
+    out["explained.csv"] = [vars(stage) for stage in c.evidence.explained]
+    out["groups.csv"] = [
+        {key: value for key, value in vars(group).items() if key != "natural"}
+        | {"natural": ", ".join(f"{size:.6g} {unit}" for unit, size in group.natural.items())}
+        for group in c.evidence.groups
+    ]
+    out["gears.csv"] = [vars(gear) for gear in c.evidence.gears]
+    spectrum = c.evidence.spectrum
+    if spectrum is not None:
+        out["gear_scan.csv"] = [
+            {"joint": joint, "from_cycles_per_turn": spectrum.first + k * spectrum.step, "chi2": value}
+            for joint, row in zip(spectrum.joints, spectrum.chi2, strict=True)
+            for k, value in enumerate(row)
+        ]
+    return out
+
+
+def as_csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:
+    """Rows as a CSV file with a column that says whether the data are simulated; no cell begins like a formula."""
+    stream = StringIO()
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    writer = csv.DictWriter(stream, [*columns, "simulated"], lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        safe = {name: cell(value) if isinstance(value, str) else value for name, value in row.items()}
+        writer.writerow({**safe, "simulated": int(simulated)})
+    return stream.getvalue().encode("utf-8", "replace")
+
+
+def _points_rows(evidence: Evidence) -> list[dict[str, Any]]:
+    rows = []
+    for poses in evidence.sets:
+        for m, pose in enumerate(poses.pose):
+            row = {"set": poses.name, "pose": poses.pose_names[pose], "group": poses.groups[pose]}
+            row["target"] = poses.target[m]
+            if poses.place is not None:
+                row |= {f"{axis}_mm": round(v / MM, 6) for axis, v in zip("xyz", poses.place[m], strict=True)}
+            for name, model in poses.models.items():
+                if model.vector is not None:
+                    for axis, v in zip("xyz", model.vector[m], strict=True):
+                        row[f"{name}_d{axis}_mm"] = round(v / MM, 6)
+                row[f"{name}_mm"] = round(model.distance[m] / MM, 6)
+                if model.rotation is not None:
+                    row[f"{name}_deg"] = round(model.rotation[m] / DEG, 6)
+            rows.append(row)
+    return rows
+
+
+def _poses_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
+    kinds = [("mm", MM) if kind == "prismatic" else ("deg", DEG) for kind in c.robot.joint_types]
+    rows = []
+    for poses in evidence.sets:
+        for n, name in enumerate(poses.pose_names):
+            row = {"set": poses.name, "pose": name, "group": poses.groups[n]}
+            if poses.points is not None:
+                for j, (unit, size) in enumerate(kinds):
+                    row[f"q{j + 1}_{unit}"] = round(poses.points.q[n, j] / size, 9)
+            row |= {f"{model}_mm": round(m.per_pose[n] / MM, 6) for model, m in poses.models.items()}
+            rows.append(row)
+    return rows
+
+
+def _errors_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
+    models = {poses.proves: poses.models for poses in evidence.sets}
+    rows = []
+    for table in error_tables(c):
+        name_of_set = "held-out" if table["proves"] else "fitted"
+        for kind, labels in table["parts"].items():
+            for label, statistics in labels.items():
+                for name, values in statistics.items():
+                    row = {"set": name_of_set, "by": kind, "label": label, "model": name} | vars(values)
+                    model = models.get(table["proves"], {}).get(name)
+                    intervals = model.intervals if model and not kind else None
+                    for key, (low, high) in (intervals or {}).items():
+                        row |= {f"{key}_low": low, f"{key}_high": high}
+                    rows.append(row)
+    return rows
+
+
+def _joint_terms_rows(evidence: Evidence) -> list[dict[str, Any]]:
+    analysis = evidence.joints
+    return [] if analysis is None else term_rows(analysis.terms, analysis.robot.arm.table.prismatic)
+
+
+def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
+    analysis = evidence.joints
+    if analysis is None:
+        return []
+    slides = analysis.robot.arm.table.prismatic
+    rows = []
+    for n, pose in enumerate(analysis.points.pose_ids):
+        for j in range(analysis.angle.shape[1]):
+            if analysis.angle[n, j] == analysis.angle[n, j]:
+                unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
+                rows.append(
+                    {
+                        "pose": pose,
+                        "joint": j + 1,
+                        "unit": unit,
+                        "q": round(analysis.points.q[n, j] / size, 9),
+                        "came_from": "below" if analysis.direction[n, j] > 0 else "above",
+                        "residual": round(analysis.angle[n, j] / size, 9),
+                    }
+                )
+    return rows
+
 
 STATISTICS = (
     ("mean", "mean_mm"),
@@ -64,14 +313,14 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
     """
     robot = calibration.robot
     evidence = gather(calibration) if evidence is None else evidence
-    return report_data.template("report.html.j2").render(
+    return template("report.html.j2").render(
         c=calibration,
         style=charts.page_style(),
         key_mark=charts.key,
         verdict=verdict(calibration),
         trusted=verdict_of(calibration).trusted,
         statistics=STATISTICS,
-        error_tables=report_data.error_tables(calibration),
+        error_tables=error_tables(calibration),
         limits=limits(calibration, evidence),
         worst=_worst(calibration, evidence),
         joint_units=["mm" if kind == "prismatic" else "deg" for kind in robot.joint_types],
@@ -90,7 +339,7 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         coefficients=_coefficients(calibration.robot_calibrated().joint_map),
         gears=_gears(calibration),
         joint_ranges=_joint_ranges(calibration),
-        families=report_data.families(calibration.evidence) if calibration.evidence else [],
+        families=families(calibration.evidence) if calibration.evidence else [],
         coverage=evidence.coverage,
         left_out=_left_out(calibration.excluded),
         ends=[note for note in calibration.notes_to_read() if note not in calibration.notes],

@@ -25,7 +25,7 @@ from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.harmonics import pair
 from irbcal.modeling.terms.term import AXES, Term
-from irbcal.simulation.tracker import behind_arm, turned_away
+from irbcal.simulation.instruments import behind_arm, turned_away
 from irbcal.simulation.weights import Amounts, Bodies, frame_rotations, weight_terms
 from irbcal.units import DEG, MM
 

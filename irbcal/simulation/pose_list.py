@@ -29,8 +29,8 @@ from irbcal.measurement.columns import InputTable
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import pulses_per_degree
+from irbcal.simulation.instruments import FRONT, IRB1600_CUBE, IRB1600_HEIGHTS
 from irbcal.simulation.virtual_cell import WAIT_S, VirtualCell
-from irbcal.thesis_setup import FRONT, IRB1600_CUBE, IRB1600_HEIGHTS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -43,8 +43,7 @@ from irbcal.simulation.effects import (
     WobbleEffect,
     size_of,
 )
-from irbcal.simulation.tool import PAYLOAD_KG, thesis_tool
-from irbcal.simulation.tracker import Tracker
+from irbcal.simulation.instruments import PAYLOAD_KG, Tracker, thesis_tool
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.simulation.weights import Bodies, bodies, torques
 from irbcal.units import DEG, MM

@@ -20,7 +20,6 @@ from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, TableLike
-from irbcal.measurement.statistics import statistics
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -32,6 +31,7 @@ from irbcal.simulation import pose_list, shipped_cells
 from irbcal.simulation.pose_list import PoseList, PosesLike
 from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
 from irbcal.simulation.virtual_cell import WAIT_S, Run, VirtualCell
+from irbcal.statistics import statistics
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 from irbcal.validation.evaluation import statistics_table

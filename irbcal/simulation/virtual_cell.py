@@ -33,8 +33,7 @@ from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.thesis import stiffness_of
 from irbcal.modeling.thesis_map import ThesisMap, stiffness_terms
 from irbcal.simulation.effects import ALL, MORE, Effect, Shot, Stops, VisibilityEffect, check_names, size_of
-from irbcal.simulation.tool import EndEffector
-from irbcal.simulation.tracker import Tracker
+from irbcal.simulation.instruments import EndEffector, Tracker
 from irbcal.simulation.weights import Bodies, torques
 from irbcal.units import DEG, MM
 

@@ -15,7 +15,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.identification import data_entry_errors, outliers
 from irbcal.io.schema import Record
-from irbcal.measurement import cleaning, repeats, swapped, tools
+from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.moved import moved_notes
 from irbcal.measurement.points import PointSet, distances
@@ -234,7 +234,9 @@ FAR = 5 * MM
 
 def doubts_of(points: PointSet, robot: Robot, record: Record) -> list[str]:
     """What speaks against errors of these points, in the order in which they were measured, in sentences."""
-    text = swapped.in_words([(points.pose_ids[p], o) for p, o in swapped.by_robot(robot, points)], points.target_names)
+    text = cleaning.in_words(
+        [(points.pose_ids[p], o) for p, o in cleaning.by_robot(robot, points)], points.target_names
+    )
     out = text or moved_notes(points, robot)
     errors = record.heldout or record.fit
     mean = float(distances(robot, points).mean()) / MM
@@ -264,9 +266,9 @@ def refuse_far_points(
     median = np.median(error)
     if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
         return
-    swaps = swapped.by_robot(robot, points)
+    swaps = cleaning.by_robot(robot, points)
     if 2 * len(swaps) > points.poses:
-        text = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
+        text = cleaning.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
         raise MeasurementError(" ".join(text), file=source)
     lost = data_entry_errors.lost_row_of_robot(robot, points) or data_entry_errors.find_lost_row(robot.arm, points)
     if lost is not None:

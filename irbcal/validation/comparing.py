@@ -19,15 +19,15 @@ from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.points import distances
 from irbcal.measurement.repeats import repeat_groups
-from irbcal.measurement.statistics import statistics
 from irbcal.modeling.robot import Robot
 from irbcal.names import check_names
 from irbcal.options import seed as check_seed
 from irbcal.options import shown
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
+from irbcal.statistics import statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, rows, simulated_mark
 from irbcal.units import MM
-from irbcal.validation import accuracy, bootstrap
+from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
 from irbcal.validation.evaluation import carrying, in_frame_of_calibration
 from irbcal.validation.refit import Refit
@@ -89,14 +89,14 @@ class Pair:
         gain: FloatArray,
         position: IntArray,
         seed: int = 0,
-        level: float = bootstrap.LEVEL,
+        level: float = accuracy.LEVEL,
     ) -> Pair:
         """The pair by the errors of the worse less those of the better, pose by pose, shape (n,), metres.
 
         Poses of one position (n,), which are repeats of it, are drawn together.
         """
         place = np.unique(position, return_inverse=True)[1].ravel()
-        interval = bootstrap.difference(np.bincount(place, gain / MM) / np.bincount(place), seed=seed, level=level)
+        interval = accuracy.difference(np.bincount(place, gain / MM) / np.bincount(place), seed=seed, level=level)
         return cls(better, worse, float(gain.mean() / MM), None if interval is None else tuple(interval))
 
 
@@ -404,7 +404,7 @@ def _common(cleaned: Sequence[CleanedPoints], source: str) -> list[IntArray]:
 def _pairs(names: Sequence[str], error: FloatArray, mean: FloatArray, position: IntArray, seed: int) -> list[Pair]:
     """All pairs with intervals that hold together; those with the best first."""
     pairs = list(combinations(np.argsort(mean, kind="stable").tolist(), 2))
-    level = 1.0 - (1.0 - bootstrap.LEVEL) / len(pairs)
+    level = 1.0 - (1.0 - accuracy.LEVEL) / len(pairs)
     return [
         Pair.of(names[better], names[worse], error[:, worse] - error[:, better], position, seed, level)
         for better, worse in pairs

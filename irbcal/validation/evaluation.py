@@ -15,11 +15,10 @@ from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.last_moves import with_last_moves
+from irbcal.measurement.motions import with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups
-from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked, number, place
@@ -28,9 +27,10 @@ from irbcal.parallel import on_workers
 from irbcal.plotting import pose_errors
 from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import ModelErrors, PoseErrors
+from irbcal.statistics import rotation_statistics, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
-from irbcal.validation import accuracy, bootstrap
+from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.cleaned_points import (
     CleanedPoints,
@@ -40,19 +40,20 @@ from irbcal.validation.cleaned_points import (
     refuse_far_points,
     without_fitted,
 )
-from irbcal.validation.conformity import (
-    Conformity,
-    Region,
-    Rule,
-    check_options,
-    conformity,
-    expanded_uncertainty,
-    region,
-)
 from irbcal.validation.doubts import length_scale, scale_in_words
 from irbcal.validation.origin import Origin, checked_info, origin
 from irbcal.validation.refit import Refit
-from irbcal.validation.verdict import Verdict, counted
+from irbcal.validation.verdict import (
+    Conformity,
+    Region,
+    Rule,
+    Verdict,
+    check_options,
+    conformity,
+    counted,
+    expanded_uncertainty,
+    region,
+)
 from irbcal.validation.verdict import verdict as judged
 
 if TYPE_CHECKING:
@@ -402,7 +403,7 @@ def evaluate(
         Joints, from 1, whose zeros were lost (a crash, another motor): they are found with what is placed anew, all
         else of the robot stays, and a note tells them with their intervals.
     intervals : bool
-        Add bootstrap intervals, see `irbcal.validation.bootstrap`, and by target how many measured coordinates lie
+        Add bootstrap intervals, see `irbcal.validation.accuracy`, and by target how many measured coordinates lie
         within the predicted 95 % intervals, see `irbcal.modeling.robot.Robot.predict`.
     include_fitted : bool
         Keep poses that the calibration was fitted to; they are counted out otherwise.
@@ -423,15 +424,15 @@ def evaluate(
     same_tool : bool
         With a load that the calibration does not know the reflectors are where they were with its usual load.
     tolerance : float, optional
-        Metres: judge the calibrated robot by it, see `irbcal.validation.conformity`.
+        Metres: judge the calibrated robot by it, see `irbcal.validation.verdict`.
     rule : {"mean3sigma", "max", "percentile"}, optional
         What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th.
     tracker_u95 : float, optional
         Expanded uncertainty (95 %) of a measured position, metres, which is added to the upper bound of that figure; by
-        default the largest ``u95_mm`` of the measurements, else `irbcal.validation.conformity.ASSUMED_U95`.
+        default the largest ``u95_mm`` of the measurements, else `irbcal.validation.verdict.ASSUMED_U95`.
     region_only : bool
         Judge the tolerance for the region of these poses only, which the certificate states; else they must cover the
-        calibrated ranges, see `irbcal.validation.conformity`.
+        calibrated ranges, see `irbcal.validation.verdict`.
     info : dict of str to str, optional
         What a certificate tells besides: ``serial_number``, ``operator`` and others of
         `irbcal.validation.origin.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
@@ -725,11 +726,11 @@ def _intervals(
     position = repeat_groups(points)[points.pose]  # repeats of one place are drawn together
 
     def compute(mask: BoolArray) -> dict[str, Any]:
-        return {name: bootstrap.intervals(e[mask], position[mask], seed=seed) for name, e in errors.items()}
+        return {name: accuracy.intervals(e[mask], position[mask], seed=seed) for name, e in errors.items()}
 
     return {
-        "level": bootstrap.LEVEL,
-        "resamples": bootstrap.RESAMPLES,
+        "level": accuracy.LEVEL,
+        "resamples": accuracy.RESAMPLES,
         "seed": seed,
         **compute(np.ones(len(points), dtype=bool)),
         **{kind: _by_label(labels, compute) for kind, labels in labelled.items()},

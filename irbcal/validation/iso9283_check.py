@@ -1,4 +1,4 @@
-"""The door to ISO 9283:1998: pose tests, settling, paths, posing time and compliance, and the plan of the test poses.
+"""ISO 9283:1998: sampled paths, static compliance, and the door to all its tests and to the plan of the test poses.
 
 The formulas are those of public descriptions of the standard (such as Nubiola 2011, annex I and section 7.7.3.4); the
 standard itself was not at hand.
@@ -6,7 +6,7 @@ standard itself was not at hand.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -15,25 +15,584 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, Locked
+from irbcal.arrays import FloatArray, IntArray, Locked, plain
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration, open_nominal
 from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.measurement.table import MeasurementsLike
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
 from irbcal.options import length, number, place
-from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, check_name, span
-from irbcal.summary import Paragraph, Result, Table, simulated_mark
-from irbcal.units import MM
-from irbcal.validation.cube import FRACTION, PLANES, FivePoses, Plane, five_poses
-from irbcal.validation.path_check import PathCheck, path_accuracy
-from irbcal.validation.pose_check import SET_SIZE, PoseCheck, check_poses
-from irbcal.validation.pose_criteria import AXES
+from irbcal.plotting.charts import (
+    DASHED,
+    DOT,
+    TALL,
+    WIDE,
+    Chart,
+    Drawing,
+    LegendEntry,
+    Panel,
+    axis_top,
+    check_name,
+    span,
+)
+from irbcal.summary import Paragraph, Result, Table, rows, simulated_mark, values
+from irbcal.units import DEG, MM
+from irbcal.validation.pose_check import (
+    FRACTION,
+    NO_ORIENTATION,
+    PLANES,
+    SET_SIZE,
+    FivePoses,
+    Plane,
+    PoseCheck,
+    check_poses,
+    five_poses,
+)
+from irbcal.validation.pose_criteria import ANGLES, AXES, small_angles
 from irbcal.validation.settling import REST, PosingTimes, Settling, posing_times, settle
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+if TYPE_CHECKING:
+    pass
+
+CENTRAL = (0.25, 0.75)
+"""Part of the commanded path, as shares of its length, on which velocities are judged."""
+
+VELOCITY_BLOCK = 2_000_000
+"""Numbers that are worked on at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathVelocity(Locked):
+    """Velocities of several cycles along one path.
+
+    Attributes
+    ----------
+    mean, lowest, highest : ndarray, shape (cycles,)
+        Of each cycle's velocities, m/s.
+    commanded : float or None
+        Commanded velocity, m/s.
+    """
+
+    mean: FloatArray
+    lowest: FloatArray
+    highest: FloatArray
+    commanded: float | None
+
+    @property
+    def AV(self) -> float | None:
+        """Velocity accuracy: mean over the cycles against the commanded one, a share of it; None without a command."""
+        return None if self.commanded is None else float(self.mean.mean() / self.commanded - 1.0)
+
+    @property
+    def RV(self) -> float | None:
+        """Velocity repeatability: 3 S of the cycles' means (n - 1), a share of the commanded one; None without it."""
+        return None if self.commanded is None else float(3 * self.mean.std(ddof=1) / self.commanded)
+
+    @property
+    def FV(self) -> float:
+        """Velocity fluctuation: largest difference of highest and lowest velocity in a cycle, m/s."""
+        return float((self.highest - self.lowest).max())
+
+
+def path_velocity(
+    times: Sequence[FloatArray],
+    paths: Sequence[FloatArray],
+    commanded: FloatArray,
+    velocity: float | None = None,
+    window: float = 0.0,
+) -> PathVelocity:
+    """Velocities on the middle half of a path.
+
+    Parameters
+    ----------
+    times : sequence of ndarray, shape (k,)
+        Of the samples, seconds, ascending.
+    paths : sequence of ndarray, shape (k, 3)
+        Samples of each cycle, in order, metres.
+    commanded : ndarray, shape (m, 3)
+        Points of the commanded path, metres.
+    velocity : float, optional
+        Commanded velocity, m/s.
+    window : float
+        Velocities are slopes of straight lines through the samples of so many seconds; 0: between neighbours. Noise of
+        the samples counts in full in the fluctuation: 0.02 mm at 1 kHz are some 30 mm/s between neighbours.
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer than two cycles or a cycle has fewer than two velocities there.
+    """
+    if len(paths) < 2:
+        raise MeasurementError("velocity accuracy and repeatability need two cycles or more")
+    speeds = []
+    for cycle_number, (time, path) in enumerate(zip(times, paths, strict=True), 1):
+        share = way_along(path, commanded)
+        if window > 0:
+            speed = _slopes(time, path, window)
+        else:
+            speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(time)
+            share = 0.5 * (share[1:] + share[:-1])
+        speed = speed[(share >= CENTRAL[0]) & (share <= CENTRAL[1]) & np.isfinite(speed)]
+        if len(speed) < 2:
+            raise MeasurementError(f"cycle {cycle_number} has fewer than two velocities on the middle half of the path")
+        speeds.append((speed.mean(), speed.min(), speed.max()))
+    mean, lowest, highest = np.array(speeds).T
+    return PathVelocity(mean, lowest, highest, velocity)
+
+
+def way_along(path: FloatArray, commanded: FloatArray) -> FloatArray:
+    """Where on a commanded path samples are nearest to it, shape (k,): share of its length."""
+    start, step = commanded[:-1], np.diff(commanded, axis=0)
+    size = np.sum(step**2, axis=1)
+    length = np.sqrt(size)
+    start_length = np.concatenate([[0.0], np.cumsum(length)])
+    out = np.empty(len(path))
+    rows = max(1, VELOCITY_BLOCK // len(step))
+    for first in range(0, len(path), rows):
+        block = path[first : first + rows]
+        t = np.clip(np.einsum("kmj,mj->km", block[:, None] - start, step) / np.maximum(size, 1e-300), 0.0, 1.0)
+        off = np.linalg.norm(block[:, None] - start - t[..., None] * step, axis=2)
+        best = np.argmin(off, axis=1)
+        out[first : first + rows] = start_length[best] + t[np.arange(len(block)), best] * length[best]
+    return out / start_length[-1]
+
+
+def _slopes(time: FloatArray, path: FloatArray, window: float) -> FloatArray:
+    """Velocity at each sample by the straight line through those around it, m/s; NaN where there is no other."""
+    t, p = time - time.mean(), path - path.mean(axis=0)
+    low = np.searchsorted(time, time - 0.5 * window)
+    high = np.searchsorted(time, time + 0.5 * window, side="right")
+
+    def total(values: FloatArray) -> FloatArray:
+        sums = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+        return np.asarray(sums[high] - sums[low])
+
+    n, st = (high - low).astype(float), total(t)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = (total(t[:, None] * p) - st[:, None] * total(p) / n[:, None]) / (total(t * t) - st**2 / n)[:, None]
+    return np.where(n > 1, np.linalg.norm(slope, axis=1), np.nan)
+
+
+BLOCK = 2_000_000
+"""Numbers that are worked on at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathErrors(Locked):
+    """Errors of a path on planes normal to the commanded one.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (m, 3)
+        Barycentre of the cycles on each plane minus the commanded point, metres.
+    repeatability : ndarray, shape (m,)
+        ``mean(l) + 3 S_l`` on each plane, metres.
+    mean_angles, angle_repeatability : ndarray, shape (m, 3), or None
+        Mean angles and 3 S of the angles, radians.
+    planes : ndarray of int, shape (m,)
+        Commanded points whose planes all cycles cross.
+    """
+
+    mean: FloatArray
+    repeatability: FloatArray
+    mean_angles: FloatArray | None
+    angle_repeatability: FloatArray | None
+    planes: IntArray
+
+    @property
+    def AT(self) -> float:
+        """Path accuracy: largest distance of the mean path from the commanded one, metres."""
+        return float(np.linalg.norm(self.mean, axis=1).max())
+
+    @property
+    def RT(self) -> float:
+        """Path repeatability: largest over the planes, metres."""
+        return float(self.repeatability.max())
+
+
+def path_errors(
+    paths: Sequence[FloatArray],
+    commanded: FloatArray,
+    rotations: Sequence[FloatArray] | None = None,
+    commanded_rotations: FloatArray | None = None,
+) -> PathErrors:
+    """Path accuracy AT and repeatability RT from sampled paths.
+
+    Each cycle's path is taken as straight between its samples and cut by the planes normal to the commanded path; of
+    several cuts the one nearest to the commanded point counts. Planes that not every cycle crosses (at the ends) are
+    left out.
+
+    Parameters
+    ----------
+    paths : sequence of ndarray, shape (k, 3)
+        Samples of each cycle, in order, metres.
+    commanded : ndarray, shape (m, 3)
+        Points of the commanded path, in order, metres.
+    rotations : sequence of ndarray, shape (k, 3, 3), optional
+    commanded_rotations : ndarray, shape (m, 3, 3), optional
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer than two cycles, or no plane is crossed by all.
+    """
+    if len(paths) < 2:
+        raise MeasurementError("path accuracy and repeatability need two cycles or more")
+    along = _directions(commanded)
+    segments, shares = zip(*(_cuts(path, commanded, along) for path in paths), strict=True)
+    cuts = np.array([_between(*cut) for cut in zip(paths, segments, shares, strict=True)])
+    planes = np.flatnonzero(np.isfinite(cuts).all(axis=(0, 2)))
+    if not len(planes):
+        raise MeasurementError("no plane normal to the commanded path is crossed by every cycle")
+    cuts = cuts[:, planes]
+    mean = cuts.mean(axis=0)
+    distance = np.linalg.norm(cuts - mean, axis=2)
+    angles = None
+    if rotations is not None and commanded_rotations is not None:
+        turned = zip(rotations, segments, shares, strict=True)
+        angles = np.array([_angles_between(*cut, commanded_rotations)[planes] for cut in turned])
+    return PathErrors(
+        mean - commanded[planes],
+        distance.mean(axis=0) + 3 * distance.std(axis=0, ddof=1),
+        None if angles is None else angles.mean(axis=0),
+        None if angles is None else 3 * angles.std(axis=0, ddof=1),
+        planes,
+    )
+
+
+def _directions(commanded: FloatArray) -> FloatArray:
+    """Unit vectors along a path, shape (m, 3)."""
+    along = np.gradient(commanded, axis=0)
+    length = np.linalg.norm(along, axis=1)
+    if (length == 0).any():
+        raise MeasurementError("the commanded path has points that do not move on")
+    return along / length[:, None]
+
+
+def _cuts(path: FloatArray, commanded: FloatArray, along: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Segment of a path that cuts each plane (-1 for none), and where on it."""
+    at, share = np.full(len(commanded), -1), np.full(len(commanded), np.nan)
+    step = max(1, BLOCK // len(path))
+    for start in range(0, len(commanded), step):
+        block = slice(start, start + step)
+        # height (planes, samples) above each plane
+        height = along[block] @ path.T - np.sum(along[block] * commanded[block], axis=1)[:, None]
+        low, high = height[:, :-1], height[:, 1:]
+        crossed = (low * high <= 0) & (low != high)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.where(crossed, low / (low - high), 0.0)
+        cut = path[:-1] + t[..., None] * (path[1:] - path[:-1])
+        far = np.where(crossed, np.linalg.norm(cut - commanded[block][:, None], axis=2), np.inf)
+        best = np.argmin(far, axis=1)
+        rows = np.arange(len(best))
+        is_cut = np.isfinite(far[rows, best])
+        at[block] = np.where(is_cut, best, -1)
+        share[block] = np.where(is_cut, t[rows, best], np.nan)
+    return at, share
+
+
+def _between(path: FloatArray, at: IntArray, share: FloatArray) -> FloatArray:
+    """Places of the cuts, shape (m, 3); NaN for none."""
+    start = np.maximum(at, 0)
+    cut = path[start] + share[:, None] * (path[start + 1] - path[start])
+    return np.where(at[:, None] >= 0, cut, np.nan)
+
+
+def _angles_between(rotations: FloatArray, at: IntArray, share: FloatArray, commanded: FloatArray) -> FloatArray:
+    """Angles from the commanded orientation at the cuts, on the line between those of two samples, shape (m, 3)."""
+    first, second = (small_angles(rotations[np.maximum(at, 0) + k], commanded) for k in (0, 1))
+    return np.where(at[:, None] >= 0, first + share[:, None] * (second - first), np.nan)
+
+
+SHARP = 40.0 * DEG
+"""Turn of the commanded path at one of its points that makes it a corner; less belongs to a curve told by points."""
+
+STRAIGHT = 1.0 * DEG
+"""A leg after a corner goes on as long as the commanded path turns less than this from its first direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Corner(Locked):
+    """How the cycles go round one corner of the commanded path.
+
+    Attributes
+    ----------
+    place : ndarray, shape (3,)
+        Commanded, metres.
+    way : float
+        Of the corner on the commanded path, metres.
+    turn : float
+        Of the commanded path, radians.
+    round_off : ndarray, shape (cycles,)
+        Smallest distance of each cycle's path from the corner, metres.
+    overshoot : ndarray, shape (cycles,)
+        Largest distance from the second leg after the corner was passed, on the side to which the first leg points;
+        0 where the path does not go there; metres.
+    """
+
+    place: FloatArray
+    way: float
+    turn: float
+    round_off: FloatArray
+    overshoot: FloatArray
+
+    @property
+    def CR(self) -> float:
+        """Corner round-off: largest over the cycles, metres."""
+        return float(self.round_off.max())
+
+    @property
+    def CO(self) -> float:
+        """Cornering overshoot: largest over the cycles, metres."""
+        return float(self.overshoot.max())
+
+
+def cornering(paths: Sequence[FloatArray], commanded: FloatArray) -> tuple[Corner, ...]:
+    """Round-off and overshoot at each corner of the commanded path.
+
+    Paths are taken as straight between their samples. The overshoot is looked for from the sample nearest to the corner
+    until the middle of the second leg is reached.
+
+    Parameters
+    ----------
+    paths : sequence of ndarray, shape (k, 3)
+        Samples of each cycle, in order, metres.
+    commanded : ndarray, shape (m, 3)
+        Points of the commanded path, in order, metres.
+
+    Returns
+    -------
+    tuple of Corner
+        In the order of the path; empty where it has no corner.
+    """
+    steps = np.diff(commanded, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    along = steps / lengths[:, None]
+    turn = np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0))
+    length = np.cumsum(lengths)
+    out = []
+    for k in np.flatnonzero(turn > SHARP):
+        first, second, corner = along[k], along[k + 1], commanded[k + 1]
+        straight = np.sum(along[k + 1 :] * second, axis=1) > np.cos(STRAIGHT)
+        leg = float(lengths[k + 1 :][np.cumprod(straight).astype(bool)].sum())
+        errors = [(_nearest(path, corner), _overshoot(path, corner, first, second, leg)) for path in paths]
+        round_off, overshoot = np.array(errors).T
+        out.append(Corner(corner, float(length[k]), float(turn[k]), round_off, overshoot))
+    return tuple(out)
+
+
+def _nearest(path: FloatArray, corner: FloatArray) -> float:
+    """Smallest distance of a polyline from a place."""
+    start, step = path[:-1] - corner, np.diff(path, axis=0)
+    size = np.maximum(np.sum(step**2, axis=1), 1e-300)
+    t = np.clip(-np.sum(start * step, axis=1) / size, 0.0, 1.0)
+    return float(np.linalg.norm(start + t[:, None] * step, axis=1).min())
+
+
+def _overshoot(path: FloatArray, corner: FloatArray, first: FloatArray, second: FloatArray, leg: float) -> float:
+    """Largest distance from the second leg beyond the corner."""
+    arms = path - corner
+    arms = arms[int(np.argmin(np.linalg.norm(arms, axis=1))) :]
+    forward = arms @ second
+    passed = np.flatnonzero(forward > 0.5 * leg)
+    arms, forward = (array[: passed[0] if len(passed) else None] for array in (arms, forward))
+    beside = arms - forward[:, None] * second
+    beyond = beside @ (first - (first @ second) * second) > 0
+    return float(np.linalg.norm(beside[beyond], axis=1).max(initial=0.0))
+
+
+VELOCITY = "commanded_mm_s mean_mm_s=mean.mean AV_percent RV_percent FV_mm_s means_mm_s=mean"
+"""What is printed of velocities."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PathCheck(Result):
+    """Accuracy, repeatability, velocity and corners of sampled paths.
+
+    Attributes
+    ----------
+    errors : PathErrors
+        On the planes that all cycles cross.
+    along : ndarray, shape (m,)
+        Way of these planes on the commanded path, metres.
+    cycles : int
+    planes_of : int
+        Points of the commanded path.
+    velocity : PathVelocity or None
+        None where the samples have no times.
+    corners : tuple of Corner
+        Of the commanded path.
+    simulated : bool
+    """
+
+    errors: PathErrors
+    along: FloatArray
+    cycles: int
+    planes_of: int
+    velocity: PathVelocity | None = None
+    corners: tuple[Corner, ...] = ()
+    simulated: bool = False
+
+    CONTENT = "AT_mm=errors.AT RT_mm=errors.RT planes=errors.planes.__len__ planes_of cycles"
+    COLUMNS = "along_mm mean_error_mm repeatability_mm=errors.repeatability"
+
+    @property
+    def mean_error(self) -> FloatArray:
+        """Distance of the mean path from the commanded one on each plane, shape (m,), metres."""
+        return np.linalg.norm(self.errors.mean, axis=1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As the command prints it as JSON, millimetres.
+
+        ``AT_mm``, ``RT_mm``, ``planes``, ``planes_of``, ``cycles``; with orientations ``AT_a_deg`` to ``RT_c_deg``;
+        ``velocity`` (``AV_percent``, ``RV_percent``, ``FV_mm_s``, means of the cycles; None without times); ``corners``
+        (``CR_mm``, ``CO_mm``, ``way_mm``, ``turn_deg`` each); ``along_mm``, ``mean_error_mm`` and ``repeatability_mm``
+        plane by plane; ``simulated``.
+        """
+        e, out = self.errors, super().to_dict()
+        if e.mean_angles is not None and e.angle_repeatability is not None:
+            for k, a in enumerate(ANGLES):
+                out[f"AT_{a}_deg"] = float(np.abs(e.mean_angles[:, k]).max() / DEG)
+                out[f"RT_{a}_deg"] = float(e.angle_repeatability[:, k].max() / DEG)
+        out["velocity"] = None if self.velocity is None else plain(values(self.velocity, VELOCITY))
+        out["corners"] = plain(rows(self.corners, "way_mm turn_deg CR_mm CO_mm round_off_mm overshoot_mm"))
+        return out | plain(values(self, f"{self.COLUMNS} simulated"))
+
+    def report(self) -> Sequence[Paragraph]:
+        """AT and RT, of orientations too where they were measured; velocities and corners."""
+        values = self.to_dict()
+        out: list[Paragraph] = [
+            f"{simulated_mark(self.simulated)}Path: AT {values['AT_mm']:.3f} mm, RT {values['RT_mm']:.3f} mm "
+            f"({values['cycles']} cycles, {values['planes']} of {values['planes_of']} planes)"
+        ]
+        if "AT_a_deg" in values:
+            angles = [f"AT_{a} {values[f'AT_{a}_deg']:.4f}, RT_{a} {values[f'RT_{a}_deg']:.4f}" for a in ANGLES]
+            out.append(f"Orientation, degrees: {'; '.join(angles)}")
+        if self.velocity is not None:
+            v = values["velocity"]
+            accuracy = "" if v["AV_percent"] is None else f"AV {v['AV_percent']:+.2f} %, RV ±{v['RV_percent']:.2f} %, "
+            out.append(
+                f"Velocity on the middle half: {accuracy}FV {v['FV_mm_s']:.2f} mm/s, mean {v['mean_mm_s']:.2f} mm/s"
+            )
+        if self.corners:
+            rows = tuple((k, c.way / MM, c.turn / DEG, c.CR / MM, c.CO / MM) for k, c in enumerate(self.corners, 1))
+            columns = ("corner", "way mm", "turn deg", "CR mm", "CO mm")
+            out.append(Table("Corners: round-off CR and overshoot CO, largest of the cycles", columns, rows))
+        return out
+
+    def plot(self) -> Chart:
+        """Path accuracy and repeatability on the planes along the path."""
+        along, errors = self.along / MM, self.errors
+        mean, spread = self.mean_error / MM, errors.repeatability / MM
+        drawing = Drawing("Path accuracy and repeatability", TALL, WIDE)
+        panel = Panel(
+            drawing, span(along), (0.0, axis_top(mean, spread)), "way on the commanded path (mm)", "distance (mm)"
+        )
+        panel.line(along, mean, "measured")
+        panel.line(along, spread, "accent", dash=DASHED)
+        legend: list[LegendEntry] = [
+            ("measured", "-", f"mean path, AT = {errors.AT / MM:.3f}"),
+            ("accent", "--", f"mean(l) + 3 S, RT = {errors.RT / MM:.3f}"),
+        ]
+        for corner in self.corners:
+            panel.upright(corner.way / MM, dash="4 2")
+        if self.corners:
+            legend.append(("soft", "--", "corners"))
+        caption = "Path accuracy and repeatability on the planes along the path"
+        return Chart("path", caption, [drawing], legend).marked(self.simulated)
+
+
+def path_accuracy(
+    path: TableLike,
+    commanded_path: TableLike,
+    *,
+    velocity: float | None = None,
+    window: float = 0.0,
+    robot: Robot | None = None,
+    target: str | None = None,
+) -> PathCheck:
+    """Accuracy, repeatability, velocity and corners from a file of sampled paths.
+
+    Parameters
+    ----------
+    path : str, Path or DataFrame
+        Columns ``cycle``, ``x_mm``, ``y_mm``, ``z_mm`` in the order of the samples, optional ``time_s`` and
+        ``qw,qx,qy,qz``.
+    commanded_path : str, Path or DataFrame
+        Points of the commanded path in order, likewise without ``cycle``: in the same frame; with a robot in its base
+        link.
+    velocity : float, optional
+        Commanded velocity, m/s.
+    window : float
+        See `irbcal.validation.iso9283_check.path_velocity`, seconds.
+    robot : Robot, optional
+        Knows where its base link stands in the measuring frame; everything is then told in the base link.
+    target : str, optional
+        Of the robot: the commanded path is that of the tip, with orientations, and this target was measured. Without,
+        what was measured is what was commanded.
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not keep the format or the paths do not fit.
+    OptionError
+        If a velocity is given without times, or there is no such target.
+    """
+    table, commanded = InputTable.read(path, ["cycle"]).measured(), InputTable.read(commanded_path).measured()
+    if len(commanded) < 3:
+        raise commanded.fault(f"a commanded path needs three points or more, found {len(commanded)}")
+    position, turn, cycle = table.si(POSITION), table.rotations(), table.filled("cycle")
+    rows = [np.flatnonzero(cycle == name) for name in distinct(cycle)]
+    short = [k for k in rows if len(k) < 2]
+    if short:
+        raise table.fault("a path needs two samples in each cycle", int(short[0][0]))
+    if robot is not None:
+        T = frames.inverse(robot.T_world_base)
+        position, turn = frames.apply(T, position), None if turn is None else T[:3, :3] @ turn
+    meant, wanted_turn = _wanted(commanded, robot, target)
+    times = [table[k].ascending("time_s") for k in rows] if "time_s" in table else None
+    if velocity is not None and times is None:
+        raise OptionError(
+            f"velocity: the velocity takes the column time_s, {table.source} has none", parameter="velocity"
+        )
+    paths = [position[k] for k in rows]
+    try:
+        errors = path_errors(paths, meant, None if turn is None else [turn[k] for k in rows], wanted_turn)
+        speeds = None if times is None else path_velocity(times, paths, meant, velocity, window)
+    except MeasurementError as error:
+        raise table.fault(str(error)) from None
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(meant, axis=0), axis=1))])
+    return PathCheck(
+        errors,
+        length[errors.planes],
+        len(rows),
+        len(commanded),
+        speeds,
+        cornering(paths, meant),
+        table.simulated or commanded.simulated,
+    )
+
+
+def _wanted(commanded: InputTable, robot: Robot | None, target: str | None) -> tuple[FloatArray, FloatArray | None]:
+    """Commanded places and orientations of what was measured."""
+    position, turn = commanded.si(POSITION), commanded.rotations()
+    if target is None:
+        return position, turn
+    targets: Mapping[str, FloatArray] = {} if robot is None else robot.targets
+    if robot is None or target not in targets:
+        hint = f"the calibration knows {', '.join(targets)}" if targets else "give a calibration that knows it"
+        raise OptionError(f"target: there is no target {target}: {hint}", parameter="target")
+    if turn is None:
+        raise commanded.header_fault(NO_ORIENTATION)
+    on_tip = robot.target_rotations.get(target)
+    return position + turn @ targets[target], None if on_tip is None else turn @ on_tip
 
 
 DIRECTIONS = tuple(f"{sign}{axis}" for axis in AXES for sign in "+-")

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, plain
-from irbcal.chance import normal_quantile
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
-from irbcal.measurement.statistics import statistics
 from irbcal.options import length as metres
 from irbcal.options import number
 from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span
+from irbcal.statistics import normal_quantile, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from irbcal.arrays import plain
 from irbcal.correction.filter import fingerprint_of
 from irbcal.errors import OptionError, RobotError
-from irbcal.io import calibration_folder, signature
+from irbcal.io import calibration_folder
 from irbcal.io import urdf as urdf_file
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
@@ -220,7 +220,7 @@ def _verify_folder(
     resealed = None if reseal is None else calibration_folder.reseal(calibration, reseal)
     folder = calibration_folder.folder_of(calibration)
     is_signed = os.path.lexists(folder / calibration_folder.SIGNATURE_NAME)
-    fault = signature.fault_of(calibration, public_key) if is_signed or public_key is not None else None
+    fault = calibration_folder.fault_of(calibration, public_key) if is_signed or public_key is not None else None
     if public_key is not None and folder.is_file():
         return FileVerification(fault is None, fault or "it is as it was signed with this key")
     check = resealed or calibration_folder.checked(folder)

@@ -18,23 +18,21 @@ from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, cell_of
 from irbcal.errors import CalibrationError, MeasurementError, OptionError, RobotError
 from irbcal.io import robots
-from irbcal.io.mesh_paths import MeshFolders, MeshProblem
 from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.io.urdf import UrdfArm
-from irbcal.io.urdf_xml import XmlElement
+from irbcal.io.urdf_xml import MeshFolders, MeshProblem, XmlElement
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.thesis_setup import IRB1600_CUBE, IRB1600_P1
+from irbcal.simulation.instruments import IRB1600_CUBE, IRB1600_P1
 from irbcal.units import MM
 from irbcal.validation.refit import Refit
 from irbcal.viewer import features as feature_views
-from irbcal.viewer import points as point_sets
+from irbcal.viewer import scene as point_sets
 from irbcal.viewer import shapes
-from irbcal.viewer.links import Link, links, origin, reach, vector
-from irbcal.viewer.points import PlanLike
-from irbcal.viewer.scene import CellFrame, Drawn, Mode, Model, PageScene, Points
+from irbcal.viewer.scene import CellFrame, Drawn, Mode, Model, PageScene, PlanLike, Points
+from irbcal.viewer.shapes import Link, links, origin, reach, vector
 
 MAX_MESH_BYTES = 100_000_000
 MAX_TRIANGLES = 2_000_000
@@ -149,7 +147,7 @@ def link_meshes(
     ----------
     urdf : UrdfArm
     tree : sequence of Link
-        As `irbcal.viewer.links.links` gives them.
+        As `irbcal.viewer.shapes.links` gives them.
     folder : Path or None
         Folder of the URDF; relative file names start there.
     package_dirs : sequence of str or Path

@@ -6,19 +6,37 @@ measuring frame stands where the calibration found it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.errors import MeasurementError, RobotError
+from irbcal.io.schema import Record
+from irbcal.measurement import columns, repeats
+from irbcal.measurement.points import PointSet, rotation_distances
+from irbcal.measurement.table import MeasurementSet, MeasurementsLike
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.viewer.links import Link, reach
-from irbcal.viewer.shapes import Mesh
+from irbcal.modeling.terms.term_map import TermMap
+from irbcal.reading import read_bytes
+from irbcal.validation.accuracy import predictions
+from irbcal.validation.cleaned_points import without_fitted
+from irbcal.validation.evaluation import in_frame_of_calibration
+from irbcal.validation.refit import Refit
+from irbcal.viewer.shapes import Link, Mesh, reach
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from irbcal.viewer.features import ShownFeature
+
 
 Mode: TypeAlias = Literal["measured", "plan", "program", "sliders"]
 Model: TypeAlias = Literal["calibrated", "nominal"]
@@ -60,7 +78,7 @@ class Points(Locked):
         For each model, rotation vectors in the scene, radians: of the modelled target frame, and from it to the
         measured one. NaN for points without orientation; empty where none has one.
     without : dict of str to ndarray, shape (m, 3)
-        How far the calibrated points move without a family of terms, see `irbcal.viewer.points`.
+        How far the calibrated points move without a family of terms, see `irbcal.viewer.scene`.
     """
 
     pose: IntArray
@@ -174,3 +192,239 @@ class PageScene(Locked):
     def reach(self) -> float:
         """Scale of the robot, metres."""
         return reach(self.drawn.links)
+
+
+WORDS = {"thesis": "arm stiffness and joint-6 series"}
+"""What a family is called on the page where its name does not say it."""
+SMALLEST = 1e-9
+"""Metres: a family that moves no point by more is not told."""
+
+
+def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[str, FloatArray]:
+    """How far each point moves when the terms of one family are zero.
+
+    Parameters
+    ----------
+    model : Robot
+        Calibrated.
+    points : PointSet
+    T_scene_world : ndarray, shape (4, 4)
+
+    Returns
+    -------
+    dict of str to ndarray, shape (m, 3)
+        Family's name in words; metres in the scene.
+    """
+    predicted = points.predicted(model)
+    turn = frames.transform(T_scene_world[:3, :3])
+    out = {}
+    for family in families(model):
+        shift = frames.apply(turn, points.predicted(without(model, family)) - predicted)
+        if np.abs(shift).max(initial=0.0) > SMALLEST:
+            out[WORDS.get(family, family.replace("_", " "))] = shift
+    return out
+
+
+def families(model: Robot) -> list[str]:
+    """Families with terms in a robot's joint map or among its frame terms, in their order."""
+    names = [term.family for term in model.joint_map.terms.terms]
+    if model.frame_terms is not None:
+        names += [term.family for term in model.frame_terms.terms]
+    return list(dict.fromkeys(names))
+
+
+def without(model: Robot, family: str) -> Robot:
+    """A robot whose terms of a family are zero."""
+    joint_map = replace(model.joint_map, terms=_silenced(model.joint_map.terms, family))
+    frame_terms = None if model.frame_terms is None else _silenced(model.frame_terms, family)
+    return model.replace(joint_map=joint_map, frame_terms=frame_terms)
+
+
+def _silenced(terms: TermMap, family: str) -> TermMap:
+    keep = np.array([term.family != family for term in terms.terms], dtype=float)
+    return replace(terms, coefficients=terms.coefficients * keep)
+
+
+MOST_KNOWN = 30_000
+"""Points of which intervals are told: of more they would keep the page waiting."""
+
+PlanLike: TypeAlias = "str | Path | pd.DataFrame | ArrayLike"
+"""Joints to walk through: a table in degrees (and mm), or an array in radians (and metres)."""
+
+
+NO_REFIT = Refit()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Registered(Locked):
+    """Measurements in a calibration's frame.
+
+    Attributes
+    ----------
+    seen : MeasurementSet
+    points : PointSet
+    calibrated, nominal : Robot
+    fitted : ndarray of bool, shape (n,), or None
+        Which poses the calibration was fitted to; None where it did not keep them.
+    notes : list of str
+    """
+
+    seen: MeasurementSet
+    points: PointSet
+    calibrated: Robot
+    nominal: Robot
+    fitted: BoolArray | None
+    notes: list[str]
+
+
+def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit = NO_REFIT) -> Registered:
+    """Measurements in the calibration's frame, cleaned as `irbcal.evaluate` does.
+
+    Parameters
+    ----------
+    calibration : Record
+    measurements : str, Path, DataFrame or MeasurementSet
+    refit : Refit
+        What is placed anew, see `irbcal.evaluate`.
+    """
+    cleaned, robots = in_frame_of_calibration(calibration, measurements, refit)
+    measured, notes = cleaned.measurements, list(cleaned.notes)
+    if cleaned.excluded:
+        count = len(cleaned.excluded)
+        notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
+    notes += without_fitted(cleaned, calibration, include=True).notes[len(cleaned.notes) :]
+    used = calibration.used_points(heldout=False)
+    fit = None if used is None else repeats.near_fitted(cleaned.points, used[0], calibration.arm().table.prismatic)
+    return Registered(measured, cleaned.points, robots["calibrated"], robots["nominal"], fit, notes)
+
+
+def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_world: FloatArray) -> Points:
+    """Measured points in the scene, and what both models say of them."""
+    modelled = [frames.apply(T_scene_world, points.predicted(robot)) for robot in (model, nominal)]
+    turns = [_turns(robot, points) for robot in (model, nominal)]
+    predicted = predictions(model, points) if len(points) <= MOST_KNOWN else None
+    return Points(
+        points.pose,
+        _target_index(model, points),
+        modelled[0],
+        frames.apply(T_scene_world, points.xyz),
+        modelled[1],
+        turn_calibrated=turns[0],
+        turn_nominal=turns[1],
+        u95=None if predicted is None else predicted[1].max(axis=1),
+        attitudes=_attitudes({"calibrated": model, "nominal": nominal}, points, T_scene_world),
+        without=shifts(model, points, T_scene_world) if len(points) <= MOST_KNOWN else {},
+    )
+
+
+def _attitudes(robots: Mapping[Model, Robot], points: PointSet, T_scene_world: FloatArray) -> dict[str, FloatArray]:
+    """Modelled target frames and how the measured ones are turned from them, see `Points`; empty without any."""
+    if points.rotation is None or not points.oriented().any():
+        return {}
+    out: dict[str, FloatArray] = {}
+    for name, robot in robots.items():
+        modelled = T_scene_world[:3, :3] @ points.predicted_rotations(robot)
+        turned = T_scene_world[:3, :3] @ points.rotation @ np.swapaxes(modelled, 1, 2)
+        rows = np.isfinite(turned).all(axis=(1, 2)) & np.isfinite(modelled).all(axis=(1, 2))
+        out[name] = np.full((len(points), 6), np.nan)
+        out[name][rows, :3] = Rotation.from_matrix(modelled[rows]).as_rotvec()
+        out[name][rows, 3:] = Rotation.from_matrix(turned[rows]).as_rotvec()
+    return out
+
+
+def _target_index(model: Robot, points: PointSet) -> IntArray:
+    names = list(model.targets)
+    return np.array([names.index(name) for name in points.target_names])[points.target]
+
+
+def _turns(robot: Robot, points: PointSet) -> FloatArray | None:
+    """Orientation error of each point, radians; None where no orientation was measured."""
+    turns = rotation_distances(robot, points)
+    if not len(turns):
+        return None
+    out = np.full(len(points), np.nan)
+    out[points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))] = turns
+    return out
+
+
+def is_plan(table: object) -> bool:
+    """Whether a file or a DataFrame has joint columns and no measured points: a plan, or a list of joints."""
+    names = header(table)
+    planned = "target" not in names or "expected_x_mm" in names  # a row for each target is to be measured
+    return bool(columns.joint_columns(names)) and planned and not set(columns.POSITION) & set(names)
+
+
+def header(table: object) -> list[str]:
+    """Names of the columns of a file or a DataFrame; none where it cannot be read."""
+    import pandas as pd
+
+    try:
+        if isinstance(table, pd.DataFrame) or Path(str(table)).suffix == ".parquet":
+            frame = table if isinstance(table, pd.DataFrame) else pd.read_parquet(str(table))
+            return [str(name).strip() for name in frame.columns]
+        lines = read_bytes(str(table), MeasurementError).decode("utf-8-sig").splitlines()
+        first = next((text for text in lines[:100] if text.strip()), "")
+        return [name.strip().strip('"') for name in first.split(",")]
+    except Exception:  # whatever is wrong with the file, its reader says it better
+        return []
+
+
+def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:
+    """Joints of a plan, (n, joints), radians or metres: from a table, or as given."""
+    import pandas as pd
+
+    if isinstance(plan, (str, Path, pd.DataFrame)):
+        table = columns.InputTable.read(plan, arm.joint_columns, stdin=True)
+        return arm.from_controller(table.one_row_a_pose(arm.joint_columns)[0].joints(arm.joint_columns))
+    q = np.asarray(plan, dtype=float)
+    if q.ndim != 2 or not len(q) or not np.isfinite(q).all():
+        raise RobotError(
+            f"a plan for {arm.name} needs finite joints of shape (n, {len(arm.joint_names)}), n at least 1",
+            parameter="plan",
+        )
+    return arm.check_joints(q)
+
+
+def outside_limits(arm: Arm, q: FloatArray, ids: Sequence[str] | NameArray) -> list[str]:
+    """A note on poses of a plan beyond the joint limits."""
+    wrong = ((q < arm.lower - 1e-9) | (q > arm.upper + 1e-9)).any(axis=1)
+    if not wrong.any():
+        return []
+    more = f" and {wrong.sum() - 1} more" if wrong.sum() > 1 else ""
+    return [f"The plan leaves the joint limits of {arm.name}: pose {ids[int(np.argmax(wrong))]}{more}."]
+
+
+def planned_points(model: Robot, ghost: Robot | None, q: FloatArray, T_scene_world: FloatArray) -> Points:
+    """Where the models put the targets in the poses of a plan."""
+    count = len(model.targets)
+    rows, names = np.repeat(np.arange(len(q)), count), list(model.targets) * len(q)
+    nominal = None
+    if ghost is not None:
+        nominal = frames.apply(T_scene_world, ghost.replace(targets=model.targets).points(q[rows], names))
+    u95 = None
+    certainty = model.certainty
+    if (
+        certainty is not None
+        and len(rows) <= MOST_KNOWN
+        and all(certainty.left_out(n) is not None for n in model.targets)
+    ):
+        half_widths = [model.predict(q, None, name).interval.max(axis=1) for name in model.targets]
+        u95 = np.column_stack(half_widths).ravel()
+    return Points(
+        rows,
+        np.tile(np.arange(count), len(q)),
+        frames.apply(T_scene_world, model.points(q[rows], names)),
+        nominal=nominal,
+        u95=u95,
+    )
+
+
+def path_of(model: Robot, q: FloatArray, T_scene_world: FloatArray, limit: int = 20_000) -> FloatArray | None:
+    """Way of the first target when the robot goes from pose to pose linearly in its joints."""
+    if len(q) < 2:
+        return None
+    steps = int(np.clip(limit // len(q), 2, 24))
+    fraction = np.arange(steps) / steps
+    between = q[:-1, None] + fraction[:, None] * (q[1:] - q[:-1])[:, None]
+    q_path = np.concatenate([between.reshape(-1, q.shape[1]), q[-1:]])
+    return frames.apply(T_scene_world, model.points(q_path, next(iter(model.targets))))

@@ -18,7 +18,7 @@ from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.io import urdf_check
 from irbcal.io.robots import robot_file
 from irbcal.measurement import table
-from irbcal.planning import sources
+from irbcal.planning import choosing
 from irbcal.planning.collisions import BEAM_GAP
 from irbcal.planning.conditions import CONDITIONS
 from irbcal.units import DEG, MM
@@ -172,7 +172,7 @@ def test_the_page_plays_the_plan(made):
 
 
 def test_refusals_name_conditions_and_counts_and_leave_nothing_behind(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sources, "MOST_TRIED", 50_000)
+    monkeypatch.setattr(choosing, "MOST_TRIED", 50_000)
     arguments = ["--out", tmp_path / "new" / "plan", "--acceptance", 1, "--cube", 50, "--axis", 0]
     monkeypatch.setattr(sys, "argv", ["irbcal", "plan", "--robot", "irb1600", *map(str, arguments)])
     with pytest.raises(SystemExit) as end:

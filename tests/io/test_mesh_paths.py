@@ -23,7 +23,7 @@ from viewer_urdf import document, mesh, write_stl
 import irbcal
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import robots, urdf
-from irbcal.io.mesh_paths import MeshFolders, MeshProblem, with_mesh_paths
+from irbcal.io.urdf_xml import MeshFolders, MeshProblem, with_mesh_paths
 from irbcal.viewer import shapes
 
 
@@ -167,7 +167,7 @@ def test_what_is_not_found_or_lies_outside_is_refused(cell, how, name, why):
 
 
 def test_too_many_files_are_refused(cell, monkeypatch):
-    monkeypatch.setattr("irbcal.io.mesh_paths.MOST_FILES", 2)
+    monkeypatch.setattr("irbcal.io.urdf_xml.MOST_FILES", 2)
     names = ["meshes/part.stl", "./meshes/part.stl"]
     assert len(written_names(cell, "relative", *names, *names)[0]) == 4
     with pytest.raises(RobotError, match="more than 2 files are too many"):

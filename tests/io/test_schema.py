@@ -18,6 +18,7 @@ from irbcal.errors import CalibrationError, RobotError
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.gear_scan import GearSpectrum
 from irbcal.io import integrity, urdf_check
+from irbcal.io.calibration_folder import Signature
 from irbcal.io.schema import (
     CovarianceSection,
     EvidenceChoice,
@@ -29,7 +30,6 @@ from irbcal.io.schema import (
     PoseTable,
     Record,
 )
-from irbcal.io.signature import Signature
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.payload import Payload

@@ -9,7 +9,7 @@ from support import arm, measured, write_measurements
 
 from irbcal.errors import IrbcalError, OptionError
 from irbcal.joint_analysis.by_circles import circles
-from irbcal.simulation.tool import TABLE_3_1
+from irbcal.simulation.instruments import TABLE_3_1
 
 REAL = {name: np.array(real) * 1e-3 for name, (_, real) in TABLE_3_1.items()}
 DRAWN = {name: np.array(cad) * 1e-3 for name, (cad, _) in TABLE_3_1.items()}

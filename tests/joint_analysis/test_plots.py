@@ -5,7 +5,7 @@ import pytest
 from chart_data import given, texts
 from moving import moves, random_commands, refusal, simulated, there_and_back
 
-from irbcal.joint_analysis import plots
+from irbcal.joint_analysis import behaviour
 from irbcal.joint_analysis.behaviour import JointBehaviour
 from irbcal.joint_analysis.moves import analyse_moves
 from irbcal.joint_analysis.residuals import analyse_residuals
@@ -29,7 +29,7 @@ def test_figures_by_name_are_those_of_the_files(found):
         "angular_errors",
         "stiffness_joint_2",
     )
-    files = plots.draw(found)
+    files = behaviour.draw(found)
     assert list(files) == [f"{name}.png" for name in found.figures]
     assert all(content.startswith(b"\x89PNG") for content in files.values())
 

@@ -19,7 +19,7 @@ from irbcal.identification.linear_model import Linearisation
 from irbcal.joint_analysis import behaviour
 from irbcal.joint_analysis.residuals import analyse_residuals, needed_by_residuals, of_residuals
 from irbcal.measurement import table
-from irbcal.measurement.last_moves import last_moves
+from irbcal.measurement.motions import last_moves
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.direction import FAMILY as DIRECTION
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY

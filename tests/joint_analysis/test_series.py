@@ -9,7 +9,7 @@ from moving import moves, simulated, there_and_back
 from irbcal.joint_analysis.behaviour import JointBehaviour
 from irbcal.joint_analysis.moves import analyse_moves
 from irbcal.joint_analysis.series import equivalent_error, payload_effects
-from irbcal.measurement.last_moves import last_moves
+from irbcal.measurement.motions import last_moves
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.stiffness import Stiffness
 

@@ -7,7 +7,7 @@ import pytest
 from history_cases import sided_points, sided_robot
 from support import measured, random_robot
 
-from irbcal.measurement.last_moves import last_moves, previous_stops, shown_share, with_last_moves
+from irbcal.measurement.motions import last_moves, previous_stops, shown_share, with_last_moves
 from irbcal.measurement.points import distances
 
 

@@ -11,7 +11,7 @@ from support import proven_of
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances
 from irbcal.measurement.reading_lag import VERDICT, mixed_use, reading_lag
-from irbcal.measurement.statistics import statistics
+from irbcal.statistics import statistics
 
 SIX = [f"c{k}_deg" for k in range(1, 7)]
 

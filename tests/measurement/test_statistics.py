@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
+from irbcal.statistics import rotation_statistics, statistics, statistics_by
 
 
 def test_distances_by_hand():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from support import TARGETS, arm, measured, random_robot
 
-from irbcal.measurement import swapped
+from irbcal.measurement import cleaning
 
 NAMES = tuple(TARGETS)
 
@@ -30,11 +30,11 @@ def shaped(points):
 
 def test_by_shape():
     _, points = simulated()
-    assert swapped.by_shape(shaped(points)) == []
-    found = swapped.by_shape(shaped(exchanged(points, [3, 5, 8], [1, 0, 2])))
+    assert cleaning.by_shape(shaped(points)) == []
+    found = cleaning.by_shape(shaped(exchanged(points, [3, 5, 8], [1, 0, 2])))
     assert [(p, order.tolist()) for p, order in found] == [(p, [1, 0, 2]) for p in (3, 5, 8)]
     # the cycle smr1 -> smr2 -> smr3: what is called smr2 is smr1
-    ((pose, order),) = swapped.by_shape(shaped(exchanged(points, [7], [1, 2, 0])))
+    ((pose, order),) = cleaning.by_shape(shaped(exchanged(points, [7], [1, 2, 0])))
     assert pose == 7
     assert order.tolist() == [2, 0, 1]
 
@@ -44,21 +44,21 @@ def test_a_gross_error_is_no_exchange():
     seen = shaped(points)
     seen[4, 1] += 0.02
     seen[9, 2] = np.nan
-    assert swapped.by_shape(seen) == []
+    assert cleaning.by_shape(seen) == []
 
 
 def test_by_robot():
     """Two reflectors have one distance only: a robot tells."""
     robot, points = simulated()
     two = points.take(points.target < 2).with_seen_targets()
-    assert swapped.by_robot(robot, two) == []
-    found = swapped.by_robot(robot, exchanged(two, range(20), [1, 0, 2]))
+    assert cleaning.by_robot(robot, two) == []
+    found = cleaning.by_robot(robot, exchanged(two, range(20), [1, 0, 2]))
     assert [(p, order.tolist()) for p, order in found] == [(p, [1, 0]) for p in range(20)]
 
 
 def test_in_words():
     found = [(f"P{k}", np.array([1, 0, 2])) for k in range(1, 4)] + [("X", np.array([2, 0, 1]))]
-    assert swapped.in_words(found, NAMES) == [
+    assert cleaning.in_words(found, NAMES) == [
         "smr1 and smr2 are swapped in 3 poses (P1 to P3): correct their names in the file.",
         "smr1, smr2, smr3 are in truth smr3, smr1, smr2 in pose X: correct their names in the file.",
     ]

@@ -6,11 +6,11 @@ from planning_support import gantry, setting
 from support import arm
 
 from irbcal.modeling import home
-from irbcal.planning import sources
+from irbcal.planning import choosing
 
 
 def test_joints_are_what_can_be_commanded():
-    q = np.degrees(sources.random_poses(setting(), 30, "g", 0).q)
+    q = np.degrees(choosing.random_poses(setting(), 30, "g", 0).q)
     assert np.abs(q - np.round(q, 4)).max() < 1e-11
 
 

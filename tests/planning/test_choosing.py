@@ -4,12 +4,11 @@ import numpy as np
 from planning_support import setting
 
 from irbcal.planning import choosing
+from irbcal.planning.choosing import Wish, axis_moves, random_poses
 from irbcal.planning.conditions import SOLID
-from irbcal.planning.information import Model
+from irbcal.planning.optimal_design import Model
 from irbcal.planning.scene import open_scene
-from irbcal.planning.sources import axis_moves, random_poses
-from irbcal.planning.wish import Wish
-from irbcal.thesis_setup import IRB1600_CUBE
+from irbcal.simulation.instruments import IRB1600_CUBE
 
 SCENE = open_scene("irb1600", without=tuple(SOLID))
 

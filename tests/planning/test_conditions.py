@@ -11,8 +11,7 @@ from irbcal.io.robots import robot_file
 from irbcal.modeling import home
 from irbcal.modeling.robot import Robot
 from irbcal.planning import conditions
-from irbcal.planning.conditions import Setting
-from irbcal.planning.reflectors import Targets
+from irbcal.planning.conditions import Setting, Targets
 
 
 def test_check_keeps_all_poses_that_meet_the_conditions():

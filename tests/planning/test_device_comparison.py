@@ -3,8 +3,8 @@ from types import SimpleNamespace
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.planning import device_comparison
-from irbcal.planning.device_comparison import compare_devices
+from irbcal.planning import device_plan
+from irbcal.planning.device_plan import compare_devices
 from irbcal.simulation.devices import DEVICES
 
 
@@ -29,9 +29,9 @@ def test_devices_stand_in_the_order_of_an_independent_calculation(found):
 def test_the_best_is_first_by_the_largest_number_of_poses_however_they_are_given(monkeypatch):
     left = {name: float(k) for k, name in enumerate(DEVICES)}
     signs = {50: 1.0, 20: -1.0}  # what is best of many is worst of few
-    monkeypatch.setattr(device_comparison, "DeviceModel", lambda *_: SimpleNamespace(before=1.0))
+    monkeypatch.setattr(device_plan, "DeviceModel", lambda *_: SimpleNamespace(before=1.0))
     monkeypatch.setattr(
-        device_comparison, "_left", lambda model, name, count, noise: (signs[count] * left.get(name, 99.0),) * 2
+        device_plan, "_left", lambda model, name, count, noise: (signs[count] * left.get(name, 99.0),) * 2
     )
     found = compare_devices("irb1600", (50, 20, 50))
     assert list(dict.fromkeys(row.device for row in found.rows)) == [*DEVICES, "tracker"]

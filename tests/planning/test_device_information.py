@@ -2,7 +2,7 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
-from irbcal.planning.device_information import DeviceModel
+from irbcal.planning.device_plan import DeviceModel
 from irbcal.simulation.devices import DEVICES, placed, poses
 
 

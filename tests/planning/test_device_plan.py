@@ -3,8 +3,7 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.planning.device_information import DeviceModel
-from irbcal.planning.device_plan import device_plan
+from irbcal.planning.device_plan import DeviceModel, device_plan
 from irbcal.simulation.devices import BALL
 
 

@@ -8,7 +8,7 @@ from support import arm, central_differences, measured, random_robot
 from irbcal.identification.fit import identify
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.planning.information import Aim, Candidates, Model
+from irbcal.planning.optimal_design import Aim, Candidates, Model
 from irbcal.units import DEG, MM
 
 

@@ -11,10 +11,10 @@ import irbcal
 from irbcal.atomic import write_together
 from irbcal.errors import OptionError
 from irbcal.planning import measuring_plan
+from irbcal.planning.choosing import Wish
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make, plan
 from irbcal.planning.scene import open_scene
-from irbcal.planning.wish import Wish
 from irbcal.simulation import pose_list, simulation
 from irbcal.simulation.shipped_cells import open_cell
 from irbcal.simulation.simulation import simulate

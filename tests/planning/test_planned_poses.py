@@ -7,12 +7,12 @@ from support import arm, measured, random_robot
 
 from irbcal.identification.fit import identify
 from irbcal.modeling import frames
-from irbcal.planning import planned_poses
+from irbcal.planning import measuring_plan
+from irbcal.planning.choosing import READINGS_S, Wish
 from irbcal.planning.conditions import SOLID
-from irbcal.planning.information import Model
 from irbcal.planning.measuring_plan import make, plan
+from irbcal.planning.optimal_design import Model
 from irbcal.planning.scene import open_scene
-from irbcal.planning.wish import READINGS_S, Wish
 from irbcal.units import DEG, MM
 
 
@@ -46,7 +46,7 @@ def test_predicted_deviations_are_those_of_simulated_calibrations():
     nominal, noise, runs = arm(), 0.1 * MM, 150
     q, seen = poses(40, 7)
     model = Model(nominal, TARGETS, "16", noise)
-    found = planned_poses.predict(model, q, seen)
+    found = measuring_plan.predict(model, q, seen)
     rng = np.random.default_rng(0)
     robot = random_robot(nominal, "16", rng, targets=dict(zip(TARGETS.names, PLACES, strict=True)))
     exact, there = measured(robot, q), nominal.random_joints(40, 8)
@@ -70,7 +70,7 @@ def test_predicted_deviations_are_those_of_simulated_calibrations():
 
 def test_what_no_pose_shows_is_held_and_has_no_deviation():
     model = Model(arm(), TARGETS, "34")
-    states = {item.name: item for item in planned_poses.predict(model, *poses(60, 1)).parameters}
+    states = {item.name: item for item in measuring_plan.predict(model, *poses(60, 1)).parameters}
     assert states["delta_d6"].state == states["delta_theta6"].state == "held"
     assert states["delta_d2"].state == states["delta_d3"].state == "tied"
     assert states["delta_d6"].std is None
@@ -81,6 +81,6 @@ def test_reflectors_that_no_pose_measures_are_left_out():
     q, seen = poses(40, 2)
     seen[:, 1] = False
     seen[~seen.any(axis=1), 0] = True
-    found = planned_poses.predict(Model(arm(), TARGETS, "11"), q, seen)
+    found = measuring_plan.predict(Model(arm(), TARGETS, "11"), q, seen)
     assert found.model.targets.names == ("smr1", "smr3")
     assert found.position_std(q, "smr3").shape == (40,)

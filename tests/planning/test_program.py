@@ -9,11 +9,11 @@ from maker_cases import path_of, robot_of
 import irbcal
 from irbcal.correction.languages import rapid
 from irbcal.errors import OptionError
-from irbcal.planning import program
+from irbcal.planning import measuring_plan
+from irbcal.planning.choosing import Wish
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make
 from irbcal.planning.scene import open_scene
-from irbcal.planning.wish import Wish
 from irbcal.simulation import pose_list
 from irbcal.units import DEG
 
@@ -28,7 +28,7 @@ def made():
 
 def test_ways_over_home_stand_in_the_program(made):
     def joints(plan):
-        return [target.value for target in rapid.parse(program.files(plan)["plan.mod"]).targets]
+        return [target.value for target in rapid.parse(measuring_plan.program_files(plan)["plan.mod"]).targets]
 
     direct = joints(made)
     over = joints(replace(made, over_home=np.array([False, True, False, True])))
@@ -51,25 +51,25 @@ def test_ways_over_home_stand_in_the_program(made):
 )
 def test_the_language_is_the_makers(robot, language):
     arm = robot_of(robot)[0]
-    assert program.language_of(arm, Wish(pulses=PULSES)) == (language, "")
-    assert program.language_of(arm, Wish(language="csv")) == ("", "")
+    assert measuring_plan.language_of(arm, Wish(pulses=PULSES)) == (language, "")
+    assert measuring_plan.language_of(arm, Wish(language="csv")) == ("", "")
     for name in ("", "noname_xy7"):
-        found, note = program.language_of(replace(arm, name=name), Wish())
+        found, note = measuring_plan.language_of(replace(arm, name=name), Wish())
         assert found == ""
         assert "the name of the robot does not tell its maker" in note
 
 
 def test_what_cannot_be_written_is_said():
     arm = robot_of("gp8")[0]
-    assert "give the pulses per degree" in program.language_of(arm, Wish())[1]
+    assert "give the pulses per degree" in measuring_plan.language_of(arm, Wish())[1]
     for language, expected in (("krl", "axes point along"), ("inform", "pulses"), ("basic", "basic")):
         with pytest.raises(OptionError, match=expected):
-            program.language_of(arm, Wish(language=language))
+            measuring_plan.language_of(arm, Wish(language=language))
 
 
 def test_the_run_takes_as_long_as_the_plan_says(made):
     """Moves with the joint speeds of the program, and its rests: the hours of the plan."""
-    run = program.moves(made)
+    run = measuring_plan.moves(made)
     way = np.abs(np.diff(run.q, axis=0)).max(axis=1)
     seconds = sum(move.wait_s for move in run.moves) + sum(
         part / move.joint_speed for part, move in zip(way, run.moves[1:], strict=True)

@@ -3,7 +3,7 @@
 import numpy as np
 from planning_support import Wall, setting
 
-from irbcal.planning import choosing, sources
+from irbcal.planning import choosing
 
 
 def test_moves_below_the_heights_and_through_the_arm_are_blocked():
@@ -35,7 +35,7 @@ def test_ways_that_are_not_free_go_over_home_where_that_is_free():
     start = np.array([0.9, 0, 0, 0, 0, 0])
     for second, over, blocked in (([0.0, 0.9], True, False), ([0.9, 0.9], False, True), ([0.5, 0.1], False, False)):
         q = np.array([[*second, 0, 0, 0, 0]])
-        poses = sources.Poses(q, np.ones((1, 3), dtype=bool), np.array(["g"], dtype=object), sources.Tally())
+        poses = choosing.Poses(q, np.ones((1, 3), dtype=bool), np.array(["g"], dtype=object), choosing.Tally())
         found = choosing.ordered(there, poses, start, np.ones(6))
         assert found[1].tolist() == [over]
         assert found[2].tolist() == [blocked]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.planning.wish import READINGS_S, Wish
+from irbcal.planning.choosing import READINGS_S, Wish
 
 
 def test_the_robot_stands_still_for_rest_and_readings():

@@ -9,7 +9,7 @@ from report_cases import without_heldout
 from irbcal.io.schema import CertaintySection
 from irbcal.modeling.elsewhere import Elsewhere
 from irbcal.reports import report_page
-from irbcal.reports.limits import limits
+from irbcal.reports.evidence import limits
 
 
 def first(record, evidence=None):

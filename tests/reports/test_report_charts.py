@@ -23,7 +23,7 @@ from irbcal.measurement.points import distances
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.situation import Motion
 from irbcal.plotting import charts
-from irbcal.reports import report_charts, report_data, report_page
+from irbcal.reports import report_charts, report_page
 
 
 def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
@@ -185,7 +185,7 @@ def test_families_expected_and_found(averaged, averaged_page):
     assert rows["gain"][-1] == "no"
     # root mean squares over groups of several sizes
     section = averaged.evidence
-    for row in report_data.families(section):
+    for row in report_page.families(section):
         mine = [group for group in section.groups if group.family == row["family"]]
         every = np.repeat([group.estimate for group in mine], [group.terms for group in mine])
         assert row["found"] == pytest.approx(float(np.sqrt(np.mean(every**2))), rel=1e-12)
@@ -239,7 +239,7 @@ def test_each_figure_can_be_had_alone(saved, calibration):
 
 def test_data_of_the_figures(averaged):
     evidence = report_page.gather(averaged)
-    files = report_data.data_files(averaged, evidence)
+    files = report_page.data_files(averaged, evidence)
 
     def rows(name):
         return list(csv.DictReader(io.StringIO(files[name].decode())))

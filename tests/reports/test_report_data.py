@@ -8,7 +8,7 @@ import pytest
 from lxml import etree, html
 from report_cases import NASTY, everywhere, some_errors
 
-from irbcal.reports import report_data, report_page
+from irbcal.reports import report_page
 
 
 def rows_under(page, caption):
@@ -49,26 +49,26 @@ def test_files_of_hostile_names_and_simulated_data(calibration):
             "title",
         }
         assert b"SIMULATED data" in content
-    rows = list(csv.DictReader(io.StringIO(report_data.data_files(changed, evidence)["poses.csv"].decode())))
+    rows = list(csv.DictReader(io.StringIO(report_page.data_files(changed, evidence)["poses.csv"].decode())))
     assert rows[0]["pose"] == NASTY
     assert rows[0]["simulated"] == "1"
 
 
 def test_numbers_and_names():
-    assert report_data.in_unit(1.23456, "mm") == "1.235"
-    assert report_data.in_unit(1.23456789, "kg") == "1.23457"
-    assert report_data.deviation(None, "mm") == "–"
-    assert report_data.deviation(1e-5, "mm") == "< 0.001"
-    assert (report_data.count(1, "pose"), report_data.count(2, "pose")) == ("1 pose", "2 poses")
-    assert report_data.file_name("/home/me/robot.urdf") == "robot.urdf"
-    assert report_data.file_name("C:\\data\\m.csv") == "m.csv"
-    assert report_data.file_name("m.csv") == "m.csv"
-    assert report_data.short("abc", 10) == "abc"
-    long = report_data.short("a" * 50 + "z", 10)
+    assert report_page.in_unit(1.23456, "mm") == "1.235"
+    assert report_page.in_unit(1.23456789, "kg") == "1.23457"
+    assert report_page.deviation(None, "mm") == "–"
+    assert report_page.deviation(1e-5, "mm") == "< 0.001"
+    assert (report_page.count(1, "pose"), report_page.count(2, "pose")) == ("1 pose", "2 poses")
+    assert report_page.file_name("/home/me/robot.urdf") == "robot.urdf"
+    assert report_page.file_name("C:\\data\\m.csv") == "m.csv"
+    assert report_page.file_name("m.csv") == "m.csv"
+    assert report_page.short("abc", 10) == "abc"
+    long = report_page.short("a" * 50 + "z", 10)
     assert len(long) == 10
     assert long.endswith("z")
 
 
 def test_a_template_misses_nothing():
     with pytest.raises(jinja2.UndefinedError):
-        report_data.template("certificate.html.j2").render()
+        report_page.template("certificate.html.j2").render()

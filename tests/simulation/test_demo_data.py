@@ -15,8 +15,8 @@ from support import proven_of
 from irbcal.io import robots, urdf
 from irbcal.measurement import columns, table
 from irbcal.measurement.points import distances
-from irbcal.measurement.statistics import statistics
 from irbcal.simulation import demonstration, effects
+from irbcal.statistics import statistics
 from irbcal.units import DEG, MM
 
 ROOT = Path(__file__).resolve().parents[2]

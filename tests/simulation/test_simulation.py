@@ -11,8 +11,7 @@ import irbcal
 from irbcal.errors import IrbcalError, OptionError
 from irbcal.measurement import table
 from irbcal.simulation import simulation
-from irbcal.simulation.device_simulation import simulate_device
-from irbcal.simulation.devices import AXES, BALL
+from irbcal.simulation.devices import AXES, BALL, simulate_device
 from irbcal.simulation.pose_list import random_list
 from irbcal.simulation.simulation import simulate
 from irbcal.units import MM

@@ -12,9 +12,8 @@ from irbcal.io import robots, urdf
 from irbcal.measurement.points import distances
 from irbcal.modeling import frames
 from irbcal.simulation import pose_list, weights
+from irbcal.simulation.instruments import TABLE_3_1, Tracker, behind_arm, turned_away
 from irbcal.simulation.shipped_cells import open_cell
-from irbcal.simulation.tool import TABLE_3_1
-from irbcal.simulation.tracker import Tracker, behind_arm, turned_away
 from irbcal.units import DEG, MM
 
 

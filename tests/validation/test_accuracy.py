@@ -11,10 +11,10 @@ import irbcal
 from irbcal.errors import MeasurementError
 from irbcal.io import robots
 from irbcal.measurement.points import distances
-from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import all_names, parameter
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage, coverage_in_words, position_std

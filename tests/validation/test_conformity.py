@@ -10,13 +10,12 @@ from scipy.stats import binom
 import irbcal
 from irbcal.errors import OptionError
 from irbcal.io import robots
-from irbcal.measurement.statistics import statistics
 from irbcal.modeling import frames
 from irbcal.reports import certificate
+from irbcal.statistics import statistics
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy
-from irbcal.validation.conformity import check_options, conformity, expanded_uncertainty, region, upper_bound
-from irbcal.validation.verdict import verdict
+from irbcal.validation.verdict import check_options, conformity, expanded_uncertainty, region, upper_bound, verdict
 
 RNG = np.random.default_rng(5)
 ERRORS = np.abs(RNG.normal(0.3, 0.05, 200)) * MM

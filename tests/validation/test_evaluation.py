@@ -12,7 +12,7 @@ from irbcal.cli.main import app
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io import robots
 from irbcal.measurement import table
-from irbcal.measurement.statistics import statistics
+from irbcal.statistics import statistics
 from irbcal.units import MM
 
 

@@ -12,8 +12,8 @@ from written import written
 from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.measurement import table
 from irbcal.modeling import frames
-from irbcal.validation.cube import POSES
 from irbcal.validation.iso9283_check import iso9283, iso9283_plan, static_compliance
+from irbcal.validation.pose_check import POSES
 
 
 @pytest.fixture(scope="module")

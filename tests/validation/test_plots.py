@@ -10,7 +10,7 @@ from irbcal.correction.paths import Reversal
 from irbcal.plotting.charts import FONT
 from irbcal.validation import ballbar_check
 from irbcal.validation.comparing import COLOURS, Compared
-from irbcal.validation.path_check import PathCheck, PathErrors
+from irbcal.validation.iso9283_check import PathCheck, PathErrors
 from irbcal.validation.settling import Settling, stabilisation
 from irbcal.validation.tracker_check import ScaleBar
 

@@ -7,7 +7,7 @@ import pytest
 from viewer_page import Opened
 
 import irbcal
-from irbcal.viewer import points
+from irbcal.viewer import scene as points
 
 SPOTS = """(() => {const {points, slots, on_screen, point, state} = irbcalView; const out = [];
 slots().forEach((slot, row) => {if (slot >= 0) out.push([row, points.pose[row],

@@ -13,7 +13,8 @@ from irbcal.io.opening import open_calibration
 from irbcal.modeling import frames
 from irbcal.modeling.terms.situation import Motion
 from irbcal.units import MM
-from irbcal.viewer import building, links, points, shapes
+from irbcal.viewer import building, shapes
+from irbcal.viewer import scene as points
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +23,7 @@ def shown(cell):
 
 
 def tips(drawn, values):
-    return np.array([links.place(drawn.links, q, drawn.T_scene_root)[drawn.tip] for q in values])
+    return np.array([shapes.place(drawn.links, q, drawn.T_scene_root)[drawn.tip] for q in values])
 
 
 def test_links_end_where_the_robots_say(cell, shown):

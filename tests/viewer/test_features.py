@@ -11,7 +11,8 @@ from irbcal.identification.observations import KINDS, Point
 from irbcal.modeling import frames
 from irbcal.plotting.charts import inline
 from irbcal.units import MM
-from irbcal.viewer import building, features, page
+from irbcal.viewer import building, features
+from irbcal.viewer import view as page
 
 TURN = frames.rotation_from_vector(np.array([0.2, -0.3, 0.4]))
 AT = np.array([0.85, 0.2, 0.5])

@@ -5,7 +5,7 @@ import pytest
 from viewer_urdf import document
 
 from irbcal.io import urdf_xml
-from irbcal.viewer import links
+from irbcal.viewer import shapes
 
 
 def test_links_move_as_pinocchio_says():
@@ -19,21 +19,21 @@ def test_links_move_as_pinocchio_says():
     arm = document("", grip)
     model = pin.buildModelFromXML(urdf_xml.serialised(arm.tree).decode(), mimic=True)
     data = model.createData()
-    tree = links.links(arm)
+    tree = shapes.links(arm)
     for q in np.random.default_rng(1).uniform(-3, 3, (5, 6)):
         pin.framesForwardKinematics(model, data, q)
-        for link, T in zip(tree, links.place(tree, q), strict=True):
+        for link, T in zip(tree, shapes.place(tree, q), strict=True):
             assert np.abs(T - data.oMf[model.getFrameId(link.name)].homogeneous).max() < 1e-12, link.name
 
 
 def test_numbers_of_urdfs_are_finite():
-    assert links.vector(" 1 -2e1  .5", 3).tolist() == [1.0, -20.0, 0.5]
+    assert shapes.vector(" 1 -2e1  .5", 3).tolist() == [1.0, -20.0, 0.5]
     for text in ("1 2", "1 2 nan", "1 2 x", "", None):
         with pytest.raises(ValueError, match=r"expected 3 numbers|could not convert"):
-            links.vector(text, 3)
+            shapes.vector(text, 3)
 
 
 def test_the_reach_is_the_longest_chain():
-    tree = links.links(document(""))
+    tree = shapes.links(document(""))
     expected = sum(np.hypot(0.1 * k, 0.2) for k in range(1, 7))
-    assert abs(links.reach(tree) - expected) < 1e-12
+    assert abs(shapes.reach(tree) - expected) < 1e-12

@@ -12,7 +12,8 @@ import umsgpack
 
 import irbcal
 from irbcal.io import robots
-from irbcal.viewer import building, page
+from irbcal.viewer import building
+from irbcal.viewer import view as page
 
 HOSTILE = "</script><script>window.hacked=1</script><!--<img src=x onerror=window.hacked=2>"
 

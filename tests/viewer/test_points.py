@@ -6,7 +6,7 @@ import pytest
 from support import arm, random_robot
 
 from irbcal.errors import RobotError
-from irbcal.viewer import points
+from irbcal.viewer import scene as points
 
 
 @pytest.mark.parametrize(

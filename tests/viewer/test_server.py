@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from irbcal.errors import IrbcalError
-from irbcal.viewer import server
+from irbcal.viewer import view
 
 
 def get(port, path="/", host=None, address="127.0.0.1"):
@@ -27,7 +27,7 @@ def parts(address):
 
 def test_only_who_knows_the_address_is_served():
     """Another user of this computer finds the port, but not the page; the next view has another address."""
-    with server.serving("<p>a</p>", 0) as one, server.serving("<p>b</p>", 0) as other:
+    with view.serving("<p>a</p>", 0) as one, view.serving("<p>b</p>", 0) as other:
         (port, path), (_, foreign) = parts(one), parts(other)
         assert len(path) > 20
         for wrong in ("/", path[:-2], path[:-3] + "/", foreign, "//", f"/x{path}"):
@@ -36,8 +36,8 @@ def test_only_who_knows_the_address_is_served():
 
 
 def test_who_says_nothing_is_let_go(monkeypatch):
-    monkeypatch.setattr(server, "READ_SECONDS", 0.1)
-    with server.serving("<p>a</p>", 0) as address, socket.create_connection(("127.0.0.1", parts(address)[0])) as line:
+    monkeypatch.setattr(view, "READ_SECONDS", 0.1)
+    with view.serving("<p>a</p>", 0) as address, socket.create_connection(("127.0.0.1", parts(address)[0])) as line:
         line.settimeout(30)
         line.sendall(b"GET /")
         assert line.recv(100) == b""
@@ -56,7 +56,7 @@ def own_addresses():
 
 
 def test_only_this_computer_is_served():
-    with server.serving("<p>hello</p>", 0) as address:
+    with view.serving("<p>hello</p>", 0) as address:
         port, path = parts(address)
         assert address.startswith("http://127.0.0.1:")
         assert get(port, path) == (200, b"<p>hello</p>")
@@ -67,7 +67,7 @@ def test_only_this_computer_is_served():
         for other in own_addresses():
             with pytest.raises(OSError, match=r"refused|timed out|unreachable"):
                 socket.create_connection((other, port), timeout=2)
-        with pytest.raises(IrbcalError, match=f"port {port} "), server.serving("", port):
+        with pytest.raises(IrbcalError, match=f"port {port} "), view.serving("", port):
             pass
     with pytest.raises(OSError, match="refused"):
         socket.create_connection(("127.0.0.1", port), timeout=2)

@@ -8,7 +8,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.viewer import points as viewed
+from irbcal.viewer import scene as viewed
 
 
 def test_parts_of_the_thesis_are_left_out_one_by_one():

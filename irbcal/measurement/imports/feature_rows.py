@@ -20,11 +20,19 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.atomic import write_together
 from irbcal.errors import OptionError
-from irbcal.measurement.imports import column_map, dialect
+from irbcal.measurement.imports import column_map, tables
 from irbcal.measurement.imports.column_map import Changes, Column, Dialect, JointRules, Lost, Name, Three, Units
-from irbcal.measurement.imports.dialect import TextTable
-from irbcal.measurement.imports.part import ALWAYS_LOST, ANGLE_DEG, LENGTH_MM, ROW, SOURCE, joint_values, undeclared
 from irbcal.measurement.imports.reader import joint_rules_applied, refuse_sources
+from irbcal.measurement.imports.tables import (
+    ALWAYS_LOST,
+    ANGLE_DEG,
+    LENGTH_MM,
+    ROW,
+    SOURCE,
+    TextTable,
+    joint_values,
+    undeclared,
+)
 from irbcal.names import csv_bytes
 from irbcal.summary import Paragraph, Result
 
@@ -223,7 +231,7 @@ def import_features(
         refuse_sources(Path(out), sources)
     frames, lost, poses = [], 0, 0
     for path in sources:
-        frame, gone, count = _understood(dialect.read(path, layout.file, _markers(layout)), layout, poses)
+        frame, gone, count = _understood(tables.read(path, layout.file, _markers(layout)), layout, poses)
         frames.append(frame)
         lost, poses = lost + gone, poses + count
     imported = ImportedRows(pd.concat(frames, ignore_index=True).drop(columns=[SOURCE, ROW]), lost, layout)

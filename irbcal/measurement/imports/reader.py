@@ -20,10 +20,9 @@ from irbcal.atomic import write_together
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, QUATERNION, joint_columns, programmed_columns
-from irbcal.measurement.imports import dialect
+from irbcal.measurement.imports import tables
 from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap, JointRules, has_field
-from irbcal.measurement.imports.dialect import short
-from irbcal.measurement.imports.part import (
+from irbcal.measurement.imports.tables import (
     ANGLE_DEG,
     LENGTH_MM,
     ROW,
@@ -31,6 +30,7 @@ from irbcal.measurement.imports.part import (
     SourceFile,
     declared_units,
     joint_values,
+    short,
     undeclared,
 )
 from irbcal.measurement.table import MeasurementSet, ReadOnlyTables
@@ -352,7 +352,7 @@ class Imported(ReadOnlyTables, Result):
             If it is one of the files that were read.
         """
         out = Path(out)
-        refuse_sources(out, [dialect.file_of(source) for source in self.origin["source"].unique()])
+        refuse_sources(out, [tables.file_of(source) for source in self.origin["source"].unique()])
         files = {out.name: self.csv()}
         if self.columns:
             files[map_beside(out).name] = f"{self.map_text()}\n".encode()
@@ -666,7 +666,7 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
         if program is not None:
             check_joint_sizes(program, str(path), "deg", import_map)
             return program
-    text = dialect.read(path, layout.file if layout else Dialect())
+    text = tables.read(path, layout.file if layout else Dialect())
     names: Sequence[Column]
     programmed: Sequence[Column]
     units: str | Sequence[str]
@@ -735,7 +735,7 @@ def understand(
     frames: list[pd.DataFrame] = []
     counted: Counter[str | None] = Counter()
     for path in sources:
-        source_file = SourceFile(dialect.read(path, import_map.file, import_map.lost_texts), import_map, elsewhere)
+        source_file = SourceFile(tables.read(path, import_map.file, import_map.lost_texts), import_map, elsewhere)
         target = source_file.file_fields.get("target")  # logs of one target each count the same poses
         frames.append(source_file.frame(counted[target]))
         counted[target] += len(source_file.table.cells)

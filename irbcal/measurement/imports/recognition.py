@@ -30,9 +30,9 @@ import yaml
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import POSITION, joint_columns, joint_units
-from irbcal.measurement.imports import dialect, reader
+from irbcal.measurement.imports import reader, tables
 from irbcal.measurement.imports.column_map import Dialect, ImportMap, pattern_regex, validated
-from irbcal.measurement.imports.dialect import BLANKS, TextTable, short
+from irbcal.measurement.imports.tables import BLANKS, TextTable, short
 from irbcal.measurement.table import REFERENCE_PREFIX
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
@@ -116,7 +116,7 @@ class Sheet:
 def sheets(path: str | PathLike[str]) -> list[Sheet]:
     """The tables of a file, of a workbook's sheets, of an archive's files; what is no table is left out."""
     out = []
-    for part in dialect.parts_of(path):
+    for part in tables.parts_of(path):
         sheet = _sheet(part)
         if sheet is not None:
             out.append(sheet)
@@ -125,12 +125,12 @@ def sheets(path: str | PathLike[str]) -> list[Sheet]:
 
 def _sheet(source: str) -> Sheet | None:
     container = source.rpartition("!")[0]
-    of_workbook = Path(container).suffix.lower() in dialect.WORKBOOKS and not Path(source).exists()
+    of_workbook = Path(container).suffix.lower() in tables.WORKBOOKS and not Path(source).exists()
     try:
-        encoding = "auto" if of_workbook else dialect.encoding_of(dialect._bytes(source), _KNOWN_WORDS)
-        lines = dialect.text_lines(source, encoding)
+        encoding = "auto" if of_workbook else tables.encoding_of(tables._bytes(source), _KNOWN_WORDS)
+        lines = tables.text_lines(source, encoding)
     except MeasurementError:
-        if source == str(dialect.file_of(source)):
+        if source == str(tables.file_of(source)):
             raise
         return None  # a picture in an archive
     layout: dict[str, Any] = {} if encoding in ("auto", "utf-8", "utf-8-sig", "utf-16") else {"encoding": encoding}
@@ -141,7 +141,7 @@ def _sheet(source: str) -> Sheet | None:
     layout |= layout_of_cells
     if layout["delimiter"] == "space":  # titles may hold blanks
         cells = [
-            dialect.titles_of(line, BLANKS, width) if len(row) > width else row
+            tables.titles_of(line, BLANKS, width) if len(row) > width else row
             for line, row in zip(lines, cells, strict=True)
         ]
     number = _NUMBER[layout["decimal"]]
@@ -173,7 +173,7 @@ def _sheet(source: str) -> Sheet | None:
     if marks:
         layout["comment"] = sorted(marks)
     comments = [lines[k].strip() for k in range(layout["skip_rows"]) if lines[k].strip()]
-    table = dialect.read(source, validated(Dialect, layout, source), _lost_marks(cells, first, width, number))
+    table = tables.read(source, validated(Dialect, layout, source), _lost_marks(cells, first, width, number))
     return Sheet(source, layout, table, tuple(comments), tuple(left_out))
 
 
@@ -203,7 +203,7 @@ def _cutting(lines: Sequence[str], of_workbook: bool) -> tuple[list[list[str]], 
         present = delimiter == BLANKS or any(delimiter in line for line in lines)
         if not present:
             continue
-        cells = [dialect._fields(line, delimiter) if line.strip() else [] for line in lines]
+        cells = [tables._fields(line, delimiter) if line.strip() else [] for line in lines]
         cells = [[cell.strip() for cell in row] for row in cells]
         for decimal in (".",) if of_workbook else (".", ","):
             number = _NUMBER[decimal]
@@ -224,7 +224,7 @@ def _cutting(lines: Sequence[str], of_workbook: bool) -> tuple[list[list[str]], 
     if delimiter == BLANKS:
         fixed = _fixed(lines, cells, _NUMBER[decimal])
         if fixed is not None:
-            cells = [dialect.cut(line, fixed) if line.strip() else [] for line in lines]
+            cells = [tables.cut(line, fixed) if line.strip() else [] for line in lines]
             layout |= {"delimiter": "fixed", "starts": fixed}
             width = len(fixed)
     return cells, layout, width
@@ -283,7 +283,7 @@ def _repeats(row: Sequence[str]) -> bool:
 
 
 def _is_unit(text: str) -> bool:
-    return dialect.unit_of(text.strip("[]() ")) is not None or text.strip("[]() -") == ""
+    return tables.unit_of(text.strip("[]() ")) is not None or text.strip("[]() -") == ""
 
 
 # --- its columns
@@ -323,11 +323,11 @@ class Roles:
 
 def _parsed(text: str) -> _Name:
     """A header's name without its unit (in brackets, behind an underscore or a blank) and its qualifier."""
-    bare, unit = dialect._without_unit(text)
+    bare, unit = tables._without_unit(text)
     if unit is None:
         start, mark, end = re.sub(r"[ /,]+(?=\S+$)", "_", text).rpartition("_")
-        if mark and end not in ("in", "In") and dialect.unit_of(end):
-            bare, unit = text[: len(start)], dialect.unit_of(end)
+        if mark and end not in ("in", "In") and tables.unit_of(end):
+            bare, unit = text[: len(start)], tables.unit_of(end)
     bare = unicodedata.normalize("NFKC", bare)
     kind = ""
     for name, words in _QUALIFIERS.items():
@@ -396,7 +396,7 @@ def _declared_units(lines: Sequence[str]) -> dict[str, str]:
         if not match:
             continue
         for word in re.findall(r'[^\W\d_]+|°|"', unicodedata.normalize("NFKC", line)[match.end() :]):
-            unit = dialect.unit_of(word)
+            unit = tables.unit_of(word)
             if unit:
                 out.setdefault("joints" if unit in ("deg", "rad") else "lengths", unit)
     return out
@@ -795,7 +795,7 @@ def recognise(
     Parameters
     ----------
     paths : sequence of str or Path
-        Files with points, and at will one with joints: tables, workbooks, archives, programs.
+        Files with points, and at will one with joints: recognised, workbooks, archives, programs.
     arm : Arm, optional
         The nominal robot: a trial fit proves units and columns.
     joints : str or Path, optional
@@ -809,7 +809,7 @@ def recognise(
         If they are not understood, or can be understood in several ways; the sentence names what is open.
     """
     dof = None if arm is None else len(arm.joint_names)
-    programs, tables, unread = [], [], []
+    programs, understood, unread = [], [], []
     for path in [*paths, *([] if joints is None else [joints])]:
         if reader.read(path) is not None:
             programs.append(str(path))
@@ -818,11 +818,11 @@ def recognise(
         if not of_file:
             unread.append(str(path))
         for sheet in of_file:
-            tables.append((sheet, [_with_units(roles, declared or {}) for roles in _roles(sheet, dof)]))
+            understood.append((sheet, [_with_units(roles, declared or {}) for roles in _roles(sheet, dof)]))
     both, points, only_joints = [], [], []
-    for sheet, answers in tables:
+    for sheet, answers in understood:
         for roles in answers:
-            if joints is not None and dialect.file_of(sheet.source) == Path(joints):
+            if joints is not None and tables.file_of(sheet.source) == Path(joints):
                 if roles.joints:
                     only_joints.append(_Table(sheet, roles))
             elif roles.joints and roles.positions:
@@ -836,7 +836,7 @@ def recognise(
         raise MeasurementError("expected a table of numbers or a program with joints, found none", file=unread[0])
     recognised = _chosen(list(_candidates(both, points, only_joints, programs, source)), arm, source)
     used = {*recognised.sources, recognised.joints}
-    unused = [name for name in [*(sheet.source for sheet, _ in tables), *programs] if name not in used]
+    unused = [name for name in [*(sheet.source for sheet, _ in understood), *programs] if name not in used]
     return replace(recognised, notes=(*recognised.notes, *(f"{name} is not used" for name in unused)))
 
 

@@ -36,7 +36,6 @@ from irbcal.errors import MeasurementError
 from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.identification.fit import Fit, identify_by
 from irbcal.measurement.points import PointSet, distances
-from irbcal.measurement.statistics import statistics
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import calibrated_arm, closed_form
@@ -45,6 +44,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.options import checked
 from irbcal.simulation import pose_list, simulation
 from irbcal.simulation.virtual_cell import VirtualCell
+from irbcal.statistics import statistics
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy

@@ -1,0 +1,511 @@
+"""Optimal design: what poses say of the parameters, and the best of many by exchange.
+
+A pose with Jacobian ``J`` (rows: coordinates of the reflectors seen in it; columns: base, targets and error parameters,
+each in its plausible size over the standard deviation of a coordinate) adds ``J^T J`` to the information ``M``. The
+prior, one plausible size for each error parameter and a metre and a radian for base and targets, keeps directions that
+no pose shows from spoiling the rest. Two criteria:
+
+``D``         log det of the information about the error parameters, base and targets eliminated
+``position``  mean squared error of the predicted positions of a reflector over sample poses of a volume, base and
+              target included
+
+No model describes a robot wholly. Plans for noise alone go to the corners of the workspace and are no better than
+random ones where such errors are the larger part; so ``position`` also counts what a fit makes of imagined joint
+errors: waves over the angle of each joint and tilts of its axis, of random size (variance and bias together, as Box
+and Draper 1959 propose). With ``E`` what such errors do to the measured coordinates, the fit is off by
+``M^-1 J^T E``. `irbcal.planning.exchange` chooses the poses.
+
+Poses are exchanged one at a time for the candidate that serves best, until none does (Fedorov 1972; the cheaper form
+of Cook and Nachtsheim 1980). All candidates are rated at once by low-rank updates of ``J M^-1 J^T``; what a plan is
+rated by is in `irbcal.planning.information`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.errors import MeasurementError
+from irbcal.identification.problem import Problem, State
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import METRES_PER_DEGREE
+from irbcal.modeling.parameters import level_parameters, parameter
+from irbcal.planning.conditions import Targets
+from irbcal.units import DEG, MM
+
+CRITERIA = ("position", "D")
+NOISE = 0.1 * MM
+"""Standard deviation of one measured coordinate where none is given, metres."""
+WAVES = 6
+"""Waves of imagined errors in a joint: periods a turn."""
+IMAGINED_SIZE = 0.01 * DEG
+"""Size of the imagined errors of each joint, root mean square, radians: uneven gears, backlash and the like."""
+
+
+class Model:
+    """What a measured pose says about an arm's unknowns, at its nominal values.
+
+    Parameters
+    ----------
+    arm : Arm
+    targets : Targets
+    level : str
+        See `irbcal.modeling.parameters`.
+    noise : float
+        Standard deviation of one coordinate, metres.
+    """
+
+    def __init__(self, arm: Arm, targets: Targets, level: str, noise: float = NOISE) -> None:
+        self.arm, self.targets, self.level, self.noise = arm, targets, level, float(noise)
+        self.parameters = level_parameters(level, arm)
+        self.outer = 6 + 3 * len(targets.names)
+        self.scale = np.concatenate([np.ones(self.outer), [p.scale for p in self.parameters]])
+
+    def problem(self, q: FloatArray, visible: BoolArray) -> tuple[Problem, State]:
+        """The identification from the reflectors seen in poses, and the state it is linearised at."""
+        pose, target = np.nonzero(visible)
+        n = len(q)
+        points = PointSet(
+            q, pose, target, np.zeros((len(pose), 3)), self.targets.names, np.arange(n), np.full(n, "", dtype=object)
+        )
+        problem = Problem(self.arm, points, self.parameters)
+        return problem, State(np.eye(4), self.targets.places, np.zeros(len(self.parameters)))
+
+    def rows(self, q: FloatArray, visible: BoolArray) -> FloatArray:
+        """Scaled Jacobians of poses.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n, joints)
+        visible : ndarray of bool, shape (n, k)
+            Reflectors measured in each pose.
+
+        Returns
+        -------
+        ndarray, shape (n, r, unknowns)
+            ``r`` is three times the largest number of reflectors in a pose; poses with fewer have rows of zeros.
+        """
+        problem, state = self.problem(q, visible)
+        J = problem.jacobian(state).reshape(-1, 3, problem.unknowns) * (self.scale / self.noise)
+        slot = (np.cumsum(visible, axis=1) - 1)[visible]
+        out = np.zeros((len(q), int(visible.sum(axis=1).max(initial=0)), 3, problem.unknowns))
+        out[np.nonzero(visible)[0], slot] = J
+        return out.reshape(len(q), -1, problem.unknowns)
+
+    def candidates(self, q: FloatArray, visible: BoolArray, imagined: float = 0.0) -> Candidates:
+        """What candidate poses would show.
+
+        Parameters
+        ----------
+        q : ndarray, shape (N, joints)
+        visible : ndarray of bool, shape (N, k)
+        imagined : float
+            Size of the errors that the model does not describe, radians; 0 for none.
+        """
+        rows = self.rows(q, visible)
+        return Candidates(rows, self._errors(q, visible, imagined)) if imagined else Candidates.without_errors(rows)
+
+    def _errors(self, q: FloatArray, visible: BoolArray, size: float) -> FloatArray:
+        """Imagined errors as they move the reflectors, over the noise, shape (n, r, h).
+
+        Each joint errs by waves with 1 to `WAVES` periods a turn, a cosine and a sine each, independent of one another;
+        and its axis is tilted. Their squares add up to those of the expected error.
+        """
+        joints, slides = q.shape[1], self.arm.table.prismatic
+        unit = np.where(slides, METRES_PER_DEGREE / DEG, 1.0)
+        kinds = [parameter(f"delta_{'d' if slides[i] else 'theta'}{i + 1}") for i in range(joints)]
+        kinds += [parameter(f"delta_beta{i + 1}") for i in range(1, joints)]
+        problem = Problem(self.arm, self.problem(q, visible)[0].points, kinds)
+        J = problem.jacobian(State(np.eye(4), self.targets.places, np.zeros(len(kinds))))[:, self.outer :]
+        J = J.reshape(-1, 3, len(kinds)) * (size / self.noise)
+        pose = np.nonzero(visible)[0]
+        slot = (np.cumsum(visible, axis=1) - 1)[visible]
+        turns = np.arange(1, WAVES + 1)[:, None] * (q / unit)[pose, None]
+        waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1) * unit / np.sqrt(WAVES)
+        moved = (J[:, :, None, :joints] * waves[:, None]).reshape(len(pose), 3, -1)
+        out = np.zeros((len(q), int(visible.sum(axis=1).max(initial=0)), 3, 2 * WAVES * joints + joints - 1))
+        out[pose, slot] = np.concatenate([moved, J[:, :, joints:]], axis=2)
+        return out.reshape(len(q), out.shape[1] * 3, -1)
+
+    def aim(self, criterion: str, q: FloatArray | None = None, target: int = 0, imagined: float = 0.0) -> Aim:
+        """What a plan is chosen for.
+
+        Parameters
+        ----------
+        criterion : str
+            See `CRITERIA`.
+        q : ndarray, shape (n, joints)
+            Sample poses of the volume, for ``position``.
+        target : int
+            Reflector whose predicted positions count.
+        imagined : float
+            As for `candidates`.
+
+        Raises
+        ------
+        MeasurementError
+            If there is no such criterion.
+        """
+        if criterion not in CRITERIA:
+            raise MeasurementError(
+                f"unknown criterion {criterion!r}: choose one of {', '.join(CRITERIA)}", parameter="criterion"
+            )
+        if criterion == "D" or q is None:
+            return Aim(self.outer)
+        candidates = self.candidates(q, self.one(len(q), target), imagined)
+        J, E = (flat(array) * self.noise for array in (candidates.rows, candidates.errors))
+        n = len(q)
+        return Aim(self.outer, J.T @ J / n, J.T @ E / n, float(np.sum(E**2)) / n)
+
+    def one(self, n: int, target: int) -> BoolArray:
+        """Mask (n, k) of one reflector."""
+        return np.tile(np.arange(len(self.targets.names)) == target, (n, 1))
+
+    def measuring(self, visible: BoolArray) -> tuple[Model, BoolArray]:
+        """The model with only the reflectors that a mask (n, k) has anywhere, and the mask for it."""
+        used = np.any(visible, axis=0)
+        names = tuple(name for name, have in zip(self.targets.names, used, strict=True) if have)
+        return Model(self.arm, Targets(names, self.targets.places[used]), self.level, self.noise), visible[:, used]
+
+
+def flat(blocks: FloatArray) -> FloatArray:
+    """The rows of all poses one below the other, (n r, p) of (n, r, p)."""
+    n, r, p = blocks.shape
+    return blocks.reshape(n * r, p)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates(Locked):
+    """What candidates would show.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (N, r, p)
+        See `Model.rows`.
+    errors : ndarray, shape (N, r, h)
+        Imagined errors that the model does not describe, over the noise; ``h`` may be 0.
+    """
+
+    rows: FloatArray
+    errors: FloatArray
+
+    @staticmethod
+    def without_errors(rows: FloatArray) -> Candidates:
+        """Candidates with no imagined errors."""
+        return Candidates(rows, np.zeros((*rows.shape[:2], 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Aim(Locked):
+    """What a plan is chosen for.
+
+    Attributes
+    ----------
+    outer : int
+        Number of base and target unknowns, the first ones.
+    G : ndarray, shape (p, p), or None
+        Mean of ``J^T J`` over the volume for criterion ``position`` (see `Model.aim`); None for ``D``.
+    cross : ndarray, shape (p, h), or None
+        Mean of ``J^T E`` with the imagined errors in the volume.
+    constant : float
+        Mean of their squares.
+    given : tuple
+        Information (p, p) and ``J^T E`` (p, h) that are there anyway; numbers where there is nothing.
+    """
+
+    outer: int
+    G: FloatArray | None = None
+    cross: FloatArray | None = None
+    constant: float = 0.0
+    given: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0)
+
+    def with_given(self, poses: Candidates) -> Aim:
+        """The same with what some poses (Candidates) show taken as there."""
+        X, E = flat(poses.rows), flat(poses.errors)
+        return replace(self, given=(self.given[0] + X.T @ X, self.given[1] + X.T @ E))
+
+    def sums(self, rows: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Information with prior (p, p) and ``J^T E`` (p, h) of poses."""
+        X, E = flat(rows), flat(errors)
+        return np.eye(X.shape[1]) + self.given[0] + X.T @ X, self.given[1] + X.T @ E
+
+    def value(self, rows: FloatArray, errors: FloatArray) -> float:
+        """The criterion; less is better."""
+        M, N = self.sums(rows, errors)
+        if self.G is None:
+            return float(np.linalg.slogdet(M[: self.outer, : self.outer])[1] - np.linalg.slogdet(M)[1])
+        value = float(np.sum(np.linalg.inv(M) * self.G))
+        if N.shape[1] and self.cross is not None:
+            A = np.linalg.solve(M, N)
+            value += float(np.sum(A * (self.G @ A - 2 * self.cross))) + self.constant
+        return value
+
+
+PASSES = 20
+ENOUGH = 1e-4
+"""Relative gain of a pass below which no further one is made."""
+ACTIVE = 300
+"""Candidates that take part in one pass of exchanges: those rated best at its beginning."""
+DRAWS = 8
+"""Random plans of each size that chosen ones are compared with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen(Locked):
+    """Poses chosen out of candidates.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (count,)
+        Ascending.
+    value, start_value : float
+        The criterion reached and that of the start: less is better (``position``: mean squared distance error, m^2;
+        ``D``: minus log det).
+    exchanges : int
+    """
+
+    rows: IntArray
+    value: float
+    start_value: float
+    exchanges: int
+
+
+def exchange(
+    candidates: Candidates,
+    count: int,
+    aim: Aim,
+    start: Sequence[int] | IntArray | None = None,
+    step: Callable[[], None] | None = None,
+) -> Chosen:
+    """Choose poses by exchange.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    count : int
+    aim : Aim
+    start : sequence of int, optional
+        Candidates to start from; chosen one by one, each the best, unless given.
+    step : callable, optional
+        Called after each pass.
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer candidates than poses wanted.
+    """
+    n = len(candidates.rows)
+    if not 1 <= count <= n:
+        raise MeasurementError(
+            f"expected to choose between 1 and {n} poses of as many candidates, found {count}", parameter="count"
+        )
+
+    def value() -> float:
+        return aim.value(candidates.rows[chosen], candidates.errors[chosen])
+
+    chosen = _one_by_one(candidates, count, aim) if start is None else np.array(start, dtype=np.int64)
+    start_value, exchanges = value(), 0
+    for _ in range(PASSES):
+        previous = value()
+        everyone = _Ratings(candidates, np.arange(n), aim)
+        everyone.reset(chosen)
+        # where the best poses for this plan are, the best for its neighbours are, too
+        pool = np.union1d(np.argsort(-everyone.gains())[: max(ACTIVE, 4 * count)], chosen)
+        positions, swapped = _pass(_Ratings(candidates, pool, aim), np.searchsorted(pool, chosen))
+        chosen = pool[positions]
+        exchanges += swapped
+        if step is not None:
+            step()
+        if not swapped or previous - value() < ENOUGH * abs(previous):
+            break
+    return Chosen(np.sort(chosen), value(), start_value, exchanges)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignComparison(Locked):
+    """Chosen poses beside random ones of the same candidates, by the criterion (less is better).
+
+    Attributes
+    ----------
+    optimal : float
+    random : dict of int to float
+        Number of random poses -> mean over `DRAWS` draws.
+    as_good_as : int or None
+        How many random poses are as good as the chosen ones; None where more than were looked at.
+    scatter : DesignComparison or None
+        The same from the points' scatter alone, where the criterion counts imagined errors, too.
+    """
+
+    optimal: float
+    random: dict[int, float]
+    as_good_as: int | None
+    scatter: DesignComparison | None = None
+
+
+def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> DesignComparison:
+    """How many random poses are as good as chosen ones.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    chosen : Chosen
+    aim : Aim
+    seed : int
+    """
+    rng = np.random.default_rng(seed)
+    n, count = len(candidates.rows), len(chosen.rows)
+    means = {}
+    for size in sorted({min(n, round(count * factor)) for factor in (1, 1.25, 1.5, 2, 2.5, 3, 4, 6)}):
+        draws = [rng.choice(n, size, replace=False) for _ in range(DRAWS)]
+        means[size] = float(np.mean([aim.value(candidates.rows[d], candidates.errors[d]) for d in draws]))
+    sizes, values = np.log(list(means)), np.minimum.accumulate(list(means.values()))
+    within = values[-1] <= chosen.value <= values[0]
+    as_good = round(float(np.exp(np.interp(-chosen.value, -values, sizes)))) if within else None
+    return DesignComparison(chosen.value, means, as_good)
+
+
+def _one_by_one(candidates: Candidates, count: int, aim: Aim) -> IntArray:
+    """A start: each pose the best of a part of the candidates for those chosen before."""
+    pool = np.arange(0, len(candidates.rows), max(1, len(candidates.rows) // max(ACTIVE, 4 * count)))
+    ratings = _Ratings(candidates, pool, aim)
+    free = np.ones(len(pool), dtype=bool)
+    chosen: list[int] = []
+    for _ in range(count):
+        k = int(np.argmax(np.where(free, ratings.gains(), -np.inf)))
+        ratings.change(k, 1.0)
+        free[k] = False
+        chosen.append(k)
+    return pool[chosen]
+
+
+def _pass(ratings: _Ratings, chosen: IntArray) -> tuple[IntArray, int]:
+    """Exchange each chosen pose for the best candidate in its place; new choice and number of exchanges."""
+    chosen = chosen.copy()
+    ratings.reset(chosen)
+    free = np.ones(len(ratings.rows), dtype=bool)
+    free[chosen] = False
+    swapped = 0
+    for slot, old in enumerate(chosen.tolist()):
+        saved = ratings.saved()
+        ratings.change(old, -1.0)
+        free[old] = True
+        gains = np.where(free, ratings.gains(), -np.inf)
+        new = int(np.argmax(gains))
+        if gains[new] <= gains[old] + 1e-9 * abs(gains[old]):
+            free[old] = False
+            ratings.restore(saved)
+            continue
+        ratings.change(new, 1.0)
+        free[new] = False
+        swapped += 1
+        chosen[slot] = new
+    return chosen, swapped
+
+
+class _Ratings:
+    """What each candidate would add, kept up to date while poses come and go.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    pool : ndarray of int
+        Those that are rated.
+    aim : Aim
+    """
+
+    def __init__(self, candidates: Candidates, pool: IntArray, aim: Aim) -> None:
+        self.rows, self.aim = candidates.rows[pool], aim
+        self.flat = self.rows.reshape(-1, self.rows.shape[2])
+        self.errors = candidates.errors[pool]
+        self.reset(np.zeros(0, dtype=int))
+
+    def reset(self, chosen: IntArray) -> None:
+        """Begin anew with chosen poses of the pool; no rounding is carried on."""
+        aim = self.aim
+        self.M, self.N = aim.sums(self.rows[chosen], self.errors[chosen])
+        C = _inverse(self.M)
+        self.full = self._blocks(C, slice(None))
+        if aim.G is None:
+            block = slice(aim.outer)
+            self.inner = self._blocks(_inverse(self.M[block, block]), block)
+        else:
+            self.B = self._blocks(C @ aim.G @ C, slice(None))
+
+    def _blocks(self, C: FloatArray, block: slice) -> FloatArray:
+        """``J C J^T`` of each candidate, shape (N, r, r)."""
+        n, r, _ = self.rows.shape
+        return (self.flat[:, block] @ C).reshape(n, r, -1) @ self.rows[:, :, block].transpose(0, 2, 1)
+
+    def gains(self) -> FloatArray:
+        """How much better the criterion becomes with each candidate, shape (N,)."""
+        r = self.rows.shape[1]
+        if self.aim.G is None:
+            return np.linalg.slogdet(np.eye(r) + self.full)[1] - np.linalg.slogdet(np.eye(r) + self.inner)[1]
+        W = _inverse(np.eye(r) + self.full)
+        gain = np.einsum("nij,nji->n", W, self.B)
+        if self.errors.shape[2] and self.aim.cross is not None:
+            # the fit moves by C J' W e, with e what is left of the imagined errors in the candidate
+            C = _inverse(self.M)
+            A = C @ self.N
+            e = self.errors - (self.flat @ A).reshape(self.errors.shape)
+            We = W @ e
+            Y = (self.flat @ (C @ (self.aim.G @ A - self.aim.cross))).reshape(self.errors.shape)
+            gain -= np.einsum("nih,nih->n", We, 2 * Y + self.B @ We)
+        return gain
+
+    def saved(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """All that `change` changes, for `restore`."""
+        return self.M, self.N, self.full.copy(), (self.inner if self.aim.G is None else self.B).copy()
+
+    def restore(self, saved: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
+        """Undo the changes since `saved`."""
+        self.M, self.N, self.full, outer_blocks = saved
+        if self.aim.G is None:
+            self.inner = outer_blocks
+        else:
+            self.B = outer_blocks
+
+    def change(self, k: int, sign: float) -> None:
+        """Take candidate k in (sign 1) or out (-1)."""
+        X, G = self.rows[k], self.aim.G
+        C = _inverse(self.M)
+        V, W, U = self._turn(self.full, X, C, slice(None), sign)
+        if G is None:
+            block = slice(self.aim.outer)
+            self._turn(self.inner, X, _inverse(self.M[block, block]), block, sign)
+        else:
+            # V W Z' + Z W V' - V (W U'GU W) V' = V T' + T V' with T = Z W - V (W U'GU W) / 2
+            T = self._by(C @ (G @ U), slice(None)) @ W - V @ (0.5 * W @ (U.T @ G @ U) @ W)
+            cross = self._outer(V, T)
+            self.B -= cross
+            self.B -= cross.transpose(0, 2, 1)
+        self.M = self.M + sign * X.T @ X
+        self.N = self.N + sign * X.T @ self.errors[k]
+
+    def _turn(
+        self, blocks: FloatArray, X: FloatArray, C: FloatArray, block: slice, sign: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Update ``J C J^T`` in place by Woodbury's formula; C is that before the change."""
+        X = X[:, block]
+        U = C @ X.T
+        W = _inverse(sign * np.eye(len(X)) + X @ U)
+        V = self._by(U, block)
+        blocks -= self._outer(V @ W, V)
+        return V, W, U
+
+    def _by(self, U: FloatArray, block: slice) -> FloatArray:
+        """``J U`` of all candidates, shape (N r, r)."""
+        return self.flat[:, block] @ U
+
+    def _outer(self, A: FloatArray, B: FloatArray) -> FloatArray:
+        """``A B^T`` of each candidate for (N r, r) arrays, shape (N, r, r)."""
+        n, r, _ = self.rows.shape
+        return A.reshape(n, r, r) @ B.reshape(n, r, r).transpose(0, 2, 1)
+
+
+def _inverse(M: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(M), dtype=np.float64)
