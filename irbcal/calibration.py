@@ -495,11 +495,11 @@ def save(
     RobotError
         If a mesh file whose path is asked for is not found.
     """
-    from irbcal.atomic import made_folders
     from irbcal.io import robots, urdf
     from irbcal.io import urdf_xml as paths
     from irbcal.options import checked
     from irbcal.reports import report_page
+    from irbcal.safe_files import made_folders
 
     how = checked("mesh_paths", mesh_paths, paths.CHOICES)
     with made_folders(folder, names=NAMES):
@@ -552,9 +552,9 @@ def report(
         If the folder is no calibration or cannot be written, the calibration was not saved yet, or a format is given
         without a folder for figures.
     """
-    from irbcal.atomic import made_folders, write_set
     from irbcal.options import checked
     from irbcal.reports import report_page
+    from irbcal.safe_files import made_folders, write_set
 
     kind: Literal["png", "svg"] = checked("format", format or "png", FORMATS)
     if format is not None and figures is None:

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.errors import CalibrationError
 
 
@@ -16,8 +16,8 @@ def content(folder):
 
 def test_files_replace_earlier_ones_and_leave_others_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    atomic.write_together(tmp_path, {"a": b"1", "b": b"2"})
-    atomic.write_together(tmp_path, {"a": b"3", "b": b"4"})
+    safe_files.write_together(tmp_path, {"a": b"1", "b": b"2"})
+    safe_files.write_together(tmp_path, {"a": b"3", "b": b"4"})
     assert content(tmp_path) == {"a": b"3", "b": b"4", "notes.txt": b"mine"}
 
 
@@ -27,7 +27,7 @@ def test_files_replace_earlier_ones_and_leave_others_alone(tmp_path):
 def test_an_interrupted_write_leaves_everything_as_it_was(tmp_path, monkeypatch, fail_at, earlier, error):
     folder = tmp_path / "out"
     if earlier:
-        atomic.write_together(folder, {"a": b"1", "b": b"2", "c": b"3"})
+        safe_files.write_together(folder, {"a": b"1", "b": b"2", "c": b"3"})
     before = content(folder) if earlier else {}
     calls, replace = [], os.replace
 
@@ -39,14 +39,14 @@ def test_an_interrupted_write_leaves_everything_as_it_was(tmp_path, monkeypatch,
 
     monkeypatch.setattr(os, "replace", fails)
     with pytest.raises((CalibrationError, KeyboardInterrupt)):
-        atomic.write_together(folder, {"a": b"x", "b": b"y", "c": b"z"})
+        safe_files.write_together(folder, {"a": b"x", "b": b"y", "c": b"z"})
     assert content(folder) == before
 
 
 def test_a_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(CalibrationError, match="expected a folder to write to, found a file"):
-        atomic.check_writable(tmp_path / "out")
+        safe_files.check_writable(tmp_path / "out")
 
 
 def test_every_file_is_on_the_disk_before_it_takes_its_name(tmp_path, monkeypatch):
@@ -63,7 +63,7 @@ def test_every_file_is_on_the_disk_before_it_takes_its_name(tmp_path, monkeypatc
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", named)
-    atomic.write_together(tmp_path, {"a": b"1", "b": b"2"})
+    safe_files.write_together(tmp_path, {"a": b"1", "b": b"2"})
     for name in ("a", "b"):
         node = (tmp_path / name).stat().st_ino
         assert events.index(("sync", node)) < events.index(("name", node))
@@ -71,10 +71,10 @@ def test_every_file_is_on_the_disk_before_it_takes_its_name(tmp_path, monkeypatc
 
 def test_folders_made_for_nothing_go_again(tmp_path):
     (tmp_path / "mine").mkdir()
-    with pytest.raises(KeyboardInterrupt), atomic.made_folders(tmp_path / "a" / "b", tmp_path / "mine"):
+    with pytest.raises(KeyboardInterrupt), safe_files.made_folders(tmp_path / "a" / "b", tmp_path / "mine"):
         raise KeyboardInterrupt
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine"]
-    with atomic.made_folders(tmp_path / "kept"):
+    with safe_files.made_folders(tmp_path / "kept"):
         pass
     assert (tmp_path / "kept").is_dir()
 
@@ -90,7 +90,7 @@ def tree(folder):
 
 
 def write_new(folder):
-    atomic.write_set({folder / name: content for name, content in NEW_SET.items()})
+    safe_files.write_set({folder / name: content for name, content in NEW_SET.items()})
 
 
 def prepared(folder):
@@ -134,9 +134,9 @@ def test_killed_anywhere_leaves_the_old_or_the_new_set(tmp_path, opened_first):
         folder = prepared(tmp_path / str(call))
         if not killed_at(call, folder):
             break
-        atomic.recover(folder / opened_first)
-        atomic.recover(folder)
-        atomic.recover(folder / "sub")
+        safe_files.recover(folder / opened_first)
+        safe_files.recover(folder)
+        safe_files.recover(folder / "sub")
         found = tree(folder)
         assert found in (OLD_SET, NEW_SET), f"call {call}: {found}"
         seen.add(found == NEW_SET)
@@ -174,7 +174,7 @@ def test_a_disk_that_fails_at_any_call_changes_nothing(tmp_path, monkeypatch, na
                 if count < call:
                     break
                 continue
-        atomic.recover(folder)
+        safe_files.recover(folder)
         assert tree(folder) == OLD_SET, (name, call)
     assert failures or name == "link"  # without links old files are copied
 
@@ -184,7 +184,7 @@ def test_links_and_modes_stay(tmp_path):
     (tmp_path / "real" / "a").write_text("old")
     (tmp_path / "real" / "a").chmod(0o640)
     (tmp_path / "a").symlink_to("real/a")
-    atomic.write_together(tmp_path, {"a": b"new", "b": b"1"})
+    safe_files.write_together(tmp_path, {"a": b"new", "b": b"1"})
     assert (tmp_path / "a").is_symlink()
     assert (tmp_path / "real" / "a").read_bytes() == b"new"
     assert (tmp_path / "real" / "a").stat().st_mode & 0o777 == 0o640
@@ -204,7 +204,7 @@ def test_a_journal_from_elsewhere_reaches_no_other_folder(tmp_path):
     ]
     (given / f"{word}.journal").write_text(json.dumps({"irbcal": "journal", "forward": True, "files": rows}))
     (mine / f"{word}-0.new").write_text("theirs")
-    atomic.recover(given)
+    safe_files.recover(given)
     assert (mine / "keep").read_text() == "mine"
 
 
@@ -212,7 +212,7 @@ def test_rubbish_is_swept_and_other_files_are_not(tmp_path):
     (tmp_path / ".irbcal-0123456789ab-3.new").write_text("left")
     (tmp_path / ".irbcal-0123456789ab.journal").write_text("{")
     (tmp_path / ".irbcal-notes").write_text("mine")
-    atomic.recover(tmp_path)
+    safe_files.recover(tmp_path)
     assert content(tmp_path) == {".irbcal-notes": b"mine"}
 
 
@@ -223,7 +223,7 @@ def test_writers_at_once_leave_the_set_of_one(tmp_path):
         child = os.fork()
         if child == 0:
             for _ in range(5):
-                atomic.write_together(tmp_path, {name: f"{name} of {k}".encode() for name in "abc"})
+                safe_files.write_together(tmp_path, {name: f"{name} of {k}".encode() for name in "abc"})
             os._exit(0)
         children.append(child)
     assert all(os.waitpid(child, 0)[1] == 0 for child in children)

@@ -16,7 +16,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.cli.main import app
 
 ROOT = Path(__file__).parents[1]
@@ -131,7 +131,7 @@ def test_a_half_written_set_is_seen(good, quick_disk, monkeypatch):
                 stream.write(content)
             os.chmod(path, 0o600)
 
-    monkeypatch.setattr(atomic, "_write", careless)
+    monkeypatch.setattr(safe_files, "_write", careless)
     writer = next(writer for writer in kill.WRITERS if writer.name == "filter")
     damaged, _, _ = kill.killed(writer, good, quick_disk / "filter", 0, Random(0), range(1, 9))
     assert any("mixed" in line or "said to be done" in line for line in damaged)
@@ -139,7 +139,7 @@ def test_a_half_written_set_is_seen(good, quick_disk, monkeypatch):
 
 def atomic_open(path, mode):
     """The function by which irbcal opens what it writes, which fails when the disk does."""
-    return vars(atomic).get("open", open)(path, mode)
+    return vars(safe_files).get("open", open)(path, mode)
 
 
 BEGIN = """

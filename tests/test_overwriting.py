@@ -6,7 +6,7 @@ import pytest
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io import calibration_folder
-from irbcal.overwriting import FOLDER_FILES, refuse_overwriting, refuse_replacing
+from irbcal.safe_files import FOLDER_FILES, refuse_overwriting, refuse_replacing
 
 READ = "this is the file to read from: name another one to write"
 

@@ -7,7 +7,7 @@ import socket
 import pytest
 
 from irbcal.errors import LONGEST_MESSAGE, MeasurementError, RobotError
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 
 
 def test_a_file_is_read_whole(tmp_path):

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
 from irbcal.arrays import FloatArray, Locked
-from irbcal.atomic import write_set
 from irbcal.cell.external_axes import COLUMN, ExternalAxis
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
@@ -27,7 +26,7 @@ from irbcal.io.schema import PoseSection
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.options import shown
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes, write_set
 from irbcal.section import Date, Fingerprint, Name, Section, Sentence, Sha256
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM

@@ -80,7 +80,7 @@ from irbcal.modeling.cell_graph import FLANGE, WORLD, Edge
 from irbcal.modeling.certainty import COVERAGE, Certainty
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.modeling.terms import chain
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting
 from irbcal.units import MM
 
 LEAST_SIDES = 3

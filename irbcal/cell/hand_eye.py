@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
-from irbcal.atomic import write_set
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
@@ -31,7 +30,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.modeling.robot import Robot
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting, write_set
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 

@@ -79,9 +79,8 @@ def run(
     **links: Any,
 ) -> None:
     """The main job with its output; also what the demo runs."""
-    from irbcal.atomic import made_folders
     from irbcal.io.calibration_folder import NAMES as FILES
-    from irbcal.overwriting import refuse_replacing
+    from irbcal.safe_files import made_folders, refuse_replacing
 
     refuse_replacing(out, force)
     with made_folders(out, names=FILES), show.progress(STEPS, quiet=json) as step:
@@ -231,8 +230,8 @@ def compare(
     json: Json = False,
 ) -> None:
     """Compare calibrations of one robot pose by pose: which is better, and whether that is beyond chance."""
-    from irbcal.atomic import made_folders, write_set
     from irbcal.names import csv_bytes
+    from irbcal.safe_files import made_folders, write_set
 
     with made_folders(*(path for path in (plots, *(file.parent for file in (csv, latex) if file)) if path)):
         result = public("compare")(**options)

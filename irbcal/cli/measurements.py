@@ -9,7 +9,7 @@ import typer
 
 from irbcal.cli import show
 from irbcal.cli.signature import Json, OutFile, Typed, command, public
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting
 
 if TYPE_CHECKING:
     from irbcal.measurement.imports.reader import Imported

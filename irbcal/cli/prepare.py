@@ -12,7 +12,7 @@ import typer
 from irbcal.cli import programs, show
 from irbcal.cli.programs import PROGRAM_FLAGS, PROGRAM_TEXTS, PROGRAM_TYPED
 from irbcal.cli.signature import DEG, MM, PLACE, Json, OutFile, Typed, command, for_function, numbers, public, scaled
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 
@@ -116,7 +116,7 @@ def plan(
 
 def _made(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tuple[Path, ...]]:
     """A plan and its files; a folder that had to be made for it goes where there is none."""
-    from irbcal.atomic import made_folders
+    from irbcal.safe_files import made_folders
     from irbcal.viewer import view
 
     with made_folders(out), show.progress(12, quiet=json) as step:

@@ -273,14 +273,13 @@ def cell(
     json: Json = False,
 ) -> None:
     """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
-    from irbcal.atomic import write_set
     from irbcal.cell.cell_urdf import with_cell
     from irbcal.correction import languages
     from irbcal.correction.declarations import DECLARATIONS, declared
     from irbcal.io.calibration_folder import read
     from irbcal.io.controller_model import controller_frames
     from irbcal.modeling import frames
-    from irbcal.overwriting import refuse_overwriting
+    from irbcal.safe_files import refuse_overwriting, write_set
 
     calibration = options.pop("calibration")
     if as_ is not None and as_ not in DECLARATIONS:

@@ -23,7 +23,7 @@ import typer
 from typer.core import TyperCommand
 
 from irbcal.errors import OptionError
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from irbcal import reading
+from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.languages.krl import KUKA, POSE
@@ -71,7 +71,7 @@ def of_programs(language: str, files: Sequence[Path]) -> Backup:
 
 
 def _text(path: Path) -> str:
-    return reading.read_bytes(path, ProgramError, limit_bytes=LARGEST_MEMBER).decode("latin-1")
+    return safe_files.read_bytes(path, ProgramError, limit_bytes=LARGEST_MEMBER).decode("latin-1")
 
 
 def _roots(files: Iterable[Path], folder: str) -> list[Path]:
@@ -167,7 +167,7 @@ def _universal_robots(files: Sequence[Path]) -> Backup:
 
 def unzipped(path: Path) -> bytes:
     """Content of a file that is compressed by gzip; empty where it is not, or is too large."""
-    data = reading.read_bytes(path, ProgramError, limit_bytes=LARGEST_MEMBER)
+    data = safe_files.read_bytes(path, ProgramError, limit_bytes=LARGEST_MEMBER)
     try:
         with gzip.GzipFile(fileobj=BytesIO(data)) as stream:
             content = stream.read(LARGEST_MEMBER + 1)
@@ -184,7 +184,7 @@ def _members(path: Path) -> list[tuple[zipfile.ZipInfo, bytes]]:
     ProgramError
         If it is none, is too large, encrypted or damaged, or has files that would lie outside of its folder.
     """
-    data = reading.read_bytes(path, ProgramError, limit_bytes=LARGEST_ARCHIVE)
+    data = safe_files.read_bytes(path, ProgramError, limit_bytes=LARGEST_ARCHIVE)
     out: list[tuple[zipfile.ZipInfo, bytes]] = []
     try:
         with zipfile.ZipFile(BytesIO(data)) as archive:
@@ -253,7 +253,7 @@ def unpacked(programs: Sequence[str | Path]) -> Iterator[Unpacked]:
                     file.parent.mkdir(parents=True, exist_ok=True)
                     file.write_bytes(data)
                 except (OSError, ValueError) as fault:
-                    words = reading.words_of(fault)
+                    words = safe_files.words_of(fault)
                     raise ProgramError(f"{info.filename!r} of the archive: {words}", file=path) from None
             out.programs.append(place)
             out.archives[place] = path

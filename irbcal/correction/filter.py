@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
-from irbcal.atomic import write_set
 from irbcal.cell.cell_file import CellFile, cell_of, frames_by_name
 from irbcal.correction import languages
 from irbcal.correction.backup import Unpacked, of_programs, packed, unpacked
@@ -56,7 +55,7 @@ from irbcal.modeling.inverse import any_arm
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import csv_bytes
 from irbcal.options import names, number, pulses_per_degree
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting, write_set
 from irbcal.units import MM
 
 NOMINAL = "nominal"

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
-from irbcal import reading
+from irbcal import safe_files
 from irbcal.errors import OptionError
 
 TO, VIA, TOOL, WRITES, ANY = "to", "via", "tool", "writes", "*"
@@ -147,7 +147,7 @@ def parse(text: str, source: str | None = None) -> dict[str, dict[str, MotionIns
 
 def read(path: str | Path) -> dict[str, dict[str, MotionInstruction]]:
     """Instructions that a user's file teaches; see `parse`."""
-    data = reading.read_bytes(path, OptionError)
+    data = safe_files.read_bytes(path, OptionError)
     return parse(data.decode("utf-8-sig", errors="replace"), str(path))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar, Literal, NamedTuple, TypeAlias, TypeVar
 
-from irbcal import reading
+from irbcal import safe_files
 from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.instructions import Table
@@ -263,7 +263,7 @@ def read_bytes(path: str | Path) -> bytes:
     ProgramError
         If there is nothing to read.
     """
-    data = reading.read_bytes(path, ProgramError)
+    data = safe_files.read_bytes(path, ProgramError)
     if not data.strip():
         raise ProgramError("the file is empty, expected a robot program", file=path)
     return data

@@ -16,7 +16,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.atomic import write_set
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.languages import ros, table
 from irbcal.correction.program import Corrections, Left, Program, WantedTargets, read_bytes
@@ -31,6 +30,7 @@ from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.trajectory import Lean, Trajectory
 from irbcal.modeling.trajectory_limits import Exceeded, Limits, check
+from irbcal.safe_files import write_set
 
 STRIDE = 5e-4
 """Radians (or metres) between the places of the differences: a gear's wave of 240 cycles a turn is 50 such long."""

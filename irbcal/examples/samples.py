@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages.fanuc import FANUC
 from irbcal.correction.languages.inform import YASKAWA
@@ -356,7 +356,7 @@ def samples(folder: str | Path = "irbcal-samples") -> Samples:
     written = [sample for make in (*sources, of.fleet_files) for sample in make()]
     contents = {folder / sample.path: sample.content for sample in written}
     contents[folder / "README.txt"] = _readme({sample.tried: sample.about for sample in written if sample.tried})
-    atomic.write_set(contents)
+    safe_files.write_set(contents)
     return Samples(folder, {s.path: s.about for s in written}, {s.path: s.tried for s in written})
 
 

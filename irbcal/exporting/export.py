@@ -12,7 +12,6 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
-from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
@@ -20,7 +19,7 @@ from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.urdf_xml import CHOICES, MeshPaths
 from irbcal.options import checked
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting, write_set
 from irbcal.summary import Paragraph, Result, Table
 
 TARGETS = ("cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros")

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from irbcal import parallel
-from irbcal.atomic import check_writable, write_together
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.columns import InputTable
 from irbcal.names import check_names
 from irbcal.pipeline import Options
-from irbcal.reading import read_bytes
+from irbcal.safe_files import check_writable, read_bytes, write_together
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.validation.verdict import verdict_of
 

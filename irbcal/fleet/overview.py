@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import plain
-from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, OptionError
 from irbcal.fleet import batch
 from irbcal.fleet.batch import STORE
@@ -28,7 +27,7 @@ from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes, write_together
 from irbcal.sessions import earlier_of
 from irbcal.summary import Paragraph, Result, Table, rows
 from irbcal.units import UNIT_OUTSIDE

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError
 from irbcal.fleet.batch import STORE
 from irbcal.fleet.comparison import FEWEST_SISTERS, latest
@@ -25,6 +24,7 @@ from irbcal.fleet.store import Estimate, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.term_sets import WIDE, TypePrior
 from irbcal.io import prior_file
+from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result, Table
 
 MEAN = 4.0

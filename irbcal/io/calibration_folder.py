@@ -26,13 +26,12 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ValidationError
 
-from irbcal.atomic import recover, write_set, write_together
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io import integrity, joint_origins
 from irbcal.io.integrity import contradictions, refuse_absurd
 from irbcal.io.schema import Record, Seal
 from irbcal.names import comment
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes, recover, write_set, write_together
 from irbcal.section import Base64, Section, Sha256
 
 MOST_POINTS = 30_000

@@ -26,7 +26,7 @@ from irbcal.io.schema import Record
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 from irbcal.units import MM
 
 

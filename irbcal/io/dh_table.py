@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.io import urdf
@@ -73,7 +73,7 @@ class DhRobot(Result):
 
     def save(self, path: str | Path) -> Path:
         """Write the URDF."""
-        atomic.write_set({Path(path): self.data})
+        safe_files.write_set({Path(path): self.data})
         return Path(path)
 
 

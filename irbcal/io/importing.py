@@ -26,7 +26,7 @@ from irbcal.measurement.imports.reader import Imported, refuse_sources, understa
 from irbcal.measurement.imports.recognition import recognise
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 
 OWN_FORMAT = "irbcal"
 """The preset of irbcal's own format."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.identification.term_sets import TypePrior
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 
 WHAT, VERSION = "prior of a type", 1
 SMALLEST, LARGEST = 1e-15, 1e6

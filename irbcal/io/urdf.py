@@ -29,7 +29,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
 from irbcal.names import check_names
 from irbcal.options import shown
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 LIKELY = re.compile(r"tool|tcp|flange|(^|_)ee(_|$)|(^|_)eef(_|$)|effector|tip|hand|wrist|mount", re.IGNORECASE)

@@ -23,7 +23,7 @@ from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import CalibrationError
 from irbcal.io import urdf
 from irbcal.modeling.arm import Arm, relative_difference
-from irbcal.reading import libraries_silent
+from irbcal.safe_files import libraries_silent
 
 if TYPE_CHECKING:
     import pinocchio as pin

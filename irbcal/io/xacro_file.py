@@ -22,7 +22,7 @@ from typing import Any
 
 from irbcal.errors import RobotError
 from irbcal.io import robots
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 
 MOST_STEPS = 50_000
 """Expressions and elements of one expansion; the largest public descriptions take some thousands."""

@@ -361,7 +361,7 @@ def joints(
     result = replace(result, notes=(*result.notes, *notes))
     if plots is None:
         return result
-    from irbcal.atomic import write_together
+    from irbcal.safe_files import write_together
 
     say("drawing")
     files = draw(result)

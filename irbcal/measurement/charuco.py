@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.arrays import NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
 from irbcal.names import csv_bytes
-from irbcal.reading import libraries_silent
+from irbcal.safe_files import libraries_silent
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 
@@ -83,7 +83,7 @@ class FoundCorners(Result):
         """
         out = Path(out)
         data = csv_bytes(self.table)
-        atomic.write_together(out.parent, {out.name: data})
+        safe_files.write_together(out.parent, {out.name: data})
         return out
 
 

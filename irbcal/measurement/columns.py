@@ -32,7 +32,7 @@ from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
 from irbcal.names import LONGEST_NAME, fault_of, from_cell
 from irbcal.options import shown
-from irbcal.reading import STDIN, read_bytes, stdin_bytes
+from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, LARGEST_PAYLOAD_KG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]

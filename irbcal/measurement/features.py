@@ -36,7 +36,7 @@ from irbcal.measurement.imaging import Imaging
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 

@@ -39,7 +39,7 @@ from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners import jacobians
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.planners.trajectories import AlongTime
-from irbcal.reading import libraries_silent
+from irbcal.safe_files import libraries_silent
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 

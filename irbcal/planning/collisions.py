@@ -16,7 +16,7 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import RobotError
 from irbcal.io.urdf_check import ArmInModel
 from irbcal.modeling.arm import Arm
-from irbcal.reading import libraries_silent
+from irbcal.safe_files import libraries_silent
 from irbcal.units import MM
 
 BEAM_RADIUS = 5 * MM

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pandas as pd
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
@@ -452,7 +452,7 @@ class DevicePlan(Result):
         if self.approach is not None:
             tables[APPROACH] = rows_table(self.arm, self.found, self.approach, self.which, None)
         data = {name: csv_bytes(t) for name, t in tables.items()}
-        atomic.write_together(folder, data)
+        safe_files.write_together(folder, data)
         return tuple(Path(folder) / name for name in data)
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.correction import languages
 from irbcal.correction.moves import JointMove, Moves
@@ -593,7 +593,7 @@ class Plan(PlannedPoses, Result):
             If they cannot be written.
         """
         contents = files(self, page)
-        atomic.write_together(folder, contents)
+        safe_files.write_together(folder, contents)
         return tuple(Path(folder) / name for name in contents)
 
 

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, NameArray
-from irbcal.atomic import write_together
 from irbcal.errors import OptionError
+from irbcal.safe_files import write_together
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -76,7 +76,7 @@ def certificate(
     IrbcalError
         If an option is refused, or a file cannot be written: then none is.
     """
-    from irbcal.atomic import made_folders, write_set
+    from irbcal.safe_files import made_folders, write_set
 
     kind = cast("Literal['png', 'svg']", checked("format", format or "png", FORMATS))
     if format is not None and figures is None:

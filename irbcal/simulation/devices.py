@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 import pandas as pd
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification import images
@@ -644,7 +644,7 @@ class SimulatedDevice(Result):
             **self.cell.truth(),
         }
         contents = [*data, json.dumps(truth, indent=1, ensure_ascii=False).encode()]
-        atomic.write_together(out.parent, dict(zip(files, contents, strict=True)))
+        safe_files.write_together(out.parent, dict(zip(files, contents, strict=True)))
         first, second, third = (out.parent / name for name in files)
         return first, second, third
 

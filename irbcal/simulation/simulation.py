@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal import atomic
+from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction.program import ControllerSetup
 from irbcal.errors import MeasurementError, OptionError
@@ -229,7 +229,7 @@ class Simulated(Result):
             If they cannot be written.
         """
         out = Path(out)
-        atomic.write_together(out.parent, files(self.run, self.poses, self.cell, out, self.robot))
+        safe_files.write_together(out.parent, files(self.run, self.poses, self.cell, out, self.robot))
         return out, out.parent / truth_name(out)
 
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, plain
-from irbcal.atomic import write_together
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
 from irbcal.io import robots
 from irbcal.io import urdf as urdf_module
@@ -25,7 +24,7 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.measurement.columns import QUATERNION, InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting, write_together
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 

@@ -19,7 +19,7 @@ from irbcal.io.schema import Record
 from irbcal.measurement.table import shared_table
 from irbcal.names import check_names, fault_of
 from irbcal.options import shown
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 from irbcal.summary import values
 from irbcal.units import DEG, MM
 from irbcal.validation.cleaned_points import CleanedPoints

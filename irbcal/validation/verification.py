@@ -17,7 +17,7 @@ from irbcal.io import urdf as urdf_file
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import relative_difference
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 

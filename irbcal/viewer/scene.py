@@ -25,7 +25,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 from irbcal.validation.accuracy import predictions
 from irbcal.validation.cleaned_points import without_fitted
 from irbcal.validation.evaluation import in_frame_of_calibration

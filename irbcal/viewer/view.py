@@ -682,8 +682,8 @@ class View(Result):
         IrbcalError
             If it cannot be written.
         """
-        from irbcal.atomic import write_together
         from irbcal.errors import IrbcalError
+        from irbcal.safe_files import write_together
 
         path = Path(path)
         if path.is_dir():

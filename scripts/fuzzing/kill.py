@@ -340,9 +340,9 @@ class _Attack:
 
     def begin(self) -> int:
         """Run the command; this process does not return from where it is attacked."""
-        from irbcal import atomic
+        from irbcal import safe_files
 
-        write = atomic._write
+        write = safe_files._write
 
         def written(*arguments: Any) -> None:
             self.sets += 1
@@ -350,7 +350,7 @@ class _Attack:
                 self._try(write, *arguments)
             write(*arguments)
 
-        atomic._write = written  # type: ignore[assignment]
+        safe_files._write = written  # type: ignore[assignment]
         return _run(self.writer.new, self.folder, self.log)
 
     def _try(self, write: Callable[..., None], *arguments: Any) -> None:
@@ -430,12 +430,12 @@ class _Attack:
 
     def _state(self) -> str:
         """``old``, ``new``, or what is wrong; seen by a process that opens the folder as a command does."""
-        from irbcal import atomic
+        from irbcal import safe_files
 
         out = self.folder / "out"
         for path in [out, *out.rglob("*/")]:
             if path.is_dir():
-                atomic.recover(path)
+                safe_files.recover(path)
         before, now = _contents(self.kept), _contents(out)
         if set(before) - set(now) or any(path.name.startswith(".irbcal-") for path in now):
             return f"files are {sorted(map(str, now))}"
@@ -462,7 +462,7 @@ def _count(number: int, then: Callable[[], None], for_good: bool = False) -> Non
     """Something happens in this process at its n-th call that changes the disk, or from that on."""
     import builtins
 
-    from irbcal import atomic
+    from irbcal import safe_files
 
     count = 0
 
@@ -494,7 +494,7 @@ def _count(number: int, then: Callable[[], None], for_good: bool = False) -> Non
 
     for name in CALLS:
         setattr(os, name, counted(getattr(os, name)))
-    atomic.open = counted(File)  # type: ignore[attr-defined]
+    safe_files.open = counted(File)  # type: ignore[attr-defined]
 
 
 def _contents(folder: Path) -> dict[Path, bytes]:

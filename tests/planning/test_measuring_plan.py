@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 
 import irbcal
-from irbcal.atomic import write_together
 from irbcal.errors import OptionError
 from irbcal.planning import measuring_plan
 from irbcal.planning.choosing import Wish
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make, plan
 from irbcal.planning.scene import open_scene
+from irbcal.safe_files import write_together
 from irbcal.simulation import pose_list, simulation
 from irbcal.simulation.shipped_cells import open_cell
 from irbcal.simulation.simulation import simulate

@@ -26,7 +26,7 @@ from pydantic import (
 )
 
 from irbcal.errors import MeasurementError
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 
 RESERVED = (
     *("pose", "pose_index", "row", "target", "group", "cycle", "x_mm", "y_mm", "z_mm"),

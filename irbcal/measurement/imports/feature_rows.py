@@ -18,7 +18,6 @@ import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.atomic import write_together
 from irbcal.errors import OptionError
 from irbcal.measurement.imports import column_map, tables
 from irbcal.measurement.imports.column_map import Changes, Column, Dialect, JointRules, Lost, Name, Three, Units
@@ -34,6 +33,7 @@ from irbcal.measurement.imports.tables import (
     undeclared,
 )
 from irbcal.names import csv_bytes
+from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result
 
 NAME = "features"

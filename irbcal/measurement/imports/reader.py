@@ -16,7 +16,6 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import BoolArray, IntArray
-from irbcal.atomic import write_together
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, QUATERNION, joint_columns, programmed_columns
@@ -35,7 +34,7 @@ from irbcal.measurement.imports.tables import (
 )
 from irbcal.measurement.table import MeasurementSet, ReadOnlyTables
 from irbcal.names import csv_bytes
-from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting, write_together
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG
 

@@ -26,7 +26,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import POSITION, QUATERNION
 from irbcal.measurement.imports.column_map import RESERVED, Column, Dialect, ImportMap, pattern_regex
-from irbcal.reading import read_bytes
+from irbcal.safe_files import read_bytes
 from irbcal.units import DEG, MM
 
 LARGEST_FILE = 200 * 10**6

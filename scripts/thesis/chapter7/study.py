@@ -23,9 +23,9 @@ from chapter7.tables import TABLES as TABLE_NAMES
 from chapter7.tables import Results, Table, markdown, needed, tables
 from chapter7.trial import COLUMNS, Stage, run
 from irbcal import parallel
-from irbcal.atomic import check_writable, write_together
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.names import without_formulas
+from irbcal.safe_files import check_writable, write_together
 from irbcal.simulation import simulation
 
 FORMAT = 1

@@ -1,4 +1,7 @@
-"""Writing files whole or not at all, also a set of files, also when the power goes.
+"""Reading and writing files safely: what was handed over is read whole, what is written is whole or not at all.
+
+Only regular files are read: a pipe would make a command wait for ever, a device would fill the memory; both are refused
+before a byte is read. What a command reads, its own other outputs and an earlier calibration are not written over.
 
 A set is written in four steps: every file under a temporary name beside the one it replaces; a *journal* that names
 them (from then on the set is written, whatever happens); the renames; the journal away. Who is killed before the
@@ -9,17 +12,236 @@ no file behind.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
 import secrets
 import stat
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
-from irbcal.errors import CalibrationError
+from irbcal.errors import CalibrationError, IrbcalError, OptionError
+
+STDIN = "-"
+"""The file name that stands for standard input where a command takes it."""
+LARGEST_FILE = 1_000_000_000
+"""Bytes; what is larger was not written by a tracker, a robot or irbcal."""
+
+
+def read_bytes(
+    path: str | os.PathLike[str], error: type[IrbcalError], *, limit_bytes: int = LARGEST_FILE, prefix: str = ""
+) -> bytes:
+    """Content of a regular file.
+
+    Parameters
+    ----------
+    path : str or Path
+    error : type
+        The kind of error to raise.
+    limit_bytes : int
+        Bytes that it may have.
+    prefix : str
+        Put before the reason, such as "not a calibration folder: ".
+
+    Raises
+    ------
+    IrbcalError
+        Of the kind ``error``, if there is no such file, it may not be read, is too large, or is no file but a folder,
+        pipe, device or socket.
+    """
+    source = os.fspath(path)
+    try:
+        # without O_NONBLOCK, opening a pipe would wait for a writer
+        handle = os.open(source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except (OSError, ValueError) as fault:
+        raise error(prefix + words_of(fault), file=source) from None
+    try:
+        with open(handle, "rb") as stream:
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode):
+                raise error(f"{prefix}expected a file, found {kind_of(status.st_mode)}", file=source)
+            # as many bytes as are asked for are reserved; some files (/proc) have more than they say
+            data = stream.read(min(limit_bytes, status.st_size) + 1)
+            data += stream.read(limit_bytes + 1) if len(data) == status.st_size + 1 <= limit_bytes else b""
+    except OSError as fault:
+        kind = "a folder" if isinstance(fault, IsADirectoryError) else None
+        text = f"expected a file, found {kind}" if kind else words_of(fault)
+        raise error(prefix + text, file=source) from None
+    if len(data) > limit_bytes:
+        limit = f"{limit_bytes // 10**6} MB" if limit_bytes >= 10**6 else f"{limit_bytes // 1024} KiB"
+        raise error(f"expected a file of at most {limit}, found more", file=source)
+    return data
+
+
+def stdin_bytes(error: type[IrbcalError], largest: int = LARGEST_FILE) -> bytes:
+    """What stands on standard input, to its end.
+
+    Raises
+    ------
+    IrbcalError
+        Of the kind ``error``, if there is no standard input or more than ``largest`` bytes.
+    """
+    stream = getattr(sys.stdin, "buffer", None)
+    if stream is None:
+        raise error("there is no standard input", file=STDIN)
+    data: bytes = stream.read(largest + 1)
+    if len(data) > largest:
+        raise error(f"expected at most {largest // 10**6} MB, found more", file=STDIN)
+    return data
+
+
+def kind_of(mode: int) -> str:
+    """What is no regular file, in words, from ``st_mode``."""
+    kinds = (
+        (stat.S_ISDIR, "a folder"),
+        (stat.S_ISFIFO, "a pipe"),
+        (stat.S_ISCHR, "a device"),
+        (stat.S_ISBLK, "a device"),
+        (stat.S_ISSOCK, "a socket"),
+    )
+    return next((description for test, description in kinds if test(mode)), "something else")
+
+
+def words_of(fault: OSError | ValueError) -> str:
+    """Why a file cannot be read, as the end of a sentence."""
+    if isinstance(fault, FileNotFoundError):
+        return "there is no such file"
+    if isinstance(fault, PermissionError):
+        return "no permission to read this file"
+    if isinstance(fault, OSError) and fault.errno == errno.ENAMETOOLONG:
+        return "the name is too long for a file"
+    reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else str(fault)
+    return f"cannot read this file: {' '.join(reason.split())}"
+
+
+@contextmanager
+def libraries_silent() -> Iterator[None]:
+    """Keep what C libraries print about a damaged file off stderr: the refusal says it in one sentence."""
+    try:
+        stderr = os.dup(2)
+    except OSError:  # there is no stderr
+        yield
+        return
+    sink = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(sink, 2)
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(sink)
+        os.close(stderr)
+
+
+Paths: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str] | None] | None"
+"""One path, several, or none."""
+
+
+FOLDER_FILES = (
+    "calibrated.urdf",
+    "joint_origins.yaml",
+    "calibration.json",
+    "calibration.points.parquet",
+    "calibration.poses.parquet",
+    "report.html",
+    "plan.csv",
+    "poses.csv",
+    "plan.json",
+    "plan.mod",
+    "plan.src",
+    "plan.ls",
+    "plan.script",
+    "plan.pjx",
+    "plan.dtx",
+    "start.pgx",
+    "PLAN.JBI",
+    "plan.pg",
+    "plan.html",
+)
+"""Files that commands write into folders that they are given."""
+
+
+def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object) -> None:
+    """Refuse outputs that are inputs, or each other, by whatever name: links and hard links are the same file.
+
+    Parameters
+    ----------
+    outputs : dict of str to path or paths
+        By the options that name them; a folder stands for `FOLDER_FILES` in it.
+    *inputs
+        What is read: paths, sequences of them, folders (with `FOLDER_FILES` in them); anything else, such as a table
+        in memory or None, is no file.
+
+    Raises
+    ------
+    OptionError
+        If two outputs are the same file.
+    CalibrationError
+        If an output is an input.
+    """
+    outputs_by_option = [(option, path) for option, paths in outputs.items() for path in _paths(paths)]
+    option_of: dict[str, str] = {}
+    for option, path in outputs_by_option:
+        real = os.path.realpath(path)
+        if not os.path.isdir(path) and option_of.setdefault(real, option) != option:
+            raise OptionError(
+                f"{option}: expected another file than that of {option_of[real]}, found {path}", parameter=option
+            )
+    read = [file for value in inputs for path in _paths(value) for file in _files(path)]
+    for option, path in outputs_by_option:
+        for written in _files(path):
+            if any(_same(written, file) for file in read):
+                raise CalibrationError(
+                    "this is the file to read from: name another one to write", file=written, parameter=option
+                )
+
+
+def refuse_replacing(folder: Path, force: bool = False) -> None:
+    """Refuse a folder that holds a calibration already: what moves a robot today must not be gone by one slip.
+
+    Parameters
+    ----------
+    folder : Path
+        That a calibration will be written to.
+    force : bool
+        Replace it all the same.
+
+    Raises
+    ------
+    CalibrationError
+        If there is one, and it is not to be replaced.
+    """
+    if not force and os.path.lexists(folder / "calibration.json"):
+        raise CalibrationError(
+            "there is a calibration in this folder already: name another folder, or replace it with --force",
+            file=folder,
+            parameter="out",
+        )
+
+
+def _paths(value: object) -> list[Path]:
+    if isinstance(value, (str, os.PathLike)):
+        return [Path(value)]
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [path for item in value for path in _paths(item)]
+    return []
+
+
+def _files(path: Path) -> list[Path]:
+    return [path / name for name in FOLDER_FILES] if os.path.isdir(path) else [path]
+
+
+def _same(first: Path, second: Path) -> bool:
+    """Whether two names are one file that exists."""
+    try:
+        return os.path.samefile(first, second)
+    except (OSError, ValueError):
+        return False
+
 
 try:
     import fcntl
