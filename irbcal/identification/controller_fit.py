@@ -102,6 +102,7 @@ class _ControllerModel:
     T_tool: FloatArray
 
     def poses(self, q: FloatArray) -> FloatArray:
+        """Poses that the controller would report, shape (n, 4, 4), metres."""
         return self.T_base @ self.arm.forward(q) @ self.T_tool
 
     def moved(self, names: NameArray, values: FloatArray) -> _ControllerModel:

@@ -368,12 +368,6 @@ class Problem:
         session = np.full(self.points.poses, self.sessions[-1]) if self.points.session is None else self.points.session
         return np.array([number[str(name)] for name in session], dtype=int)[self.points.pose]
 
-    def in_base_link(self, state: State) -> FloatArray:
-        """Measured points in the base link, shape (m, 3), metres."""
-        T = frames.inverse(state.bases)
-        T = T[self.session_of_points()]
-        return np.einsum("mij,mj->mi", T[:, :3, :3], self.points.xyz) + T[:, :3, 3]
-
     def arm_at(self, state: State) -> Arm:
         """The arm with the state's constants of the geometry in its table."""
         columns: dict[str, FloatArray] = {}

@@ -257,6 +257,7 @@ class _Rows:
 
     @classmethod
     def of(cls, measurements: MeasurementSet) -> _Rows:
+        """All rows; those without a position are lost."""
         table = shared_table(measurements)
         xyz = measurements.positions()
         reason = np.full(len(table), "", dtype=object)
@@ -272,6 +273,7 @@ class _Rows:
 
     @property
     def good(self) -> BoolArray:
+        """Rows that nothing speaks against."""
         return self.reason == ""
 
     @property

@@ -29,7 +29,6 @@ MESH_ENDINGS = (".stl", ".dae", ".obj")
 ALWAYS = 0.9
 """Share of random poses in which two links touch that overlap by construction."""
 SAMPLES = 200
-AWAY = 1e3
 
 
 class NoSolidsError(RobotError):

@@ -638,6 +638,7 @@ class _Sums:
 
     @classmethod
     def of(cls, d: FloatArray, pose: IntArray, n: int) -> _Sums:
+        """Of distances (m,) and the pose of each, one of n."""
         shift = float(d.mean())  # keeps the digits of sigma
         offset = d - shift
         return cls(shift, [np.bincount(pose, w, n).astype(float) for w in (np.ones_like(d), offset, offset**2)])

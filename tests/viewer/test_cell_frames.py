@@ -10,7 +10,7 @@ import irbcal
 from irbcal.cell.cell_file import CellFile, FrameInCell
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.modeling import frames
-from irbcal.viewer import view as page
+from irbcal.viewer import page
 
 T_TOOL = frames.from_xyz_angles([0.01, -0.02, 0.18, 0.0, 0.3, 0.1])
 T_OBJECT = frames.from_xyz_angles([0.7, -0.2, 0.4, 0.0, 0.1, 0.5])

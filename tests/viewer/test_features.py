@@ -11,8 +11,7 @@ from irbcal.identification.observations import KINDS, Point
 from irbcal.modeling import frames
 from irbcal.plotting.charts import inline
 from irbcal.units import MM
-from irbcal.viewer import building, features
-from irbcal.viewer import view as page
+from irbcal.viewer import building, features, page
 
 TURN = frames.rotation_from_vector(np.array([0.2, -0.3, 0.4]))
 AT = np.array([0.85, 0.2, 0.5])

@@ -12,8 +12,7 @@ import umsgpack
 
 import irbcal
 from irbcal.io import robots
-from irbcal.viewer import building
-from irbcal.viewer import view as page
+from irbcal.viewer import building, page
 
 HOSTILE = "</script><script>window.hacked=1</script><!--<img src=x onerror=window.hacked=2>"
 

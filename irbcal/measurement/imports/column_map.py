@@ -394,6 +394,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
     """Plain YAML only: no anchors (which can blow up), no key twice (of which one would be lost)."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
+        """A node, unless it is an alias or has an anchor."""
         event = self.peek_event()
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
             mark = event.start_mark
@@ -401,6 +402,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        """A mapping, unless a key stands twice."""
         keys = [key.value for key, _ in node.value]
         double = [key for key, _ in node.value if keys.count(key.value) > 1]
         if double:

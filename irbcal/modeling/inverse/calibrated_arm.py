@@ -201,6 +201,7 @@ class _Solver:
         return near, bad_seed, branch
 
     def solve(self, T_base_tip: ArrayLike, seed: ArrayLike | None, configuration: ArrayLike | None) -> InverseResult:
+        """Joints for poses of the tip, shape (n, 4, 4), near seeds or in configurations, by a fixed point."""
         T = check_poses(T_base_tip)
         n = len(T)
         near, bad_seed, branch = self.asked_for(n, seed, configuration)

@@ -106,6 +106,7 @@ class _Turning:
 
     @staticmethod
     def of(arm: Arm) -> _Turning:
+        """The key of an arm."""
         table = arm.table
         parts = (table.alpha, table.beta, table.theta, table.prismatic, arm.T_base_0[:3, :3])
         return _Turning(arm, b"".join(np.asarray(part).tobytes() for part in parts))
