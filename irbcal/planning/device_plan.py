@@ -1,12 +1,11 @@
 """Poses for a device in place of a tracker, and what each device would leave of a robot's position error.
 
 The error model comes with its natural sizes as prior: the geometry alone, or also what model ``auto`` fits beside it
-(gain, gravity, harmonics). Tool and features have next to none. In the terms of `irbcal.planning.information`, so that
-`irbcal.planning.exchange` chooses among poses at features as it does among poses that a tracker sees.
+(gain, gravity, harmonics). Tool and features have next to none. In the terms of
+`irbcal.planning.optimal_design`, which chooses among poses at features as it does among poses that a tracker sees.
 
-Best are those that leave the least predicted error of positions over the whole range, chosen by the exchange that
-chooses tracker poses (`irbcal.planning.exchange`), for a robot whose joints err beyond its geometry
-(`irbcal.planning.device_information`).
+Best are those that leave the least predicted error of positions over the whole range, for a robot whose joints err
+beyond its geometry.
 
 A calculation, no measurement (``irbcal plan --compare-devices``): the arm is uncertain by its natural sizes, each
 device shows what its rows show with its noise, and the rest stays as it was. Twice: as if the geometry were all, and

@@ -13,11 +13,10 @@ No model describes a robot wholly. Plans for noise alone go to the corners of th
 random ones where such errors are the larger part; so ``position`` also counts what a fit makes of imagined joint
 errors: waves over the angle of each joint and tilts of its axis, of random size (variance and bias together, as Box
 and Draper 1959 propose). With ``E`` what such errors do to the measured coordinates, the fit is off by
-``M^-1 J^T E``. `irbcal.planning.exchange` chooses the poses.
+``M^-1 J^T E``.
 
 Poses are exchanged one at a time for the candidate that serves best, until none does (Fedorov 1972; the cheaper form
-of Cook and Nachtsheim 1980). All candidates are rated at once by low-rank updates of ``J M^-1 J^T``; what a plan is
-rated by is in `irbcal.planning.information`.
+of Cook and Nachtsheim 1980). All candidates are rated at once by low-rank updates of ``J M^-1 J^T``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Accuracy: statistics of measured against predicted points and poses, absolute and relative (Nubiola 2011, 7.7).
 
-Every figure of accuracy that the program shows is computed here and in `irbcal.validation.bootstrap` (intervals).
+Every figure of accuracy that the program shows is computed here.
 
 Whole poses are drawn again with replacement, because the points of one pose share its error. Intervals of mean,
 sigma, mean + 3 sigma and rms are bias-corrected and accelerated (BCa; Efron 1987), with the acceleration from leaving
@@ -8,7 +8,7 @@ out one pose at a time; those of percentiles are plain percentile intervals, sin
 about a percentile. There is none for the maximum: no resample can exceed it, see
 `irbcal.validation.accuracy.largest_covers`.
 
-Of more than `MOST_POSES` poses as many are drawn at random; intervals of n of N poses are narrowed by the root of n / N
+Of more than `MOST_DRAWN` poses as many are drawn at random; intervals of n of N poses are narrowed by the root of n / N
 (Bickel, Goetze, van Zwet 1997, "Resampling fewer than n observations").
 """
 
