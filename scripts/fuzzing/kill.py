@@ -494,7 +494,8 @@ def _count(number: int, then: Callable[[], None], for_good: bool = False) -> Non
 
     for name in CALLS:
         setattr(os, name, counted(getattr(os, name)))
-    safe_files.open = counted(File)  # type: ignore[attr-defined]
+    to_write = counted(File)
+    safe_files.open = lambda path, mode: (builtins.open if mode == "rb" else to_write)(path, mode)  # type: ignore[attr-defined]
 
 
 def _contents(folder: Path) -> dict[Path, bytes]:
