@@ -1,16 +1,22 @@
 """Options made from a function's source: units, defaults, explanations, and panels for experts."""
 
 import json
+import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 import typer
+from typer.main import get_command
 from typer.testing import CliRunner
 
-from irbcal.cli import show, signature
+import irbcal
+from irbcal.cli import main, show, signature
 from irbcal.cli.main import app
 from irbcal.errors import OptionError
+from irbcal.io import robots
 from irbcal.planning import device_plan, measuring_plan
 from irbcal.units import DEG, MM
 
@@ -83,3 +89,71 @@ def test_numbers():
     for text in ("1,2", "1,2,x", "1,2,inf", ""):
         with pytest.raises(typer.BadParameter, match=r"expected 3 or 4 numbers \(a, b, c\), found"):
             signature.numbers_in(text, [3, 4], "--cube", ("a", "b", "c"))
+
+
+@pytest.fixture
+def place(tmp_path, demo_calibration):
+    shutil.copytree(demo_calibration, tmp_path / "cal")
+    (tmp_path / "robot.urdf").write_bytes(robots.robot_file("irb1600").read_bytes())
+    (tmp_path / "v.csv").write_bytes(robots.demo_file("demo_identification.csv").read_bytes())
+    (tmp_path / "job.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,30,0\n")
+    return tmp_path
+
+
+COMMANDS = [
+    "filter cal job.csv --out new.csv --changes job.csv",
+    "filter cal job.csv --out new.csv --changes new.csv",
+    "filter cal job.csv --out cal/calibration.json",
+    "view cal v.csv --html v.csv",
+    "view robot.urdf --html robot.urdf",
+    "view cal --html cal/calibration.json",
+    "simulate job.csv --robot robot.urdf --out robot.urdf",
+    "simulate job.csv --robot robot.urdf --out job.csv",
+    "calibrate v.csv --robot cal/calibrated.urdf --out cal",
+    "ballbar cal v.csv --plot v.csv",
+    "tracker v.csv --plot v.csv",
+    "iso9283 v.csv --plot v.csv",
+]
+
+
+def contents(folder):
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_inputs_are_never_written(place, monkeypatch, line):
+    monkeypatch.chdir(place)
+    before = contents(place)
+    done = CliRunner().invoke(app, line.split())
+    assert done.exit_code in (1, 2), done.output
+    assert "to write" in str(done.exception) or "another file" in str(done.exception), done.exception
+    assert contents(place) == before
+
+
+def test_a_calibration_is_replaced_with_force_only(place):
+    before = contents(place)
+    line = ["demo", "--model", "11", "--out", str(place / "cal")]
+    done = CliRunner().invoke(app, line)
+    assert done.exit_code == 1
+    assert "replace it with --force" in str(done.exception)
+    assert contents(place) == before
+    assert CliRunner().invoke(app, [*line, "--force"]).exit_code == 0
+    assert irbcal.load(place / "cal").record.model == "11"
+
+
+def test_what_the_list_says_of_a_command_is_what_it_says_of_itself():
+    listed = {name: main._summary(name) for name in main.COMMANDS}
+    own = {name: " ".join(c.help.partition("\n\n")[0].split()) for name, c in get_command(main.app).commands.items()}
+    assert listed == own
+
+
+def test_only_the_command_that_is_called_is_loaded():
+    def loaded(call):
+        done = subprocess.run([sys.executable, "-c", code.format(call)], capture_output=True, text=True, check=True)
+        return done.stdout
+
+    code = "from irbcal.cli import main; main.application({}); import sys; print(sorted(m for m in sys.modules if m.startswith('irbcal.cli.')))"
+    called = loaded("['fk']")
+    assert "'irbcal.cli.use'" in called
+    assert "'irbcal.cli.prepare'" not in called
+    assert "'irbcal.cli.use'" not in loaded("summary=True")

@@ -1,24 +1,187 @@
 """Plans from Python: seeds, what they say, and a run in the virtual cell."""
 
 import pickle
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from design_support import PLACES, TARGETS, poses
+from maker_cases import path_of, robot_of
+from support import arm, measured, random_robot
 
 import irbcal
+from irbcal.correction.languages import rapid
 from irbcal.errors import OptionError
+from irbcal.identification.fit import identify
+from irbcal.modeling import frames
 from irbcal.planning import measuring_plan
-from irbcal.planning.choosing import Wish
+from irbcal.planning.choosing import READINGS_S, Wish
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make, plan
+from irbcal.planning.optimal_design import Model
 from irbcal.planning.scene import open_scene
 from irbcal.safe_files import write_together
 from irbcal.simulation import pose_list, simulation
 from irbcal.simulation.shipped_cells import open_cell
 from irbcal.simulation.simulation import simulate
-from irbcal.units import MM
+from irbcal.units import DEG, MM
+
+
+def test_expected_points_and_times_are_those_of_the_poses():
+    made = plan("irb1600", axis=0, cube=3, all_range=0, without=SOLID, level="nominal", references=2, wait_s=3.0)
+    pose, target, xyz, time = made.expected()
+    assert len(pose) == made.asked.sum()
+    T = made.scene.setting.arm.forward(made.q)
+    for k in range(len(pose)):
+        local = made.scene.setting.targets.places[target[k]]
+        there = frames.apply(made.scene.T_world_base, T[pose[k], :3, :3] @ local + T[pose[k], :3, 3])
+        np.testing.assert_allclose(xyz[k], there, rtol=0, atol=1e-12)
+    first = np.flatnonzero(np.diff(pose, prepend=-1))
+    np.testing.assert_allclose(time[first], made.stops + 3.0, rtol=0, atol=1e-9)
+    count = made.asked[-1].sum() + 2
+    assert made.duration_s == made.stops[-1] + 3.0 + READINGS_S * count
+
+
+def test_times_follow_from_speed_wait_and_readings():
+    """The first axis move: 30 degrees with the tip 815 mm from axis 1, at 250 mm/s."""
+    scene = open_scene("irb1600", without=SOLID)
+    made = make(scene, Wish(cube=0, all_range=0, level="nominal", speed=0.25, wait_s=3.0, references=0))
+    _, _, _, time = made.expected()
+    first = np.pi / 6 * 0.815 / 0.25
+    assert time[:4] == pytest.approx([first + 3, first + 5.5, first + 8, first + 10.5 + first + 3], rel=1e-3)
+    quick = make(scene, Wish(cube=0, all_range=0, level="nominal", speed=7.0, wait_s=3.0))
+    assert quick.stops[0] == pytest.approx(30 / 150)  # joint 1 turns 150 degrees a second
+
+
+def test_predicted_deviations_are_those_of_simulated_calibrations():
+    nominal, noise, runs = arm(), 0.1 * MM, 150
+    q, seen = poses(40, 7)
+    model = Model(nominal, TARGETS, "16", noise)
+    found = measuring_plan.predict(model, q, seen)
+    rng = np.random.default_rng(0)
+    robot = random_robot(nominal, "16", rng, targets=dict(zip(TARGETS.names, PLACES, strict=True)))
+    exact, there = measured(robot, q), nominal.random_joints(40, 8)
+    errors, misses = [], []
+    for _ in range(runs):
+        points = measured(robot, q, noise, rng).take(seen.ravel())
+        fit = identify(nominal, points, "16")
+        errors.append(fit.solution.state.errors)
+        misses.append(np.sum((fit.robot.points(there, "smr2") - robot.points(there, "smr2")) ** 2, axis=1))
+    assert len(exact) == 120
+    deviations = np.std(errors, axis=0)
+    factor = {"mm": MM, "deg": DEG}
+    for item, seen_deviation in zip(found.parameters, deviations, strict=True):
+        if item.state == "identified":
+            assert seen_deviation == pytest.approx(item.std * factor[item.unit], rel=0.25), item.name
+    assert sum(item.state == "identified" for item in found.parameters) >= 8
+    predicted = found.position_std(there, "smr2")
+    assert np.sqrt(np.mean(misses, axis=0)) == pytest.approx(predicted, rel=0.3)
+    assert np.sqrt(np.mean(misses)) == pytest.approx(np.sqrt(np.mean(predicted**2)), rel=0.05)
+
+
+def test_what_no_pose_shows_is_held_and_has_no_deviation():
+    model = Model(arm(), TARGETS, "34")
+    states = {item.name: item for item in measuring_plan.predict(model, *poses(60, 1)).parameters}
+    assert states["delta_d6"].state == states["delta_theta6"].state == "held"
+    assert states["delta_d2"].state == states["delta_d3"].state == "tied"
+    assert states["delta_d6"].std is None
+    assert states["delta_a2"].std > 0
+
+
+def test_reflectors_that_no_pose_measures_are_left_out():
+    q, seen = poses(40, 2)
+    seen[:, 1] = False
+    seen[~seen.any(axis=1), 0] = True
+    found = measuring_plan.predict(Model(arm(), TARGETS, "11"), q, seen)
+    assert found.model.targets.names == ("smr1", "smr3")
+    assert found.position_std(q, "smr3").shape == (40,)
+
+
+PULSES = (1341.4, 1341.4, -1341.4, 1000.0, 1000.0, 622.0)
+SMALL = {"axis": 0, "cube": 0, "all_range": 4, "level": "nominal"}
+
+
+@pytest.fixture(scope="module")
+def made():
+    return make(open_scene("irb1600", without=SOLID), Wish(**SMALL))
+
+
+def test_ways_over_home_stand_in_the_program(made):
+    def joints(plan):
+        return [target.value for target in rapid.parse(measuring_plan.program_files(plan)["plan.mod"]).targets]
+
+    direct = joints(made)
+    over = joints(replace(made, over_home=np.array([False, True, False, True])))
+    assert len(direct) == 6
+    assert len(over) == 8
+    assert [not q.any() for q in over] == [True, False, True, False, False, True, False, True]
+    np.testing.assert_allclose(direct[1:-1], made.q, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("robot", "language"),
+    [
+        ("gp8", "inform"),
+        ("irb2400", "rapid"),
+        ("kr120r2500pro", "krl"),
+        ("m20ia", "fanuc"),
+        ("rx160", "val3"),
+        ("rs007n", "kawasaki"),
+    ],
+)
+def test_the_language_is_the_makers(robot, language):
+    arm = robot_of(robot)[0]
+    assert measuring_plan.language_of(arm, Wish(pulses=PULSES)) == (language, "")
+    assert measuring_plan.language_of(arm, Wish(language="csv")) == ("", "")
+    for name in ("", "noname_xy7"):
+        found, note = measuring_plan.language_of(replace(arm, name=name), Wish())
+        assert found == ""
+        assert "the name of the robot does not tell its maker" in note
+
+
+def test_what_cannot_be_written_is_said():
+    arm = robot_of("gp8")[0]
+    assert "give the pulses per degree" in measuring_plan.language_of(arm, Wish())[1]
+    for language, expected in (("krl", "axes point along"), ("inform", "pulses"), ("basic", "basic")):
+        with pytest.raises(OptionError, match=expected):
+            measuring_plan.language_of(arm, Wish(language=language))
+
+
+def test_the_run_takes_as_long_as_the_plan_says(made):
+    """Moves with the joint speeds of the program, and its rests: the hours of the plan."""
+    run = measuring_plan.moves(made)
+    way = np.abs(np.diff(run.q, axis=0)).max(axis=1)
+    seconds = sum(move.wait_s for move in run.moves) + sum(
+        part / move.joint_speed for part, move in zip(way, run.moves[1:], strict=True)
+    )
+    assert seconds - way[-1] / run.moves[-1].joint_speed == pytest.approx(made.duration_s, rel=0.05)
+    assert all(0.01 <= move.share <= 0.5 for move in run.moves)
+
+
+@pytest.mark.parametrize("robot", ["gp8", "kr120r2500pro", "m20ia", "rs007n", "rx160"])
+def test_the_virtual_robot_runs_it(robot, tmp_path):
+    """The program of a plan commands, through the reader of its language, what the plan's table does."""
+    nominal = robot_of(robot)[0]
+    path = path_of(robot)
+    plan = irbcal.plan(path, **SMALL, pulses=PULSES)
+    plan.save(tmp_path)
+    file = next(file for file in tmp_path.iterdir() if pose_list.is_program(file))
+    q, _ = pose_list.read_program(file, nominal, pose_list.given_for(path, nominal, pulses=PULSES))
+    assert np.abs(q[1:-1] - plan.q).max() < (0.9e-3 * DEG if robot == "gp8" else 2e-4 * DEG)
+
+
+def test_files_hold_what_the_tables_say():
+    made = plan("irb1600", axis=0, cube=0, all_range=3, without=SOLID, level="nominal", payload=2.5)
+    found = measuring_plan.files(made, page="<html></html>")
+    assert list(found) == ["plan.csv", "poses.csv", "plan.json", "plan.mod", "plan.html"]
+    rows = found["plan.csv"].decode().splitlines()
+    assert rows[0].endswith("target,expected_x_mm,expected_y_mm,expected_z_mm,time_s,payload_kg")
+    cells = rows[1].split(",")
+    assert all(len(cell.split(".")[1]) == 4 for cell in cells[2:8])
+    assert [len(cell.split(".")[1]) for cell in cells[9:13]] == [3, 3, 3, 1]
+    assert len(rows) == 1 + made.asked.sum() == 1 + len(measuring_plan.plan_table(made))
+    assert found["plan.mod"].decode().count("WaitTime") == 3
 
 
 def test_seeds_decide_the_plan():
