@@ -132,7 +132,7 @@ def filter_program(
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
     from irbcal.correction.filter import NotWritten
-    from irbcal.overwriting import refuse_overwriting
+    from irbcal.safe_files import refuse_overwriting
 
     refuse_overwriting({"out": out, "page": page}, options["program"], options["calibration"])
     read_frames(options, options["program"])
