@@ -17,6 +17,12 @@
 #define IRBCAL_LANES  // vectors of four numbers, which other options of the compiler do not take well
 #endif
 
+#if defined(__GNUC__)
+#define IRBCAL_APART __attribute__((noinline))  // taken for few poses: where all is inlined it would be many times over
+#else
+#define IRBCAL_APART inline
+#endif
+
 namespace irbcal {
 
 // ------------------------------------------------------------------ numbers
@@ -1033,7 +1039,7 @@ constexpr int most_stages = 6, starts_of_all = 6 + 24 + 96 + 64;
 // first_rank: of the solution in out; infinite where it is none, -2 where it is one in the branch but beyond the limits.
 // r.starts: six standard normal numbers for each start; r.difference: metres between the tips of nominal and calibrated arm.
 template <class Robot>
-inline bool search(const Robot& r, const Frame<double>& wanted, const double* signs, const double* near, int count,
+IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const double* signs, const double* near, int count,
                    double position, double rotation, double first_rank, Solution<double>& out) noexcept {
   if (!(out.margin > -2.0 * r.difference)) return false;
   const ClosedForm& a = r.closed;
@@ -1106,7 +1112,7 @@ inline bool within_limits(const Robot& r, const double* q) noexcept {
 
 // Brings a solution beyond a limit back by whole turns, and by what the tolerances leave open; false where that fails.
 template <class Robot>
-inline bool into_limits(const Robot& r, const Frame<double>& wanted, const double* near, double position, double rotation,
+IRBCAL_APART bool into_limits(const Robot& r, const Frame<double>& wanted, const double* near, double position, double rotation,
                         Solution<double>& out) noexcept {
   constexpr double rounding = 1e-4;
   double q[6], p, t;
