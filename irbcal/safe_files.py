@@ -19,9 +19,12 @@ import re
 import secrets
 import stat
 import sys
+import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import TypeAlias
 
@@ -76,6 +79,53 @@ def read_bytes(
         limit = f"{limit_bytes // 10**6} MB" if limit_bytes >= 10**6 else f"{limit_bytes // 1024} KiB"
         raise error(f"expected a file of at most {limit}, found more", file=source)
     return data
+
+
+MOST_MEMBERS = 50_000
+"""Files of a zip archive."""
+_DAMAGED = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, ValueError, OSError)
+"""What the module zipfile raises where an archive is damaged, encrypted, or of a method that it does not know."""
+
+
+def zip_archive(
+    data: bytes, source: str | os.PathLike[str], error: type[IrbcalError], limit_bytes: int = LARGEST_FILE
+) -> zipfile.ZipFile:
+    """A zip archive from its content, with files of bounded number and size.
+
+    Raises
+    ------
+    IrbcalError
+        Of the kind ``error``, if it is none, or has more than `MOST_MEMBERS` files or ``limit_bytes`` when unpacked.
+    """
+    try:
+        archive = zipfile.ZipFile(BytesIO(data))
+    except _DAMAGED as fault:
+        raise error(f"not a zip archive that can be read: {fault}", file=os.fspath(source)) from None
+    members = archive.infolist()
+    size = sum(member.file_size for member in members)
+    if size > limit_bytes or len(members) > MOST_MEMBERS:
+        raise error(
+            f"expected at most {MOST_MEMBERS} files of together {limit_bytes} bytes in the archive, "
+            f"found {len(members)} of {size}",
+            file=os.fspath(source),
+        )
+    return archive
+
+
+def zip_member(
+    archive: zipfile.ZipFile, name: str | zipfile.ZipInfo, source: str | os.PathLike[str], error: type[IrbcalError]
+) -> bytes:
+    """Content of a file of an archive.
+
+    Raises
+    ------
+    IrbcalError
+        Of the kind ``error``, if it is not there, damaged or encrypted.
+    """
+    try:
+        return archive.read(name)
+    except (KeyError, *_DAMAGED) as fault:
+        raise error(f"not in the archive, or not to be read: {fault}", file=os.fspath(source)) from None
 
 
 def stdin_bytes(error: type[IrbcalError], largest: int = LARGEST_FILE) -> bytes:

@@ -31,7 +31,6 @@ LARGEST_MEMBER = 50_000_000
 """Bytes of a file of a backup that is looked at or unpacked."""
 LARGEST_ARCHIVE = 500_000_000
 """Bytes of all files of an archive."""
-MOST_MEMBERS = 50_000
 
 
 class Backup(NamedTuple):
@@ -186,19 +185,13 @@ def _members(path: Path) -> list[tuple[zipfile.ZipInfo, bytes]]:
     """
     data = safe_files.read_bytes(path, ProgramError, limit_bytes=LARGEST_ARCHIVE)
     out: list[tuple[zipfile.ZipInfo, bytes]] = []
-    try:
-        with zipfile.ZipFile(BytesIO(data)) as archive:
-            infos = [info for info in archive.infolist() if not info.is_dir()]
-            size = sum(info.file_size for info in infos)
-            if size > LARGEST_ARCHIVE or len(infos) > MOST_MEMBERS:
-                limit = f"at most {MOST_MEMBERS} files of together {LARGEST_ARCHIVE // 10**6} MB"
-                raise ProgramError(f"expected {limit} in the archive, found {len(infos)} of {size} bytes", file=path)
-            for info in infos:
-                if not _stays_inside(info):
-                    raise ProgramError(f"{info.filename!r} of the archive would lie outside of its folder", file=path)
-                out.append((info, archive.read(info)))
-    except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError) as fault:
-        raise ProgramError(f"the zip archive cannot be read: {fault}", file=path) from None
+    with safe_files.zip_archive(data, path, ProgramError, LARGEST_ARCHIVE) as archive:
+        for info in archive.infolist():
+            if info.is_dir():
+                continue
+            if not _stays_inside(info):
+                raise ProgramError(f"{info.filename!r} of the archive would lie outside of its folder", file=path)
+            out.append((info, safe_files.zip_member(archive, info, path, ProgramError)))
     return out
 
 

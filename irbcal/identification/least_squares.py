@@ -52,11 +52,9 @@ class VectorProblem(Protocol[S]):
     ----------
     outer : int
         Number of unknowns without a nominal value; they stand before the error parameters.
-    rows, equations, poses : int
-        Number of vectors, of their measured coordinates, and of poses.
+    rows : int
+        Number of vectors.
     weights : ndarray, shape (rows,)
-    scales : ndarray, shape (error parameters,)
-        Plausible sizes of the error parameters in units of a step.
     """
 
     outer: int
@@ -64,13 +62,16 @@ class VectorProblem(Protocol[S]):
     weights: FloatArray
 
     @property
-    def poses(self) -> int: ...  # noqa: D102
+    def poses(self) -> int:
+        """Number of poses."""
 
     @property
-    def equations(self) -> int: ...  # noqa: D102
+    def equations(self) -> int:
+        """Number of measured coordinates."""
 
     @property
-    def scales(self) -> FloatArray: ...  # noqa: D102
+    def scales(self) -> FloatArray:
+        """Plausible sizes of the error parameters in units of a step, shape (error parameters,)."""
 
     @property
     def refusal(self) -> str:

@@ -210,8 +210,8 @@ def test_an_archive_is_searched_like_a_folder_and_written_in_its_shape(tmp_path)
         (zipped({"C:/a.src": b"x"}), "would lie outside"),
         (zipped({"a\\..\\..\\b.src": b"x"}), "would lie outside"),
         (zipped({"a": b"x", "a/b": b"x"}), "of the archive"),
-        (b"PK\x03\x04 no archive", "cannot be read"),
-        (zipped({"a.src": b"x" * 1000})[:-30], "cannot be read"),
+        (b"PK\x03\x04 no archive", "not a zip archive"),
+        (zipped({"a.src": b"x" * 1000})[:-30], "not a zip archive"),
     ],
 )
 def test_archives_that_would_do_harm_are_refused(tmp_path, data, words):

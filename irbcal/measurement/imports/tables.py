@@ -8,8 +8,6 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-import zipfile
-import zlib
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,7 +24,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import POSITION, QUATERNION
 from irbcal.measurement.imports.column_map import RESERVED, Column, Dialect, ImportMap, pattern_regex
-from irbcal.safe_files import read_bytes
+from irbcal.safe_files import read_bytes, zip_archive, zip_member
 from irbcal.units import DEG, MM
 
 LARGEST_FILE = 200 * 10**6
@@ -375,10 +373,13 @@ def parts_of(path: str | PathLike[str]) -> list[str]:
     source = str(path)
     suffix = Path(source).suffix.lower()
     if suffix in WORKBOOKS:
-        return [f"{source}!{name}" for name in _workbook(_bytes(source), source).sheet_names[:MOST_MEMBERS]]
+        return [f"{source}!{name}" for name in _workbook(_bytes(source), source).sheet_names]
     if suffix in ARCHIVES:
-        members = [name for name in _archive(_bytes(source), source).namelist() if not name.endswith("/")]
-        return [part for name in members[:MOST_MEMBERS] for part in parts_of(f"{source}!{name}")]
+        archive = zip_archive(_bytes(source), source, MeasurementError, LARGEST_FILE)
+        members = [name for name in archive.namelist() if not name.endswith("/")]
+        if len(members) > MOST_MEMBERS:
+            raise MeasurementError(f"expected at most {MOST_MEMBERS} files, found {len(members)}", file=source)
+        return [part for name in members for part in parts_of(f"{source}!{name}")]
     return [source]
 
 
@@ -414,7 +415,7 @@ def _workbook(data: bytes, source: str) -> Any:
     from python_calamine import CalamineError, CalamineWorkbook
 
     if data.startswith(b"PK"):
-        _archive(data, source)  # its size
+        zip_archive(data, source, MeasurementError, LARGEST_FILE)  # its size
     try:
         return CalamineWorkbook.from_filelike(BytesIO(data))
     except (CalamineError, ValueError, OSError) as error:
@@ -441,26 +442,12 @@ def _cell_text(cell: Any) -> str:
     return str(cell)
 
 
-def _archive(data: bytes, source: str) -> zipfile.ZipFile:
-    try:
-        archive = zipfile.ZipFile(BytesIO(data))
-    except zipfile.BadZipFile as error:
-        raise MeasurementError(f"not a zip archive: {error}", file=source) from None
-    size = sum(member.file_size for member in archive.infolist())
-    if size > LARGEST_FILE:
-        raise MeasurementError(f"expected at most {LARGEST_FILE} bytes in the archive, found {size}", file=source)
-    return archive
-
-
 def _bytes(source: str) -> bytes:
     """Content of a file, or of one in an archive."""
     container, mark, member = source.rpartition("!")
     if mark and not Path(source).exists() and Path(container.rpartition("!")[0] or container).suffix:
-        archive = _archive(_bytes(container), container)
-        try:
-            data = archive.read(member)
-        except (KeyError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
-            raise MeasurementError(f"not in the archive, or not to be read: {error}", file=source) from None
+        archive = zip_archive(_bytes(container), container, MeasurementError, LARGEST_FILE)
+        data = zip_member(archive, member, source, MeasurementError)
     else:
         data = read_bytes(Path(source), MeasurementError, limit_bytes=LARGEST_FILE)
     if not data.strip():

@@ -225,7 +225,11 @@ def test_an_archive_larger_than_files_may_be_is_refused(tmp_path, monkeypatch):
     with zipfile.ZipFile(tmp_path / "z.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("zeros.csv", b"0" * 100_000)
     monkeypatch.setattr(tables, "LARGEST_FILE", 50_000)
-    with pytest.raises(MeasurementError, match="expected at most 50000 bytes in the archive, found 100000"):
+    with pytest.raises(MeasurementError, match="together 50000 bytes in the archive, found 1 of 100000"):
+        tables.parts_of(tmp_path / "z.zip")
+    monkeypatch.undo()
+    monkeypatch.setattr(tables, "MOST_MEMBERS", 0)
+    with pytest.raises(MeasurementError, match="expected at most 0 files, found 1"):
         tables.parts_of(tmp_path / "z.zip")
 
 
