@@ -40,6 +40,13 @@ def test_a_row_is_a_robot(tmp_path):
     }
 
 
+def test_files_of_a_list_are_found_from_any_working_folder(tmp_path, monkeypatch):
+    """Workers of a cluster have working folders of their own."""
+    (tmp_path / "m.csv").write_text("id,measurements,robot\nR1,data/r1.csv,irb1600\n")
+    monkeypatch.chdir(tmp_path)
+    assert batch.read_manifest("m.csv")[0].measurements == str(tmp_path / "data" / "r1.csv")
+
+
 def test_the_fingerprint_is_of_contents_not_of_places(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()

@@ -10,7 +10,7 @@ import irbcal
 from irbcal.errors import OptionError
 from irbcal.identification import fit, initial_guess, least_squares, minimax, robust
 from irbcal.identification.choices import Goal
-from irbcal.identification.feature_fit import LEAST_SQUARES, identify_features
+from irbcal.identification.feature_fit import LEAST_SQUARES, held_out, identify_features
 from irbcal.identification.feature_objectives import FeatureVectors, minimise
 from irbcal.identification.feature_problem import FeatureProblem, start
 from irbcal.measurement import features
@@ -99,3 +99,14 @@ def test_a_calibration_by_the_largest_distance_proves_its_minimum(tmp_path):
         irbcal.calibrate(table, "irb1600", "26", features=known, objective="max", loss="huber")
     with pytest.raises(OptionError, match="method: rows at features do not take it"):
         irbcal.calibrate(table, "irb1600", "26", features=known, method="nelder-mead")
+
+
+def test_places_are_left_out_of_the_same_fit():
+    """The oracle is the fit to the rows of the other places, made by hand."""
+    table, known = cases.rows("point", cases.true_arm(cases.arm(), 7, lengths=False), 20, 4, 5e-5)
+    result = irbcal.calibrate(table, "irb1600", "26", features=known, objective="pnorm")
+    proof = {place.name: place for place in result.record.features.places}
+    rows = features.read(table, known, cases.arm())
+    away = rows.feature == "point 1"
+    rest = identify_features(cases.arm(), rows.select(~away), LEVEL, bare=True, goal=Goal("pnorm"))
+    assert proof["point 1"].mean_mm == pytest.approx(held_out(rest, rows.select(away))[0].mean() * 1e3, rel=1e-6)
