@@ -15,7 +15,8 @@ import base64
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -484,17 +485,16 @@ def sign(path: str | os.PathLike[str], key: str | os.PathLike[str], *, new_key: 
     """
     serialization, ed25519 = _keys()
     kind, sha256, out = _signed_content(Path(path))
-    if new_key:
-        _new_key(Path(key))
-    try:
-        private = serialization.load_pem_private_key(read_bytes(key, OptionError, limit_bytes=LARGEST), None)
-    except (ValueError, TypeError) as error:
-        raise OptionError(f"key: {key}: expected a private key in PEM: {error}", parameter="key") from None
-    if not isinstance(private, ed25519.Ed25519PrivateKey):
-        raise OptionError(f"key: {key}: expected an Ed25519 key", parameter="key")
-    unsigned = Signature(schema_name=SIGNATURE_SCHEMA, of=kind, sha256=sha256, signature="")
-    value = base64.b64encode(private.sign(unsigned.message())).decode("ascii")
-    write_set({out: (unsigned.model_copy(update={"signature": value}).model_dump_json(indent=1) + "\n").encode()})
+    with _new_key(Path(key)) if new_key else nullcontext():
+        try:
+            private = serialization.load_pem_private_key(read_bytes(key, OptionError, limit_bytes=LARGEST), None)
+        except (ValueError, TypeError) as error:
+            raise OptionError(f"key: {key}: expected a private key in PEM: {error}", parameter="key") from None
+        if not isinstance(private, ed25519.Ed25519PrivateKey):
+            raise OptionError(f"key: {key}: expected an Ed25519 key", parameter="key")
+        unsigned = Signature(schema_name=SIGNATURE_SCHEMA, of=kind, sha256=sha256, signature="")
+        value = base64.b64encode(private.sign(unsigned.message())).decode("ascii")
+        write_set({out: (unsigned.model_copy(update={"signature": value}).model_dump_json(indent=1) + "\n").encode()})
     return out
 
 
@@ -578,17 +578,23 @@ def _keys() -> tuple[ModuleType, ModuleType]:
     return serialization, ed25519
 
 
-def _new_key(path: Path) -> None:
-    """A new private key, for its owner's eyes only, and the public key beside it."""
+@contextmanager
+def _new_key(path: Path) -> Iterator[None]:
+    """A new private key, for its owner's eyes only, and the public key beside it; both go where what follows fails."""
     how, ed25519 = _keys()
     private = ed25519.Ed25519PrivateKey.generate()
     secret = private.private_bytes(how.Encoding.PEM, how.PrivateFormat.PKCS8, how.NoEncryption())
     public = private.public_key().public_bytes(how.Encoding.PEM, how.PublicFormat.SubjectPublicKeyInfo)
-    for file, content, mode in ((path, secret, 0o600), (path.with_suffix(".pub"), public, 0o644)):
-        try:
-            with open(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as stream:
-                stream.write(content)
-        except FileExistsError:
-            raise OptionError("key: there is a key of this name, which is not replaced", file=file) from None
-        except OSError as error:
-            raise OptionError(f"key: cannot write it: {error.strerror}", file=file) from None
+    with ExitStack() as created:
+        for file, content, mode in ((path, secret, 0o600), (path.with_suffix(".pub"), public, 0o644)):
+            try:
+                handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+                created.callback(file.unlink, missing_ok=True)
+                with open(handle, "wb") as stream:
+                    stream.write(content)
+            except FileExistsError:
+                raise OptionError("key: there is a key of this name, which is not replaced", file=file) from None
+            except OSError as error:
+                raise OptionError(f"key: cannot write it: {error.strerror}", file=file) from None
+        yield
+        created.pop_all()

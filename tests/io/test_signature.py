@@ -9,7 +9,7 @@ import pytest
 
 import irbcal
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.io import integrity
+from irbcal.io import calibration_folder, integrity
 
 pytest.importorskip("cryptography")
 
@@ -110,3 +110,19 @@ def test_what_is_refused(signed, tmp_path):
     (folder / "report.html").unlink()
     with pytest.raises(CalibrationError, match=r"this is not signed: report\.html is missing"):
         irbcal.sign(folder, private)
+
+
+def test_a_key_made_for_a_signature_that_fails_is_gone(tmp_path, monkeypatch):
+    (tmp_path / "page.html").write_text("<p>")
+    monkeypatch.setattr(calibration_folder, "write_set", refuse)
+    with pytest.raises(CalibrationError):
+        irbcal.sign(tmp_path / "page.html", tmp_path / "lab.pem", new_key=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+    (tmp_path / "lab.pub").write_text("another's")
+    with pytest.raises(OptionError, match="is not replaced"):
+        irbcal.sign(tmp_path / "page.html", tmp_path / "lab.pem", new_key=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lab.pub", "page.html"]
+
+
+def refuse(contents):
+    raise CalibrationError("cannot write to this folder")
