@@ -10,8 +10,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, GetCoreSchemaHandler, StringConstraints
+from pydantic_core import CoreSchema, core_schema
 
+from irbcal.arrays import FloatArray
 from irbcal.names import LONGEST_NAME, fault_of
 from irbcal.summary import UNITS
 
@@ -57,6 +59,36 @@ Date: TypeAlias = Annotated[
 ]
 """ISO 8601, UTC."""
 Version: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z.+!_-]{1,80}$")]
+
+
+class Numbers:
+    """How an array of a result stands in a file, as metadata of its type: (nested) lists of finite numbers.
+
+    Parameters
+    ----------
+    *shape : int
+        -1 stands for any length; none at all is a single number.
+    unit : float
+        Of the file, in SI units.
+    """
+
+    def __init__(self, *shape: int, unit: float = 1.0) -> None:
+        self.shape, self.unit = shape, unit
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        written = core_schema.plain_serializer_function_ser_schema(lambda value: _per(value, self.unit))
+        return core_schema.no_info_plain_validator_function(self._read, serialization=written)
+
+    def _read(self, content: Any) -> FloatArray | float:
+        array = np.array(content)  # a ValueError where rows differ in length
+        if array.shape == (0,):
+            array = array.reshape((0,) * len(self.shape))
+        fits = array.ndim == len(self.shape) and all(
+            expected in (-1, length) for expected, length in zip(self.shape, array.shape, strict=True)
+        )
+        if not fits or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+            raise ValueError(f"expected finite numbers of shape {self.shape}, -1 being any length".replace("'", ""))
+        return array * self.unit if self.shape else float(array) * self.unit
 
 
 class Section(BaseModel):

@@ -12,22 +12,22 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, StringConstraints, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError, WrapSerializer
 
 from irbcal.arrays import FloatArray, Locked
-from irbcal.cell.external_axes import COLUMN, ExternalAxis
+from irbcal.cell.external_axes import ExternalAxis
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
-from irbcal.io.schema import PoseSection
+from irbcal.io.schema import Pose
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.options import shown
 from irbcal.safe_files import read_bytes, write_set
-from irbcal.section import Date, Fingerprint, Name, Section, Sentence, Sha256
+from irbcal.section import Date, Fingerprint, Name, Numbers, Sentence
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
@@ -37,8 +37,10 @@ HELD_PART, FIXED_TOOL = "held_part", "fixed_tool"
 """A part on the flange counts among the tools, the tool that stands and works on it among the work objects."""
 ON_FLANGE, STANDING = (TOOL, HELD_PART), (WORK_OBJECT, FIXED_TOOL)
 RESIDUALS = ("residual", "residual_nominal")
-QUATERNION_TOLERANCE = 1e-9
-"""How far the length of a quaternion of the file may be from one."""
+IN_FILE = ConfigDict(extra="forbid", allow_inf_nan=False)
+Joints: TypeAlias = Annotated[FloatArray, Numbers(-1)]
+Point: TypeAlias = Annotated[FloatArray, Numbers(3, unit=MM)]
+Matrix: TypeAlias = Annotated[FloatArray, Numbers(-1, -1)]
 
 
 class Notation(NamedTuple):
@@ -92,10 +94,12 @@ class FrameInCell(Locked):
         A part that the robot holds, or the tool that stands and works on it.
     """
 
-    name: str
-    T_true: FloatArray
-    T_nominal: FloatArray
-    T_controller: FloatArray | None = None
+    __pydantic_config__ = IN_FILE
+
+    name: Name
+    T_true: Annotated[Pose, Field(alias="true")]
+    T_nominal: Annotated[Pose, Field(alias="nominal")]
+    T_controller: Annotated[Pose | None, Field(alias="controller")] = None
     position_only: bool = False
     fixed_tool: bool = False
 
@@ -134,20 +138,22 @@ class Touch(Locked):
         Positions of the external axes, radians (metres).
     """
 
+    __pydantic_config__ = IN_FILE
+
     row: int
-    frame: str
-    name: str
-    point: str
-    tool: str
-    q: FloatArray
-    u95: float
-    xyz: FloatArray | None = None
-    kind: str = "point"
-    radius: float | None = None
-    tracker: FloatArray | None = None
-    residual: FloatArray = field(default_factory=lambda: np.zeros(3))
-    residual_nominal: FloatArray = field(default_factory=lambda: np.zeros(3))
-    e: FloatArray = field(default_factory=lambda: np.zeros(0))
+    frame: Annotated[str, StringConstraints(pattern="^(tool|work_object|held_part|fixed_tool)$")]
+    name: Name
+    point: Name
+    tool: Name
+    q: Annotated[Joints, Field(alias="joints_rad")]
+    u95: Annotated[float, Numbers(unit=MM), Field(alias="u95_mm")]
+    xyz: Annotated[Point | None, Field(alias="xyz_mm")] = None
+    kind: Annotated[str, StringConstraints(pattern="^(point|sphere|plane|line)$")] = "point"
+    radius: Annotated[Annotated[float, Numbers(unit=MM)] | None, Field(alias="radius_mm")] = None
+    tracker: Annotated[Point | None, Field(alias="tracker_mm")] = None
+    residual: Annotated[Point, Field(alias="residual_mm")] = field(default_factory=lambda: np.zeros(3))
+    residual_nominal: Annotated[Point, Field(alias="residual_nominal_mm")] = field(default_factory=lambda: np.zeros(3))
+    e: Annotated[Joints, Field(alias="axes")] = field(default_factory=lambda: np.zeros(0))
 
     @property
     def on_flange(self) -> tuple[str, str]:
@@ -160,6 +166,24 @@ class Touch(Locked):
         if self.frame == HELD_PART:
             return FIXED_TOOL, self.tool
         return (self.frame, self.name) if self.frame in STANDING else (WORK_OBJECT, "")
+
+
+def _by_name(frames_in_file: Any) -> Any:
+    """Frames of a file by their names; anything else is left to the check of its type."""
+    if not isinstance(frames_in_file, list) or not all(isinstance(frame, dict) for frame in frames_in_file):
+        return frames_in_file
+    by_name = {str(frame.get("name")): frame for frame in frames_in_file}
+    if len(by_name) < len(frames_in_file):
+        raise ValueError("two frames have the same name")
+    return by_name
+
+
+FramesByName: TypeAlias = Annotated[
+    Mapping[str, FrameInCell],
+    BeforeValidator(_by_name),
+    WrapSerializer(lambda by_name, written: list(written(by_name).values())),
+]
+"""Frames by their names; in the file a list."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -192,19 +216,27 @@ class CellFile(Result):
         ISO 8601, UTC.
     """
 
-    fingerprint: str
-    robot: str
+    __pydantic_config__ = IN_FILE
+
+    fingerprint: Fingerprint
+    robot: Name
     simulated: bool
-    tools: Mapping[str, FrameInCell]
-    work_objects: Mapping[str, FrameInCell]
-    touch_covariance: FloatArray
-    covariance: FloatArray
-    robot_gain: FloatArray
+    tools: FramesByName
+    work_objects: FramesByName
+    touch_covariance: Annotated[Matrix, Field(alias="touch_covariance_rad_m")]
+    covariance: Annotated[Matrix, Field(alias="covariance_rad_m")]
+    robot_gain: Annotated[Matrix, Field(alias="robot_gain_rad_m")]
     axes: tuple[ExternalAxis, ...] = ()
     touches: tuple[Touch, ...] = ()
-    left_out: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    created: str = field(default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds"))
+    left_out: tuple[Sentence, ...] = ()
+    notes: tuple[Sentence, ...] = ()
+    created: Date = field(default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds"))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        size = 6 * (len(self.tools) + len(self.work_objects) + len(self.axes))
+        if not self.covariance.shape == self.touch_covariance.shape == (size, size) or len(self.robot_gain) != size:
+            raise ValueError(f"covariances and robot_gain need {size} rows, six for each frame and axis")
 
     def report(self, notation: Notation = AS_URDF) -> list[Paragraph]:
         """The frames with their intervals, and by how much the controller's differ; see `Result.report`."""
@@ -282,7 +314,7 @@ class CellFile(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the file but for its seal, ready for JSON."""
-        return self._document().model_dump(mode="json", exclude={KEY})
+        return {"schema_name": SCHEMA, **_IN_FILE.dump_python(self, mode="json", by_alias=True)}
 
     def rows(self, frame: str, name: str) -> slice:
         """Rows of a frame in the covariances; ``frame`` is ``tool``, ``work_object`` or ``axis`` (by its column)."""
@@ -296,175 +328,16 @@ class CellFile(Result):
         Raises
         ------
         CalibrationError
-            If it cannot be written.
+            If it cannot be written, or `read_cell` would refuse it.
         """
         document = self.to_dict()
+        _checked(document, path)
         content = json.dumps(document | {KEY: digest(document)}, indent=1) + "\n"
         write_set({Path(path): content.encode()})
         return Path(path)
 
-    def _document(self) -> _Document:
-        return _Document(
-            schema_name=SCHEMA,
-            created=self.created,
-            simulated=self.simulated,
-            robot=self.robot,
-            fingerprint=self.fingerprint,
-            tools=[_FrameSection.of(one) for one in self.tools.values()],
-            work_objects=[_FrameSection.of(one) for one in self.work_objects.values()],
-            covariance_rad_m=self.covariance.tolist(),
-            touch_covariance_rad_m=self.touch_covariance.tolist(),
-            robot_gain_rad_m=self.robot_gain.tolist(),
-            axes=[
-                _AxisSection(
-                    axis=axis.column,
-                    carries=list(axis.carries),
-                    screw_rad_m=axis.screw.tolist(),
-                    nominal_rad_m=axis.nominal.tolist(),
-                )
-                for axis in self.axes
-            ],
-            touches=[_TouchSection.of(one) for one in self.touches],
-            left_out=list(self.left_out),
-            notes=list(self.notes),
-        )
 
-
-class _FrameSection(Section):
-    """A frame, in the file."""
-
-    name: Name
-    true: PoseSection
-    nominal: PoseSection
-    controller: PoseSection | None
-    position_only: bool
-    fixed_tool: bool = False
-
-    @staticmethod
-    def of(one: FrameInCell) -> _FrameSection:
-        """The section of a frame."""
-        there = None if one.T_controller is None else _pose(one.T_controller)
-        return _FrameSection(
-            name=one.name,
-            true=_pose(one.T_true),
-            nominal=_pose(one.T_nominal),
-            controller=there,
-            position_only=one.position_only,
-            fixed_tool=one.fixed_tool,
-        )
-
-    def frame(self) -> FrameInCell:
-        """The frame of the section."""
-        there = None if self.controller is None else _transform(self.controller)
-        true, nominal = _transform(self.true), _transform(self.nominal)
-        return FrameInCell(self.name, true, nominal, there, self.position_only, self.fixed_tool)
-
-
-class _AxisSection(Section):
-    """An external axis, in the file."""
-
-    axis: Annotated[str, StringConstraints(pattern=COLUMN.pattern)]
-    carries: list[Name]
-    screw_rad_m: list[float] = Field(min_length=6, max_length=6)
-    nominal_rad_m: list[float] = Field(min_length=6, max_length=6)
-
-
-class _TouchSection(Section):
-    """A touch, in the file; joints in radians (metres)."""
-
-    row: int
-    frame: Literal["tool", "work_object", "held_part", "fixed_tool"]
-    name: Name
-    point: Name
-    tool: Name
-    joints_rad: list[float]
-    u95_mm: float
-    xyz_mm: list[float] | None
-    kind: Literal["point", "sphere", "plane", "line"]
-    radius_mm: float | None
-    tracker_mm: list[float] | None
-    residual_mm: list[float]
-    residual_nominal_mm: list[float]
-    axes: list[float]
-
-    @staticmethod
-    def of(one: Touch) -> _TouchSection:
-        """The section of a touch."""
-        return _TouchSection(
-            row=one.row,
-            frame=one.frame,
-            name=one.name,
-            point=one.point,
-            tool=one.tool,
-            joints_rad=one.q.tolist(),
-            u95_mm=one.u95 / MM,
-            xyz_mm=None if one.xyz is None else (one.xyz / MM).tolist(),
-            kind=one.kind,
-            radius_mm=None if one.radius is None else one.radius / MM,
-            tracker_mm=None if one.tracker is None else (one.tracker / MM).tolist(),
-            residual_mm=(one.residual / MM).tolist(),
-            residual_nominal_mm=(one.residual_nominal / MM).tolist(),
-            axes=one.e.tolist(),
-        )
-
-    def touch(self) -> Touch:
-        """The touch of the section."""
-        return Touch(
-            self.row,
-            self.frame,
-            self.name,
-            self.point,
-            self.tool,
-            np.array(self.joints_rad),
-            self.u95_mm * MM,
-            None if self.xyz_mm is None else np.array(self.xyz_mm) * MM,
-            self.kind,
-            None if self.radius_mm is None else self.radius_mm * MM,
-            None if self.tracker_mm is None else np.array(self.tracker_mm) * MM,
-            np.array(self.residual_mm) * MM,
-            np.array(self.residual_nominal_mm) * MM,
-            np.array(self.axes),
-        )
-
-
-class _Document(Section):
-    """The whole file."""
-
-    schema_name: Literal["irbcal-cell-1"]
-    created: Date
-    simulated: bool
-    robot: Name
-    fingerprint: Fingerprint
-    tools: list[_FrameSection]
-    work_objects: list[_FrameSection]
-    covariance_rad_m: list[list[float]]
-    touch_covariance_rad_m: list[list[float]]
-    robot_gain_rad_m: list[list[float]]
-    axes: list[_AxisSection]
-    touches: list[_TouchSection]
-    left_out: list[Sentence]
-    notes: list[Sentence]
-    seal: Sha256 | None = None
-
-    @model_validator(mode="after")
-    def _fits(self) -> _Document:
-        size = 6 * (len(self.tools) + len(self.work_objects) + len(self.axes))
-        for name in ("covariance_rad_m", "touch_covariance_rad_m"):
-            matrix = getattr(self, name)
-            if len(matrix) != size or any(len(row) != size for row in matrix):
-                raise ValueError(f"{name} is not of {size} rows and columns, six for each frame")
-        if len(self.robot_gain_rad_m) != size or len({len(row) for row in self.robot_gain_rad_m}) > 1:
-            raise ValueError(f"robot_gain_rad_m is not of {size} rows of one length")
-        for kind in (self.tools, self.work_objects):
-            names = [one.name for one in kind]
-            if len(names) > len(set(names)):
-                raise ValueError("two frames have the same name")
-            for one in kind:
-                poses = [pose for pose in (one.true, one.nominal, one.controller) if pose is not None]
-                lengths = [np.linalg.norm([pose.qw, pose.qx, pose.qy, pose.qz]) for pose in poses]
-                if np.abs(np.subtract(lengths, 1.0)).max() > QUATERNION_TOLERANCE:
-                    raise ValueError(f"{one.name}: expected a unit quaternion")
-        return self
+_IN_FILE = TypeAdapter(CellFile)
 
 
 def frames_by_name(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
@@ -513,32 +386,18 @@ def read_cell(path: str | PathLike[str]) -> CellFile:
             "it was changed after irbcal wrote it: a damaged file must not move a robot (call irbcal cell again)",
             file=path,
         )
+    return _checked(content, path)
+
+
+def _checked(content: dict[str, Any], path: str | PathLike[str]) -> CellFile:
     try:
-        found = _Document.model_validate(content)
+        cell = _IN_FILE.validate_python({name: content[name] for name in content.keys() - {KEY, "schema_name"}})
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the file"
         raise CalibrationError(f"{where}: {first['msg']}", file=path, parameter=where) from None
     refuse_absurd(content, Path(path))
-    size = len(found.covariance_rad_m)
-    return CellFile(
-        found.fingerprint,
-        found.robot,
-        found.simulated,
-        _by_name(found.tools),
-        _by_name(found.work_objects),
-        np.array(found.touch_covariance_rad_m).reshape(size, size),
-        np.array(found.covariance_rad_m).reshape(size, size),
-        np.array(found.robot_gain_rad_m).reshape(size, -1) if size else np.zeros((0, 0)),
-        tuple(
-            ExternalAxis(one.axis, tuple(one.carries), np.array(one.screw_rad_m), np.array(one.nominal_rad_m))
-            for one in found.axes
-        ),
-        tuple(one.touch() for one in found.touches),
-        tuple(found.left_out),
-        tuple(found.notes),
-        found.created,
-    )
+    return cell
 
 
 def cell_of(cell: CellFile | str | Path, fingerprint: str) -> CellFile:
@@ -557,17 +416,3 @@ def cell_of(cell: CellFile | str | Path, fingerprint: str) -> CellFile:
             file=None if isinstance(cell, CellFile) else cell,
         )
     return cell_file
-
-
-def _by_name(sections: Sequence[_FrameSection]) -> dict[str, FrameInCell]:
-    return {one.name: one.frame() for one in sections}
-
-
-def _pose(T: FloatArray) -> PoseSection:
-    w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
-    return PoseSection(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
-
-
-def _transform(pose: PoseSection) -> FloatArray:
-    R = frames.matrix_from_quaternion([pose.qw, pose.qx, pose.qy, pose.qz])
-    return frames.transform(R, np.array([pose.x_mm, pose.y_mm, pose.z_mm]) * MM)

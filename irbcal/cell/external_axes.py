@@ -9,13 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
 from irbcal.arrays import FloatArray, Locked
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.cell_graph import BASE, FLOOR, Edge
+from irbcal.section import Name, Numbers
 from irbcal.units import DEG, MM
 
 ROBOT = "robot"
@@ -40,10 +43,12 @@ class ExternalAxis(Locked):
         Likewise, as the controller has it.
     """
 
-    column: str
-    carries: tuple[str, ...]
-    screw: FloatArray
-    nominal: FloatArray
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    column: Annotated[str, Field(alias="axis", pattern=f"^{COLUMN.pattern}$")]
+    carries: tuple[Name, ...]
+    screw: Annotated[FloatArray, Numbers(6), Field(alias="screw_rad_m")]
+    nominal: Annotated[FloatArray, Numbers(6), Field(alias="nominal_rad_m")]
 
     @property
     def name(self) -> str:

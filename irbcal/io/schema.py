@@ -10,7 +10,8 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from pydantic import Field, PrivateAttr, StringConstraints, field_validator, model_validator
+from pydantic import Field, GetPydanticSchema, PrivateAttr, StringConstraints, field_validator, model_validator
+from pydantic_core import core_schema
 
 from irbcal.arrays import FloatArray, NameArray, plain
 from irbcal.errors import CalibrationError, RobotError
@@ -660,6 +661,29 @@ class PoseSection(Section):
         """As a transform, shape (4, 4), metres."""
         R = frames.matrix_from_quaternion([self.qw, self.qx, self.qy, self.qz])
         return frames.transform(R, np.array([self.x_mm, self.y_mm, self.z_mm]) * MM)
+
+
+QUATERNION_TOLERANCE = 1e-9
+"""How far the length of a quaternion of a pose may be from one."""
+
+
+def _transform(pose: PoseSection) -> FloatArray:
+    if abs(np.linalg.norm([pose.qw, pose.qx, pose.qy, pose.qz]) - 1.0) > QUATERNION_TOLERANCE:
+        raise ValueError("expected a unit quaternion")
+    return pose.transform()
+
+
+Pose: TypeAlias = Annotated[
+    FloatArray,
+    GetPydanticSchema(
+        lambda _, handler: core_schema.no_info_after_validator_function(
+            _transform,
+            handler.generate_schema(PoseSection),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda T: PoseSection.of(T).model_dump()),
+        )
+    ),
+]
+"""A transform (4, 4) in metres, in the file a `PoseSection`."""
 
 
 class RobotSection(Section):
