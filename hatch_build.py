@@ -12,7 +12,7 @@ import sysconfig
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "irbcal" / "kernel"
-SOURCES = ("kernel.hpp", "binding.cpp")
+SOURCES = ("kernel.hpp", "motion.hpp", "binding.cpp")
 STABLE = sys.version_info >= (3, 11)  # buffers are part of Python's stable interface since then
 OPTIONS = (
     "-std=c++17",

@@ -10,7 +10,7 @@ import numpy as np
 from irbcal import kernel, literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
-from irbcal.exporting import live, motion
+from irbcal.exporting import live
 from irbcal.exporting.parts import ExportFiles, render
 from irbcal.exporting.source import Source
 from irbcal.modeling.inverse.fixed_point import NEAR_NOMINAL
@@ -48,7 +48,6 @@ def files(source: Source) -> ExportFiles:
         "to_speed": live.TO_SPEED_S,
         "to_acceleration": live.TO_ACCELERATION_S,
         "ramp": live.RAMP_S,
-        "motion": motion,
         "largest_t": live.LARGEST_T,
         "longest_line": live.LONGEST_LINE,
         "degree": DEG,
@@ -64,7 +63,9 @@ def files(source: Source) -> ExportFiles:
     }
     templates = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
     files = {name: render(template, parts, vectors, **values) for name, template in templates.items()}
-    files[header] = files[header].replace(b'#include "kernel.hpp"\n', (KERNEL / "kernel.hpp").read_bytes())
+    for name, kernel_file in ((header, "kernel.hpp"), (program, "motion.hpp")):
+        include = f'#include "{kernel_file}"\n'.encode()
+        files[name] = files[name].replace(include, (KERNEL / kernel_file).read_bytes())
     return ExportFiles(files)
 
 

@@ -17,21 +17,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from math import asin, sqrt
+from math import asin, dist, sqrt
 from time import monotonic
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from irbcal import kernel
 from irbcal.arrays import FloatArray
 from irbcal.errors import OptionError
 from irbcal.exporting import python
-from irbcal.exporting.motion import GAP_S, Joint, LimitedMotion
+from irbcal.exporting.motion import GAP_S, LimitedMotion
 from irbcal.exporting.parts import Parts
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source
 from irbcal.io.opening import CalibrationLike
+from irbcal.modeling.parts import compiled
 from irbcal.options import checked, number
 from irbcal.units import DEG, MM
 
@@ -59,6 +61,7 @@ RAMP_S = (0.001, 10.0)
 """Range of these."""
 LONGEST_LINE = 65_536
 """Bytes; more is not read as one line."""
+NUMBERS = frozenset({int, float})
 LARGEST_ID = 2**53
 LARGEST_T = 1e8
 """Seconds: of a larger number too few digits are behind the point."""
@@ -105,7 +108,14 @@ class Live:
         clock: Callable[[], float] = monotonic,
     ) -> None:
         parts = source.parts
-        self._robot: Any = Plain(**python.constants(parts, source.vectors))
+        robot, fast = source.robot, dict[str, Any]()
+        self._new_motion: Any = LimitedMotion
+        made = compiled(robot.arm, robot.joint_map.parts, reach=parts.reach, more={"stride": parts.stride})
+        if made is not None:  # what every line needs, by the compiled kernel
+            fast = {"nearest_effective": made.nearest, "commanded_moving": made.settled}
+            fast |= {"forward_effective": made.tip, "forward_nominal": made.nominal_tip}
+            self._new_motion = kernel.Motion
+        self._robot: Any = Plain(**python.constants(parts, source.vectors), **fast)
         self.speed: list[float] = known_speed(parts).tolist()
         self.acceleration = [v / to_speed for v in self.speed]
         self.jerk = [a / to_acceleration for a in self.acceleration]
@@ -119,7 +129,7 @@ class Live:
         self.lines = self.held = 0
         n = len(self._units)
         self._clock = clock
-        self._motion: LimitedMotion | None = None
+        self._motion: Any = None
         self._stamped: bool | None = None
         self._time: float | None = None
         self._mark: int | None = None
@@ -190,16 +200,13 @@ class Live:
         count = 7 if kind == "pose" else len(self._units)
         if not isinstance(values_given, list) or len(values_given) != count:
             raise Refused(f"{kind}: expected {count} numbers")
-        if not all(type(value) in (int, float) for value in values_given):
+        if not NUMBERS.issuperset(map(type, values_given)):
             raise Refused(f"{kind}: expected {count} numbers")
+        units = [self._length] * 3 + [1.0] * 4 if kind == "pose" else self._units
         try:
-            values = [float(value) for value in values_given]
+            values = [a * b for a, b in zip(values_given, units, strict=True)]
         except OverflowError:
             raise Refused(f"{kind}: not a finite number") from None
-        if kind == "pose":
-            values = [value * self._length for value in values[:3]] + values[3:]
-        else:
-            values = [a * b for a, b in zip(values, self._units, strict=True)]
         if not all(abs(value) < 1e6 for value in values):  # nan is not, either
             raise Refused(f"{kind}: not a finite number")
         if kind == "pose":
@@ -214,7 +221,7 @@ class Live:
                 raise Refused(f"{kind}: {robot.JOINT_NAMES[i]} is beyond its limits{hint}")
         return values
 
-    def _begin(self, content: dict[str, Any], t: float) -> LimitedMotion:
+    def _begin(self, content: dict[str, Any], t: float) -> Any:
         """The arm stands where it is."""
         at = self._at if "at" not in content else self._numbers("at", content["at"])
         if at is None:
@@ -223,7 +230,7 @@ class Live:
         limits = zip(at, self.speed, self.acceleration, self.jerk, robot.LOWER, robot.UPPER, strict=True)
         self._goal, self._theta = at, robot.effective(at)
         self._stamped, self._time, self._seen = "t" in content, t, (t, at)
-        return LimitedMotion(t, [Joint(*each) for each in limits])
+        return self._new_motion(t, [[*each] for each in limits])
 
     def _follow(self, content: dict[str, Any]) -> dict[str, float]:
         """Carry out what is wanted; how far the command is from it."""
@@ -253,7 +260,7 @@ class Live:
         if kind == "joints":
             self._shift = [a - b for a, b in zip(theta, values, strict=True)]
         self._goal, self._theta, self._moves, self._resting = q, theta, moves, None
-        self._command = self._motion.follow(t, q)
+        self._command = self._motion.follow(t, q, True)
         T_command = robot.forward_effective([a + b - c for a, b, c in zip(theta, self._command, q, strict=True)])
         distance, turn = _apart(T, T_command)
         unit = ("m", "rad") if self._radians else ("mm", "deg")
@@ -295,7 +302,7 @@ class Live:
             end = zip(self._motion.rest(), robot.LOWER, robot.UPPER, strict=True)
             self._resting = [min(max(x, lower), upper) for x, lower, upper in end]
         assert self._time is not None
-        self._command = self._motion.follow(self._time, self._resting, moving=False)
+        self._command = self._motion.follow(self._time, self._resting, False)
         return self._shown(self._command)
 
     def _effective(self, kind: str, values: list[float]) -> tuple[list[list[float]], list[float]]:
@@ -343,8 +350,10 @@ def _parsed(line: str | bytes) -> dict[str, Any]:
 
 def _apart(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> tuple[float, float]:
     """Distance (m) and angle (rad) between two poses of three rows."""
-    distance = sqrt(sum((a[3] - b[3]) ** 2 for a, b in zip(first, second, strict=True)))
-    chord = sqrt(sum((a[k] - b[k]) ** 2 for a, b in zip(first, second, strict=True) for k in range(3)))
+    (xx, xy, xz, x), (yx, yy, yz, y), (zx, zy, zz, z) = first
+    (ux, uy, uz, u), (vx, vy, vz, v), (wx, wy, wz, w) = second
+    distance = dist((x, y, z), (u, v, w))
+    chord = dist((xx, xy, xz, yx, yy, yz, zx, zy, zz), (ux, uy, uz, vx, vy, vz, wx, wy, wz))
     return distance, 2.0 * asin(min(chord / sqrt(8.0), 1.0))
 
 

@@ -180,11 +180,12 @@ class LimitedMotion:
     ----------
     t : float
         Seconds: the time at which it stands.
-    joints : list of Joint
+    joints : sequence of sequence of float
+        Of each the arguments of `Joint`.
     """
 
-    def __init__(self, t: float, joints: list[Joint]) -> None:
-        self.joints = joints
+    def __init__(self, t: float, joints: Sequence[Sequence[float]]) -> None:
+        self.joints = [Joint(*each) for each in joints]
         self.times = _stood(t)
 
     def follow(self, t: float, goal: Sequence[float], moving: bool = True) -> list[float]:

@@ -11,6 +11,7 @@
 #endif
 
 #include "kernel.hpp"
+#include "motion.hpp"
 
 namespace {
 
@@ -31,6 +32,7 @@ struct Robot {
   double gravity[3] = {}, payload_kg = 0.0, payload_place[3] = {};
   double gain[capacity] = {}, offset[capacity] = {}, compliance[capacity] = {}, torque[capacity] = {};
   double direction[capacity] = {}, width[capacity], move[capacity] = {}, share[capacity] = {}, along[capacity] = {};
+  double stride[capacity];
   double cosine[most_orders][capacity] = {}, sine[most_orders][capacity] = {};
   std::vector<Wave> wave;
   std::vector<Bend<capacity>> bend;
@@ -285,6 +287,122 @@ PyObject* kernel_newton(PyObject* self, PyObject* const* args, Py_ssize_t count)
   Py_RETURN_TRUE;
 }
 
+// ------------------------------------------------------------------ one pose of lists, for live correction
+
+// Numbers of a list; false, with an exception, where it is no list of so many.
+bool from_list(PyObject* list, double* out, Py_ssize_t count) {
+  if (!PyList_Check(list) || PyList_Size(list) != count) {
+    PyErr_Format(PyExc_TypeError, "expected a list of %zd numbers", count);
+    return false;
+  }
+  for (Py_ssize_t k = 0; k < count; ++k) out[k] = PyFloat_AsDouble(PyList_GetItem(list, k));
+  return PyErr_Occurred() == nullptr;
+}
+
+PyObject* to_list(const double* values, Py_ssize_t count) {
+  PyObject* list = PyList_New(count);
+  for (Py_ssize_t k = 0; list != nullptr && k < count; ++k) {
+    PyObject* value = PyFloat_FromDouble(values[k]);
+    if (value == nullptr || PyList_SetItem(list, k, value) != 0) {
+      Py_DECREF(list);
+      return nullptr;
+    }
+  }
+  return list;
+}
+
+template <bool nominal>
+PyObject* kernel_tip(PyObject* self, PyObject* const* args, Py_ssize_t count) {
+  if (!count_is(count, 1)) return nullptr;
+  const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
+  double theta[most_joints];
+  if (!from_list(args[0], theta, r.joints)) return nullptr;
+  const Frame<double> tip = tip_of(r, nominal ? r.nominal : r.chain, nominal ? r.nominal_tip : r.tip, theta);
+  PyObject* rows[3] = {};
+  for (int i = 0; i < 3; ++i) {
+    const double row[4] = {tip.R[0][i], tip.R[1][i], tip.R[2][i], tip.o[i]};
+    rows[i] = to_list(row, 4);
+  }
+  return Py_BuildValue("[NNN]", rows[0], rows[1], rows[2]);
+}
+
+PyObject* kernel_nearest(PyObject* self, PyObject* const* args, Py_ssize_t count) {
+  if (!count_is(count, 5)) return nullptr;
+  const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
+  Frame<double> wanted;
+  for (int i = 0; i < 3; ++i) {
+    double row[4];
+    PyObject* list = PyList_Check(args[0]) ? PyList_GetItem(args[0], i) : nullptr;
+    if (list == nullptr || !from_list(list, row, 4)) return nullptr;
+    for (int j = 0; j < 3; ++j) wanted.R[j][i] = row[j];
+    wanted.o[i] = row[3];
+  }
+  double theta[most_joints], lower[most_joints], upper[most_joints], position = infinity, rotation = infinity;
+  const double tolerance = PyFloat_AsDouble(args[2]);
+  if (!from_list(args[1], theta, r.joints) || !from_list(args[3], lower, r.joints) || !from_list(args[4], upper, r.joints))
+    return nullptr;
+  newton(r, wanted, r.reach, Steps{tolerance, tolerance, 0, 10, lower, upper, false}, theta, position, rotation);
+  return Py_BuildValue("(Ndd)", to_list(theta, r.joints), position, rotation);
+}
+
+PyObject* kernel_settled(PyObject* self, PyObject* const* args, Py_ssize_t count) {
+  if (!count_is(count, 3)) return nullptr;
+  const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
+  double theta[most_joints], moves[most_joints], q[most_joints];
+  if (!from_list(args[0], theta, r.joints) || !from_list(args[1], moves, r.joints) || !from_list(args[2], q, r.joints))
+    return nullptr;
+  if (!settle(r, theta, usual(r), moves, q)) Py_RETURN_NONE;
+  return to_list(q, r.joints);
+}
+
+struct FollowingArm {
+  PyObject_HEAD
+  Motion<most_joints> motion;
+};
+
+PyObject* motion_new(PyTypeObject* type, PyObject* args, PyObject*) {
+  double t = 0.0;
+  PyObject* rows = nullptr;
+  if (!PyArg_ParseTuple(args, "dO!", &t, &PyList_Type, &rows)) return nullptr;
+  const Py_ssize_t n = PyList_Size(rows);
+  if (n > most_joints) {
+    PyErr_Format(PyExc_ValueError, "expected at most %d joints", most_joints);
+    return nullptr;
+  }
+  auto allocate = reinterpret_cast<allocfunc>(PyType_GetSlot(type, Py_tp_alloc));
+  PyObject* self = allocate(type, 0);
+  if (self == nullptr) return nullptr;
+  Motion<most_joints>& motion = *new (&reinterpret_cast<FollowingArm*>(self)->motion) Motion<most_joints>;
+  motion.joints = static_cast<int>(n);
+  motion.stood(t);
+  for (Py_ssize_t k = 0; k < n; ++k) {
+    double v[6];
+    if (!from_list(PyList_GetItem(rows, k), v, 6)) {
+      Py_DECREF(self);
+      return nullptr;
+    }
+    motion.each[k].begin(v[0], v[1], v[2], v[3], v[4], v[5]);
+  }
+  return self;
+}
+
+PyObject* motion_follow(PyObject* self, PyObject* const* args, Py_ssize_t count) {
+  if (!count_is(count, 3)) return nullptr;
+  Motion<most_joints>& motion = reinterpret_cast<FollowingArm*>(self)->motion;
+  double goal[most_joints], command[most_joints];
+  const double t = PyFloat_AsDouble(args[0]);
+  if (!from_list(args[1], goal, motion.joints)) return nullptr;
+  motion.follow(t, goal, args[2] == Py_True, command);
+  return to_list(command, motion.joints);
+}
+
+PyObject* motion_rest(PyObject* self, PyObject*) {
+  const Motion<most_joints>& motion = reinterpret_cast<FollowingArm*>(self)->motion;
+  double rest[most_joints];
+  for (int i = 0; i < motion.joints; ++i) rest[i] = motion.each[i].rest();
+  return to_list(rest, motion.joints);
+}
+
 // ------------------------------------------------------------------ a robot from a dict of arrays
 
 // The numbers of a name; empty where there is none. False, with an exception, where they are no doubles or of a wrong size.
@@ -322,13 +440,13 @@ bool fill(Robot& r, PyObject* dict) {
     r.slides[i] = v[at] != 0.0;
     r.far[i] = r.upper[i] = infinity;
     r.lower[i] = -infinity;
-    r.width[i] = 1.0;
+    r.width[i] = r.stride[i] = 1.0;
   }
   struct { const char* name; double* to; Py_ssize_t size; } const plain[] = {
       {"far", r.far, n}, {"lower", r.lower, n}, {"upper", r.upper, n}, {"gravity", r.gravity, 3}, {"payload_kg", &r.payload_kg, 1},
       {"payload_place", r.payload_place, 3}, {"gain", r.gain, n}, {"offset", r.offset, n}, {"compliance", r.compliance, n},
       {"direction", r.direction, n}, {"width", r.width, n}, {"move", r.move, n}, {"share", r.share, n}, {"reach", &r.reach, 1},
-      {"torque", r.torque, n}, {"along", r.along, n}, {"difference", &r.difference, 1},
+      {"torque", r.torque, n}, {"stride", r.stride, n}, {"along", r.along, n}, {"difference", &r.difference, 1},
       {"starts", r.starts, 6 * starts_of_all}};
   for (const auto& item : plain) {
     if (!numbers(dict, item.name, v, item.size)) return false;
@@ -496,6 +614,10 @@ PyMethodDef methods[] = {
     {"newton", method(kernel_newton), METH_FASTCALL,
      "newton(T, q, reach, position, rotation, straighten, patience, limits, found): q in place; errors, evaluations (n, 3)"},
     {"branches", method(kernel_branches), METH_FASTCALL, "branches(T, q, found, valid): (8, 6, n); radius, margins (3, n); (8, n)"},
+    {"tip", method(kernel_tip<false>), METH_FASTCALL, "tip(theta): three rows of four"},
+    {"nominal_tip", method(kernel_tip<true>), METH_FASTCALL, "nominal_tip(q): the same of the nominal chain"},
+    {"nearest", method(kernel_nearest), METH_FASTCALL, "nearest(T, seed, tolerance, lower, upper): theta, errors of place and rotation"},
+    {"settled", method(kernel_settled), METH_FASTCALL, "settled(theta, moves, start): commanded joints on a way, or None"},
     {nullptr, nullptr, 0, nullptr}};
 
 PyType_Slot slots[] = {{Py_tp_new, reinterpret_cast<void*>(kernel_new)},
@@ -504,12 +626,24 @@ PyType_Slot slots[] = {{Py_tp_new, reinterpret_cast<void*>(kernel_new)},
                        {0, nullptr}};
 PyType_Spec spec = {"irbcal.kernel.compiled.Kernel", sizeof(Kernel), 0, Py_TPFLAGS_DEFAULT, slots};
 
+PyMethodDef motion_methods[] = {
+    {"follow", method(motion_follow), METH_FASTCALL, "follow(t, goal, moving): commands at a time"},
+    {"rest", motion_rest, METH_NOARGS, "rest(): where the joints come to rest"},
+    {nullptr, nullptr, 0, nullptr}};
+
+PyType_Slot motion_slots[] = {{Py_tp_new, reinterpret_cast<void*>(motion_new)},
+                              {Py_tp_methods, motion_methods},
+                              {0, nullptr}};
+PyType_Spec motion_spec = {"irbcal.kernel.compiled.Motion", sizeof(FollowingArm), 0, Py_TPFLAGS_DEFAULT, motion_slots};
+
 int on_import(PyObject* module) {
-  PyObject* type = PyType_FromSpec(&spec);
-  if (type == nullptr) return -1;
-  if (PyModule_AddObject(module, "Kernel", type) < 0) {
-    Py_DECREF(type);
-    return -1;
+  for (PyType_Spec* each : {&spec, &motion_spec}) {
+    PyObject* type = PyType_FromSpec(each);
+    if (type == nullptr) return -1;
+    if (PyModule_AddObject(module, std::strrchr(each->name, '.') + 1, type) < 0) {
+      Py_DECREF(type);
+      return -1;
+    }
   }
   return PyModule_AddStringConstant(module, "sources", IRBCAL_SOURCES);
 }

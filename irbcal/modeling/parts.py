@@ -218,7 +218,7 @@ def compiled(
     limits: Arm | None = None,
     closed_form: FloatArray | None = None,
     reach: float = 1.0,
-    search: dict[str, Any] | None = None,
+    more: dict[str, Any] | None = None,
     frame_terms: TermMap | None = None,
     depth: int | None = None,
 ) -> Any:
@@ -236,8 +236,8 @@ def compiled(
         As `irbcal.modeling.inverse.orthoparallel.OrthoParallel.numbers` gives it.
     reach : float
         Metres by which errors of position are divided to weigh them against radians.
-    search : dict, optional
-        What the kernel's search needs: ``starts`` and ``difference``.
+    more : dict, optional
+        What the kernel's search needs: ``starts`` and ``difference``; ``stride`` of the lean on a way.
     frame_terms : TermMap, optional
         Of `Robot.frame_terms`.
     depth : int, optional
@@ -281,7 +281,8 @@ def compiled(
     if depth is not None:
         values["depth"] = depth
     if closed_form is not None:
-        values |= {"closed_form": closed_form, "reach": reach, **(search or {})}
+        values["closed_form"] = closed_form
+    values |= {"reach": reach, **(more or {})}
     return kernel.made({name: np.array(value, dtype=float) for name, value in values.items()})
 
 

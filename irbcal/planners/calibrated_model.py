@@ -569,14 +569,12 @@ class CalibratedModel(AlongTime, Result):
         ndarray, shape (n, 6, joints)
             Derivative of the matrix that `jacobian` gives; in ``LOCAL`` that of components along moving axes.
         """
-        q, dq = self.arm.check_joints(q), self.arm.check_shape(dq)
-        if str(reference) in _REFERENCES:
+        if isinstance(q, np.ndarray) and q.ndim == 2 and str(reference) in _REFERENCES:
             kernel = self._kernel(self._number(frame, self._place.tip), True)
             out = np.empty((len(q), 6, len(self.arm.lower)))
-            if kernel is not None and kernel.rates(
-                np.ascontiguousarray(q), np.ascontiguousarray(dq), _REFERENCES[str(reference)], out
-            ):
+            if kernel is not None and kernel.rates(q, dq, _REFERENCES[str(reference)], out):
                 return out
+        q, dq = self.arm.check_joints(q), self.arm.check_shape(dq)
         M = self.joint_map.jacobian(q)
         dtheta = np.einsum("nij,nj->ni", M, dq)
         J, dJ = self._effective_jacobians(self.joint_map.effective(q), dtheta, frame, reference)

@@ -1,11 +1,14 @@
 """Commands that follow any targets at any times within speed, acceleration and jerk limits."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from irbcal.exporting.motion import Joint, LimitedMotion, stop
+from irbcal import kernel
+from irbcal.exporting.motion import LimitedMotion, stop
 
+MOTIONS = [LimitedMotion, *([] if kernel.Motion is None else [kernel.Motion])]
 LOWER, UPPER = -1.0, 1.5
 
 
@@ -30,7 +33,7 @@ def differences(t, x):
 def test_no_limit_is_exceeded(seed, times, speed, to_speed, to_acceleration):
     rng = np.random.default_rng(seed)
     limits = np.array([speed, speed / to_speed, speed / to_speed / to_acceleration])
-    motion = LimitedMotion(0.0, [Joint(0.2, *limits, LOWER, UPPER)])
+    motions = [make(0.0, [[0.2, *limits, LOWER, UPPER]]) for make in MOTIONS]
     t, goal, at, x = 0.0, 0.2, [-2e-4, -1e-4, 0.0], [0.2, 0.2, 0.2]
     for _ in range(120):
         t += {"even": 1e-3, "uneven": rng.exponential(2e-3) + 2e-5, "wild": 10 ** rng.uniform(-4.7, -1.01)}[times]
@@ -43,21 +46,25 @@ def test_no_limit_is_exceeded(seed, times, speed, to_speed, to_acceleration):
             "stay": goal,
         }[kind]
         goal = float(np.clip(goal, LOWER, UPPER))
-        x.append(motion.follow(t, [goal], kind != "stay")[0])
+        commands = [motion.follow(t, [goal], kind != "stay")[0] for motion in motions]
+        assert np.ptp(commands) < 1e-7  # by Python and by the compiled kernel
+        x.append(commands[-1])
         at.append(t)
     assert (differences(np.array(at), np.array(x)) <= limits * (1.0 + 1e-4)).all()
     assert min(x) >= LOWER
     assert max(x) <= UPPER
 
 
-def test_what_keeps_the_limits_is_followed_exactly_and_what_jumps_is_caught_up_with():
-    motion = LimitedMotion(0.0, [Joint(0.0, 2.0, 20.0, 400.0, -9.0, 9.0)])
+@pytest.mark.parametrize("make", MOTIONS)
+def test_what_keeps_the_limits_is_followed_exactly_and_what_jumps_is_caught_up_with(make):
+    motion = make(0.0, [[0.0, 2.0, 20.0, 400.0, -9.0, 9.0]])
     t = 1e-3 * np.arange(1, 1500)
     goal = 0.3 * (1.5 * t - np.sin(1.5 * t)) + np.where(t > 0.7, 0.05, 0.0)
-    x = np.array([motion.follow(s, [g])[0] for s, g in zip(t, goal, strict=True)])
+    x = np.array([motion.follow(s, [g], True)[0] for s, g in zip(t, goal, strict=True)])
     assert (x[t < 0.7] == goal[t < 0.7]).all()
     assert np.abs(x - goal)[(t > 0.7) & (t < 0.72)].max() > 0.04
     assert np.abs(x - goal)[t > 1.4].max() < 1e-9
+    assert motion.rest()[0] > x[-1]
 
 
 def test_the_place_of_rest_is_that_of_the_quickest_brake():

@@ -70,8 +70,8 @@ def kernel_of(robot: Robot, nominal: Arm) -> Any:
     closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
     usual = None if robot.joint_map.is_identity else parts
     starts = np.concatenate([starts_of(k) for k in (6, 24, 96, 64)])
-    search = {"starts": starts, "difference": difference(robot, nominal)}
-    return made(robot.arm, usual, nominal, closed.numbers, closed.reach, search, robot.frame_terms)
+    more = {"starts": starts, "difference": difference(robot, nominal)}
+    return made(robot.arm, usual, nominal, closed.numbers, closed.reach, more, robot.frame_terms)
 
 
 def starts_of(count: int) -> FloatArray:
