@@ -26,7 +26,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Options, Progress, Proven, run
-from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark, values
 from irbcal.validation.evaluation import orientation_line, statistics_table
 from irbcal.validation.verdict import Verdict, verdict_of
 
@@ -301,36 +301,19 @@ class Calibration(Result):
         rows: list[tuple[Cell, ...]] = [parameter_row(parameter) for parameter in self.record.parameters]
         return Table("Parameters", ("name", "value", "±", "unit", "state"), tuple(rows))
 
+    CONTENT = (
+        "robot=record.robot.name model=record.model method=record.method simulated=record.simulated "
+        "objective=record.objective fit=record.fit.all heldout=record.heldout.all "
+        "nominal_heldout=record.heldout_nominal.all per_target=record.heldout.per_target rank=record.rank "
+        "parameters=record.parameter_count held=record.held choice=record.choice excluded=record.excluded "
+        "notes=record.notes largest_link_shift_mm=record.largest_link_shift_mm "
+        "urdf_witnesses=record.urdf_witnesses seconds=record.seconds verdict"
+    )
+
     def to_dict(self, out: str | Path | None = None) -> dict[str, Any]:
-        """What ``irbcal calibrate --json`` prints."""
-        r = self.record
-
-        def overall(errors: Errors | None) -> dict[str, Any] | None:
-            return errors.all.model_dump() if errors else None
-
-        return {
-            "out": None if out is None else str(out),
-            "robot": r.robot.name,
-            "model": r.model,
-            "method": r.method,
-            "simulated": r.simulated,
-            "objective": r.objective.model_dump(),
-            "poses": {"fit": r.poses_fit, "heldout": r.poses_heldout, "excluded": r.poses_excluded},
-            "fit": overall(r.fit),
-            "heldout": overall(r.heldout),
-            "nominal_heldout": overall(r.heldout_nominal),
-            "per_target": r.heldout.model_dump()["per_target"] if r.heldout else None,
-            "rank": r.rank,
-            "parameters": r.parameter_count,
-            "held": list(r.held),
-            "choice": r.choice.model_dump() if r.choice else None,
-            "excluded": [point.model_dump() for point in r.excluded],
-            "notes": list(r.notes),
-            "largest_link_shift_mm": r.largest_link_shift_mm,
-            "urdf_witnesses": r.urdf_witnesses.model_dump(),
-            "seconds": r.seconds,
-            "verdict": self.verdict.to_dict(),
-        }
+        """What ``irbcal calibrate --json`` prints: the folder ``out``, ``CONTENT``, and how many ``poses`` it used."""
+        poses = values(self.record, "fit=poses_fit heldout=poses_heldout excluded=poses_excluded")
+        return {"out": None if out is None else str(out), **super().to_dict(), "poses": poses}
 
 
 @on_workers

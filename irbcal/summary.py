@@ -250,7 +250,7 @@ class Result(Locked, ABC):
     COLUMNS: ClassVar[str]
     """The columns of ``to_frame``, in the words of `values`."""
     ROWS: ClassVar[str] = ""
-    """Attribute that has the rows of ``to_frame``, where the result's arrays are not its columns; see `rows`."""
+    """Attribute or method that has the rows of ``to_frame``, where arrays are not its columns; see `rows`."""
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON has it: millimetres and degrees where names say so, None for what is not known."""
@@ -263,7 +263,7 @@ class Result(Locked, ABC):
 
         if self.ROWS:
             names = [name for word in self.COLUMNS.split() for name in word.partition("=")[0].split(",")]
-            return pd.DataFrame(rows(getattr(self, self.ROWS), self.COLUMNS), columns=names)
+            return pd.DataFrame(rows(values(self, self.ROWS)[self.ROWS], self.COLUMNS), columns=names)
         return pd.DataFrame(values(self, self.COLUMNS))
 
     @abstractmethod

@@ -1,5 +1,8 @@
 """Results that speak: as text, as a table in a notebook, short in the interpreter."""
 
+import importlib
+import pkgutil
+import re
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -7,7 +10,8 @@ import numpy as np
 import pytest
 from lxml import html
 
-from irbcal.summary import Result, Table, as_text, rows
+import irbcal
+from irbcal.summary import UNITS, Result, Table, as_text, rows
 
 TABLE = Table(
     "Errors, mm", ("model", "points", "mean"), (("a<b", 3, 0.12345), ("[red]c", None, 2.0)), bold=frozenset({1})
@@ -102,3 +106,59 @@ def test_declared_names_give_values_in_their_units():
     assert list(frame) == ["x_mm", "turn_deg"]
     assert frame.to_numpy() == pytest.approx(np.array([[1.0, 180.0], [2.0, 90.0]]))
     assert rows({"a": result}, "name limit_mm") == [{"name": "a", "limit_mm": 3.0}]
+
+
+CLASSES: dict[str, type] = {}
+for module in pkgutil.walk_packages(irbcal.__path__, "irbcal."):
+    if not module.name.endswith("__main__"):
+        for name, item in vars(importlib.import_module(module.name)).items():
+            if isinstance(item, type) and item.__module__.startswith("irbcal"):
+                CLASSES.setdefault(name, item)
+DECLARED = [kind for kind in CLASSES.values() if issubclass(kind, Result) and kind is not Result]
+
+
+def annotation_of(owner, name):
+    """Of an attribute, or of what a property or method gives; empty where there is none."""
+    for base in owner.__mro__:
+        member = vars(base).get(name)
+        function = getattr(member, "fget", None) or getattr(member, "func", None) or member
+        annotations = getattr(base, "__annotations__", {})
+        annotation = annotations.get(name) or getattr(function, "__annotations__", {}).get("return")
+        if annotation is not None:
+            return annotation if isinstance(annotation, str) else repr(annotation)
+    return ""
+
+
+def kind_of(owner, name):
+    """Class of an attribute, or of what a container has; None where it is no class of irbcal."""
+    return next((CLASSES[word] for word in re.findall(r"\w+", annotation_of(owner, name)) if word in CLASSES), None)
+
+
+def has(owner, attribute):
+    return hasattr(owner, attribute) or any(attribute in getattr(base, "__annotations__", {}) for base in owner.__mro__)
+
+
+def missing(owner, names):
+    """Declared names whose attributes an owner does not have."""
+    out = []
+    for word in names.split():
+        name, _, path = word.partition("=")
+        holder = owner
+        before_unit = [name.partition(f"_{unit}")[0] for unit in UNITS]
+        for attributes in [[part] for part in path.split(".")] if path else [[name, *before_unit]]:
+            if not any(has(holder, attribute) for attribute in attributes):
+                out.append(word)
+            if "[" in annotation_of(holder, attributes[0]) or kind_of(holder, attributes[0]) is None:
+                break
+            holder = kind_of(holder, attributes[0])
+    return out
+
+
+@pytest.mark.parametrize("kind", DECLARED, ids=lambda kind: kind.__name__)
+def test_declared_names_are_those_of_the_result(kind):
+    content, columns = (getattr(kind, name, "") for name in ("CONTENT", "COLUMNS"))
+    rows_of = kind_of(kind, kind.ROWS) if kind.ROWS else kind
+    if annotation_of(kind, kind.ROWS).startswith(("dict", "Mapping")):
+        columns = columns.partition(" ")[2]  # the first is what the holder is called
+    assert missing(kind, f"{content} {kind.ROWS}") == []
+    assert rows_of is None or missing(rows_of, columns) == []

@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
+from irbcal.arrays import FloatArray, IntArray, Locked, NameArray, plain
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
 from irbcal.identification.observations import DIMENSIONS
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
+from irbcal.io.schema import PoseSection
 from irbcal.measurement import charuco, features, imaging
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import FeatureSet
@@ -31,7 +32,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.modeling.robot import Robot
 from irbcal.safe_files import refuse_overwriting, write_set
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, values
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -129,50 +130,24 @@ class HandEye(Result):
             return float("nan")
         return float(np.sqrt(np.average(self.heldout_pixels[known] ** 2, weights=self.corners[known])))
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row a picture."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            {
-                "pose": np.array(self.pose),
-                "feature": np.array(self.feature),
-                "corners": np.array(self.corners),
-                "rms_px": np.array(self.pixels),
-                "heldout_px": np.array(self.heldout_pixels),
-                "rms_mm": np.array(self.size_mm),
-            }
-        )
+    CONTENT = (
+        "simulated robot frames=devices lens pictures=pixels.__len__ rms_px=rms_pixels heldout_px=heldout_rms_pixels "
+        "within_px=within_pixels doubts notes"
+    )
+    COLUMNS = "pose feature corners rms_px=pixels heldout_px=heldout_pixels rms_mm=size_mm"
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: millimetres, degrees, unit quaternions (scalar first)."""
-        heldout = self.heldout_rms_pixels
-        return {
-            "simulated": self.simulated,
-            "robot": self.robot,
-            "frames": [
-                {
-                    "name": frame.name,
-                    "device": frame.device,
-                    "on": frame.on,
-                    **{f"{axis}_mm": float(value) / MM for axis, value in zip("xyz", frame.T[:3, 3], strict=True)},
-                    **dict(zip(POSE[3:], frames.quaternion_from_matrix(frame.T[:3, :3]).tolist(), strict=True)),
-                    "u95_mm": frame.u95_m / MM,
-                    "u95_deg": frame.u95_rad / DEG,
-                }
-                for frame in self.devices
-            ],
-            "lens": {
-                camera: {name: {"value": value, "u95": u95} for name, (value, u95) in numbers.items()}
-                for camera, numbers in self.lens.items()
-            },
-            "pictures": len(self.pixels),
-            "rms_px": self.rms_pixels,
-            "heldout_px": None if np.isnan(heldout) else heldout,
-            "within_px": self.within_pixels,
-            "doubts": list(self.doubts),
-            "notes": list(self.notes),
+        """As JSON has it: ``CONTENT``, ``frames`` with millimetres, degrees and unit quaternions (scalar first)."""
+        numbers = "u95_mm=u95_m u95_deg=u95_rad"
+        devices = [
+            {**values(frame, "name device on"), **PoseSection.of(frame.T).model_dump(), **values(frame, numbers)}
+            for frame in self.devices
+        ]
+        lens = {
+            camera: {name: {"value": value, "u95": u95} for name, (value, u95) in fitted.items()}
+            for camera, fitted in self.lens.items()
         }
+        return super().to_dict() | plain({"frames": devices, "lens": lens})
 
     def save(self, out: str | PathLike[str]) -> Path:
         """Write `to_dict` as JSON.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.arrays import FloatArray, IntArray, NameArray, plain
 from irbcal.correction.fake_targets import corrected_in_words
 from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
@@ -157,25 +157,14 @@ class Filtered(Result):
             }
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """What was corrected and what was left, ready for JSON, in the units of files."""
-        return {
-            "program": self.source,
-            "written": None if self.written is None else str(self.written),
-            "fingerprint": self.fingerprint,
-            "expected_error_mm": None if self.expected_error is None else self.expected_error / MM,
-            "targets": self.to_frame().to_dict(orient="records"),
-            "left": [target._asdict() for target in self.left],
-            "notes": [note._asdict() for note in self.notes],
-            "cautions": list(self.cautions),
-            "unknown_frames": None if self.unknown_frames is None else self.unknown_frames.to_dict(),
-            "unchanged": self.unchanged,
-            **({} if self.paths is None else {"paths": self._path_rows()}),
-        }
+    CONTENT = (
+        "program=source written fingerprint expected_error_mm targets=to_frame left notes cautions unknown_frames "
+        "unchanged"
+    )
 
-    def _path_rows(self) -> list[dict[str, Any]]:
-        frame = self.paths_to_frame()
-        return [*frame.astype(object).where(frame.notna(), None).to_dict(orient="records")]
+    def to_dict(self) -> dict[str, Any]:
+        """What was corrected and what was left, in the units of files; ``paths`` where they have a tolerance."""
+        return super().to_dict() | ({} if self.paths is None else {"paths": plain(self.paths_to_frame())})
 
     def _in_units(self, q: FloatArray) -> FloatArray:
         counted = q if self.coupling is None else q @ np.linalg.inv(self.coupling).T

@@ -48,7 +48,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.cell_graph import BASE, Edge
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Paragraph
+from irbcal.summary import Paragraph, values
 from irbcal.units import MM
 
 ControllerNumbers: TypeAlias = Literal["same", "from-cell"]
@@ -141,13 +141,7 @@ class UnknownFrames:
 
     def to_dict(self) -> dict[str, Any]:
         """Ready for JSON, millimetres."""
-        return {
-            "tools": list(self.tools),
-            "work_objects": list(self.work_objects),
-            "targets": self.targets,
-            "mean_mm": self.mean / MM,
-            "max_mm": self.largest / MM,
-        }
+        return values(self, "tools work_objects targets mean_mm max_mm=largest")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
@@ -92,17 +92,7 @@ class Exported(Result):
         rows = [(name,) for name in listed] + ([(f"{meshes} meshes",)] if meshes else [])
         return [headline, *(f"Note: {note}" for note in self.notes), Table("files", ("file",), tuple(rows)), self.next]
 
-    def to_dict(self) -> dict[str, Any]:
-        """The same, ready for JSON."""
-        return {
-            "target": self.target,
-            "folder": str(self.folder),
-            "files": list(self.files),
-            "fingerprint": self.fingerprint,
-            "simulated": self.simulated,
-            "largest_miss": self.miss,
-            "notes": list(self.notes),
-        }
+    CONTENT = "target folder files fingerprint simulated largest_miss=miss notes"
 
 
 def export(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from irbcal import parallel
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
@@ -21,9 +21,6 @@ from irbcal.pipeline import Options
 from irbcal.safe_files import check_writable, read_bytes, write_together
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.validation.verdict import verdict_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 NEEDED = ("id", "measurements", "robot")
 KNOWN = (*NEEDED, "serial", "date", "options")
@@ -324,12 +321,8 @@ class CalibratedFleet(Result):
             f"{self.made} calibrated now, {self.kept} found calibrated, {self.seconds:.1f} s",
         ]
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row a robot, the attributes of `Outcome`."""
-        import pandas as pd
-
-        return pd.DataFrame([asdict(robot) for robot in self.robots]).drop(columns="sha256")
-
+    ROWS = "robots"
+    COLUMNS = "id serial date robot model simulated poses nominal_mm mean_mm max_mm verdict trusted failed"
     CONTENT = "out made kept failed=failures.__len__ seconds robots"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -38,9 +38,6 @@ from irbcal.modeling.terms.term_map import TermMap
 from irbcal.section import Name, Section, Word
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 COMPARED = 3000
 """Poses on which term sets are compared at most; those with weight are fitted to all."""
@@ -522,11 +519,7 @@ class EvidenceFit(Result):
             *self.sentences(),
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """The parameters, a row each: name, value, unit, std, interval, state and reason."""
-        import pandas as pd
-
-        return pd.DataFrame([vars(row) for row in self.parameters()])
+    ROWS, COLUMNS = "parameters", "name value unit std low high state reason"
 
     @property
     def std(self) -> FloatArray:

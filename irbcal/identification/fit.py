@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -210,13 +210,11 @@ class Fit(Result):
             text += f", certified: not below {self.lower_bound / MM:.3f} mm with this model"
         return text if self.method == "least-squares" else f"method {self.method}, {text}"
 
-    def to_frame(self) -> pd.DataFrame:
-        """The parameters, a row each: name, value, unit, std (NaN where not identified), state and reason."""
-        import pandas as pd
+    ROWS, COLUMNS = "parameters", "name value unit std state reason"
 
-        columns = ["name", "value", "unit", "std", "state", "reason"]
-        frame = pd.DataFrame([vars(row) for row in self.parameters()], columns=columns)
-        return frame.astype({"value": float, "std": float})
+    def to_frame(self) -> pd.DataFrame:
+        """The parameters, a row each: ``std`` is NaN where not identified."""
+        return super().to_frame().astype({"value": float, "std": float})
 
 
 def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:
@@ -741,11 +739,9 @@ class LevelChoice(Result, Section):
         refused = [f"  model {row.level}: {row.refused}" for row in self.table if row.refused]
         return (self.explanation, Table(title, columns, rows, bold=bold), *refused)
 
-    def to_frame(self) -> pd.DataFrame:
-        """The levels compared, a row each, with the columns of `Candidate`."""
-        import pandas as pd
-
-        return pd.DataFrame([vars(row) for row in self.table])
+    CONTENT: ClassVar[str] = "level table explanation"
+    ROWS: ClassVar[str] = "table"
+    COLUMNS: ClassVar[str] = "level mean_mm gain_mm gain_std_mm chosen refused"
 
 
 def pose_errors(

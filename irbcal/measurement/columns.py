@@ -552,16 +552,7 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
         if plain is not None:
             return plain
         text = _decoded(data, source)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            cells = pd.read_csv(
-                StringIO(text), dtype=str, header=None, keep_default_na=False, skip_blank_lines=False, index_col=False
-            )
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning) as error:
-        reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
-        raise MeasurementError(f"not a table with as many values in each row as names: {reason}", file=source) from None
-    cells = cells.fillna("")
+    cells = split_cells(text, source)
     cells.index = cells.index + 1  # lines of the file
     cells = cells[(cells != "").any(axis=1)]
     cells = cells.iloc[1:]
@@ -571,6 +562,46 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
         )
     cells.columns = names
     return cells
+
+
+def split_cells(text: str, source: str, rows: Sequence[int] | None = None, **options: Any) -> pd.DataFrame:
+    """Cells of a text as text, columns 0 and so on.
+
+    Parameters
+    ----------
+    text : str
+    source : str
+        File name for messages.
+    rows : sequence of int, optional
+        Of the file, for messages: the row of each line; by default the lines count from 1.
+    **options
+        Of ``pandas.read_csv``.
+
+    Raises
+    ------
+    MeasurementError
+        If a row has more values than the first.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            cells = pd.read_csv(
+                StringIO(text),
+                dtype=str,
+                header=None,
+                keep_default_na=False,
+                skip_blank_lines=False,
+                index_col=False,
+                **options,
+            )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning) as error:
+        match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+        if match:
+            row = int(match[2]) if rows is None else int(rows[int(match[2]) - 1])
+            raise MeasurementError(f"expected {match[1]} values, found {match[3]}", file=source, row=row) from None
+        reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
+        raise MeasurementError(f"not a table: {reason}", file=source) from None
+    return cells.fillna("")
 
 
 def check_header(

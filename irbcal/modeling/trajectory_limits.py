@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +13,6 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.trajectory import Trajectory
 from irbcal.summary import Paragraph, Result
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 WITHIN = 1e-9
 """How far a limit may be passed, radians or metres, and their share of a speed or acceleration: rounding."""
@@ -117,12 +114,7 @@ class Checked(Result):
                 raise RobotError(f"{excess.in_words}: going slower does not help", parameter=excess.joint)
         return self.trajectory if self.slower == 1.0 else self.trajectory.slowed(self.slower)
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each limit that is passed: ``joint``, ``kind``, ``time_s``, ``value`` and ``limit`` (SI units)."""
-        import pandas as pd
-
-        names = ["joint", "kind", "time_s", "value", "limit", "start_s", "end_s", "in_words"]
-        return pd.DataFrame([tuple(excess) for excess in self.exceeded], columns=names)
+    ROWS, COLUMNS = "exceeded", "joint kind time_s=time value limit start_s=start end_s=end in_words"
 
     def report(self) -> Sequence[Paragraph]:
         """The trajectory, each limit that is passed, and how much slower would hold them."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import re
-import warnings
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import POSITION, QUATERNION
+from irbcal.measurement.columns import POSITION, QUATERNION, split_cells
 from irbcal.measurement.imports.column_map import RESERVED, Column, Dialect, ImportMap, pattern_regex
 from irbcal.safe_files import read_bytes, zip_archive, zip_member
 from irbcal.units import DEG, MM
@@ -543,32 +542,12 @@ def _cells(lines: Sequence[str], numbers: IntArray, separator: str, width: int, 
     """Cells of lines as a table whose index is the lines' numbers."""
     first = (" " if separator == BLANKS else separator).join(map(str, range(width)))  # sets the width
     text = "\n".join([first, *lines])
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            cells = pd.read_csv(
-                StringIO(text),
-                sep=separator,
-                header=None,
-                dtype=str,
-                keep_default_na=False,
-                skip_blank_lines=False,
-                skipinitialspace=True,
-                index_col=False,
-            ).iloc[1:]
-    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-        if match:
-            row = numbers[int(match[2]) - 2]
-            raise MeasurementError(f"expected {match[1]} values, found {match[3]}", file=source, row=int(row)) from None
-        reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
-        raise MeasurementError(f"not a table: {reason}", file=source) from None
+    cells = split_cells(text, source, [0, *numbers], sep=separator, skipinitialspace=True).iloc[1:]
     if len(cells) != len(numbers):
         raise MeasurementError(
             "expected quotes to end in the row where they begin, found some that do not", file=source
         )
     cells.index = numbers
-    cells = cells.fillna("")
     if re.search(r"[^\S\n]", text):
         for k in cells.columns:
             cells[k] = cells[k].str.strip()

@@ -77,7 +77,7 @@ def test_poses_are_read_in_metres():
         (data(POSES, POSE.replace("0.7071", "0.5")), "row 2, columns qw, qx, qy, qz: expected a unit quaternion, found 0.5, 0, 0, -0.5"),
         (data(POSES, POSE.replace(",0,", ",,", 1)), "row 2, column qx: expected a component of a quaternion, found nothing"),
         (data(JOINTS), "the file has a header but no rows"),
-        (data(JOINTS, ROW, ROW + ",7,8"), "not a table with as many values in each row as names"),
+        (data(JOINTS, ROW, ROW + ",7,8"), "expected 8 values, found 10"),
         (data(JOINTS.replace(",", ";"), ROW), "expected commas between the columns, found semicolons"),
         (data(JOINTS, ROW) + b"\xfc", "row 3: expected UTF-8 text"),
         (b"\x00", "binary data"),
