@@ -21,16 +21,20 @@ class CallEffect(NamedTuple):
         It may set the tool or the frame.
     moves : bool
         It may move the arm.
+    sets_loads : bool
+        It may say that the robot carries something else.
     """
 
     sets_frames: bool
     moves: bool
+    sets_loads: bool
 
 
 @dataclass
 class _Routine:
     sets_frames: bool = False
     moves: bool = False
+    sets_loads: bool = False
     calls: set[str] = field(default_factory=set)
 
 
@@ -53,17 +57,29 @@ class Calls:
         self._built_in, self._closed = built_in, closed
         self._routines: dict[str, _Routine] = {}
 
-    def learn(self, routine: str, calls: Collection[str] = (), sets_frames: bool = False, moves: bool = False) -> None:
+    def learn(
+        self,
+        routine: str,
+        calls: Collection[str] = (),
+        sets_frames: bool = False,
+        moves: bool = False,
+        sets_loads: bool = False,
+    ) -> None:
         """Note what a line of a routine says; routines of one name count together."""
         known = self._routines.setdefault(routine, _Routine())
         known.sets_frames |= sets_frames
         known.moves |= moves
+        known.sets_loads |= sets_loads
         known.calls |= {*calls}
 
     def effect(self, name: str) -> CallEffect:
         """What a call of a routine, in lower case, may do."""
         effects = list(self._effects(name))
-        return CallEffect(any(effect.sets_frames for effect in effects), any(effect.moves for effect in effects))
+        return CallEffect(*(any(effect[k] for effect in effects) for k in range(len(CallEffect._fields))))
+
+    def knows(self, name: str) -> bool:
+        """Whether a routine, in lower case, stands in the program."""
+        return name in self._routines
 
     def _effects(self, name: str) -> Iterator[CallEffect]:
         """Of a routine and of all that it calls."""
@@ -72,11 +88,11 @@ class Calls:
             name = waiting.pop()
             routine = self._routines.get(name)
             if routine is not None:
-                yield CallEffect(routine.sets_frames, routine.moves)
+                yield CallEffect(routine.sets_frames, routine.moves, routine.sets_loads)
                 waiting += routine.calls - visited
                 visited |= routine.calls
             elif not (self._closed or name in self._built_in or any(fnmatchcase(name, p) for p in self._harmless)):
-                yield CallEffect(True, True)
+                yield CallEffect(True, True, True)
 
 
 def may_set_frames(name: str, line: int) -> str:
@@ -84,4 +100,12 @@ def may_set_frames(name: str, line: int) -> str:
     return (
         f"{name}, called in line {line}, may set the tool or base: correct its file in the same call, or say "
         f"--harmless {name} if it neither does that nor moves the robot"
+    )
+
+
+def may_set_load(name: str, line: int) -> str:
+    """Why it is not known behind a call what the robot carries, and what to do."""
+    return (
+        f"{name}, called in line {line}, may say that the robot carries something else: correct its file in the same "
+        f"call, or say --harmless {name}, or with --payload what the robot carries"
     )

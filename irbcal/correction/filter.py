@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import gc
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +21,8 @@ from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.instructions import read as taught
-from irbcal.correction.last_moves import LastMoves, with_last_moves
+from irbcal.correction.last_moves import MOST, LastMoves, with_last_moves
+from irbcal.correction.loads import Carried
 from irbcal.correction.maker import BEYOND
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.program import (
@@ -32,6 +32,7 @@ from irbcal.correction.program import (
     Note,
     Program,
     Unread,
+    WantedTargets,
     read_bytes,
     refuse_filtered,
 )
@@ -236,7 +237,10 @@ def correct(
         speeds = None if urdf is None else speed_limits(urdf, nominal.joint_names)
         common = record.fingerprint, setup.own_model, tolerance, speeds
         filtered = together(
-            [filter_program(robot, nominal, program_read, *common, true_frames) for program_read in programs],
+            [
+                filter_program(robot, nominal, program_read, *common, true_frames, payload is None)
+                for program_read in programs
+            ],
             {str(path): place.as_posix() for path, place in given.relative.items()},
         )
         skipped = tuple(Note(1, f"{path.name} was skipped: {reason}") for path, reason in given.skipped)
@@ -471,6 +475,7 @@ def filter_program(
     path_tolerance: float | None = None,
     speeds: FloatArray | None = None,
     true_frames: TrueFrames | None = None,
+    follow_loads: bool = False,
 ) -> Filtered:
     """Correct the targets of a program as read.
 
@@ -492,6 +497,8 @@ def filter_program(
         Largest speeds of the joints, which trajectories must keep to, rad/s (m/s).
     true_frames : TrueFrames, optional
         What is known of tools and work objects; without it nothing is.
+    follow_loads : bool
+        The robot carries what the program says; else what ``robot`` carries everywhere.
 
     Raises
     ------
@@ -504,12 +511,16 @@ def filter_program(
     true_frames = true_frames or TrueFrames()
     batches = of_arm(program, nominal)
     frames_of = [true_frames.frames_of(program, batch, controller or nominal) for batch in batches]
+    follow_loads &= robot.joint_map.knows_loads
+    carried = [Carried.at(robot, batch) if follow_loads and batch.loads else None for batch in batches]
     uncoupled = [
-        (batch, corrected(robot, nominal, batch, controller, at, true_frames))
-        for batch, at in zip(batches, frames_of, strict=True)
+        (batch, _corrected_carrying(robot, load, nominal, batch, controller, at, true_frames))
+        for batch, at, load in zip(batches, frames_of, carried, strict=True)
     ]
     moving = Robot(controller or nominal) if true_frames.points.re_express else robot
-    corrections, program, left, last_moves = _in_course(moving, nominal, program, uncoupled, controller, speeds)
+    corrections, program, left, last_moves = _in_course(
+        moving, nominal, program, uncoupled, controller, speeds, carried
+    )
     corrections = [
         (batch, writable(program, nominal, batch, as_written(nominal, batch, fake, controller, at, true_frames)))
         for (batch, fake), at in zip(corrections, frames_of, strict=True)
@@ -528,11 +539,27 @@ def filter_program(
     rows = {int(n): k for k, n in enumerate(n for batch, fake in corrections for n in batch.numbers[fake.ok])}
     stops = (stop.target for stop in program.stops())
     way = [rows[number] for number in stops if number is not None and number in rows]
-    places = [_places_of_tool(robot, fake, at) for fake, at in zip(fakes, frames_of, strict=True)]
+    places = [_places_of_tool(robot, *row) for row in zip(fakes, frames_of, carried, strict=True)]
     cuts: list[CutPath] = []
     if path_tolerance is not None and isinstance(program, Cuttable):
         ends = _ends(corrections)
-        cuts = [cut_move(move, ends, robot, nominal, path_tolerance, controller) for move in program.path_moves()]
+        loads = {
+            int(n): k
+            for b, c in zip(batches, carried, strict=True)
+            if c
+            for n, k in zip(b.numbers, c.loads(), strict=True)
+        }
+        cuts = [
+            cut_move(
+                move,
+                ends,
+                robot.carrying(*loads[move.to]) if move.to in loads else robot,
+                nominal,
+                path_tolerance,
+                controller,
+            )
+            for move in program.path_moves()
+        ]
         left += [Left(f"the path of {cut.move.name}", cut.move.line, cut.why) for cut in cuts if cut.why]
         program = program.with_cuts(cuts)
     none = np.zeros((0, len(nominal.joint_names)))
@@ -553,7 +580,12 @@ def filter_program(
         turn=np.concatenate([none[:, 0], *(fake.turn[fake.ok] for fake in fakes)]),
         residual=np.concatenate([none[:, 0], *(fake.residual[fake.ok] for fake in fakes)]),
         left=tuple(sorted(left, key=lambda target: target.line)),
-        notes=(*program.notes, *shift_notes, *(last_moves.notes if last_moves else ()), *_load_notes(robot, program)),
+        notes=(
+            *program.notes,
+            *shift_notes,
+            *(last_moves.notes if last_moves else ()),
+            *_load_notes(robot, program, corrections, carried),
+        ),
         joint_columns=tuple(nominal.joint_columns),
         fingerprint=fingerprint,
         last_move_error=last_move_error,
@@ -567,28 +599,68 @@ def filter_program(
     )
 
 
-_LOAD_WORDS = r"\bGripLoad\b|\$LOAD[ \t]*=|\bPAYLOAD\[|\bset_(?:target_)?payload\w*[ \t]*\(|^[ \t]*WEIGHT[ \t]"
-_SETS_LOAD = re.compile(rf"^[^!;#'\r\n]*?(?:{_LOAD_WORDS})[^\r\n]*", re.IGNORECASE | re.MULTILINE)
-"""Statements of RAPID, KRL, FANUC, URScript and AS that say what the robot carries from there on."""
+def _corrected_carrying(
+    robot: Robot,
+    carried: Carried | None,
+    nominal: Arm,
+    batch: WantedTargets,
+    controller: Arm | None,
+    at: TargetFrames,
+    true_frames: TrueFrames,
+) -> Corrected:
+    """Fake targets of goals, each for what the robot carries there."""
+    if carried is None:
+        return corrected(robot, nominal, batch, controller, at, true_frames)
+    loads, which = carried.groups()
+    fakes = [corrected(robot.carrying(*load), nominal, batch, controller, at, true_frames) for load in loads]
+    rows = np.arange(len(which))
+    names = [part.name for part in fields(Corrected)]
+    return refused(
+        Corrected(**{name: np.stack([getattr(fake, name) for fake in fakes])[which, rows] for name in names}),
+        [f"{reason}: say with --payload what the robot carries" if reason else "" for reason in carried.reasons],
+    )
 
 
-def _load_notes(robot: Robot, program: Program) -> list[Note]:
-    """A note where a program says what the robot carries, and the calibration knows what loads do."""
-    if not robot.joint_map.knows_loads or not isinstance(program, TextProgram):
+def _load_notes(
+    robot: Robot, program: Program, corrections: Corrections, carried: Sequence[Carried | None]
+) -> list[Note]:
+    """Notes where a program says what the robot carries, and the calibration knows what loads do."""
+    if not robot.joint_map.knows_loads or not isinstance(program, TextProgram) or not program.loads.names_any:
         return []
-    sets = list(_SETS_LOAD.finditer(program.text))
-    if not sets:
-        return []
-    line, more = program.listing.line(sets[0].start()), f" and {len(sets) - 1} more" if len(sets) > 1 else ""
-    words = f"{program.listing.quote(sets[0].start(), sets[0].end())}{more}: the program says what the robot carries"
-    text = f"{words}; all targets are corrected for {robot.joint_map.payload_kg:g} kg: say with --payload what holds"
-    return [Note(line, text)]
+    at = program.names_loads[0] if program.names_loads else 0
+    more = f" and {len(program.names_loads) - 1} more" if len(program.names_loads) > 1 else ""
+    said = f"{program.listing.quote_line(at)}{more}: " if program.names_loads else ""
+    line = program.listing.line(at)
+    if not any(carried):
+        usual = f"{robot.joint_map.payload_kg:g} kg"
+        return [Note(line, f"{said}the program says what the robot carries; all targets are corrected for {usual}")]
+    masses = np.concatenate([load.mass[fake.ok] for (_, fake), load in zip(corrections, carried, strict=True) if load])
+    counts = [f"{mass:g} kg ({count})" for mass, count in zip(*np.unique(masses, return_counts=True), strict=True)]
+    words = "targets are corrected for what the program says that the robot carries, tool and part"
+    out = [Note(line, f"{said}{words}: {', '.join(counts) or 'none'}; --payload says another mass for all")]
+    apart = [
+        (off, batch.names[k], int(batch.lines[k]), load.several[k])
+        for (batch, fake), load in zip(corrections, carried, strict=True)
+        if load is not None
+        for k, off in load.apart(robot, fake)
+    ]
+    apart.sort(key=lambda entry: -entry[0])
+    for off, name, line, several in apart[:MOST]:
+        loads = " and ".join(f"{mass:g}" for mass, _ in several)
+        text = f"{name} is reached with {loads} kg: it is corrected for the mean, off by up to {off / MM:.3f} mm"
+        out.append(Note(line, f"{text}; two targets would do better"))
+    if len(apart) > MOST:
+        text = f"so are {len(apart) - MOST} more targets, off by up to {apart[MOST][0] / MM:.3f} mm"
+        out.append(Note(apart[MOST][2], text))
+    return out
 
 
-def _places_of_tool(robot: Robot, fake: Corrected, at: TargetFrames) -> FloatArray:
+def _places_of_tool(robot: Robot, fake: Corrected, at: TargetFrames, carried: Carried | None) -> FloatArray:
     """Tool centre points of corrected targets, (n, 3, 3): wanted, before and after the correction; in the base link."""
     ok = fake.ok
-    tip = np.stack([fake.T_wanted[ok], robot.forward(fake.q_nominal[ok]), robot.forward(fake.q[ok])], axis=1)
+    load = {} if carried is None else {"payload_kg": carried.mass[ok], "payload_place": carried.centre[ok]}
+    before, after = (robot.forward(q[ok], **load) for q in (fake.q_nominal, fake.q))
+    tip = np.stack([fake.T_wanted[ok], before, after], axis=1)
     T_tool = at.T_tool[ok]
     on_tip = np.einsum("nij,nj->ni", T_tool[:, :3, :3], at.contact[ok]) + T_tool[:, :3, 3]
     return np.asarray(np.einsum("nkij,nj->nki", tip[..., :3, :3], on_tip) + tip[..., :3, 3])
@@ -644,11 +716,12 @@ def _in_course(
     uncoupled: Corrections,
     controller: Arm | None,
     speeds: FloatArray | None,
+    carried: Sequence[Carried | None],
 ) -> tuple[Corrections, Program, list[Left], LastMoves | None]:
     """Corrections that know what comes before: in a motion as it goes, in other programs the stop before."""
     unchanged = list(program.left())
     if not isinstance(program, Timed):
-        corrections, last_moves = with_last_moves(robot, controller or nominal, uncoupled, program.stops())
+        corrections, last_moves = with_last_moves(robot, controller or nominal, uncoupled, program.stops(), carried)
         return corrections, program, unchanged, last_moves
     moving, commands, passed = follow(robot, nominal, program, uncoupled, controller, speeds)
     return moving, program if commands is None else program.with_motion(commands), unchanged + passed, None

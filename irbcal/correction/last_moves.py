@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.correction.loads import Carried
 from irbcal.correction.program import Corrections, Note, Stop
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse.closed_form import LIMIT_TOLERANCE
@@ -47,7 +48,11 @@ class LastMoves(Locked):
 
 
 def with_last_moves(
-    robot: Robot, nominal: Arm, corrections: Corrections, stops: Sequence[Stop]
+    robot: Robot,
+    nominal: Arm,
+    corrections: Corrections,
+    stops: Sequence[Stop],
+    carried: Sequence[Carried | None] = (),
 ) -> tuple[Corrections, LastMoves | None]:
     """Corrections that take account of the last moves of a program.
 
@@ -61,6 +66,8 @@ def with_last_moves(
         Corrected with unknown last moves.
     stops : sequence of Stop
         In the order of the program; targets without any are taken as stops with an unknown last move.
+    carried : sequence of Carried or None, optional
+        What the robot carries at the targets of each kind; else what ``robot`` carries.
 
     Returns
     -------
@@ -87,20 +94,22 @@ def with_last_moves(
     # what is not corrected stays as it is, which tells the last move of the stop behind it
     commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for _, fake in corrections])
     theta = commands.copy()
-    theta[ok] = robot.joint_map.effective(commands[ok])
+    load = _loads(robot, corrections, carried)
+    theta[ok] = robot.joint_map.effective(commands[ok], None, *(part[ok] for part in load))
     rows = np.flatnonzero(np.isfinite(commands).all(axis=1))
     target, previous, at = _uses(commands, numbers, lines, rows, stops, nominal)
     q = commands.copy()
     row_of_pose = np.zeros(len(q), dtype=int)
     row_of_pose[rows] = np.arange(len(rows))
     sweep = row_of_pose[target], np.where(previous >= 0, row_of_pose[previous], -1)
-    q[rows] = commanded_in_order(robot.joint_map, theta[rows], *sweep, ~ok[rows])
+    q[rows] = commanded_in_order(robot.joint_map, theta[rows], *sweep, ~ok[rows], tuple(part[rows] for part in load))
     beyond = ok & ((q < nominal.lower - LIMIT_TOLERANCE) | (q > nominal.upper + LIMIT_TOLERANCE)).any(axis=1)
     q[beyond] = commands[beyond]
 
     in_use = ok[target]
     target, previous, at = target[in_use], previous[in_use], at[in_use]
-    off = _places(robot, robot.forward(q[target], _rows(q, previous))) - _places(robot, T_wanted[target])
+    reached = robot.forward(q[target], _rows(q, previous), *(part[target] for part in load))
+    off = _places(robot, reached) - _places(robot, T_wanted[target])
     squares = np.mean(np.sum(off**2, axis=2), axis=1)
     unknown = previous < 0
     squares[unknown] += _unknown_effect(robot, q[target[unknown]]) ** 2
@@ -118,6 +127,19 @@ def with_last_moves(
         first = rows_of_batch.stop
     notes = _sides(names, lines, target, previous, at, off)
     return new, LastMoves(tuple(errors), len(target), int((~unknown).sum()), notes)
+
+
+def _loads(
+    robot: Robot, corrections: Corrections, carried: Sequence[Carried | None]
+) -> tuple[FloatArray, FloatArray] | tuple[()]:
+    """Masses (n,) and centres (n, 3) at all targets; empty where the robot carries the same everywhere."""
+    if not any(carried):
+        return ()
+    rows = [
+        load or Carried.at(robot, replace(batch, loads=()))
+        for (batch, _), load in zip(corrections, carried, strict=True)
+    ]
+    return np.concatenate([load.mass for load in rows]), np.concatenate([load.centre for load in rows])
 
 
 def _uses(

@@ -13,6 +13,7 @@ from irbcal import safe_files
 from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.instructions import Table
+from irbcal.correction.loads import Load
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling.arm import Arm
@@ -89,6 +90,9 @@ class WantedTargets(Locked):
         Joints that the controller takes for poses, radians, where the language tells them; NaN where ``unknown``.
     unknown : tuple of str, length n, or empty
         Why there are no joints; empty where there are.
+    loads : tuple of tuple of Load or None, length n, or empty
+        What the robot carries there, several where several moves differ; None for what it carries before the program
+        names any load. Empty where the program names none.
     """
 
     kind: Kind
@@ -99,6 +103,7 @@ class WantedTargets(Locked):
     configurations: tuple[object, ...] | None = None
     joints: FloatArray | None = None
     unknown: tuple[str, ...] = ()
+    loads: tuple[tuple[Load | None, ...], ...] = ()
 
 
 Corrections: TypeAlias = Sequence[tuple[WantedTargets, Corrected]]

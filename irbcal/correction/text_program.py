@@ -19,6 +19,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -26,8 +27,9 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, Locked, locked
 from irbcal.cell.external_axes import ExternalAxis, carried, moving
-from irbcal.correction.calls import Calls, may_set_frames
+from irbcal.correction.calls import Calls, may_set_frames, may_set_load
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
+from irbcal.correction.loads import Carrying, Load, LoadFlow, Ways, combined, seen_from
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
 from irbcal.correction.program import ControllerSetup, Corrections, Kind, Left, Note, Program, Stop, WantedTargets
@@ -118,6 +120,8 @@ class Target:
         none.
     inverted : bool
         Whether the robot holds the part, and the value is the pose of the fixed tool in it.
+    carried : list of Carrying
+        What the robot carries in each use.
     """
 
     name: str
@@ -136,6 +140,7 @@ class Target:
     column: int = 0
     value: FloatArray = field(default_factory=lambda: _NO_VALUE)
     inverted: bool = False
+    carried: list[Carrying] = field(default_factory=list)
 
     @property
     def correctable(self) -> bool:
@@ -269,10 +274,15 @@ class ControlFlow:
         Moves to targets that are shifted; those that count are left by `settle`.
     calls : Calls
         The routines of the program.
+    loads : LoadFlow
+        What the robot carries; the same for programs that call one another.
+    names_loads : list of int
+        Places where the program says what it is.
     """
 
-    def __init__(self, listing: Listing, calls: Calls | None = None) -> None:
+    def __init__(self, listing: Listing, calls: Calls | None = None, loads: LoadFlow | None = None) -> None:
         self.listing, self.calls = listing, calls or Calls()
+        self.loads, self.names_loads = loads or LoadFlow(), list[int]()
         self._state = FrameState()
         self.stops: list[tuple[int, Target | None, Target | None]] = []
         self.moves_left: list[Left] = []
@@ -319,13 +329,28 @@ class ControlFlow:
     def call(self, routine: str, shown: str, at: int) -> None:
         """A routine, by its name in lower case and as it is spelled, is called."""
         effect = self.calls.effect(routine)
+        self.load_call(shown, at)
         if effect.moves:
             self.forget()
         if effect.sets_frames:
             self.state = FrameState(None, None, may_set_frames(shown, self.listing.line(at)))
 
-    def restart(self) -> None:
+    def load_call(self, shown: str, at: int) -> None:
+        """What a call of a routine does to the load alone."""
+        routine = shown.lower()
+        sets = self.calls.effect(routine).sets_loads
+        missing = may_set_load(shown, self.listing.line(at)) if sets and not self.calls.knows(routine) else ""
+        self.loads.call(routine, sets, missing)
+
+    def carry(self, load: Load | None, at: int) -> None:
+        """The program says what the robot carries from here on; None for what it carries without saying so."""
+        self.names_loads.append(at)
+        self.loads.take(load)
+
+    def restart(self, routine: str = "") -> None:
         """A routine begins: nothing is known, but that the first begins where the program does."""
+        self.loads.end()
+        self.loads.begin(routine)
         self.state, self._blocks = FrameState(), []
         self._routine += 1
         if self.stops:
@@ -339,8 +364,13 @@ class ControlFlow:
         role: Role = "to",
         state: FrameState | None = None,
         names: tuple[bool, bool] = (True, True),
+        carried: Ways | None = None,
     ) -> None:
-        """A move goes to a target, or over it; with a ``state`` of its own, of which it names tool and frame or not."""
+        """A move goes to a target, or over it; with a ``state`` of its own, of which it names tool and frame or not.
+
+        ``carried`` are loads of this move alone.
+        """
+        target.carried.append(Carrying(self.loads.now if carried is None else carried))
         names_tool, names_frame = (False, False) if state is None or state is self.state else names
         state = state or self.state
         line = self.listing.line(at)
@@ -371,6 +401,7 @@ class ControlFlow:
 
     def settle(self) -> None:
         """Take shifts of targets that moves go to directly, with the same tool and frame; others use them otherwise."""
+        self.loads.end()
         shifts, self.shifts = self.shifts, []
         for shift in shifts:
             frames_of_uses = {(use.tool, use.work_object) for use in shift.target.uses}
@@ -393,11 +424,13 @@ class ControlFlow:
 
     def open(self, loop: bool = False) -> None:
         """A branch or loop begins."""
+        self.loads.open(loop)
         self._blocks.append(_Block(loop, self.state, self.previous, len(self.stops)))
         self.previous = None
 
     def alternative(self) -> None:
         """Another branch begins."""
+        self.loads.alternative()
         self.previous = None
         if self._blocks:
             block = self._blocks[-1]
@@ -407,6 +440,7 @@ class ControlFlow:
 
     def close(self, at: int) -> None:
         """A branch or loop ends."""
+        self.loads.close()
         self.previous = None
         if not self._blocks:
             return
@@ -476,6 +510,12 @@ class TextProgram(Locked, Program):
     start, assumed : ndarray, shape (6,), or None
         Joints of the URDF, radians: where the program begins, and those next to which poses are meant where nothing
         else says.
+    loads : LoadFlow
+        What the robot carries.
+    names_loads : tuple of int
+        Places in the text that say so.
+    T_tip_flange : ndarray, shape (4, 4), or None
+        The controller's flange, in which loads are; None where it is not known.
     """
 
     source: str
@@ -493,6 +533,9 @@ class TextProgram(Locked, Program):
     shifts: tuple[Shift, ...] = field(default=(), kw_only=True)
     start: FloatArray | None = field(default=None, kw_only=True)
     assumed: FloatArray | None = field(default=None, kw_only=True)
+    loads: LoadFlow = field(default_factory=LoadFlow, kw_only=True)
+    names_loads: tuple[int, ...] = field(default=(), kw_only=True)
+    T_tip_flange: FloatArray | None = field(default=None, kw_only=True)
 
     def on_axes(self, axes: Sequence[ExternalAxis]) -> Self:
         """The program in a cell with external axes: targets that do not say where these are stay as they are."""
@@ -638,7 +681,18 @@ class TextProgram(Locked, Program):
             tuple(target.configuration for target in targets) if kind == "pose" else None,
             joints,
             tuple(unknown),
+            tuple(self._loads_of(target) for target in targets) if self.loads.names_any else (),
         )
+
+    def _loads_of(self, target: Target) -> tuple[Load | None, ...]:
+        """What the robot carries at a target, centres in the tip link."""
+        out: dict[Load | None, None] = {}
+        for ways, tool, frame in target.carried:
+            for load in self.loads.loads(ways):
+                part = load if load is None or frame is None else seen_from(load, self.tools.get(frame))
+                whole = part if part is None or tool is None else combined([tool, part])
+                out[whole if whole is None else seen_from(whole, self.T_tip_flange)] = None
+        return tuple(out)
 
     def left(self) -> list[Left]:
         """Targets that are not correctable, and moves whose target is not."""
@@ -840,6 +894,11 @@ class PostureProgram(TextProgram):
             start=setup.start,
             assumed=setup.posture,
             shifts=tuple(flow.shifts),
+            loads=flow.loads,
+            names_loads=tuple(flow.names_loads),
+            T_tip_flange=setup.controller.T_tip_flange
+            if setup.controller.flange_known or arm.tip_link == "tool0"
+            else None,
             **more,
         )
         program._settle_held_parts()
@@ -1015,20 +1074,30 @@ def needed_frames(
     return needed
 
 
-def from_backup(
-    targets: Sequence[Target],
-    setup: ControllerSetup,
-    tools: Mapping[str, FloatArray],
-    user_frames: Mapping[str, FloatArray],
-    source: str,
-) -> list[Note]:
+class NumberedData(NamedTuple):
+    """Tools, user frames and loads by number, as the backup has them in which a program lies.
+
+    Attributes
+    ----------
+    tools, user_frames : dict of str to ndarray, shape (4, 4)
+        In the controller's flange and world, metres.
+    loads : dict of str to Load
+        In the controller's flange.
+    """
+
+    tools: Mapping[str, FloatArray] = MappingProxyType({})
+    user_frames: Mapping[str, FloatArray] = MappingProxyType({})
+    loads: Mapping[str, Load] = MappingProxyType({})
+
+
+def from_backup(targets: Sequence[Target], setup: ControllerSetup, backup: NumberedData, source: str) -> list[Note]:
     """A note of the tools and user frames of poses that are those of a file of the backup."""
     uses = [use for target in targets if target.kind == "pose" for use in target.uses]
     taken = [
         f"{title} {number}"
         for title, numbers, known, given in (
-            ("tool", {use.tool for use in uses}, tools, setup.tools),
-            ("user frame", {use.work_object for use in uses}, user_frames, setup.work_objects),
+            ("tool", {use.tool for use in uses}, backup.tools, setup.tools),
+            ("user frame", {use.work_object for use in uses}, backup.user_frames, setup.work_objects),
         )
         for number in sorted(filter(None, numbers))
         if number in known and number not in given and number != "0"

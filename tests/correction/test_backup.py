@@ -135,7 +135,7 @@ def test_yaskawa_tools_and_user_frames_stand_beside_the_job(tmp_path):
     )
     users = "//UFRAME 2\n///NAME part\n///TOOL 3\n////BUSER 100,200,-50.5,0.0000,0.0000,90.0000\n//UFRAME 4\n///NAME\n"
     laid(tmp_path, {"J.JBI": job, "TOOL.CND": tools.replace("\n", "\r\n"), "UFRAME.CND": users.replace("\n", "\r\n")})
-    found = inform.frames_beside(tmp_path)
+    found = inform.backup_of(tmp_path)[:2]
     assert {name: list(values) for name, values in zip("tu", found, strict=True)} == {"t": ["0", "3"], "u": ["2"]}
     np.testing.assert_allclose(found[0]["3"][:3, 3], [0.0105, -0.002, 0.15], rtol=0, atol=1e-12)
     R = Rotation.from_euler("xyz", [0, 30, 0], degrees=True).as_matrix()

@@ -15,7 +15,6 @@ import irbcal
 from irbcal.cell.cell_file import CellFile
 from irbcal.correction import notation
 from irbcal.correction.filter import (
-    _SETS_LOAD,
     NotWritten,
     _without_garbage_collection,
     correct,
@@ -30,10 +29,6 @@ from irbcal.errors import CalibrationError, OptionError, ProgramError, RobotErro
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
-from irbcal.modeling.joint_map import JointMap
-from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms.payload import Payload
-from irbcal.modeling.terms.term_map import TermMap
 from irbcal.units import DEG, MM
 
 FAR = "[9E9,9E9,9E9,9E9,9E9,9E9]"
@@ -556,42 +551,3 @@ def test_the_collector_is_as_it_was_even_after_an_error():
         assert not gc.isenabled()
     assert not gc.isenabled(), "it was off before"
     gc.enable()
-
-
-@pytest.mark.parametrize(
-    ("statement", "noted"),
-    [
-        ("GripLoad part1;", True),
-        ("! GripLoad part1;", False),
-        ("WaitTime 1;", False),
-    ],
-)
-def test_a_program_that_says_what_it_carries_is_noted_where_loads_matter(statement, noted):
-    nominal = arm()
-    terms = TermMap(nominal, tuple(Payload((0.0, 0.0, 0.1)).terms(nominal)), np.full(6, 1e-5))
-    robot = Robot(nominal, JointMap(terms, payload_kg=4.0))
-    text = JOB.format(more="").replace("PROC main()", f"PROC main()\n{statement}")
-    assert statement in text
-    found = filter_program(robot, nominal, rapid.parse(text.encode()), "abc")
-    notes = [note.text for note in found.notes if "corrected for 4 kg: say with --payload" in note.text]
-    assert len(notes) == noted
-    plain = filter_program(Robot(nominal), nominal, rapid.parse(text.encode()), "abc")
-    assert not [note for note in plain.notes if "--payload" in note.text]
-
-
-@pytest.mark.parametrize(
-    ("line", "sets"),
-    [
-        ("$LOAD={M 3,CM {X 0,Y 0,Z 50}}", True),
-        ("SPTP XP1 WITH $TOOL = STOOL2(FP1), $LOAD = SLOAD(FP1.TOOL_NO)", True),
-        ("; $LOAD={M 3}", False),
-        ("   5:  PAYLOAD[2] ;", True),
-        ("   5:  !PAYLOAD[2] ;", False),
-        ("  set_target_payload(1.2, [0,0,0.1])", True),
-        ("  # set_payload(1)", False),
-        ("  WEIGHT 5,0,0,60", True),
-        ("  TYPE WEIGHT", False),
-    ],
-)
-def test_statements_that_say_what_is_carried(line, sets):
-    assert (_SETS_LOAD.search(f"a\n{line}\nb") is not None) == sets

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +17,9 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.calls import Calls
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
+from irbcal.correction.loads import Load, LoadFlow, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
@@ -25,6 +27,7 @@ from irbcal.correction.text_program import (
     Configuration,
     ControlFlow,
     FrameState,
+    NumberedData,
     PostureProgram,
     Target,
     from_backup,
@@ -268,17 +271,64 @@ def looks_like(data: bytes) -> bool:
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read FANUC listings for an arm, each a program; see `irbcal.correction.languages.Language`."""
     FANUC.check(arm, str(files[0]))
-    beside = {folder: frames_beside(folder) for folder in {file.parent for file in files}}
-    programs, unread = each_read(
-        files, lambda file: parse(arm, read_bytes(file), str(file), setup, *beside[file.parent])
+    backups = {
+        folder: NumberedData(*frames_beside(folder), loads_beside(folder)) for folder in {file.parent for file in files}
+    }
+    contents, unread = each_read(files, lambda file: (file, read_bytes(file)))
+    loads, calls = LoadFlow(), Calls(setup.harmless)
+    for _, data in contents:
+        learn(data.decode("latin-1"), calls)
+    programs, not_parsed = each_read(
+        [file for file, _ in contents],
+        lambda file: parse(arm, dict(contents)[file], str(file), setup, backups[file.parent], calls, loads),
     )
-    return [*programs, *unread]
+    return [*programs, *unread, *not_parsed]
 
 
-SYSTEM_FRAMES = "sysframe.va"
+_COMMENT = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*(?:!|//|--)[^\r\n]*", re.MULTILINE)
+_CALL = re.compile(r"\bCALL[ \t]+([A-Z_]\w*)", re.IGNORECASE)
+_PAYLOAD = re.compile(r"\bPAYLOAD\[[ \t]*(?:GP1[ \t]*:[ \t]*)?([^\]\r\n]*)\]", re.IGNORECASE)
+
+
+def learn(text: str, calls: Calls) -> None:
+    """Note which programs a listing calls, and whether it says what the robot carries."""
+    text = _COMMENT.sub("", text)
+    name = re.search(r"^/PROG[ \t]+(\S+)", text, re.MULTILINE)
+    if name is not None:
+        called = [called.lower() for called in _CALL.findall(text)]
+        calls.learn(name[1].lower(), called, True, True, _PAYLOAD.search(text) is not None)
+
+
+SYSTEM_FRAMES, SYSTEM_LOADS = "sysframe.va", "symotn.va"
+_SCHEDULE = re.compile(
+    r"^[ \t]*Field:[ \t]*\$PLST_GRP1\[(\d+)\]\.\$(PAYLOAD(?:_[XYZ])?|COMMENT)[ \t][^=\r\n]*=[ \t]*([^\r\n]*)",
+    re.MULTILINE,
+)
+_CM = 0.01
 _VARIABLE = re.compile(r"\[\*SYSTEM\*\]\$(\w+)[^\r\n]*")
 _ELEMENT = re.compile(r"^[ \t]*\[[ \t]*(\d+)[ \t]*,[ \t]*(\d+)[ \t]*\][ \t]*=", re.MULTILINE)
 _NAMED_NUMBER = re.compile(r"\b([XYZWPR]):[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?=\s|\Z)")
+
+
+def loads_beside(folder: Path) -> dict[str, Load]:
+    """Payload schedules of the first motion group that a backup's ``SYMOTN.VA`` beside programs has: kg and cm.
+
+    Schedules that nobody filled in (no comment and no centre, or a negative mass) are none.
+    """
+    fields: dict[str, dict[str, str]] = {}
+    for path in sorted(path for path in folder.glob("*") if path.name.lower() == SYSTEM_LOADS):
+        for number, name, value in _SCHEDULE.findall(read_bytes(path).decode("latin-1")):
+            fields.setdefault(number, {}).setdefault(name, value.strip())
+    out = {}
+    for number, schedule in fields.items():
+        values = [schedule.get(name, "") for name in ("PAYLOAD", "PAYLOAD_X", "PAYLOAD_Y", "PAYLOAD_Z")]
+        if not all(re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", value) for value in values):
+            continue
+        mass, *centre = (float(value) for value in values)
+        comment = schedule.get("COMMENT", "").strip("'")
+        if mass >= 0.0 and (any(centre) or comment not in ("", "Uninitialized")):
+            out[number] = load_of(mass, [value * _CM for value in centre])
+    return out
 
 
 def frames_beside(folder: Path) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
@@ -310,10 +360,11 @@ def parse(
     data: bytes,
     source: str,
     setup: ControllerSetup,
-    tools: Mapping[str, FloatArray] | None = None,
-    user_frames: Mapping[str, FloatArray] | None = None,
+    backup: NumberedData = NumberedData(),  # noqa: B008
+    calls: Calls | None = None,
+    loads: LoadFlow | None = None,
 ) -> LsProgram:
-    """Read a FANUC listing; ``tools`` and ``user_frames`` by number are those of the backup that it lies in.
+    """Read a FANUC listing of a backup; ``calls`` and ``loads`` are those of all listings that call one another.
 
     Raises
     ------
@@ -331,7 +382,9 @@ def parse(
         if point.number in taught:
             raise listing.error(point.start, f"P[{point.number}] stands here a second time")
         taught[point.number] = point
-    moves = _Moves(listing, taught, setup)
+    moves = _Moves(listing, taught, setup, backup, ControlFlow(listing, calls, loads))
+    program_name = re.match(r"[ \t]*(\S*)", listing.text[sections_of["PROG"][0] :])
+    moves.flow.loads.begin(program_name[1].lower() if program_name else "")
     steps = instructions(listing, *sections_of["MN"])
     for step in steps:
         moves.take(step)
@@ -343,11 +396,11 @@ def parse(
         moves.flow,
         targets,
         setup,
-        {**(tools or {}), **eye},
-        {**(user_frames or {}), **eye},
+        {**backup.tools, **eye},
+        {**backup.user_frames, **eye},
         notes=[
             *moves.notes(targets),
-            *from_backup(targets, setup, tools or {}, user_frames or {}, "SYSFRAME.VA beside the program"),
+            *from_backup(targets, setup, backup, "SYSFRAME.VA beside the program"),
         ],
         comments=_joined(moves.comments),
         mark_at=sections_of["MN"][1],
@@ -358,11 +411,17 @@ def parse(
 class _Moves:
     """Follows the instructions."""
 
-    def __init__(self, listing: Listing, taught: dict[int, ProgramPoint], setup: ControllerSetup) -> None:
-        self.listing, self.taught = listing, taught
+    def __init__(
+        self,
+        listing: Listing,
+        taught: dict[int, ProgramPoint],
+        setup: ControllerSetup,
+        backup: NumberedData,
+        flow: ControlFlow,
+    ) -> None:
+        self.listing, self.taught, self.backup, self.flow = listing, taught, backup, flow
         self._given = {"UTOOL": setup.tools, "UFRAME": setup.work_objects}
         self._registers: dict[str, dict[str, float]] = {}
-        self.flow = ControlFlow(listing)
         self.comments: list[str] = []
         self._noted: list[Note] = []
 
@@ -378,6 +437,7 @@ class _Moves:
             self._move(step, text, move)
             return
         self._changes(step, text)
+        self._loads(step, text)
         if _FLOW.search(text.upper()):
             self.flow.forget()
             self._registers.clear()
@@ -386,6 +446,22 @@ class _Moves:
                 for point in self._named(goal[2])[0]:
                     if point.target is not None:
                         self.flow.mention(point.target, step.start)
+
+    def _loads(self, step: Instruction, text: str) -> None:
+        """What the robot carries from here on, and where other programs may change it."""
+        called = [called[1] for called in _CALL.finditer(text)]
+        if _FLOW.search(text.upper()) and not (called and text.lstrip().upper().startswith("CALL")):
+            self.flow.loads.label()
+        for name in called:
+            before = self.flow.loads.now
+            self.flow.load_call(name, step.start)
+            if not text.lstrip().upper().startswith("CALL"):  # behind a condition
+                self.flow.loads.now |= before
+        set_to = _PAYLOAD.search(text)
+        if set_to is not None:
+            number = set_to[1].strip()
+            missing = unknown_load(f"PAYLOAD[{number[:20]}] is not in a SYMOTN.VA beside the program")
+            self.flow.carry(self.backup.loads.get(number, missing), step.start)
 
     def _named(self, inside: str) -> tuple[list[ProgramPoint], str]:
         """Positions that an index names, all where it is computed, and why there are none."""

@@ -18,10 +18,19 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, mark_in
+from irbcal.correction.loads import load_of
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, WantedTargets, each_read, read_bytes
-from irbcal.correction.text_program import PULSES, ControlFlow, FrameState, PostureProgram, Target, from_backup
+from irbcal.correction.text_program import (
+    PULSES,
+    ControlFlow,
+    FrameState,
+    NumberedData,
+    PostureProgram,
+    Target,
+    from_backup,
+)
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -116,25 +125,27 @@ def looks_like(data: bytes) -> bool:
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read Yaskawa jobs for an arm, each a program; see `irbcal.correction.languages.Language`."""
     YASKAWA.check(arm, str(files[0]))
-    beside = {folder: frames_beside(folder) for folder in {file.parent for file in files}}
+    beside = {folder: backup_of(folder) for folder in {file.parent for file in files}}
     shared = _Shared(files)
     programs, unread = each_read(
-        files, lambda file: parse(arm, read_bytes(file), str(file), setup, *beside[file.parent], shared)
+        files, lambda file: parse(arm, read_bytes(file), str(file), setup, beside[file.parent], shared)
     )
     return [*programs, *unread]
 
 
 _NUMBERED = re.compile(r"^//(TOOL|UFRAME)[ \t]+(\d+)[ \t]*\r?$", re.MULTILINE)
-_TOOL_LINE = re.compile(r"(?:^[ \t]*/[^\n]*\n)*^([^/\n]*)$", re.MULTILINE)
+_TOOL_LINE = re.compile(r"(?:^[ \t]*/[^\n]*\n)*^([^/\n]*)$(?:\n^([^/\n]*)$\n^([^/\n]*)$)?", re.MULTILINE)
 _USER_LINE = re.compile(r"^/{3,4}BUSER[ \t]*\r?\n?[ \t]*([^/\n]+)$", re.MULTILINE)
 
 
-def frames_beside(folder: Path) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+def backup_of(folder: Path) -> NumberedData:
     """Tools and user frames, by number, that a backup's ``TOOL.CND`` and ``UFRAME.CND`` beside jobs have.
 
-    Those whose six numbers are not all there, and such that stand there twice with other numbers, are none.
+    Those whose six numbers are not all there, and such that stand there twice with other numbers, are none. The lines
+    behind a tool are its centre of gravity in the flange, mm, and its mass, kg; a mass of zero was never given.
     """
     found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
+    loads = {}
     names = {"TOOL": "tool.cnd", "UFRAME": "uframe.cnd"}
     for kind, (title, name) in enumerate(names.items()):
         for path in sorted(path for path in folder.glob("*") if path.name.lower() == name):
@@ -148,7 +159,10 @@ def frames_beside(folder: Path) -> tuple[dict[str, FloatArray], dict[str, FloatA
                 T = YASKAWA.frame([number.value for number in numbers])
                 known = found[kind].setdefault(head[2], T)
                 found[kind][head[2]] = T if np.array_equal(T, known) else np.full((4, 4), np.nan)
-    return found
+                behind = [] if kind or line is None else [_numbers((line[k] or "").strip(), 0) or [] for k in (2, 3)]
+                if [len(numbers) for numbers in behind] == [3, 1] and behind[1][0].value > 0.0:
+                    loads[head[2]] = load_of(behind[1][0].value, [number.value * MM for number in behind[0]])
+    return NumberedData(*found, loads)
 
 
 def parse(
@@ -156,11 +170,10 @@ def parse(
     data: bytes,
     source: str,
     setup: ControllerSetup,
-    tools: Mapping[str, FloatArray] | None = None,
-    user_frames: Mapping[str, FloatArray] | None = None,
+    backup: NumberedData = NumberedData(),  # noqa: B008
     shared: _Shared | None = None,
 ) -> JobProgram:
-    """Read a Yaskawa job; ``tools`` and ``user_frames`` by number are those of the backup that it lies in.
+    """Read a Yaskawa job of a backup.
 
     Raises
     ------
@@ -170,7 +183,7 @@ def parse(
     listing = Listing([(source, data)], "Yaskawa INFORM")
     if not looks_like(data):
         raise ProgramError("expected a Yaskawa job that begins with /JOB", file=source)
-    job = _Job(listing, setup.pulses, shared or _Shared({source: data}))
+    job = _Job(listing, setup.pulses, shared or _Shared({source: data}), backup)
     job.read()
     targets = list(job.points.values())
     return JobProgram.assembled(
@@ -179,12 +192,12 @@ def parse(
         job.flow,
         targets,
         setup,
-        tools or {},
-        {**(user_frames or {}), WORLD: frames.transform()},
+        backup.tools,
+        {**backup.user_frames, WORLD: frames.transform()},
         units=np.array([DEG / value for value in setup.pulses]) if setup.pulses else None,
         notes=[
             *job.notes.values(),
-            *from_backup(targets, setup, tools or {}, user_frames or {}, "TOOL.CND and UFRAME.CND beside the job"),
+            *from_backup(targets, setup, backup, "TOOL.CND and UFRAME.CND beside the job"),
         ],
         comments=_joined(job.comments),
         mark_at=job.nop,
@@ -237,8 +250,8 @@ def _content(path: Path) -> bytes:
 class _Job:
     """Follows the lines of a job."""
 
-    def __init__(self, listing: Listing, pulses: Sequence[float], shared: _Shared) -> None:
-        self.listing, self.pulses, self.shared = listing, pulses, shared
+    def __init__(self, listing: Listing, pulses: Sequence[float], shared: _Shared, backup: NumberedData) -> None:
+        self.listing, self.pulses, self.shared, self.backup = listing, pulses, shared, backup
         self.flow = ControlFlow(listing)
         self.points: dict[str, Target] = {}
         self.comments: list[str] = []
@@ -344,6 +357,10 @@ class _Job:
             moved = "stations move together with the robot: where they carry the work, its place is another"
             self.notes.setdefault("stations", Note(self.listing.line(at), moved))
             target.external = PULSES
+        if self._frames[first].tool in self.backup.loads:
+            self.flow.carry(self.backup.loads[self._frames[first].tool or ""], at)
+        elif self.flow.names_loads:
+            self.flow.carry(None, at)
         self.flow.use(target, at, move[1], state=self._frames[first])
         self.flow.stop(target, at)
 

@@ -20,6 +20,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
 from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark_in, numbers
+from irbcal.correction.loads import load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
@@ -333,7 +334,7 @@ class _Reader:
     def take(self, line: Statement) -> None:
         """Take one line."""
         if line.program:
-            self.flow.restart()
+            self.flow.restart(line.program)
             return
         tokens = self._without_label(line.tokens)
         if not tokens:
@@ -347,6 +348,10 @@ class _Reader:
             self._go(word, arguments[first:], at, "via" if word == "cir1" else "to")
         elif word in ("tool", "base"):
             self._frame(word, arguments, at)
+        elif word == "weight":
+            mass = _number(split(arguments)[0]) if arguments else None
+            computed = unknown_load(f"the load of line {self.listing.line(at)} is not in numbers")
+            self.flow.carry(computed if mass is None else load_of(mass), at)
         elif word in ("jappro", "lappro") and self._approach(word, arguments, at):
             self.flow.stop(None, at)
         elif word in RELATIVE:
@@ -380,6 +385,7 @@ class _Reader:
             return tokens
         reason = f"the label in line {self.listing.line(tokens[0].start)} is jumped to"
         self.flow.forget()
+        self.flow.loads.label()
         self.flow.state = FrameState(None, None, reason)
         return tokens[2 if has_name else 1 :]
 
@@ -394,6 +400,10 @@ class _Reader:
             self.flow.close(at)
         elif word in POSTURES or word in ("return", "goto", "here", "point"):
             self.flow.forget()
+            if word == "return":
+                self.flow.loads.returns()
+        if "goto" in names:
+            self.flow.loads.label()
         if "call" in names or word in ("gosub", "on", "oni", "pcexecute"):
             for callee in _called(tokens) or tokens[:1]:
                 self.flow.call(callee.word, self.listing.quote(callee.start, callee.end), at)
@@ -511,7 +521,8 @@ def _learn(calls: Calls, lines: Sequence[Statement]) -> None:
         words = {token.word for token in line.tokens if token.kind == "name"}
         may_call = [word for word in ("gosub", "on", "oni") if word in words]
         moves = not words.isdisjoint((*MOVES, *BLOCKS, *RELATIVE, *POSTURES))
-        calls.learn(name, [*may_call, *(called.word for called in _called(line.tokens))], bool(words & FRAMES), moves)
+        called = [*may_call, *(called.word for called in _called(line.tokens))]
+        calls.learn(name, called, bool(words & FRAMES), moves, "weight" in words)
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:

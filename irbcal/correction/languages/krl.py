@@ -20,6 +20,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
 from irbcal.correction.listing import BOM, Edit, Listing, Number, Span, Token, mark_in
+from irbcal.correction.loads import Load, Ways, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
@@ -512,8 +513,34 @@ def _called(line: TokenLine) -> list[Token]:
     return [word for word, behind in pairs if behind.word == "(" and word.kind == "name" and word.word not in NO_CALLS]
 
 
+def _routine(words: Sequence[str]) -> str:
+    """Name of the routine that a line begins; empty for other lines."""
+    begins = "def" in words[:2] or "deffct" in words[:3]
+    return words[words.index("(") - 1] if begins and "(" in words else ""
+
+
 _FOLD = re.compile(r"^[ \t]*;[ \t]*(?:(FOLD)|ENDFOLD)\b([^\r\n]*)", re.IGNORECASE | re.MULTILINE)
 _FORM = re.compile(r"\bTool\[\d+\].*\bBase\[\d+\].*%\{", re.IGNORECASE)
+
+
+_LOAD_DATA = re.compile(
+    r"^[ \t]*LOAD_DATA[ \t]*\[[ \t]*(\d+)[ \t]*\][ \t]*=[ \t]*([^\r\n;]*)", re.IGNORECASE | re.MULTILINE
+)
+_REAL = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)"
+_MASS = re.compile(rf"\{{[^{{}}]*?\bM[ \t]+{_REAL}", re.IGNORECASE)
+_CENTRE = re.compile(
+    rf"\bCM[ \t]*\{{[^{{}}]*?\bX[ \t]+{_REAL}[ \t]*,[ \t]*Y[ \t]+{_REAL}[ \t]*,[ \t]*Z[ \t]+{_REAL}", re.IGNORECASE
+)
+
+
+def load(text: str) -> Load | None:
+    """The load that an aggregate in numbers is, in the flange; None for M -1, which says nothing."""
+    mass, centre = _MASS.search(text), _CENTRE.search(text)
+    if mass is None:
+        return unknown_load("its load is not in numbers")
+    if float(mass[1]) < 0.0:
+        return None
+    return load_of(float(mass[1]), None if centre is None else [float(number) * MM for number in centre.groups()])
 
 
 def inline_forms(listing: Listing) -> list[Span]:
@@ -558,7 +585,14 @@ class Statements:
         self.listing, self.data = listing, data
         self.flow = ControlFlow(listing, Calls(harmless, BUILT_IN))
         self._forms = inline_forms(listing)
-        self._called_in_form: tuple[Span, str] | None = None
+        self._called_in_form: tuple[Span, str, Ways] | None = None
+        self._loads: dict[str, Load | None] = {}
+        for found in _LOAD_DATA.finditer(listing.text):
+            value = load(found[2])
+            if self._loads.setdefault(found[1], value) != value:
+                self._loads[found[1]] = unknown_load(
+                    f"line {listing.line(found.start())} changes LOAD_DATA[{found[1]}]"
+                )
         self.flow.first_begins = True
         self.literals: list[Target] = []
         self.tools: dict[str, FloatArray] = {}
@@ -576,23 +610,24 @@ class Statements:
         for line in lines:
             words = [token.word for token in line.tokens]
             if "def" in words[:2] or "deffct" in words[:3]:
-                name = words[words.index("(") - 1] if "(" in words else ""
+                name = _routine(words)
                 self.flow.calls.learn(name)
             else:
                 sets = not {*words}.isdisjoint(SETS_FRAMES) or (words[:1] == ["bas"] and words[2:3] not in QUIET_BAS)
                 moves = words[0] in MOVES or words[0] in RELATIVE
-                self.flow.calls.learn(name, [token.word for token in _called(line)], sets, moves)
+                called = [token.word for token in _called(line)]
+                self.flow.calls.learn(name, called, sets, moves, "$load" in words or (sets and bool(self._loads)))
 
     def _call(self, routine: Token) -> None:
         """A routine is called. In an inline form tool and base are those of the form until it ends."""
         form = self._form_of(routine.start)
-        state = self.flow.state
+        state, carried = self.flow.state, self.flow.loads.now
         self.flow.call(routine.word, self.listing.text[routine.start : routine.end], routine.start)
         if self.flow.state is state:
             return
         if form is not None and self._fdat_taken and self._fdat_at > form[0]:
-            self._called_in_form = self._called_in_form or (form, self.flow.state.why)
-            self.flow.state = state
+            self._called_in_form = self._called_in_form or (form, self.flow.state.why, self.flow.loads.now)
+            self.flow.state, self.flow.loads.now = state, carried
         else:
             self._forget_fdat()
 
@@ -608,6 +643,7 @@ class Statements:
         word = line.word()
         if self._called_in_form is not None and line.start >= self._called_in_form[0][1]:
             self.flow.state = FrameState(None, None, self._called_in_form[1])
+            self.flow.loads.now = self._called_in_form[2]
             self._forget_fdat()
             self._called_in_form = None
         if word not in ROUTINE:
@@ -620,7 +656,7 @@ class Statements:
             self.flow.stop(None, line.start)
             self._mention(line.tokens[1:], line.part)
         elif word in ROUTINE:
-            self.flow.restart()
+            self.flow.restart(_routine([token.word for token in line.tokens]))
             self._forget_fdat()
         elif word in (*OPEN, *LOOPS):
             self._mention(line.tokens, line.part)
@@ -644,6 +680,10 @@ class Statements:
             self._mention(line.tokens, line.part)
         elif word in ("goto", "interrupt", "return", "halt") or (line.word(1) == ":" and len(line.tokens) == 2):
             self.flow.forget()
+            if word in ("return", "halt"):
+                self.flow.loads.returns()
+            elif word != "interrupt":
+                self.flow.loads.label()
             if line.word(1) == ":" and len(line.tokens) == 2:
                 self.flow.state = FrameState(
                     None, None, f"the label in line {self.listing.line(line.start)} is jumped to"
@@ -666,6 +706,7 @@ class Statements:
         computed = f"BAS in line {where} computes the tool or base"
         if command == "#tool":
             self.flow.tool(plain, computed)
+            self._carry_tool(plain, line.start)
         elif command == "#base":
             self.flow.frame(plain, computed)
         elif command == "#ex_base":
@@ -675,10 +716,33 @@ class Statements:
             reason = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
             self.flow.state = self._fdat or FrameState(None, None, reason)
             self._fdat_taken = True
+            self._carry_tool(self.flow.state.tool, line.start)
         elif command == "#initmov":
             self.flow.state = FrameState()
         elif command not in NO_FRAMES:
             self.flow.state = FrameState(None, None, computed)
+
+    def _carry_tool(self, number: str | None, at: int) -> None:
+        """The load of a tool, which ``BAS`` sets with it, where the files have loads of tools."""
+        if self._loads:
+            self.flow.carry(self._load_of_tool(number), at)
+
+    def _load_of_tool(self, number: str | None) -> Load | None:
+        """``LOAD_DATA`` of a tool."""
+        if number is None or not (number.isdecimal() and (number == NULLFRAME or number in self._loads)):
+            return unknown_load(f"LOAD_DATA[{number or '…'}] is not in these files")
+        return self._loads.get(number)
+
+    def _load_value(self, line: TokenLine) -> Load | None:
+        """The load that is assigned to ``$LOAD``, of which the value comes next."""
+        word, start = line.word(), line.next.start
+        if word == "{":
+            return load(self.listing.text[start : line.end])
+        if word == "load_data":
+            return self._load_of_tool(line.word(2) if line.word(3) == "]" else None)
+        if word == "sload" and line.word(1) == "(":
+            return self._load_of_tool(self._of_fdat(line.part, line.word(2)).tool)
+        return unknown_load(f"$LOAD is computed in line {self.listing.line(start)}")
 
     def _forget_fdat(self) -> None:
         """``FDAT_ACT`` may have another value from here on."""
@@ -744,6 +808,11 @@ class Statements:
             reason = f"a part of {first.word.upper()} is set in line {self.listing.line(first.start)}"
             (self.flow.tool if first.word == "$tool" else self.flow.frame)(None, reason)
             return
+        if member and first.word == "$load":
+            where = f"a part of $LOAD is set in line {self.listing.line(first.start)}"
+            usual = line.word(2) == "=" and line.word(3).startswith("$def_l_")
+            self.flow.carry(None if usual else unknown_load(where), first.start)
+            return
         if first.word in NUMBERED:
             self._changed[first.word, str(index[0]) if index else ANY] = first.start
             return
@@ -762,6 +831,9 @@ class Statements:
             return
         if word == "$ipo_mode":
             self._hold(self._with_mode(self.flow.state, line))
+            return
+        if word == "$load":
+            self.flow.carry(self._load_value(line), first.start)
             return
         if word == "fdat_act":
             self._set_fdat(line)
@@ -850,6 +922,16 @@ class Statements:
                     (self.flow.tool if token.word == "$tool" else self.flow.frame)(name, "" if name else reason)
         return state
 
+    def _carried_with(self, line: TokenLine) -> Ways | None:
+        """The load that ``WITH`` gives a move; None where it gives none."""
+        for k, (token, behind) in enumerate(pairwise(line.tokens)):
+            if token.word == "$load" and behind.word == "=":
+                line.at = k + 2
+                self.flow.names_loads.append(token.start)
+                self.flow.loads.names_any = True
+                return frozenset([self._load_value(line)])
+        return None
+
     def _hold(self, state: FrameState) -> None:
         """Take from a state, beside which tool and frame stay, whether the robot holds the part, if that is known."""
         if state.tool is state.frame is None:
@@ -871,6 +953,7 @@ class Statements:
         ends = [k for k, token in enumerate(line.tokens) if token.word == "with"]
         state = self._checked_fdat(self.flow.state)
         state = self._with(line, state) if ends else state
+        carried = self._carried_with(line) if ends else None
         line.at = 1
         if line.word() in ("$axis_act", "$pos_act") and not ends:  # to where the arm stands
             return
@@ -889,7 +972,8 @@ class Statements:
             if reason:
                 self.flow.leave(line.start, name, text, reason)
             for goal_target in targets:
-                self.flow.use(goal_target, line.start, name, role, state, ("$tool" in words, "$base" in words))
+                names = "$tool" in words, "$base" in words
+                self.flow.use(goal_target, line.start, name, role, state, names, carried)
                 if reason:
                     goal_target.conflicts.append(reason)
             goal = targets[0] if len(targets) == 1 and not reason else None

@@ -25,9 +25,10 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, locked
 from irbcal.correction import notation
-from irbcal.correction.calls import Calls
+from irbcal.correction.calls import Calls, may_set_load
 from irbcal.correction.instructions import ANY, BUILT_IN, TO, TOOL, VIA, WRITES, MotionInstruction, line_for
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
+from irbcal.correction.loads import Carrying, Load, LoadFlow, Ways, load_of, unknown_load
 from irbcal.correction.maker import (
     NO_CONFDATA,
     NO_POSTURE,
@@ -1086,6 +1087,8 @@ class Uses:
     other_modules : OtherModules, optional
     calls : Calls, optional
         The routines of all modules; those of this module unless given.
+    loads : Loads, optional
+        What the robot carries in all modules; in this module unless given.
 
     Attributes
     ----------
@@ -1099,9 +1102,11 @@ class Uses:
         frames_given: Mapping[str, Mapping[str, FloatArray]],
         other_modules: OtherModules | None = None,
         calls: Calls | None = None,
+        loads: Loads | None = None,
     ) -> None:
         self.others = other_modules or OtherModules(literals)
         self.calls = calls or calls_of([literals])
+        self.loads = loads or Loads([literals], self.calls)
         self.literals, self.reader, self.given = literals, literals.reader, frames_given
         self.goals: list[tuple[MoveInstruction, list[tuple[list[Literal], bool]]]] = []
         self._shifted: set[tuple[int, str]] = set()
@@ -1145,6 +1150,7 @@ class Uses:
         tool, wobj, held, unclear = self._frames(move)
         use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj, held=held)
         unknown = unclear if kind == "pose" else ""
+        carried = self.loads.carrying(self.literals.source, move, tool, held)
         points: list[tuple[list[Literal], bool]] = []
         self.goals.append((move, points))
         monitored = self._monitored(move) if kind == "pose" else True
@@ -1152,7 +1158,7 @@ class Uses:
             if role == WRITES:
                 continue
             as_role: Role = "via" if role == "via" else "to"
-            if self._goes_to_other_module(move, arg, kind, replace(use, role=as_role), unknown, monitored):
+            if self._goes_to_other_module(move, arg, kind, replace(use, role=as_role), unknown, monitored, carried):
                 points.append(([], True))
                 continue
             literals, reason = self._goals(move, arg, kind, line)
@@ -1165,6 +1171,7 @@ class Uses:
                 literal.monitored.add(monitored)
                 literal.inverted |= held and kind == "pose"
                 literal.uses.append(replace(use, role=as_role))
+                literal.carried.append(carried)
                 literal.conflicts.extend(text for text in (reason, unknown) if text)
 
     def _monitored(self, move: MoveInstruction) -> bool | None:
@@ -1191,7 +1198,14 @@ class Uses:
         return last.on if all(switch.on is last.on for switch in others) else None
 
     def _goes_to_other_module(
-        self, move: MoveInstruction, arg: Arg, kind: Kind, use: Use, unknown: str, monitored: bool | None
+        self,
+        move: MoveInstruction,
+        arg: Arg,
+        kind: Kind,
+        use: Use,
+        unknown: str,
+        monitored: bool | None,
+        carried: Carrying,
     ) -> bool:
         """Give a target of another module this use; false where it is none, or none that can be corrected."""
         data: RapidData | None = None
@@ -1209,6 +1223,7 @@ class Uses:
         for literal in literals:
             literal.inverted |= use.held and kind == "pose"
             literal.uses.append(replace(use, file=file))
+            literal.carried.append(carried)
             literal.after.append(None)
             literal.monitored.add(monitored)
             literal.conflicts.extend(against)
@@ -1338,6 +1353,9 @@ class Uses:
             start=controller.start if controller else None,
             assumed=controller.posture if controller else None,
             shifts=tuple(self.literals.flow.shifts),
+            loads=self.loads.flow,
+            names_loads=tuple(self.loads.places[self.literals.source]),
+            T_tip_flange=np.eye(4),
             moves=functools.cache(lambda: paths(reader, in_order, targets, tools)),
         )
 
@@ -1538,13 +1556,135 @@ def learn(reader: Reader, calls: Calls) -> None:
                 calls.learn(name)
             elif begin and name and word not in _DECLARING | BRANCHES and not reader._is_assignment(i):
                 moves = word in reader.instructions
-                calls.learn(name, [] if moves or reader.tokens[i + 1].word == ":" else [word], moves=moves)
+                called = [] if moves or reader.tokens[i + 1].word == ":" else [word]
+                calls.learn(name, called, moves=moves, sets_loads=word == "gripload")
             begin = word in _BEFORE
         else:
             if begin and word == "%" and name:
-                calls.learn(name, moves=True)
+                calls.learn(name, moves=True, sets_loads=True)
             begin = word in (";", ":") or (head and word == ")")
             head = head and word != ")"
+
+
+class Loads:
+    """What the robot carries in the moves of a task's modules (``GripLoad``).
+
+    Parameters
+    ----------
+    modules : sequence of Literals
+    calls : Calls
+        Their routines.
+
+    Attributes
+    ----------
+    flow : LoadFlow
+    places : dict of str to list of int
+        Where each file says what it is.
+    """
+
+    def __init__(self, modules: Sequence[Literals], calls: Calls) -> None:
+        self.flow, self.calls, self.modules = LoadFlow(), calls, modules
+        self.places: dict[str, list[int]] = {module.source: [] for module in modules}
+        self._ways: dict[tuple[str, int], Ways] = {}
+        if any(token.word == "gripload" for module in modules for token in module.reader.tokens):
+            for module in modules:
+                self._follow(module)
+
+    def carrying(self, source: str, move: MoveInstruction, tool: str | None, held: bool) -> Carrying:
+        """What the robot carries in a move: the part, and by itself the tool (its ``tload``)."""
+        ways = self._ways.get((source, move.start), frozenset([None]))
+        total = move.options.get("tload")
+        if total is not None and total.text.lower() != "load0":
+            ways = frozenset([unknown_load(f"\\TLoad:={total.text} says the load of the move alone")])
+        data = next((m.reader.data[tool] for m in self.modules if tool is not None and tool in m.reader.data), None)
+        of_tool = unknown_load(f"the tool {tool} has no load in numbers in these modules")
+        if tool == "tool0":
+            of_tool = Load(0.0)
+        elif data is not None and data.node is not None and len(data.node.items or ()) == 3 and not data.changes:
+            of_tool = _load((data.node.items or [])[2])
+        return Carrying(ways, of_tool, "" if held or tool is None else tool)
+
+    def _follow(self, module: Literals) -> None:
+        """The statements of a module that name loads, move, call or branch."""
+        reader, flow = module.reader, self.flow
+        scope: Scope | None = None
+        scopes = iter(reader.scopes)
+        begin, compact, head = True, False, False
+        for i, (kind, word, start, _) in enumerate(reader.tokens[:-1]):
+            if kind == "name":
+                if word in BRANCHES and not reader._is_member(i):
+                    compact = compact or (word == "if" and not _has_then(reader, i))
+                    head = word in ("proc", "func", "trap")
+                    if head:
+                        name, scope = reader.tokens[i + (2 if word == "func" else 1)].word, next(scopes)
+                        flow.begin(name, Load(0.0) if name == "main" else None)  # a start from main sets load0
+                    elif word in ("endproc", "endfunc", "endtrap"):
+                        flow.end()
+                        scope = None
+                    elif word in _OPENING:
+                        flow.open(word in ("for", "while"))
+                    elif word in _CLOSING:
+                        flow.close()
+                    elif word in ("elseif", "else", "case", "default"):
+                        flow.alternative()
+                    elif word == "return":
+                        flow.returns()
+                    elif word in _JUMPS:
+                        flow.label()
+                elif begin and word in reader.instructions:
+                    self._ways[module.source, start] = flow.now
+                elif begin and word == "gripload":
+                    self.places[module.source].append(start)
+                    flow.take(self._named(module, scope, i + 1))
+                elif begin and reader.tokens[i + 1].word == ":":
+                    flow.label()
+                elif begin and word not in _DECLARING and not reader._is_assignment(i):
+                    sets = self.calls.effect(word).sets_loads
+                    shown = reader.text[start : start + len(word)]
+                    missing = may_set_load(shown, reader.line(start)) if sets and not self.calls.knows(word) else ""
+                    flow.call(word, sets, missing)
+                begin = word in _BEFORE
+                continue
+            if begin and word == "%":
+                flow.call("%", True, may_set_load("a routine by its name in a text", reader.line(start)))
+            if word == ";" and compact:
+                flow.close()
+                compact = False
+            begin = word in (";", ":") or (head and word == ")")
+            head = head and word != ")"
+
+    def _named(self, module: Literals, scope: Scope | None, i: int) -> Load:
+        """The load that an argument is."""
+        reader = module.reader
+        token = reader.tokens[i]
+        if token.word == "load0":
+            return Load(0.0)
+        if token.word == "[":
+            return _load(reader._list(i)[0])
+        data = reader.lookup(scope, token.word)
+        if data is None:
+            others = [m.reader.data[token.word] for m in self.modules if token.word in m.reader.data]
+            data = others[0] if len(others) == 1 else None
+        changed = data is not None and (
+            data.changes or any(a.name == token.word for m in self.modules for a in m.reader.assignments)
+        )
+        if data is None or data.node is None or data.type != "loaddata" or changed:
+            text = reader.text[token.start : token.end]
+            return unknown_load(
+                f"the load {text} of GripLoad in line {reader.line(token.start)} is not in numbers that stay"
+            )
+        return _load(data.node)
+
+
+def _load(node: Node) -> Load:
+    """The load that ``loaddata`` in numbers are: mass in kg, centre of gravity in mm."""
+    items = node.items or []
+    mass = items[0].number if items else None
+    leaves = (items[1].items if len(items) > 1 else None) or []
+    centre = [leaf.number * MM for leaf in leaves if leaf.number is not None]
+    if mass is None or len(centre) != 3:
+        return unknown_load("its load is not in numbers")
+    return load_of(mass, centre)
 
 
 def _has_then(reader: Reader, i: int) -> bool:
@@ -1891,6 +2031,7 @@ def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> l
     numbers = {module.source: frames_in_numbers(module.reader) for module in modules} if len(modules) > 1 else {}
     everywhere = _with_null(setup.tools, setup.work_objects)
     calls = calls_of(modules, setup.harmless)
+    loads = Loads(modules, calls)
     gathered = []
     for module in modules:
         module_frames = numbers.get(module.source, {"tooldata": {}, "wobjdata": {}})
@@ -1908,7 +2049,7 @@ def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> l
         beside = OtherModules(
             module, [other_module for other_module in modules if other_module is not module], numbers, everywhere
         )
-        gathered.append(Uses(module, available, beside, calls))
+        gathered.append(Uses(module, available, beside, calls, loads))
     for uses in gathered:
         uses.gather()
     return [uses.module(arm, setup) for uses in gathered]

@@ -18,6 +18,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
 from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
+from irbcal.correction.loads import Load, load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
@@ -120,6 +121,8 @@ def arguments(tokens: Tokens) -> list[tuple[str, Tokens]]:
 GOALS = {"movej": 1, "movel": 1, "movep": 1, "movec": 2}
 """Moves and how many points they have."""
 OTHER_MOVES = ("servoj", "servoc", "servol", "speedj", "speedl", "movej_joint")
+LOADS = ("set_payload", "set_target_payload", "set_payload_mass", "set_payload_cog")
+"""Functions that say what the flange carries: kg and metres."""
 LOUD = (
     *OTHER_MOVES,
     *("force_mode", "freedrive_mode", "end_freedrive_mode", "teach_mode", "end_teach_mode", "jog_start"),
@@ -224,7 +227,8 @@ class _Script:
         words = {token.word for token in tokens}
         for routine in filter(None, self._inside):
             moves = not words.isdisjoint((*GOALS, *LOUD))
-            self.flow.calls.learn(routine, [] if first in ("def", "thread") else words, "set_tcp" in words, moves)
+            called = [] if first in ("def", "thread") else words
+            self.flow.calls.learn(routine, called, "set_tcp" in words, moves, not words.isdisjoint(LOADS))
 
     def take(self, tokens: list[Token]) -> None:
         """Take one statement."""
@@ -240,6 +244,8 @@ class _Script:
             self._move(tokens)
         elif first == "set_tcp" and tokens[1:2] and tokens[1].word == "(":
             self._tcp(tokens)
+        elif first in LOADS and tokens[1:2] and tokens[1].word == "(":
+            self.flow.carry(self._load(tokens), tokens[0].start)
         else:
             self._other(tokens)
 
@@ -250,7 +256,10 @@ class _Script:
         self._mentioned += [token for token in tokens if token.kind == "name"]
         if first not in ("def", "thread"):
             self._calls(tokens)
+        if first == "return":
+            self.flow.loads.returns()
         if first in ("def", "thread"):
+            self.flow.loads.begin(tokens[1].word.lower() if tokens[1:] else "")
             self._ends.append((first, self.flow.state))
             if self._set_tcp != 1 and len(self._ends) > 1:
                 self.flow.state = FrameState(frame="base")
@@ -264,6 +273,7 @@ class _Script:
         elif first == "end" and self._ends:
             kind, state = self._ends.pop()
             if kind in ("def", "thread"):
+                self.flow.loads.end()
                 self.flow.state = state if self._set_tcp != 1 else self.flow.state
                 self.flow.forget()
                 if len(self._ends) == 1 and not self._begun:  # functions stand before the program's own statements
@@ -281,6 +291,7 @@ class _Script:
             effect = self.flow.calls.effect(called.word)
             if behind.word != "(" or called.kind != "name":
                 continue
+            self.flow.load_call(called.word, called.start)
             if effect.moves or called.word in LOUD:
                 self._begun |= len(self._ends) < 2
                 self.flow.forget()
@@ -299,6 +310,18 @@ class _Script:
         name = f"of line {line}"
         self.tools[name] = UNIVERSAL_ROBOTS.frame([number.value for number in target.numbers])
         self.flow.tool(name)
+
+    def _load(self, tokens: list[Token]) -> Load:
+        """Mass and centre of ``set_payload`` and ``set_target_payload``."""
+        mass = centre = None
+        for k, (name, value) in enumerate(arguments(tokens[1:])):
+            if name == "m" or (not name and k == 0):
+                mass = float(value[0].word) if len(value) == 1 and value[0].kind == "number" else None
+            elif name == "cog" or (not name and k == 1):
+                centre = numbers(value)
+        if mass is None or tokens[0].word == "set_payload_cog":
+            return unknown_load(f"the load of line {self.listing.line(tokens[0].start)} is computed")
+        return load_of(mass, None if centre is None or len(centre) != 3 else [number.value for number in centre])
 
     def _pose(self, tokens: Tokens) -> Target | None:
         """A pose, or one in a variable that does not change."""

@@ -56,7 +56,12 @@ def stops_before(theta: FloatArray, target: IntArray, follows: BoolArray, prisma
 
 
 def commanded_in_order(
-    joint_map: JointMap, theta: FloatArray, target: IntArray, before: IntArray, fixed: BoolArray | None = None
+    joint_map: JointMap,
+    theta: FloatArray,
+    target: IntArray,
+    before: IntArray,
+    fixed: BoolArray | None = None,
+    load: tuple[FloatArray, ...] = (),
 ) -> FloatArray:
     """Commanded joints that give effective ones at stops that follow one another.
 
@@ -73,6 +78,8 @@ def commanded_in_order(
         stops gets the command in the middle: minus the mean of what its last moves do.
     fixed : ndarray of bool, shape (n,), optional
         Targets whose commands are not to be found: ``theta`` holds them.
+    load : tuple of ndarray, shapes (n,) and (n, 3), optional
+        Mass and its centre at each target, where they are not those of the map.
 
     Returns
     -------
@@ -87,7 +94,7 @@ def commanded_in_order(
     q = joint_map.commanded(theta)
     if fixed is not None:
         q[fixed] = theta[fixed]
-    if not joint_map.has_history or not len(target):
+    if not (joint_map.has_history or load) or not len(theta):
         return q
     count = np.bincount(target, minlength=len(theta))
     idle = np.flatnonzero(count == 0)
@@ -96,7 +103,7 @@ def commanded_in_order(
     change = np.inf
     for _ in range(STEPS):
         previous = np.where(before[:, None] >= 0, q[before], np.nan)
-        reached = joint_map.effective(q[target], previous) - q[target]
+        reached = joint_map.effective(q[target], previous, *(part[target] for part in load)) - q[target]
         mean = np.column_stack([np.bincount(target, column, len(theta)) / count for column in reached.T])
         new = theta - mean
         if fixed is not None:

@@ -1,13 +1,14 @@
 /PROG  FANUC
 /ATTR
 COMMENT		= "job";
-LINE_COUNT	= 5;
+LINE_COUNT	= 6;
 /MN
    1:  !  moves ;
    2:  UFRAME_NUM=0 ;
    3:  UTOOL_NUM=0 ;
    4:J P[1] 50% FINE     ;
-   5:L P[2:"x"] 100mm/sec CNT10     ;
+   5:  PAYLOAD[2] ;
+   6:L P[2:"x"] 100mm/sec CNT10     ;
 /POS
 P[1]{
    GP1:

@@ -10,6 +10,7 @@ MODULE Cell(SYSMODULE, NOSTEPIN)
   PROC main(\switch on, num n)
     MoveAbsJ jHome\NoEOffs,v100,fine,tool0;
     IF n>3 MoveL \Conc, p10, v100\T:=5, z10 \Inpos:=inpos50, tGrip \WObj:=wFix;
+    GripLoad [3,[0,5,20],[1,0,0,0],0,0,0];
     FOR i FROM 1 TO 2 DO MoveL pRow{i},v100,z10,tool0; ENDFOR
     MoveC [[920,10,820],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],pRow{1},v100,z1,tool0;
     MoveL Offs(p10,0,0,10),v100,z10,tGrip\WObj:=wFix;

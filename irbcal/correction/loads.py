@@ -1,0 +1,282 @@
+"""What the robot carries at each move of a program that names its loads.
+
+A load holds until the program names another one: it is followed through branches, loops and labels, into routines and
+out of them. Where ways that lead to a move bring several loads, all of them are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray, Locked
+from irbcal.modeling.robot import Robot
+from irbcal.units import LARGEST_PAYLOAD_KG
+
+if TYPE_CHECKING:
+    from irbcal.correction.fake_targets import Corrected
+    from irbcal.correction.program import WantedTargets
+
+
+WORTH_SAYING = 1e-6
+"""Metres off by which a target is that is reached with several loads, to be told."""
+FARTHEST_M = 10.0
+"""Metres from the flange beyond which no load is."""
+
+
+class Load(NamedTuple):
+    """What the flange carries, tool and part.
+
+    Attributes
+    ----------
+    mass_kg : float
+        NaN where it is not known.
+    centre : tuple of float, length 3, or None
+        Its centre of gravity, metres: in the controller's flange as a language reads it, in the tip link in a
+        `irbcal.correction.text_program.Target`; None where it is not known.
+    why : str
+        Why the mass is not known, one sentence part.
+    """
+
+    mass_kg: float
+    centre: tuple[float, float, float] | None = None
+    why: str = ""
+
+
+def unknown_load(why: str) -> Load:
+    """A load of which nothing is known but why."""
+    return Load(np.nan, None, why)
+
+
+class _Meeting(NamedTuple):
+    """A place in a program at which several ways meet: where a routine begins or ends, a loop or label."""
+
+    kind: str
+    name: str
+
+
+Ways: TypeAlias = frozenset["Load | _Meeting | None"]
+"""Loads that may hold: None is the one that holds before the program names any, a point whatever holds there."""
+
+_USUAL: Ways = frozenset([None])
+
+
+class Carrying(NamedTuple):
+    """What the robot carries in a move.
+
+    Attributes
+    ----------
+    ways : frozenset
+        What the program says.
+    tool : Load or None
+        Of the tool, in the controller's flange, where the program says the part alone.
+    seen_from : str or None
+        Name of the tool in whose frame the centres of the parts are; None: in the flange.
+    """
+
+    ways: Ways
+    tool: Load | None = None
+    seen_from: str | None = None
+
+
+class _LoadBlock(NamedTuple):
+    before: Ways
+    loop: _Meeting | None
+    ends: list[Ways]
+
+
+class LoadFlow:
+    """Follows the loads that a program names through its text, from top to bottom.
+
+    Attributes
+    ----------
+    names_any : bool
+        Whether the program names a load.
+    now : frozenset
+        What may hold here.
+    """
+
+    def __init__(self) -> None:
+        self.names_any = False
+        self.now: Ways = _USUAL
+        self._leads_to: dict[_Meeting, set[Load | _Meeting | None]] = {}
+        self._routines: list[tuple[str, Ways, list[_LoadBlock]]] = []
+        self._blocks: list[_LoadBlock] = []
+        self._count = 0
+
+    def take(self, load: Load | None) -> None:
+        """The program names a load; None where it goes back to the usual one."""
+        self.names_any = True
+        self.now = frozenset([load])
+
+    def begin(self, routine: str, starts_with: Load | None = None) -> None:
+        """A routine begins; without a call in the program with the usual load, or the one that holds at a start."""
+        self._routines.append((routine, self.now, self._blocks))
+        self.now, self._blocks = self._meet("begin", routine, [starts_with] if starts_with is not None else []), []
+
+    def end(self) -> None:
+        """The routine ends that began last; outside of it the load is the one before it began."""
+        if self._routines:
+            routine, before, blocks = self._routines.pop()
+            self._meet("end", routine, self.now)
+            self.now, self._blocks = before, blocks
+
+    def returns(self) -> None:
+        """The routine may end here."""
+        if self._routines:
+            self._meet("end", self._routines[-1][0], self.now)
+
+    def call(self, routine: str, sets_loads: bool, missing: str = "") -> None:
+        """A routine is called; ``missing`` says why it is not known what one does that is not in the program."""
+        self._meet("begin", routine, self.now)
+        if missing:
+            self.now = frozenset([unknown_load(missing)])
+        elif sets_loads:
+            self.now = self._meet("end", routine, [])
+
+    def open(self, loop: bool = False) -> None:
+        """A branch or loop begins."""
+        meeting = None
+        before = self.now
+        if loop:
+            self._count += 1
+            meeting = _Meeting("loop", str(self._count))
+            self.now = self._meet(*meeting, before)
+        self._blocks.append(_LoadBlock(before, meeting, []))
+
+    def alternative(self) -> None:
+        """Another branch begins."""
+        if self._blocks:
+            self._blocks[-1].ends.append(self.now)
+            self.now = self._blocks[-1].before
+
+    def close(self) -> None:
+        """A branch or loop ends."""
+        if self._blocks:
+            block = self._blocks.pop()
+            if block.loop is not None:
+                self.now = self._meet(*block.loop, self.now)
+            else:
+                self.now = self.now.union(block.before, *block.ends)
+
+    def label(self) -> None:
+        """The program may jump to here, or away from here, within the routine."""
+        self.now = self._meet("label", self._routines[-1][0] if self._routines else "", self.now)
+
+    def _meet(self, kind: str, name: str, ways: Iterable[Load | _Meeting | None]) -> Ways:
+        meeting = _Meeting(kind, name)
+        self._leads_to.setdefault(meeting, set()).update(ways)
+        return frozenset([meeting])
+
+    def loads(self, ways: Ways) -> tuple[Load | None, ...]:
+        """The loads that ways bring, once the whole program is followed."""
+        if not self.names_any:
+            return (None,)
+        waiting, met, out = [*ways], {*ways}, dict[Load | None, None]()
+        while waiting:
+            way = waiting.pop()
+            if not isinstance(way, _Meeting):
+                out[way] = None
+                continue
+            behind = self._leads_to.get(way, set())
+            if way.kind == "begin" and not behind:
+                out[None] = None
+            waiting += behind - met
+            met |= behind
+        return tuple(sorted(out, key=lambda load: (load is not None, str(load)))) or (None,)
+
+
+@dataclass(frozen=True, eq=False)
+class Carried(Locked):
+    """What the robot carries at the n targets of a batch.
+
+    Attributes
+    ----------
+    mass : ndarray, shape (n,)
+        Kg; of several loads the mean.
+    centre : ndarray, shape (n, 3)
+        Its centre in the tip link, metres.
+    several : tuple of tuple of (float, ndarray of shape (3,)), length n
+        Masses and centres where they are several, else empty.
+    reasons : tuple of str, length n
+        Why it is not known; empty where it is.
+    """
+
+    mass: FloatArray
+    centre: FloatArray
+    several: tuple[tuple[tuple[float, FloatArray], ...], ...]
+    reasons: tuple[str, ...]
+
+    @classmethod
+    def at(cls, robot: Robot, batch: WantedTargets) -> Carried:
+        """The loads of a program's targets; where it names none the robot's own."""
+        usual, place = robot.joint_map.payload_kg or 0.0, robot.joint_map.payload_place
+        place = np.zeros(3) if place is None else place
+        n = len(batch.names)
+        mass, centre = np.full(n, usual), np.tile(place, (n, 1))
+        several: list[tuple[tuple[float, FloatArray], ...]] = [()] * n
+        reasons = [""] * n
+        for k, loads in enumerate(batch.loads):
+            reasons[k] = next((load.why for load in loads if load is not None and load.why), "")
+            if reasons[k] or not loads:
+                continue
+            masses = np.array([usual if load is None else load.mass_kg for load in loads])
+            centres = np.array([place if load is None or load.centre is None else load.centre for load in loads])
+            mass[k] = masses.mean()
+            if masses.any():
+                centre[k] = masses @ centres / masses.sum()
+            if len(loads) > 1:
+                several[k] = tuple(zip(masses.tolist(), centres, strict=True))
+        return cls(mass, centre, tuple(several), tuple(reasons))
+
+    def loads(self) -> list[tuple[float, FloatArray]]:
+        """Mass and centre at each target."""
+        return list(zip(self.mass.tolist(), self.centre, strict=True))
+
+    def apart(self, robot: Robot, fake: Corrected) -> list[tuple[int, float]]:
+        """Corrected targets that are reached with several loads, and how far one of them puts the tip off, metres."""
+        out = []
+        for k in np.flatnonzero(fake.ok):
+            reached = [robot.forward(fake.q[k : k + 1], None, *load)[0, :3, 3] for load in self.several[k]]
+            off = max((float(np.linalg.norm(p - fake.T_wanted[k, :3, 3])) for p in reached), default=0.0)
+            out += [(int(k), off)] if self.several[k] and off > WORTH_SAYING else []
+        return out
+
+    def groups(self) -> tuple[list[tuple[float, FloatArray]], IntArray]:
+        """The different loads, and which of them each target has (n,)."""
+        rows = np.column_stack([self.mass, self.centre])
+        different, which = np.unique(rows, axis=0, return_inverse=True)
+        return [(float(row[0]), row[1:]) for row in different], which.reshape(-1)
+
+
+def seen_from(load: Load, T: FloatArray | None) -> Load:
+    """A load with its centre seen from elsewhere, by the place (4, 4) of the frame in which it is; None: unknown."""
+    if load.centre is None or T is None:
+        return load._replace(centre=None)
+    x, y, z = T[:3, :3] @ load.centre + T[:3, 3]
+    return load._replace(centre=(float(x), float(y), float(z)))
+
+
+def combined(loads: Sequence[Load]) -> Load:
+    """Several loads at a time as one, centres in the same frame; the centre is not known where one of theirs is not."""
+    why = next((load.why for load in loads if load.why), "")
+    mass = sum(load.mass_kg for load in loads)
+    heavy = [load for load in loads if load.mass_kg]
+    centres = [load.centre for load in heavy if load.centre is not None]
+    if why or mass == 0.0 or len(centres) < len(heavy):
+        return Load(mass, None, why)
+    x, y, z = np.array([load.mass_kg for load in heavy]) @ np.array(centres) / mass
+    return Load(mass, (float(x), float(y), float(z)))
+
+
+def load_of(mass_kg: float, centre: Collection[float] | None = None) -> Load:
+    """A load in numbers; it is not known where the numbers are none of a load."""
+    values = np.array([mass_kg, *(centre or ())])
+    too_far = np.abs(values[1:]).max(initial=0.0) > FARTHEST_M
+    if not np.isfinite(values).all() or not 0.0 <= mass_kg <= LARGEST_PAYLOAD_KG or too_far:
+        return unknown_load("the numbers of its load are none that an arm carries")
+    x_y_z = [float(value) for value in centre or ()]
+    return Load(float(mass_kg), (x_y_z[0], x_y_z[1], x_y_z[2]) if len(x_y_z) == 3 else None)
