@@ -57,8 +57,8 @@ SIDE_BY_SIDE void jacobians_together(const Robot& r, const double* q, int refere
   jacobians_of<Lanes>(r, q, Stops{}, reference, out, n);
 }
 SIDE_BY_SIDE Py_ssize_t inverses_together(const Robot& r, const Wanted& w, Py_ssize_t n) { return inverses_of<Lanes>(r, w, n); }
-SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* q, double* found, bool* valid, Py_ssize_t n) {
-  branches_of<Lanes>(r, T, q, found, valid, n);
+SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* out, bool* valid, Py_ssize_t n) {
+  branches_of<Lanes>(r, T, out, valid, n);
 }
 #define TOGETHER(function, condition, ...) \
   if (wide && n >= few && (condition)) return function##_together(__VA_ARGS__)
@@ -82,9 +82,9 @@ Py_ssize_t inverses(const Robot& r, const Wanted& w, Py_ssize_t n) {
   TOGETHER(inverses, true, r, w, n);
   return inverses_of<double>(r, w, n);
 }
-void branches(const Robot& r, const double* T, double* q, double* found, bool* valid, Py_ssize_t n) {
-  TOGETHER(branches, true, r, T, q, found, valid, n);
-  branches_of<double>(r, T, q, found, valid, n);
+void branches(const Robot& r, const double* T, double* out, bool* valid, Py_ssize_t n) {
+  TOGETHER(branches, true, r, T, out, valid, n);
+  branches_of<double>(r, T, out, valid, n);
 }
 
 // ------------------------------------------------------------------ arrays from Python
@@ -110,6 +110,7 @@ class Array {  // a row-major array of doubles, or of another type by its letter
   bool is(Py_ssize_t rows, Py_ssize_t columns) const {
     return view_.ndim == 2 && view_.shape[0] == rows && view_.shape[1] == columns;
   }
+  bool are_poses() const { return view_.ndim == 3 && view_.shape[1] == 4 && view_.shape[2] == 4; }
   Py_ssize_t bytes() const { return view_.itemsize; }
   Py_ssize_t rows() const { return view_.ndim > 0 ? view_.shape[0] : 0; }
 
@@ -227,7 +228,7 @@ PyObject* kernel_inverses(PyObject* self, PyObject* const* args, Py_ssize_t coun
   if (!r.has_closed_form || !T.take(args[0]) || !q.take(args[5], true) || !left.take(args[6], true)) Py_RETURN_NONE;
   if (!whole.take(args[7], true, "lq") || !flags.take(args[8], true, "?")) Py_RETURN_NONE;
   const Py_ssize_t n = T.rows();
-  if (T.size() != 16 * n || !q.is(n, 6) || left.size() != 3 * n || flags.size() != 3 * n) Py_RETURN_NONE;
+  if (!T.are_poses() || !q.is(n, 6) || left.size() != 3 * n || flags.size() != 3 * n) Py_RETURN_NONE;
   if (whole.size() != 4 * n || whole.bytes() != 8) Py_RETURN_NONE;
   if (args[1] != Py_None) {
     if (!signs.take(args[1]) || !signs.is(n, 3)) Py_RETURN_NONE;
@@ -248,14 +249,13 @@ PyObject* kernel_inverses(PyObject* self, PyObject* const* args, Py_ssize_t coun
 }
 
 PyObject* kernel_branches(PyObject* self, PyObject* const* args, Py_ssize_t count) {
-  if (!count_is(count, 4)) return nullptr;
+  if (!count_is(count, 3)) return nullptr;
   const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
-  Array T, q, found, valid;
-  if (!r.has_closed_form || !T.take(args[0]) || !q.take(args[1], true) || !found.take(args[2], true)) Py_RETURN_FALSE;
+  Array T, out, valid;
+  if (!r.has_closed_form || !T.take(args[0]) || !T.are_poses() || !out.take(args[1], true)) Py_RETURN_FALSE;
   const Py_ssize_t n = T.rows();
-  if (!valid.take(args[3], true, "?") || valid.size() != 8 * n) Py_RETURN_FALSE;
-  if (T.size() != 16 * n || q.size() != 48 * n || found.size() != 3 * n) Py_RETURN_FALSE;
-  unlocked(n, [&] { branches(r, T.data(), q.data(), found.data(), valid.data<bool>(), n); });
+  if (!valid.take(args[2], true, "?") || valid.size() != 8 * n || out.size() != 51 * n) Py_RETURN_FALSE;
+  unlocked(n, [&] { branches(r, T.data(), out.data(), valid.data<bool>(), n); });
   Py_RETURN_TRUE;
 }
 
@@ -613,7 +613,7 @@ PyMethodDef methods[] = {
      "inverses(T, signs, near, position, rotation, q, left, numbers, flags, stages): as Wanted in kernel.hpp; how many are done"},
     {"newton", method(kernel_newton), METH_FASTCALL,
      "newton(T, q, reach, position, rotation, straighten, patience, limits, found): q in place; errors, evaluations (n, 3)"},
-    {"branches", method(kernel_branches), METH_FASTCALL, "branches(T, q, found, valid): (8, 6, n); radius, margins (3, n); (8, n)"},
+    {"branches", method(kernel_branches), METH_FASTCALL, "branches(T, out, valid): joints (48), radius, margins (3) of n poses; (8, n)"},
     {"tip", method(kernel_tip<false>), METH_FASTCALL, "tip(theta): three rows of four"},
     {"nominal_tip", method(kernel_tip<true>), METH_FASTCALL, "nominal_tip(q): the same of the nominal chain"},
     {"nearest", method(kernel_nearest), METH_FASTCALL, "nearest(T, seed, tolerance, lower, upper): theta, errors of place and rotation"},

@@ -410,17 +410,36 @@ inline void history(const Robot& r, const double* moves, double* f, double (*J)[
   }
 }
 
-// Clenshaw's recurrences for the cosines and sines of a joint, two orders a turn; weighted: for their derivatives.
-template <bool weighted, class S, class Robot>
-inline void clenshaw(const Robot& r, int i, const S& c, S& a, S& a1, S& b, S& b1) noexcept {
-  a = a1 = b = b1 = S{};
-  const S twice = 2.0 * c;
-  for (int k = r.orders; k > 0; k -= 2) {
-    const double first = weighted ? k : 1.0, second = weighted ? k - 1 : 1.0;
-    a1 = twice * a + (first * r.cosine[k - 1][i] - a1);
-    b1 = twice * b + (first * r.sine[k - 1][i] - b1);
-    a = twice * a1 + (second * r.cosine[k - 2][i] - a);
-    b = twice * b1 + (second * r.sine[k - 2][i] - b);
+// Clenshaw's recurrences for the cosines and sines of joints from the first on, so many side by side that none waits for
+// another; weighted: for their derivatives.
+template <int together, bool weighted, class S, class Robot>
+inline void clenshaw(const Robot& r, int first, const S* c, S (&a)[together], S (&a1)[together], S (&b)[together],
+                     S (&b1)[together]) noexcept {
+  S twice[together];
+  for (int i = 0; i < together; ++i) {
+    a[i] = a1[i] = b[i] = b1[i] = S{};
+    twice[i] = 2.0 * c[first + i];
+  }
+  for (int k = r.orders; k > 0; k -= 2) {  // two orders a turn
+    const double odd = weighted ? k : 1.0, even = weighted ? k - 1 : 1.0;
+    const double *u = r.cosine[k - 1] + first, *v = r.sine[k - 1] + first;
+    const double *u1 = r.cosine[k - 2] + first, *v1 = r.sine[k - 2] + first;
+    for (int i = 0; i < together; ++i) {
+      a1[i] = twice[i] * a[i] + (odd * u[i] - a1[i]);
+      b1[i] = twice[i] * b[i] + (odd * v[i] - b1[i]);
+      a[i] = twice[i] * a1[i] + (even * u1[i] - a[i]);
+      b[i] = twice[i] * b1[i] + (even * v1[i] - b[i]);
+    }
+  }
+}
+template <int together, bool slopes, class S, class Robot>
+inline void series(const Robot& r, int first, const S* c, const S* s, S* f, S (*J)[Robot::capacity]) noexcept {
+  S u[together], u1[together], v[together], v1[together];
+  clenshaw<together, false>(r, first, c, u, u1, v, v1);
+  for (int i = 0; i < together; ++i) f[first + i] += u[i] * c[first + i] - u1[i] + v[i] * s[first + i];
+  if constexpr (slopes) {
+    clenshaw<together, true>(r, first, c, u, u1, v, v1);
+    for (int i = 0; i < together; ++i) J[first + i][first + i] += v[i] * c[first + i] - v1[i] - u[i] * s[first + i];
   }
 }
 
@@ -433,16 +452,12 @@ inline void still(const Robot& r, const S* q, const S* c, const S* s, const Situ
     if constexpr (slopes)
       for (int j = 0; j < r.joints; ++j) J[i][j] = all<S>(i == j ? r.gain[i] : 0.0);
   }
-  if (r.orders > 0)
-    for (int i = 0; i < r.joints; ++i) {
-      S u, u1, v, v1;
-      clenshaw<false>(r, i, c[i], u, u1, v, v1);
-      f[i] += u * c[i] - u1 + v * s[i];
-      if constexpr (slopes) {
-        clenshaw<true>(r, i, c[i], u, u1, v, v1);
-        J[i][i] += v * c[i] - v1 - u * s[i];
-      }
-    }
+  if (r.orders > 0) {
+    constexpr int together = sizeof(S) > sizeof(double) ? 2 : 6;
+    int i = 0;
+    for (; i + together <= r.joints; i += together) series<together, slopes>(r, i, c, s, f, J);
+    for (; i < r.joints; ++i) series<1, slopes>(r, i, c, s, f, J);
+  }
   for (int k = 0; k < r.waves; ++k) {
     const Wave& wave = r.wave[k];
     S cx, sx;
@@ -1032,10 +1047,11 @@ struct Stage {  // starts, and Steps' straighten and patience, of Newton's metho
   int starts, straighten, patience;
 };
 constexpr Stage stages[] = {{1, 0, 10}, {6, 0, 10}, {24, 2, 10}, {96, 2, 10}, {64, 2, 30}, {1, 2, 100}};
+constexpr double near_seed = 0.1;  // radians: in whatever branch, such a solution is the one of the seed
 constexpr int most_stages = 6, starts_of_all = 6 + 24 + 96 + 64;
 
 // Newton's steps for a pose that the fixed point left, from where it came to, then from many starts: until one ends in the
-// branch and within the limits. As irbcal/modeling/inverse/calibrated_arm.py has it; what it cannot do is left unsolved.
+// branch, or next to near, and within the limits. As irbcal/modeling/inverse/calibrated_arm.py has it; what it cannot do is left unsolved.
 // first_rank: of the solution in out; infinite where it is none, -2 where it is one in the branch but beyond the limits.
 // r.starts: six standard normal numbers for each start; r.difference: metres between the tips of nominal and calibrated arm.
 template <class Robot>
@@ -1085,7 +1101,9 @@ IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const doub
       for (int i = 0; i < 6; ++i)
         fits = fits && std::ceil((r.lower[i] - limit_tolerance - q[i]) / tau) <= std::floor((r.upper[i] + limit_tolerance - q[i]) / tau);
       branch_signs(a, q, there);
-      const bool same = there[0] == signs[0] && there[1] == signs[1] && there[2] == signs[2];
+      double apart = near == nullptr ? infinity : 0.0;
+      for (int i = 0; near != nullptr && i < 6; ++i) apart = std::max(apart, std::abs(q[i] - near[i]));
+      const bool same = apart < near_seed || (there[0] == signs[0] && there[1] == signs[1] && there[2] == signs[2]);
       const double rank = p <= position && t <= rotation ? -1.0 - same - 2.0 * fits : p / r.reach + t;
       if (!(rank < best_rank)) continue;
       best_rank = rank;
@@ -1385,8 +1403,10 @@ inline std::ptrdiff_t inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_
   return all_done;
 }
 
+// Joints (8, 6, n), then distance from axis 1 and margins of reach in front and behind (3, n); which branches reach (8, n).
 template <class S, class Robot>
-inline void branches_of(const Robot& r, const double* T, double* q, double* found, bool* valid, std::ptrdiff_t n) noexcept {
+inline void branches_of(const Robot& r, const double* T, double* q, bool* valid, std::ptrdiff_t n) noexcept {
+  double* const places = q + 48 * n;
   constexpr std::ptrdiff_t together = side_by_side<S>;
   for (std::ptrdiff_t first = 0; first < n; first += together) {
     const std::ptrdiff_t count = n - first < together ? n - first : together;
@@ -1395,7 +1415,7 @@ inline void branches_of(const Robot& r, const double* T, double* q, double* foun
     const auto pose = rigid(wanted) & last_row(T, first, count, S{});
     const S off = pose ? S{} : all<S>(not_a_number);
     hand.radius += off;
-    scatter(hand.radius, found, 1, first, count);
+    scatter(hand.radius, places, 1, first, count);
     for (int b = 0; b < 8; b += 2) {
       const S front = all<S>(b & 4 ? -1.0 : 1.0);
       S x[6], c23, s23, angle[3];
@@ -1409,7 +1429,7 @@ inline void branches_of(const Robot& r, const double* T, double* q, double* foun
       }
       for (std::ptrdiff_t k = 0; k < count; ++k)
         valid[b * n + first + k] = valid[(b + 1) * n + first + k] = lane(lost, k) == 0.0;
-      if ((b & 2) == 0) scatter(margin, found + (1 + b / 4) * n, 1, first, count);
+      if ((b & 2) == 0) scatter(margin, places + (1 + b / 4) * n, 1, first, count);
     }
   }
 }

@@ -43,6 +43,9 @@ distance between the nominal and the calibrated arm's tips."""
 FOLD = 0.2
 """Radians that joints 2 and 3 of nominal and calibrated arm may differ by, next to the elbow singularity."""
 
+NEAR_SEED = 0.1
+"""Radians: in whatever branch, a solution so near to the seed is the one that is looked for."""
+
 SINGULAR = 0.1
 """Radians between axes 4 and 6 next to the wrist singularity."""
 
@@ -71,7 +74,8 @@ def solve(
     T_base_tip : array_like, shape (n, 4, 4)
         Tip link in the base link.
     seed : array_like, shape (n, 6) or (6,), optional
-        Joints (radians) whose branch is kept and whose turns are nearest.
+        Joints (radians) whose branch is kept and whose turns are nearest; next to a singularity a solution within 0.1
+        rad in another branch will do.
     configuration : array_like of int, shape () or (n,), optional
         Branch to keep, 0 to 7; that of the seed where there is one, else front, up, no-flip.
     position, rotation : float
@@ -324,7 +328,7 @@ class _Solver:
                     start_pose = newton.moved(goal, turn, shift)
                     q, _ = self.closed.branch(start_pose.reshape(12, -1), branch_signs(branch[todo]), self.pull)
                     tried.append(self.iteration.start_turns(q, close))
-                these = branch[todo], rows[todo]
+                these = branch[todo], close, rows[todo]
                 lacking[todo] = self._newton_choice(goal, np.stack(tried, axis=1), *these, state, straighten, patience)
             if starts >= 24:
                 lacking &= ~(state.rank[rows] <= -3.0)
@@ -334,12 +338,13 @@ class _Solver:
         H: FloatArray,
         starts: FloatArray,
         branch: IntArray,
+        near: FloatArray | None,
         rows: IntArray,
         state: FixedPointState,
         straighten: int,
         patience: int,
     ) -> BoolArray:
-        """Run from all starts (6, k, n) and keep the best: which poses lack one in branch and limits, a mask (n,)."""
+        """Run from all starts (6, k, n), keep the best: which lack one in branch (by the seed) and limits, (n,)."""
         _, k, n = starts.shape
         targets = np.ascontiguousarray(np.broadcast_to(H[:, :, None], (4, 3, k, n))).reshape(4, 3, -1)
         q, position, rotation, evaluations = newton.solve(
@@ -347,6 +352,8 @@ class _Solver:
         )
         state.iterations[rows] += evaluations.reshape(k, n).sum(axis=0)
         same_branch = self.closed.configuration(q.T) == np.tile(branch, k)
+        if near is not None:
+            same_branch |= np.abs(q - np.tile(near, k)).max(axis=0) < NEAR_SEED
         inside = closed_form.into_limits(self.nominal, q.T)[1]
         # a solution within the limits, then one in its branch, then the least error; the first of equals
         rank = np.where(

@@ -216,20 +216,21 @@ class OrthoParallel(Locked):
             Tip link in the base link. Poses with NaN, and matrices that are not rigid transforms, have no
             solution.
         """
-        T = check_poses(T_base_tip)
+        T = np.ascontiguousarray(T_base_tip, dtype=float)
         n = len(T)
         if self._kernel is not None:
-            q, found, valid = np.empty((8, 6, n)), np.empty((3, n)), np.empty((8, n), dtype=bool)
-            if self._kernel.branches(np.ascontiguousarray(T), q, found, valid):
-                for array in (q, found, valid):
-                    array.setflags(write=False)
+            out, valid = np.empty((51, n)), np.empty((8, n), dtype=bool)
+            if self._kernel.branches(T, out, valid):
+                out.setflags(write=False)
+                valid.setflags(write=False)
                 return Branches.of_new(
-                    joints=q.transpose(2, 0, 1),
+                    joints=out[:48].reshape(8, 6, n).transpose(2, 0, 1),
                     valid=valid.T,
-                    shoulder=found[0],
-                    reach_margin=found[1:].T,
+                    shoulder=out[48],
+                    reach_margin=out[49:].T,
                     arm=self,
                 )
+        T = check_poses(T)
         columns = pose_columns(T).reshape(12, n)
         columns[:, ~usable(T, columns.reshape(4, 3, n))] = np.nan
         joints, margins = np.empty((8, 6, n)), np.empty((2, n))

@@ -56,6 +56,18 @@ def test_joints_away_from_singularities_are_those_that_made_the_pose():
     assert free.inside[clear].all()
 
 
+def test_a_solution_next_to_the_seed_ends_the_search():
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    q, rng = nominal.random_joints(4_000, 5), np.random.default_rng(0)
+    q[::2, 4] = rng.uniform(-1e-3, 1e-3, len(q) // 2)  # the wrist singular
+    q[1::4] = np.clip(q[1::4], nominal.lower + 0.01, nominal.upper - 0.01)
+    T = robot.poses(q)
+    result = calibrated_arm.solve(robot, nominal, T, seed=q + rng.uniform(-0.01, 0.01, q.shape))
+    assert_solved(robot, result, T)
+    assert result.inside.all()
+    assert (result.iterations > 300).sum() <= 4  # a search from many starts takes 700 and more
+
+
 def test_every_branch_of_one_pose():
     nominal, robot = like_table_6_1("irb120", 2.4)
     q = np.radians([[20.0, 10.0, -20.0, 30.0, 40.0, 50.0]])
