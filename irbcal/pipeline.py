@@ -701,7 +701,7 @@ def held_out(points: PointSet, holdout: float, order: str = "random", seed: int 
     Raises
     ------
     MeasurementError
-        If the wish cannot be met.
+        If the held-out poses cannot be as asked for.
     OptionError
         If the order is another one.
     """

@@ -392,8 +392,9 @@ def _tidy(folders: Sequence[Path]) -> Iterator[None]:
                 continue  # another writer was killed meanwhile
             for folder in locked:
                 _carry_out(folder)
-            for folder in locked:
-                _sweep(folder)
+            for leftover in (path for folder in locked for path in _leftovers(folder)):
+                with suppress(OSError):
+                    leftover.unlink()
             yield
             return
 
@@ -505,12 +506,6 @@ def _carry_out(folder: Path) -> None:
         for folder_of_row in {row.path.parent for row in rows}:
             _sync(folder_of_row)
         _clear(rows, [journal])
-
-
-def _sweep(folder: Path) -> None:
-    for path in _leftovers(folder):
-        with suppress(OSError):
-            path.unlink()
 
 
 def _journal(rows: Sequence[_Row], forward: bool, folder: Path) -> bytes:

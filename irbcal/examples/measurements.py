@@ -19,7 +19,7 @@ from irbcal.modeling.trajectory import Trajectory
 from irbcal.names import csv_bytes
 from irbcal.simulation import weights
 from irbcal.simulation.devices import simulate_device
-from irbcal.simulation.part import reached
+from irbcal.simulation.part_in_fixture import reached
 from irbcal.simulation.pose_list import PoseList, numbered, random_list
 from irbcal.simulation.shipped_cells import open_cell, shipped_cell
 from irbcal.simulation.simulation import measurement_table

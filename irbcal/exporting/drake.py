@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from irbcal.exporting.gathered import beside, gathered, in_words
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
+from irbcal.exporting.urdf_with_meshes import beside, in_words, urdf_with_meshes
 from irbcal.io import urdf_xml
 
 WHAT = "Drake: a package (package.xml) with the calibrated URDF and its meshes as OBJ"
@@ -29,7 +29,7 @@ def files(source: Source) -> ExportFiles:
     """The package and the joint map."""
     from xml.sax.saxutils import escape
 
-    found = gathered(source, _as_obj)
+    found = urdf_with_meshes(source, _as_obj)
     name = f"{source.parts.identifier}_calibrated"
     root = found.in_package(name)
     for element in list(root.iter(*UNREAD)):

@@ -7,16 +7,15 @@ the module beside the model makes them of commanded ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
-from irbcal.exporting.gathered import Gathered, beside, gathered
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
+from irbcal.exporting.urdf_with_meshes import UrdfWithMeshes, beside, urdf_with_meshes
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
 
@@ -31,16 +30,14 @@ LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-12
 
 def files(source: Source) -> ExportFiles:
     """The model, its meshes and the joint map."""
-    package = gathered(source, _taken)
+    package = urdf_with_meshes(
+        source, lambda path: (path.suffix.lower(), path.read_bytes()) if path.suffix.lower() in READS else None
+    )
     made = {f"{source.parts.identifier}.xml": mjcf(source, package)}
     return ExportFiles(made | package.meshes | beside(source), package.notes)
 
 
-def _taken(path: Path) -> tuple[str, bytes] | None:
-    return (path.suffix.lower(), path.read_bytes()) if path.suffix.lower() in READS else None
-
-
-def mjcf(source: Source, package: Gathered) -> bytes:
+def mjcf(source: Source, package: UrdfWithMeshes) -> bytes:
     """The model as MJCF.
 
     Raises

@@ -7,9 +7,9 @@ enough; all others are replaced by the macro, whose joints are placed by the cal
 from __future__ import annotations
 
 from irbcal.errors import RobotError
-from irbcal.exporting.gathered import beside, gathered, in_words
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
+from irbcal.exporting.urdf_with_meshes import beside, in_words, urdf_with_meshes
 from irbcal.io import joint_origins, urdf_xml
 from irbcal.literals import xacro, xml_comment
 
@@ -62,7 +62,7 @@ def files(source: Source) -> ExportFiles:
 
     from lxml import etree
 
-    package = gathered(source, lambda path: (path.suffix, path.read_bytes()))
+    package = urdf_with_meshes(source, lambda path: (path.suffix, path.read_bytes()))
     name = f"{source.parts.identifier}_calibrated"
     root = package.in_package(name)
     said = in_words(source)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from irbcal.exporting.gathered import beside, urdf_of
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
+from irbcal.exporting.urdf_with_meshes import beside, urdf_of
 from irbcal.io import joint_origins, robots
 from irbcal.io.urdf_xml import MeshFolders, with_mesh_paths
 

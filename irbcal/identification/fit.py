@@ -438,18 +438,13 @@ def make_problem(
     problem = Problem(arm, points, parameters, known_targets)
     spare = 3 * problem.rows - problem.unknowns
     if spare < 1:
+        missing = int(np.ceil((1 - spare) * points.poses / (3 * problem.rows)))
         raise IdentificationError(
             f"{len(points)} points of {points.poses} poses give {3 * problem.rows} equations for the "
             f"{problem.unknowns} unknowns of level {level} with {len(points.target_names)} targets: measure at least "
-            f"{_poses_missing(problem, spare)} more poses or choose a smaller model"
+            f"{missing} more poses or choose a smaller model"
         )
     return problem, guess
-
-
-def _poses_missing(problem: Problem, spare: int) -> int:
-    """How many more poses like these give one equation to spare."""
-    per_pose = 3 * problem.rows / problem.points.poses
-    return int(np.ceil((1 - spare) / per_pose))
 
 
 def fit_of(problem: Problem, solution: least_squares.Solution[State], level: Level, guess: Stiffness | None) -> Fit:

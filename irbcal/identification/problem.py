@@ -483,7 +483,7 @@ class Problem:
         if len(block.turned):
             predicted = tip[:3, :, block.turned].transpose(2, 1, 0) @ state.rotations[block.target[0, block.turned]]
             measured = R @ block.rotation
-            r[:, m:] = self.orientation_length * _rotation_vectors(measured @ predicted.transpose(0, 2, 1)).T
+            r[:, m:] = self.orientation_length * frames.vector_from_rotation(measured @ predicted.transpose(0, 2, 1)).T
         return r, p
 
     @property
@@ -674,11 +674,6 @@ def _weights(points: PointSet, oriented: BoolArray) -> FloatArray:
     typical = np.nanmedian(points.u95)
     weights = np.clip(typical / np.where(np.isfinite(points.u95), points.u95, typical), 0.01, 100.0)
     return np.concatenate([weights, weights[oriented]])
-
-
-def _rotation_vectors(R: FloatArray) -> FloatArray:
-    """Rotation vectors (n, 3) of rotations (n, 3, 3)."""
-    return frames.vector_from_rotation(R)
 
 
 def _turned(axis: FloatArray, origin: FloatArray, p: FloatArray) -> FloatArray:

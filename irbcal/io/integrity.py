@@ -23,7 +23,7 @@ from pydantic_core import to_jsonable_python
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError, IrbcalError
 from irbcal.io import joint_origins, urdf
-from irbcal.io.schema import PoseSection, Record
+from irbcal.io.schema import Record
 from irbcal.modeling.arm import relative_difference
 from irbcal.modeling.terms.situation import Motion
 
@@ -277,15 +277,11 @@ def _wrong_frames(record: Record) -> Iterator[str]:
         if off > RIGID or np.linalg.det(T[:3, :3]) < 0:
             yield f"{name} is no rigid frame"
     for name, pose in (("placement", record.placement.base), ("placement_nominal", record.placement_nominal.base)):
-        if abs(_norm(pose) - 1.0) > RIGID:
+        if abs(pose.quaternion_norm - 1.0) > RIGID:
             yield f"{name}.base has no unit quaternion"
     for name, quaternion in record.placement.target_quaternions.items():
         if abs(float(np.linalg.norm(quaternion)) - 1.0) > RIGID:
             yield f"placement.target_quaternions.{name} is no unit quaternion"
-
-
-def _norm(pose: PoseSection) -> float:
-    return float(np.linalg.norm([pose.qw, pose.qx, pose.qy, pose.qz]))
 
 
 def _wrong_joint_map(record: Record) -> Iterator[str]:

@@ -657,6 +657,11 @@ class PoseSection(Section):
         w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
         return PoseSection(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
 
+    @property
+    def quaternion_norm(self) -> float:
+        """One but for rounding."""
+        return float(np.linalg.norm([self.qw, self.qx, self.qy, self.qz]))
+
     def transform(self) -> FloatArray:
         """As a transform, shape (4, 4), metres."""
         R = frames.matrix_from_quaternion([self.qw, self.qx, self.qy, self.qz])
@@ -668,7 +673,7 @@ QUATERNION_TOLERANCE = 1e-9
 
 
 def _transform(pose: PoseSection) -> FloatArray:
-    if abs(np.linalg.norm([pose.qw, pose.qx, pose.qy, pose.qz]) - 1.0) > QUATERNION_TOLERANCE:
+    if abs(pose.quaternion_norm - 1.0) > QUATERNION_TOLERANCE:
         raise ValueError("expected a unit quaternion")
     return pose.transform()
 

@@ -240,7 +240,8 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None, coup
         base, tip = base or entry.base_link, tip or entry.tip_link
     file = robots.robot_file(path)
     robot_read = from_bytes(source_bytes(path), str(file), base, tip)
-    return with_coupling(robot_read, declared_coupling(file, len(robot_read.arm.joint_names), coupling))
+    declared = declared_coupling(file, len(robot_read.arm.joint_names), coupling)
+    return robot_read if declared is None else replace(robot_read, arm=replace(robot_read.arm, coupling=declared))
 
 
 read_urdf = read
@@ -261,11 +262,6 @@ def source_bytes(robot: str | Path) -> bytes:
     if arguments:
         raise RobotError(f"a URDF takes no arguments: leave out {next(iter(arguments))}:=", file=file)
     return data
-
-
-def with_coupling(urdf: UrdfArm, coupling: FloatArray | None) -> UrdfArm:
-    """The same with another coupling of its joints, see `irbcal.modeling.coupling`."""
-    return urdf if coupling is None else replace(urdf, arm=replace(urdf.arm, coupling=coupling))
 
 
 def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | None = None) -> UrdfArm:

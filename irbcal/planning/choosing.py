@@ -231,7 +231,7 @@ VOLUMES = ("both", "cube", "range")
 
 
 @dataclass(frozen=True, eq=False)
-class Wish:
+class PlanRequest:
     """What a plan should hold.
 
     Parameters
@@ -248,7 +248,7 @@ class Wish:
     volume : str
         Where positions count for the criterion ``position``: ``cube``, ``range`` or ``both``.
     level : str, optional
-        Error model; that of a calibration without a wish unless given.
+        Error model; by default the one that calibrations have by default.
     noise : float
         Standard deviation of a coordinate, metres.
     imagined : float
@@ -380,7 +380,7 @@ def samples(scene: Scene, seeds: Sequence[int], step: Step) -> dict[str, FloatAr
 
 def optimal(
     scene: Scene,
-    wish: Wish,
+    request: PlanRequest,
     model: Model,
     fixed_poses: Sequence[Poses],
     samples_of: Mapping[str, FloatArray],
@@ -392,7 +392,7 @@ def optimal(
     Parameters
     ----------
     scene : Scene
-    wish : Wish
+    request : PlanRequest
     model : Model
     fixed_poses : sequence of Poses
         Those that are measured anyway.
@@ -409,12 +409,12 @@ def optimal(
     tallies : dict of str to Tally
         Of the candidates.
     """
-    half = wish.candidates // 2
+    half = request.candidates // 2
     pools: list[Poses] = []
     tallies: dict[str, Tally] = {}
     kinds: tuple[tuple[int, str, Region | None, int], ...] = (
         (half, "iso_cube", in_cube(*scene.cube), seeds[0]),
-        (wish.candidates - half, "all_range", None, seeds[1]),
+        (request.candidates - half, "all_range", None, seeds[1]),
     )
     for count, group, region, seed in kinds:
         step(f"{count} candidates, {group}")
@@ -422,15 +422,15 @@ def optimal(
         tallies[f"candidates, {group}"] = pools[-1].tally
     pool = joined(pools)
     measured = first_seen(pool.seen, MOST_REFLECTORS)
-    step(f"{wish.optimal} poses of {len(pool.q)} candidates")
-    imagined = wish.imagined if wish.criterion == "position" else 0.0
-    cared_for = np.concatenate([samples_of[name] for name in samples_of if wish.volume in ("both", name)])
+    step(f"{request.optimal} poses of {len(pool.q)} candidates")
+    imagined = request.imagined if request.criterion == "position" else 0.0
+    cared_for = np.concatenate([samples_of[name] for name in samples_of if request.volume in ("both", name)])
     most_seen = int(np.argmax(measured.sum(axis=0)))
-    aim = model.aim(wish.criterion, cared_for, most_seen, imagined)
+    aim = model.aim(request.criterion, cared_for, most_seen, imagined)
     for poses in fixed_poses:
         aim = aim.with_given(model.candidates(poses.q, first_seen(poses.seen, MOST_REFLECTORS), imagined))
     rated = model.candidates(pool.q, measured, imagined)
-    exchanged = exchange(rated, wish.optimal, aim)
+    exchanged = exchange(rated, request.optimal, aim)
     step("random plans to compare with")
     comparison = compare(rated, exchanged, aim, seeds[0])
     if imagined:

@@ -144,7 +144,9 @@ class CollisionModel:
             (i, j)
             for j in range(self.solids)
             for i in range(j)
-            if not self._neighbours(solids[i].parentJoint, solids[j].parentJoint)
+            if (a := solids[i].parentJoint) != (b := solids[j].parentJoint)
+            and self.model.parents[a] != b
+            and self.model.parents[b] != a
         ]
         for i, j in checked:
             self.geometry.addCollisionPair(pin.CollisionPair(i, j))
@@ -158,9 +160,6 @@ class CollisionModel:
         self.overlapping = sorted({pair for pair, out in zip(names, built_in, strict=True) if out})
         self.pairs = sorted(set(names) - set(self.overlapping))
         self.geometry_data = self.geometry.createData()
-
-    def _neighbours(self, a: int, b: int) -> bool:
-        return a == b or self.model.parents[a] == b or self.model.parents[b] == a
 
     def _configurations(self, theta: FloatArray) -> FloatArray:
         return self.place.configurations(self.arm.check_joints(theta), self.rest)

@@ -33,11 +33,11 @@ from irbcal.planning.choosing import (
     MANY,
     MOST_REFLECTORS,
     READINGS_S,
+    PlanRequest,
     Poses,
     Region,
     Step,
     Tally,
-    Wish,
     axis_moves,
     first_seen,
     in_cube,
@@ -147,7 +147,7 @@ def predict(model: Model, q: FloatArray, visible: BoolArray) -> PlanPrediction:
 
 
 def stops(
-    scene: Scene, wish: Wish, q: FloatArray, measured: BoolArray, start: FloatArray, over_home: BoolArray
+    scene: Scene, request: PlanRequest, q: FloatArray, measured: BoolArray, start: FloatArray, over_home: BoolArray
 ) -> FloatArray:
     """When the robot stands still in each pose, seconds from the start, shape (n,).
 
@@ -155,21 +155,21 @@ def stops(
     """
     q_before = np.concatenate([start[None], q[:-1]])
     home = np.broadcast_to(start, q.shape)
-    direct = move_times(scene, wish, q_before, q)
-    around = move_times(scene, wish, q_before, home) + move_times(scene, wish, home, q)
-    hold = wish.hold_s(measured)
+    direct = move_times(scene, request, q_before, q)
+    around = move_times(scene, request, q_before, home) + move_times(scene, request, home, q)
+    hold = request.hold_s(measured)
     times: FloatArray = np.cumsum(np.where(over_home, around, direct) + np.concatenate([[0.0], hold[:-1]]))
     return times
 
 
-def move_times(scene: Scene, wish: Wish, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+def move_times(scene: Scene, request: PlanRequest, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
     """Seconds of each move, shape (m,)."""
     q_between, starts = route.between(q_from, q_to, scene.setting.arm.table.prismatic)
     tip = scene.setting.places(q_between)[0]
     pieces = np.append(np.linalg.norm(np.diff(tip, axis=0), axis=1), 0.0)
     pieces[starts[1:] - 1] = 0.0
     by_joint = route.move_times(q_from, q_to, scene.joint_speed)
-    return np.maximum(by_joint, np.add.reduceat(pieces, starts) / wish.speed)
+    return np.maximum(by_joint, np.add.reduceat(pieces, starts) / request.speed)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -179,7 +179,7 @@ class PlannedPoses(Locked):
     Attributes
     ----------
     scene : Scene
-    wish : Wish
+    request : PlanRequest
     q : ndarray, shape (n, joints)
         Commanded joints in the order of the run, radians (metres for prismatic joints).
     asked : ndarray of bool, shape (n, k)
@@ -200,7 +200,7 @@ class PlannedPoses(Locked):
     """
 
     scene: Scene
-    wish: Wish
+    request: PlanRequest
     q: FloatArray
     asked: BoolArray
     groups: NameArray
@@ -215,7 +215,7 @@ class PlannedPoses(Locked):
     @property
     def hold_s(self) -> FloatArray:
         """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
-        return self.wish.hold_s(self.asked)
+        return self.request.hold_s(self.asked)
 
     @property
     def duration_s(self) -> float:
@@ -235,7 +235,7 @@ class PlannedPoses(Locked):
         pose, target = np.nonzero(self.asked)
         _, points, _ = self.scene.setting.places(self.q)
         number = (np.cumsum(self.asked, axis=1) - 1)[pose, target]
-        time = self.stops[pose] + self.wish.wait_s + READINGS_S * number
+        time = self.stops[pose] + self.request.wait_s + READINGS_S * number
         return pose, target, frames.apply(self.scene.T_world_base, points[pose, target]), time
 
 
@@ -245,7 +245,7 @@ FIRST = 0.1
 """Share of the first move, which begins wherever the arm stands."""
 
 
-def language_of(arm: Arm, wish: Wish) -> tuple[str, str]:
+def language_of(arm: Arm, request: PlanRequest) -> tuple[str, str]:
     """The language of the plan's program by its short name, and why there is none.
 
     Returns
@@ -256,28 +256,28 @@ def language_of(arm: Arm, wish: Wish) -> tuple[str, str]:
     Raises
     ------
     OptionError
-        If the wish names a language that is not known, or that cannot serve the arm.
+        If the request names a language that is not known, or that cannot serve the arm.
     """
     known_languages = languages.by_name()
-    if wish.language is not None:
-        if wish.language not in known_languages:
-            raise OptionError.unknown("language", wish.language, tuple(known_languages))
-        fault = _fault(arm, known_languages[wish.language], wish)
+    if request.language is not None:
+        if request.language not in known_languages:
+            raise OptionError.unknown("language", request.language, tuple(known_languages))
+        fault = _fault(arm, known_languages[request.language], request)
         if fault:
             raise OptionError(f"language: {fault}", parameter="language")
-        return ("" if wish.language == "csv" else wish.language), ""
+        return ("" if request.language == "csv" else request.language), ""
     found = languages.of_robot(arm.name)
     if found is None:
         reason = "the name of the robot does not tell its maker" if arm.six_revolute else "it is not a six-axis arm"
         return "", f"no robot program was written, because {reason}: the joints are in poses.csv" + (
             "; --language names a language" if arm.six_revolute else ""
         )
-    fault = _fault(arm, found, wish)
+    fault = _fault(arm, found, request)
     name = next(name for name, language in known_languages.items() if language is found)
     return ("", f"no robot program was written: {fault}") if fault else (name, "")
 
 
-def _fault(arm: Arm, language: languages.Language, wish: Wish) -> str:
+def _fault(arm: Arm, language: languages.Language, request: PlanRequest) -> str:
     """Why a language cannot serve an arm; empty where it can."""
     if language.NAME == "CSV":
         return ""
@@ -285,7 +285,7 @@ def _fault(arm: Arm, language: languages.Language, wish: Wish) -> str:
         return f"{language.NAME} has no moves to write"
     if not arm.six_revolute:
         return f"{language.NAME} programs are of six revolute joints, {arm.name} has others"
-    if language.MAKER is not None and language.MAKER.pulses and not wish.pulses:
+    if language.MAKER is not None and language.MAKER.pulses and not request.pulses:
         return f"{language.NAME} holds pulses: give the pulses per degree of the six joints (--pulses)"
     try:
         if language.MAKER is not None:
@@ -308,13 +308,13 @@ def program_files(planned: PlannedPoses) -> dict[str, bytes]:
     ProgramError
         If what was written does not hold the plan's joints.
     """
-    name, _ = language_of(planned.scene.setting.arm, planned.wish)
+    name, _ = language_of(planned.scene.setting.arm, planned.request)
     return languages.write(languages.by_name()[name], moves(planned)) if name else {}
 
 
 def moves(planned: PlannedPoses) -> Moves:
     """The moves of a plan: from home through all poses, over home where the direct way is not free, and back."""
-    arm, wish = planned.scene.setting.arm, planned.wish
+    arm, request = planned.scene.setting.arm, planned.request
     home = home_joints(arm)
     stops = [([home] if over else []) + [q] for q, over in zip(planned.q, planned.over_home, strict=True)]
     q = np.array([home, *chain.from_iterable(stops), home])
@@ -334,12 +334,12 @@ def moves(planned: PlannedPoses) -> Moves:
         ),
         head=(
             f"Measuring plan for {arm.name}: {len(planned.q)} poses, about {planned.duration_s / 60:.0f} minutes.",
-            f"In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, {wish.references} "
-            "references among them.",
+            f"In each pose: {request.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, "
+            f"{request.references} references among them.",
             "Do not filter this program: it commands the joints of plan.csv.",
         ),
-        tip_speed=wish.speed,
-        pulses=wish.pulses,
+        tip_speed=request.speed,
+        pulses=request.pulses,
     )
 
 
@@ -347,7 +347,7 @@ def _speeds(made: PlannedPoses, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Share of the joints' largest speeds and speed of the joint that turns most, rad/s, of the move to each row."""
     rates = made.scene.joint_speed
     fastest = route.move_times(q[:-1], q[1:], rates)
-    planned = np.maximum(move_times(made.scene, made.wish, q[:-1], q[1:]), 1e-3)
+    planned = np.maximum(move_times(made.scene, made.request, q[:-1], q[1:]), 1e-3)
     share = np.concatenate([[FIRST], np.clip(fastest / planned, 0.01, QUICKEST)])
     rates_of_move = np.abs(np.diff(q, axis=0)).max(axis=1) / np.maximum(planned, fastest / QUICKEST)
     return share, np.concatenate([[FIRST * float(rates.min())], np.maximum(rates_of_move, 0.01)])
@@ -407,8 +407,8 @@ def plan_table(planned: PlannedPoses) -> pd.DataFrame:
     for k, axis in enumerate("xyz"):
         table[f"expected_{axis}_mm"] = xyz[:, k] / MM
     table["time_s"] = time
-    if planned.wish.payload_kg is not None:
-        table["payload_kg"] = planned.wish.payload_kg
+    if planned.request.payload_kg is not None:
+        table["payload_kg"] = planned.request.payload_kg
     return table
 
 
@@ -419,23 +419,19 @@ def pose_table(planned: PlannedPoses) -> pd.DataFrame:
     table = pd.DataFrame(_joints(planned), columns=planned.scene.setting.arm.joint_columns)
     table.insert(0, "pose", np.arange(1, len(table) + 1))
     table.insert(1, "group", planned.groups)
-    table["targets"] = _target_texts(planned)
-    table["wait_s"] = planned.wish.wait_s
-    return table
-
-
-def _target_texts(planned: PlannedPoses) -> list[str]:
     names = np.array(planned.scene.setting.targets.names, dtype=object)
-    return [" ".join(names[row]) for row in planned.asked]
+    table["targets"] = [" ".join(names[row]) for row in planned.asked]
+    table["wait_s"] = planned.request.wait_s
+    return table
 
 
 def facts(planned: PlannedPoses) -> dict[str, Any]:
     """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
-    scene, wish, setting = planned.scene, planned.wish, planned.scene.setting
+    scene, request, setting = planned.scene, planned.request, planned.scene.setting
     return {
         "robot": setting.arm.name,
         "source": scene.name,
-        "language": language_of(setting.arm, wish)[0] or None,
+        "language": language_of(setting.arm, request)[0] or None,
         "poses": len(planned.q),
         "points": int(planned.asked.sum()),
         "duration_s": planned.duration_s,
@@ -447,7 +443,7 @@ def facts(planned: PlannedPoses) -> dict[str, Any]:
             for name, tally in planned.tallies.items()
         },
         "predicted": {
-            "noise_mm": wish.noise / MM,
+            "noise_mm": request.noise / MM,
             "note": "from the scatter of the points alone: what the model does not describe is not in it",
             "model": planned.prediction.model.level,
             "position_target": planned.prediction.model.targets.names[0],
@@ -460,39 +456,39 @@ def facts(planned: PlannedPoses) -> dict[str, Any]:
                 for parameter in planned.prediction.parameters
             ],
         },
-        "compared_with_random": None if planned.comparison is None else _compared(planned.comparison, wish),
+        "compared_with_random": None if planned.comparison is None else _compared(planned.comparison, request),
         "settings": _settings(planned),
         "notes": list(planned.notes),
     }
 
 
-def _compared(comparison: DesignComparison, wish: Wish) -> dict[str, Any]:
+def _compared(comparison: DesignComparison, request: PlanRequest) -> dict[str, Any]:
     """Chosen poses beside random ones; of the criterion ``position`` also as predicted errors, rms in mm."""
 
     def values(value: float) -> dict[str, float]:
-        return {"value": value} | ({"error_mm": float(np.sqrt(value) / MM)} if wish.criterion == "position" else {})
+        return {"value": value} | ({"error_mm": float(np.sqrt(value) / MM)} if request.criterion == "position" else {})
 
     return {
-        "criterion": wish.criterion,
-        "optimal": {"poses": wish.optimal, **values(comparison.optimal)},
+        "criterion": request.criterion,
+        "optimal": {"poses": request.optimal, **values(comparison.optimal)},
         "random": [{"poses": n, **values(value)} for n, value in comparison.random.items()],
         "as_good_as_random_poses": comparison.as_good_as,
-        "scatter_alone": None if comparison.scatter is None else _compared(comparison.scatter, wish),
+        "scatter_alone": None if comparison.scatter is None else _compared(comparison.scatter, request),
     }
 
 
 def _settings(planned: PlannedPoses) -> dict[str, Any]:
-    scene, wish, setting = planned.scene, planned.wish, planned.scene.setting
+    scene, request, setting = planned.scene, planned.request, planned.scene.setting
     return {
-        "seed": wish.seed,
-        "axis": wish.axis,
-        "cube": wish.cube,
-        "all_range": wish.all_range,
-        "optimal": wish.optimal,
-        "candidates": wish.candidates if wish.optimal else 0,
-        "criterion": wish.criterion,
-        "volume": wish.volume,
-        "imagined_joint_errors_deg": wish.imagined / DEG if wish.criterion == "position" else 0.0,
+        "seed": request.seed,
+        "axis": request.axis,
+        "cube": request.cube,
+        "all_range": request.all_range,
+        "optimal": request.optimal,
+        "candidates": request.candidates if request.optimal else 0,
+        "criterion": request.criterion,
+        "volume": request.volume,
+        "imagined_joint_errors_deg": request.imagined / DEG if request.criterion == "position" else 0.0,
         "margin_deg": round(setting.margin / DEG, 9),
         "acceptance_deg": round(setting.acceptance / DEG, 9),
         "min_height_mm": None if setting.heights is None else [value / MM for value in setting.heights],
@@ -505,10 +501,10 @@ def _settings(planned: PlannedPoses) -> dict[str, Any]:
         "targets_look_along": None
         if setting.targets.directions is None
         else dict(zip(setting.targets.names, setting.targets.directions.tolist(), strict=True)),
-        "wait_s": wish.wait_s,
+        "wait_s": request.wait_s,
         "readings_s": READINGS_S,
-        "speed_mm_s": wish.speed / MM,
-        "payload_kg": wish.payload_kg,
+        "speed_mm_s": request.speed / MM,
+        "payload_kg": request.payload_kg,
     }
 
 
@@ -738,7 +734,7 @@ def plan(
     OptionError
         If an option has an unknown value or options need one another.
     IrbcalError
-        If an input is refused or the wish cannot be met; the sentence counts what each condition removed.
+        If an input is refused or the request cannot be met; the sentence counts what each condition removed.
 
     Examples
     --------
@@ -755,7 +751,7 @@ def plan(
     usual = {"axis": FEW, "cube": 52, "all_range": 50} if not optimal else {}
     counts_given = {"axis": axis, "cube": cube, "all_range": all_range}
     counts = {name: usual.get(name, 0) if value is None else value for name, value in counts_given.items()}
-    wish = Wish(
+    request = PlanRequest(
         **counts,
         optimal=optimal,
         candidates=candidates,
@@ -787,45 +783,45 @@ def plan(
         tip_link=tip_link,
         coupling=coupling,
     )
-    return make(scene, wish, progress)
+    return make(scene, request, progress)
 
 
-def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
+def make(scene: Scene, request: PlanRequest, step: Step | None = None) -> Plan:
     """Make a plan.
 
     Parameters
     ----------
     scene : Scene
-    wish : Wish
+    request : PlanRequest
     step : callable, optional
         Called with a text at the beginning of each step.
 
     Raises
     ------
     IrbcalError
-        If the wish cannot be met; the sentence counts what each condition removed.
+        If the request cannot be met; the sentence counts what each condition removed.
     """
     step = step or (lambda text: None)
     setting = scene.setting
-    _, no_program = language_of(setting.arm, wish)
-    model = Model(scene.nominal, setting.targets, wish.level or default_level(scene.nominal), wish.noise)
-    seeds = [int(k) for k in np.random.SeedSequence(wish.seed).generate_state(6)]
+    _, no_program = language_of(setting.arm, request)
+    model = Model(scene.nominal, setting.targets, request.level or default_level(scene.nominal), request.noise)
+    seeds = [int(k) for k in np.random.SeedSequence(request.seed).generate_state(6)]
     axis: list[Poses] = []
     movable: list[Poses] = []
     tallies: dict[str, Tally] = {}
     missing: list[str] = []
-    if wish.axis:
+    if request.axis:
         step("axis moves")
         try:
-            axis.append(axis_moves(setting, wish.axis == MANY))
+            axis.append(axis_moves(setting, request.axis == MANY))
             tallies["axis"] = axis[0].tally
         except MeasurementError as error:
-            if wish.must or wish.axis == MANY:
+            if request.must or request.axis == MANY:
                 raise
             missing.append(f"the plan is without axis moves, which only the method circles needs: {error}")
     kinds: tuple[tuple[int, str, Region | None, int], ...] = (
-        (wish.cube, "iso_cube", in_cube(*scene.cube), seeds[0]),
-        (wish.all_range, "all_range", None, seeds[1]),
+        (request.cube, "iso_cube", in_cube(*scene.cube), seeds[0]),
+        (request.all_range, "all_range", None, seeds[1]),
     )
     for count, group, region, seed in kinds:
         if count:
@@ -833,8 +829,8 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
             movable.append(random_poses(setting, count, group, seed, region))
             tallies[group] = movable[-1].tally
     samples, comparison = choosing.samples(scene, seeds[4:], step), None
-    if wish.optimal:
-        chosen, comparison, more = choosing.optimal(scene, wish, model, [*axis, *movable], samples, seeds[2:4], step)
+    if request.optimal:
+        chosen, comparison, more = choosing.optimal(scene, request, model, [*axis, *movable], samples, seeds[2:4], step)
         movable.append(chosen)
         tallies |= more
     step("order")
@@ -845,12 +841,12 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     prediction = predict(model, poses.q, measured)
     first = prediction.model.targets.names[0]
     std = {name: prediction.position_std(q_samples, first) for name, q_samples in samples.items()}
-    times = stops(scene, wish, poses.q, measured, start, over_home)
+    times = stops(scene, request, poses.q, measured, start, over_home)
     outside = "" if scene.certainty is None else scene.certainty.outside_in_words(poses.q, "planned poses")
     notes = [*scene.notes, *missing, *notes, *(text for text in (outside, no_program) if text)]
     return Plan(
         scene,
-        wish,
+        request,
         poses.q,
         measured,
         poses.groups,

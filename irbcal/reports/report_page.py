@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from irbcal.identification.fit import ParameterReport
 from irbcal.io.schema import Record, RobotSection
 from irbcal.joint_analysis.residuals import needed_by_residuals, residual_terms_table
 from irbcal.joint_analysis.terms import term_rows
@@ -332,7 +331,7 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         joints_note=evidence.joints_note,
         joint_terms=[] if evidence.joints is None else residual_terms_table(evidence.joints),
         needed="" if evidence.joints is None else needed_by_residuals(evidence.joints),
-        states=_states(calibration.parameters),
+        states={s: sum(p.state == s for p in calibration.parameters) for s in ("identified", "tied", "held")},
         dhm_columns=_dhm_columns(robot),
         dhm_rows=list(zip(robot.joint_names, robot.dhm_nominal, robot.dhm_calibrated, strict=True)),
         identity=calibration.robot_calibrated().joint_map.is_identity,
@@ -395,10 +394,6 @@ def verdict(calibration: Record) -> list[str]:
 
 
 # --- tables ----------------------------------------------------------------------------------------------
-
-
-def _states(parameters: Sequence[ParameterReport]) -> dict[str, int]:
-    return {s: sum(p.state == s for p in parameters) for s in ("identified", "tied", "held")}
 
 
 def _dhm_columns(robot: RobotSection) -> list[tuple[str, str, str]]:

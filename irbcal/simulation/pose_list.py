@@ -100,7 +100,7 @@ def random_poses(
     free = np.where(arm.table.prismatic, 1.0, np.pi)
     lower, upper = (np.where(np.isfinite(b), b, s * free) for b, s in ((arm.lower, -1.0), (arm.upper, 1.0)))
     alike = cell.tool.direction @ cell.tool.direction[0] > 1.0 - 1e-9
-    wish = np.zeros(count, dtype=int) if targets is None else np.asarray(targets)
+    wanted_target = np.zeros(count, dtype=int) if targets is None else np.asarray(targets)
     joints, missing = np.zeros((count, len(lower))), np.ones(count, dtype=bool)
     for _ in range(MOST_BLOCKS):
         q = np.round(rng.uniform(lower, upper, (BLOCK, len(lower))) / units, 4) * units
@@ -109,9 +109,9 @@ def random_poses(
         visible = cell.visible(q)
         if targets is None:
             visible = np.all(visible[:, alike], axis=1)[:, None]
-        for target in np.unique(wish[missing]):
+        for target in np.unique(wanted_target[missing]):
             good = q[visible[:, target]]
-            rows = np.flatnonzero(missing & (wish == target))[: len(good)]
+            rows = np.flatnonzero(missing & (wanted_target == target))[: len(good)]
             joints[rows], missing[rows] = good[: len(rows)], False
         if not missing.any():
             return joints

@@ -345,12 +345,12 @@ def build(
             frame = name.removeprefix("refit_")
             raise OptionError(f"rows at features do not place the {frame}: leave {name} out", parameter=name)
     refit = Refit(refit_base, refit_tool)
-    gathered = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit)
-    points, T_scene_world = gathered.points, frames.inverse(gathered.robot.T_world_base)
+    shown = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit)
+    points, T_scene_world = shown.points, frames.inverse(shown.robot.T_world_base)
     tree = links(urdf)
     ghost = None
-    if gathered.ghost is not None:
-        ghost = _drawn(shadow, links(shadow), T_scene_world @ gathered.ghost.T_world_base)
+    if shown.ghost is not None:
+        ghost = _drawn(shadow, links(shadow), T_scene_world @ shown.ghost.T_world_base)
     folders = [package_dir] if isinstance(package_dir, (str, Path)) else list(package_dir)
     meshes, problems = link_meshes(urdf, tree, opened.folder, robots.package_dirs(*folders))
     points_of = {} if opened.record is None else opened.record.reference_places()
@@ -362,32 +362,32 @@ def build(
     section = None if opened.record is None else opened.record.features
     return PageScene(
         title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
-        simulated=gathered.simulated,
-        mode=gathered.mode,
-        robot=gathered.robot,
+        simulated=shown.simulated,
+        mode=shown.mode,
+        robot=shown.robot,
         drawn=_drawn(urdf, tree, np.eye(4)),
         ghost=ghost,
         meshes=meshes,
-        q=gathered.q,
-        effective=_effective(gathered),
-        pose_ids=np.asarray(gathered.ids, dtype=object),
-        groups=np.asarray(gathered.groups, dtype=object),
-        targets=gathered.targets,
+        q=shown.q,
+        effective=_effective(shown),
+        pose_ids=np.asarray(shown.ids, dtype=object),
+        groups=np.asarray(shown.groups, dtype=object),
+        targets=shown.targets,
         points=points,
-        prismatic=np.array([_slides(tree, k) for k in range(len(gathered.robot.arm.joint_names))]),
+        prismatic=np.array([_slides(tree, k) for k in range(len(shown.robot.arm.joint_names))]),
         T_scene_world=T_scene_world,
         tracker=opened.record is not None and section is None and tracker_at_origin(T_scene_world, references, points),
         references=references,
         cube=_cube(cube, opened.nominal),
-        path=gathered.path,
+        path=shown.path,
         magnification=float(magnify or default_magnification(errors, size)),
         scale_top=scale_top(errors),
-        notes=(*gathered.notes, *_not_drawn(gathered.robot), *problems),
+        notes=(*shown.notes, *_not_drawn(shown.robot), *problems),
         own_scales={
             name: (float(magnify or default_magnification([error], size)), scale_top([error]))
             for name, error in each.items()
         },
-        fitted=gathered.fitted,
+        fitted=shown.fitted,
         features=() if section is None else feature_views.shown(section, size, T_scene_world),
         at_features=rows,
         cell=_cell_frames(cell, opened),
@@ -410,11 +410,11 @@ def _cell_frames(cell: CellFile | str | Path | None, opened: Opened) -> tuple[Ce
     return tuple(out)
 
 
-def _effective(gathered: _Shown) -> FloatArray:
+def _effective(shown: _Shown) -> FloatArray:
     """Effective joints of the poses, given their last moves and loads where these are known, shape (n, joints)."""
-    if gathered.effective is not None:
-        return gathered.effective
-    return gathered.robot.joint_map.effective(gathered.q) if len(gathered.q) else gathered.q
+    if shown.effective is not None:
+        return shown.effective
+    return shown.robot.joint_map.effective(shown.q) if len(shown.q) else shown.q
 
 
 def _not_drawn(robot: Robot) -> list[str]:

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import FloatArray
-from irbcal.modeling.joint_map import JointMap
 from irbcal.plotting.charts import ERRORS
 from irbcal.units import DEG, MM
 from irbcal.viewer import features, shapes
@@ -274,7 +273,7 @@ def content(scene: PageScene) -> dict[str, Any]:
             "lower": lower.tolist(),
             "upper": upper.tolist(),
         },
-        "joint_map": _joint_map(robot.joint_map),
+        "joint_map": robot.joint_map.static_parts(),  # coefficients for the sliders
         "poses": {
             "ids": [str(name) for name in scene.pose_ids],
             "groups": groups.tolist(),
@@ -306,11 +305,6 @@ def content(scene: PageScene) -> dict[str, Any]:
 
 def _scale(magnification: float, top: float) -> dict[str, float]:
     return {"magnification": magnification, "top_mm": top / MM}
-
-
-def _joint_map(joint_map: JointMap) -> dict[str, Any]:
-    """The coefficients for the sliders; of a map of terms gains, waves and levers, with the nominal arm's frames."""
-    return joint_map.static_parts()
 
 
 def _drawn(drawn: Drawn) -> dict[str, Any]:

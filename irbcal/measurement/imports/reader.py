@@ -64,11 +64,6 @@ def together(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.iloc[order].reset_index(drop=True)
 
 
-def apply_joint_rules(frame: pd.DataFrame, import_map: ImportMap) -> None:
-    """Readings to irbcal's joints, in place."""
-    joint_rules_applied(frame, import_map.joints)
-
-
 def joint_rules_applied(frame: pd.DataFrame, rules: JointRules) -> pd.DataFrame:
     """The same table, with readings as irbcal's joints."""
     columns = joint_columns(frame.columns)
@@ -751,7 +746,7 @@ def understand(
         if import_map.pose_by == "joints" and not import_map.names_poses:
             frame["pose"] = runs(frame).astype(str)
         check_joint_sizes(frame, frame[SOURCE].iloc[0], import_map.units.joints or "deg", import_map)
-    apply_joint_rules(frame, import_map)
+    joint_rules_applied(frame, import_map.joints)
     frame = together(frame)
     check_one_pose_one_joints(frame)
     unknown = [name for name in import_map.rename if name not in set(frame["target"])]

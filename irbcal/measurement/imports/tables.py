@@ -98,6 +98,15 @@ class TextTable:
         """Name of column k for messages: from the header, or its number from 1."""
         return self.names[k] if self.names and self.names[k] else str(k + 1)
 
+    def fault(self, sentence: str, row: int, *columns: int) -> MeasurementError:
+        """The error that refuses a row, counted from 0; messages name its line and the columns."""
+        labels = [self.label(k) for k in columns]
+        return MeasurementError(sentence, file=self.source, row=int(self.lines[row]), column=labels or None)
+
+    def header_fault(self, sentence: str, column: str | None = None) -> MeasurementError:
+        """The error that refuses the header."""
+        return MeasurementError(sentence, file=self.source, row=self.header_line, column=column)
+
     @cached_property
     def _places(self) -> tuple[dict[str, list[int]], ...]:
         """Places of the header's names in three spellings, from the strictest to the loosest."""
@@ -139,11 +148,7 @@ class TextTable:
                 return k
             if optional:
                 return None
-            raise MeasurementError(
-                f"expected a column {column} for {use}, found {self.width} columns",
-                file=self.source,
-                row=int(self.lines[0]),
-            )
+            raise self.fault(f"expected a column {column} for {use}, found {self.width} columns", 0)
         if self.names is None:
             raise MeasurementError(
                 f"expected the number of the column for {use}, as the file has no header (file.header: false), found "
@@ -153,31 +158,22 @@ class TextTable:
         for by_spelling, text in zip(self._places, (column.strip(), _folded(column), _folded(column)), strict=True):
             matches = by_spelling.get(text, [])
             if len(matches) > 1:
-                raise MeasurementError(
-                    f"expected one column {column!r} for {use}, found {len(matches)}; give its number",
-                    file=self.source,
-                    row=self.header_line,
+                raise self.header_fault(
+                    f"expected one column {column!r} for {use}, found {len(matches)}; give its number"
                 )
             if matches:
                 return matches[0]
         if optional:
             return None
         listed = ", ".join(short(name) for name in self.names[:40])
-        raise MeasurementError(
-            f"there is no column {column!r} for {use}; found {listed}", file=self.source, row=self.header_line
-        )
+        raise self.header_fault(f"there is no column {column!r} for {use}; found {listed}")
 
     def check_unit(self, k: int, declared: str | None, key: str) -> None:
         """Refuse a unit in the header's brackets that is not the declared one."""
         name = self.names[k] if self.names else ""
         unit = _without_unit(name)[1]
         if unit and unit != declared:
-            raise MeasurementError(
-                f"expected {key} {declared} as declared in the map, found {unit}",
-                file=self.source,
-                row=self.header_line,
-                column=name,
-            )
+            raise self.header_fault(f"expected {key} {declared} as declared in the map, found {unit}", name)
 
     def text(self, k: int) -> pd.Series:
         """Cells of a column, Series of str."""
@@ -256,12 +252,7 @@ class TextTable:
             hint = ""
             if re.fullmatch(rf"[+-]?\d+[{mark}]\d+([eE][+-]?\d+)?", cell):
                 hint = f"; the map says file.decimal: '{self.decimal}'"
-            raise MeasurementError(
-                f"expected {expected}, found {repr(short(cell)) if cell else 'nothing'}{hint}",
-                file=self.source,
-                row=int(self.lines[row]),
-                column=self.label(k),
-            )
+            raise self.fault(f"expected {expected}, found {repr(short(cell)) if cell else 'nothing'}{hint}", row, k)
         return values
 
 
@@ -767,12 +758,8 @@ class SourceFile:
         text = self.table.text(k)
         if (text == "").any():
             row = int(np.flatnonzero(text == "")[0])
-            raise MeasurementError(f"expected the name of a {key}, found nothing", **self._place(row, k))
+            raise self.table.fault(f"expected the name of a {key}, found nothing", row, k)
         return text.to_numpy()
-
-    def _place(self, row: int, k: int) -> dict[str, Any]:
-        """Where a cell stands, for messages."""
-        return {"file": self.source, "row": int(self.table.lines[row]), "column": self.table.label(k)}
 
     def _joint_values(self) -> dict[str, FloatArray]:
         if not self.joints:
@@ -858,12 +845,7 @@ class SourceFile:
                 if off[k] <= 2e-3
                 else f"rows that are no unit vectors at right angles ({off[k]:.2g})"
             )
-            raise MeasurementError(
-                f"expected a rotation matrix, found {problem}",
-                file=self.source,
-                row=int(self.table.lines[rows[k]]),
-                column=[self.table.label(column) for column in columns],
-            )
+            raise self.table.fault(f"expected a rotation matrix, found {problem}", rows[k], *columns)
         return values
 
     def _check_unit_length(self, columns: Sequence[int], values: FloatArray, rows: IntArray) -> None:
@@ -872,12 +854,7 @@ class SourceFile:
         if bad.any():
             k = int(np.flatnonzero(bad)[0])
             numbers = ", ".join(f"{value:g}" for value in values[k])
-            raise MeasurementError(
-                f"expected a unit quaternion, found {numbers}",
-                file=self.source,
-                row=int(self.table.lines[rows[k]]),
-                column=[self.table.label(column) for column in columns],
-            )
+            raise self.table.fault(f"expected a unit quaternion, found {numbers}", rows[k], *columns)
 
     def _extras(self) -> Values:
         """Uncertainty, payload, time and the columns that are kept."""
@@ -921,10 +898,8 @@ class SourceFile:
         bad = when.isna().to_numpy() & ~absent
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise MeasurementError(
-                f"expected a time such as 2024-05-31 14:03:07.5 or nothing, found {short(text.iloc[row])!r}",
-                **self._place(row, k),
-            )
+            expected = "a time such as 2024-05-31 14:03:07.5 or nothing"
+            raise self.table.fault(f"expected {expected}, found {short(text.iloc[row])!r}", row, k)
         return (when - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy()
 
     def _kept(self, k: int) -> NDArray[Any]:

@@ -361,9 +361,9 @@ def table_7_1(results: Results) -> Table:
 
 
 _KINEMATIC_NOTE = (
-    "Directly from the circles of target 1, without a fit. Such a model has no stiffness and takes the arm as it is "
-    "bent in moves about zero joints. Without arm stiffness in the cell this error all but vanishes: the virtual arm "
-    "seems to bend more between there and the areas than the thesis's."
+    "Directly from the circles of target 1, without a fit. Such a model has no stiffness: it takes the arm as bent "
+    "about zero joints, and the error comes from postures in which the arm reaches back over the base and bends the "
+    "other way (docs/study.md has the figures)."
 )
 
 

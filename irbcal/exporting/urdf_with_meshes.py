@@ -19,7 +19,7 @@ Convert = Callable[[Path], tuple[str, bytes] | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Gathered(Locked):
+class UrdfWithMeshes(Locked):
     """A URDF whose meshes lie in a folder beside it.
 
     Attributes
@@ -59,7 +59,7 @@ class Gathered(Locked):
         return root
 
 
-def gathered(source: Source, convert: Convert) -> Gathered:
+def urdf_with_meshes(source: Source, convert: Convert) -> UrdfWithMeshes:
     """The URDF of a calibration with its meshes.
 
     Parameters
@@ -104,7 +104,7 @@ def gathered(source: Source, convert: Convert) -> Gathered:
     for texture in textures:
         texture.getparent().remove(texture)
     names = dict.fromkeys(PurePosixPath(texture.get("filename", "unnamed")).name for texture in textures)
-    return Gathered(tree, meshes, tuple(left_out), tuple(names))
+    return UrdfWithMeshes(tree, meshes, tuple(left_out), tuple(names))
 
 
 def urdf_of(source: Source) -> bytes:

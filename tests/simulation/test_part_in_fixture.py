@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from irbcal.correction.languages import rapid
 from irbcal.modeling import frames
-from irbcal.simulation.part import GRID, SIDES, PartCell, reached
+from irbcal.simulation.part_in_fixture import GRID, SIDES, PartCell, reached
 from irbcal.simulation.shipped_cells import open_cell
 
 
