@@ -117,7 +117,7 @@ JOINTS = numbers("J1,…,J6", 6, units=[DEG])
     panels={
         "Everyday": ("allow_partial", "changes", "page", "path_tolerance", "payload", "payload_place", "json"),
         "Tools and work objects": ("cell", "tool", "wobj", "controller_frames", "frames_measured", "strict"),
-        "Points": ("points", "re_express", "start", "posture", "instructions", "harmless"),
+        "Points": ("points", "re_express", "start", "posture", "instructions", "harmless", "split_points"),
         "Controllers": ("controller_model", "pulses", "where"),
     },
     texts=PROGRAM_TEXTS,

@@ -115,6 +115,7 @@ def correct(
     posture: ArrayLike | None = None,
     instructions: str | Path | None = None,
     harmless: Sequence[str] | None = None,
+    split_points: bool = False,
     frames_measured: bool = False,
     strict: bool = False,
 ) -> Filtered:
@@ -174,6 +175,9 @@ def correct(
     harmless : sequence of str, optional
         Names of routines, or patterns of names with ``*``, that the programs call and that are not among them: they
         neither move the robot nor set its tool or work object.
+    split_points : bool
+        Put a point of its own, in numbers, into moves that go to another point with an offset in numbers, and correct
+        it by itself. For RAPID, KRL, VAL3 and Kawasaki.
     frames_measured : bool
         Tools and work objects that are not in the cell file were measured independently of the robot.
     strict : bool
@@ -205,12 +209,16 @@ def correct(
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
     with unpacked(programs_given) as files:
-        places = start, posture, instructions, harmless
+        places = start, posture, instructions, harmless, split_points
         opened = read_programs(calibration, files.programs, tool, wobj, pulses, controller_model, where, *places)
         record, nominal, given, programs, setup, model, urdf, backup_notes = opened
         language = given.language
         tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
         origin = point_origin(points, re_express)
+        if split_points and (origin.taught or tolerance is not None):
+            raise OptionError(
+                "split_points: goes with offline points, and without a path tolerance", parameter="split_points"
+            )
         true_frames = TrueFrames(
             None if cell is None else cell_of(cell, record.fingerprint),
             frames_measured,
@@ -305,6 +313,7 @@ def read_programs(
     posture: ArrayLike | None = None,
     instructions: str | Path | None = None,
     harmless: Sequence[str] | None = None,
+    split_points: bool = False,
 ) -> OpenedPrograms:
     """Read programs for the robot of a calibration; arguments and errors as of `correct`."""
     files = languages.files_of(program)
@@ -321,7 +330,7 @@ def read_programs(
     setup = ControllerSetup(
         *frames_given, ends, counts, controller_arm, place_pair(where, language), places[0], places[1]
     )
-    setup = setup._replace(harmless=names("harmless", harmless or ()))
+    setup = setup._replace(harmless=names("harmless", harmless or ()), split_points=split_points)
     if instructions is not None:
         setup = setup._replace(instructions=taught(instructions))
     backup = of_programs(languages.name_of(language), files.files)
@@ -678,7 +687,9 @@ def _with_shifts(
 
     With true tools and work objects the error of a shifted target is not computed: such targets are left.
     """
-    shifted = {id(shift.target) for shift in program.shifts}
+    own = {id(program.targets[n]) for batch, fake in corrections for n in batch.numbers[fake.ok]}
+    shifts = [shift for shift in program.shifts if id(shift.own) not in own]
+    shifted = {id(shift.target) for shift in shifts}
     if true_frames.cell is not None or true_frames.points.re_express:
         reason = "moves also go to it with an offset, whose error is not known with true tools and work objects"
         left = [
@@ -693,7 +704,7 @@ def _with_shifts(
         values |= program.values_for_tip_poses(chosen, fake.T_fake[rows])
         q |= dict(zip(chosen, fake.q[rows], strict=True))
     notes = []
-    for k, shift, before, after, tool in program.shifted(values):
+    for k, shift, before, after, tool in replace(program, shifts=tuple(shifts)).shifted(values):
         seeds = np.tile(q[k], (2 * len(before), 1))
         commands = np.concatenate([before, after])
         found = any_arm.solve(Robot(controller or nominal), nominal, commands, seed=seeds, thorough=False)

@@ -130,6 +130,8 @@ class ControllerSetup(NamedTuple):
         Motion instructions that the user teaches, by language.
     harmless : tuple of str
         Patterns of names of routines that are not in the programs, and neither move the arm nor set tool or frame.
+    split_points : bool
+        Whether targets that moves shift by numbers become targets of their own in these moves.
     T_world_base : ndarray, shape (4, 4), or None
         Where the robot stands in the controller's world, metres; None where they are the same, or the controller's
         frames say it.
@@ -145,6 +147,7 @@ class ControllerSetup(NamedTuple):
     posture: FloatArray | None = None
     instructions: Table = MappingProxyType({})
     harmless: tuple[str, ...] = ()
+    split_points: bool = False
     T_world_base: FloatArray | None = None
 
 

@@ -122,6 +122,9 @@ class Target:
         Whether the robot holds the part, and the value is the pose of the fixed tool in it.
     carried : list of Carrying
         What the robot carries in each use.
+    split : Split or None
+        The shifted target in whose place in a move this one is to stand; ``numbers`` and ``configuration_spans`` are
+        those of the target that is shifted.
     """
 
     name: str
@@ -141,6 +144,7 @@ class Target:
     value: FloatArray = field(default_factory=lambda: _NO_VALUE)
     inverted: bool = False
     carried: list[Carrying] = field(default_factory=list)
+    split: Split | None = None
 
     @property
     def correctable(self) -> bool:
@@ -156,6 +160,25 @@ class Target:
     def written(self) -> tuple[float, ...]:
         """The numbers as they stand in the file."""
         return tuple(number.value for number in self.numbers)
+
+
+class Split(NamedTuple):
+    """A shifted target that becomes a target of its own, with numbers of its own.
+
+    Attributes
+    ----------
+    target : Target
+        The one that is shifted.
+    T_left, T_right : ndarray, shape (4, 4)
+        See `Shift`.
+    span : (int, int)
+        The text in whose place the new target stands.
+    """
+
+    target: Target
+    T_left: FloatArray
+    T_right: FloatArray
+    span: Span
 
 
 WITNESSES = 3
@@ -214,6 +237,8 @@ class Shift(NamedTuple):
         Whether the numbers of the shift stand in the program; else `PROBE` in each direction stands for them.
     tool, work_object : str or None
         Names in lower case; None where the program computes them.
+    own : Target or None
+        The target of its own that the shifted one becomes.
     """
 
     target: Target
@@ -225,6 +250,7 @@ class Shift(NamedTuple):
     known: bool
     tool: str | None
     work_object: str | None
+    own: Target | None = None
 
 
 PROBE = 0.1
@@ -278,10 +304,14 @@ class ControlFlow:
         What the robot carries; the same for programs that call one another.
     names_loads : list of int
         Places where the program says what it is.
+    split_points : bool
+        Whether shifted targets become targets of their own.
     """
 
-    def __init__(self, listing: Listing, calls: Calls | None = None, loads: LoadFlow | None = None) -> None:
-        self.listing, self.calls = listing, calls or Calls()
+    def __init__(
+        self, listing: Listing, calls: Calls | None = None, loads: LoadFlow | None = None, split_points: bool = False
+    ) -> None:
+        self.listing, self.calls, self.split_points = listing, calls or Calls(), split_points
         self.loads, self.names_loads = loads or LoadFlow(), list[int]()
         self._state = FrameState()
         self.stops: list[tuple[int, Target | None, Target | None]] = []
@@ -395,6 +425,22 @@ class ControlFlow:
         """Note a move, or a part of one, that goes to no target in numbers."""
         self.moves_left.append(Left(f"{instruction} {target}", self.listing.line(at), reason))
 
+    def shift(self, shifts: Sequence[Shift], span: Span) -> Target | None:
+        """A move goes to a target, or one of several, that is shifted; the target of its own where it becomes one.
+
+        The move uses that one as any other target; ``span`` is the text in whose place it stands.
+        """
+        self.shifts += shifts
+        shift = shifts[0]
+        if not self.split_points or len(shifts) > 1 or not shift.known or shift.target.kind == "joint":
+            return None
+        split = Split(shift.target, shift.T_left, shift.T_right, span)
+        name = f"{shift.text} in line {self.listing.line(span[0])}"
+        fresh: dict[str, Any] = {"uses": [], "conflicts": [], "after": [], "carried": [], "near": None}
+        own = replace(shift.target, name=name, start=span[0], split=split, **fresh)
+        self.shifts[-1] = shift._replace(own=own)
+        return own
+
     def mention(self, target: Target, at: int) -> None:
         """Something else than a move uses a target."""
         target.conflicts.append(f"line {self.listing.line(at)} uses it in another way")
@@ -404,6 +450,10 @@ class ControlFlow:
         self.loads.end()
         shifts, self.shifts = self.shifts, []
         for shift in shifts:
+            if shift.own is not None and shift.target.conflicts:
+                shift.own.uses.clear()  # whatever is wrong with the target may be wrong with the shifted one
+            elif shift.own is not None and shift.own.correctable and not shift.target.uses:
+                continue
             frames_of_uses = {(use.tool, use.work_object) for use in shift.target.uses}
             held = any(use.held for use in shift.target.uses)
             if shift.target.kind == "pose" and frames_of_uses == {(shift.tool, shift.work_object)} and not held:
@@ -724,6 +774,9 @@ class TextProgram(Locked, Program):
         for k, value in values.items():
             target = self.targets[k]
             position, angle, joint = self.maker.decimals
+            if target.split is not None:
+                out += self.split_edits(target, rows[k].tolist(), configurations.get(k))
+                continue
             if target.kind == "joint":
                 row, decimals_at_least = (
                     self.maker.program_joints(np.asarray(value)) / self.joint_units(target),
@@ -736,8 +789,24 @@ class TextProgram(Locked, Program):
                 text = self.number_text(number, float(new), decimals)
                 out += [] if text is None else [self._aligned(number.start, number.end, text)]
         for k, configuration in configurations.items():
-            out += self.configuration_edits(self.targets[k], configuration)
+            out += [] if self.targets[k].split else self.configuration_edits(self.targets[k], configuration)
         return out
+
+    def split_edits(self, target: Target, numbers: list[float], configuration: Configuration | None) -> list[Edit]:
+        """Text of a target of its own in place of a shifted one; for languages that have such (`ControlFlow.shift`)."""
+        raise NotImplementedError
+
+    def split_texts(self, target: Target, numbers: list[float]) -> list[str]:
+        """New numbers with as many decimals as those of the target that was shifted."""
+        position, angle, _ = self.maker.decimals
+        decimals = [position] * 3 + [angle] * (len(numbers) - 3)
+        old = [self.text[number.start : number.end] for number in target.numbers]
+        return [number_like(text, value, k) for text, value, k in zip(old, numbers, decimals, strict=True)]
+
+    def split_configuration(self, target: Target, configuration: Configuration | None) -> list[str]:
+        """Texts of the parts of the configuration of a target of its own, changed where they must."""
+        edits = {} if configuration is None else {e[:2]: e[2] for e in self.configuration_edits(target, configuration)}
+        return [edits.get(span, self.text[slice(*span)]) for span in target.configuration_spans]
 
     def _aligned(self, start: int, end: int, text: str) -> Edit:
         """The edit of a number, with its right edge kept where the maker wants that."""
@@ -998,6 +1067,9 @@ def complete(
     values.setflags(write=False)
     for target, value in zip(poses, values, strict=True):
         target.value = value
+        if target.split is not None:
+            target.value = target.split.T_left @ value @ target.split.T_right
+            target.value.setflags(write=False)
     for target in out:
         target.line, target.column = listing.line(target.start), listing.column(target.start)
         if target.uses and not target.conflicts and (problem := maker.problem(target.kind, target.written)) is not None:

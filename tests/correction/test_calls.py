@@ -15,20 +15,20 @@ def test_a_routine_does_what_its_lines_and_those_it_calls_do():
     calls = Calls(["Grip*", "plc"], {"wait"})
     calls.learn("job", ["wait", "sub", "gripopen"])
     calls.learn("sub", ["job", "deep"])  # in a circle
-    calls.learn("deep", moves=True)
+    calls.learn("deep", moves=True, sets_loads=True)
     calls.learn("frames", ["plc"], sets_frames=True)
     calls.learn("wait_long", ["wait"])
     effects = {name: calls.effect(name) for name in ("job", "frames", "wait_long", "wait", "griptight", "other")}
     assert effects == {
-        "job": CallEffect(False, True),
-        "frames": CallEffect(True, False),
-        "wait_long": CallEffect(False, False),
-        "wait": CallEffect(False, False),
-        "griptight": CallEffect(False, False),
-        "other": CallEffect(True, True),
+        "job": CallEffect(False, True, True),
+        "frames": CallEffect(True, False, False),
+        "wait_long": CallEffect(False, False, False),
+        "wait": CallEffect(False, False, False),
+        "griptight": CallEffect(False, False, False),
+        "other": CallEffect(True, True, True),
     }
     calls.learn("wait", sets_frames=True)
-    assert calls.effect("wait_long") == (True, False), "a routine of the program's own goes before a built-in one"
+    assert calls.effect("wait_long") == (True, False, False), "a routine of the program's own goes before a built-in one"
 
 
 POSE = "{X 1675.117,Y -311.39,Z 1471.544,A -174.596,B 53.668,C -163.224}"

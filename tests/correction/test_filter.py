@@ -541,6 +541,12 @@ def fails():
         raise KeyError
 
 
+@pytest.mark.parametrize("more", [{"points": "taught"}, {"path_tolerance": 1e-4}])
+def test_points_are_split_of_offline_points_only(calibration, job, more):
+    with pytest.raises(OptionError, match="split_points: goes with offline points"):
+        correct(calibration, job, split_points=True, **more)
+
+
 def test_the_collector_is_as_it_was_even_after_an_error():
     assert gc.isenabled()
     with pytest.raises(KeyError):

@@ -1,16 +1,21 @@
 """Points that moves go to directly and that others shift, in the languages of all makers that have such moves."""
 
+import re
+
 import numpy as np
 import pytest
 from maker_cases import corrected, given, language_tests, pose_numbers, poses, robot_of, well_inside
+from scipy.spatial.transform import Rotation
+from support import arm, assert_same_poses, random_robot
 
-from irbcal.correction.languages import krl, val3
-from irbcal.correction.program import ControllerSetup
+from irbcal.correction.languages import kawasaki, krl, rapid, val3
+from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.robot import Robot
 
 SHIFT = [5.0, -10.0, -80.0, 3.0, 2.0, 1.0]
 
 
-def krl_program(robots, shifted):
+def krl_program(robots, shifted, split=False):
     nominal, _, at = robots
     q = well_inside(nominal, 1)
     x = pose_numbers(nominal.forward(q), "ZYX")[0]
@@ -18,10 +23,10 @@ def krl_program(robots, shifted):
     axes = ",".join(f"A{k} {v:.6f}" for k, v in enumerate(np.degrees(q[0]), 1))
     head = f"DEF job()\nDECL FRAME P1\nP1={point}\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nPTP $AXIS_ACT\nPTP {{{axes}}}\n"
     data = f"{head}LIN P1\nLIN {shifted} C_DIS\nEND\n"
-    return krl.parse(nominal, [("job.src", data.encode())], given(at))
+    return krl.parse(nominal, [("job.src", data.encode())], given(at)._replace(split_points=split))
 
 
-def val3_program(robots, shifted):
+def val3_program(robots, shifted, split=False):
     nominal, _, at = robots
     q = language_tests("val3").in_front(nominal, 1)
     x = pose_numbers(np.linalg.inv(at.T_base_world) @ nominal.forward(q), "XYZ")[0]
@@ -37,17 +42,19 @@ def val3_program(robots, shifted):
         ("a.dtx", data.encode()),
         ("a.pgx", f"<Programs><Program><Code><![CDATA[{code}]]></Code></Program></Programs>".encode()),
     ]
-    return val3.parse(nominal, files, ControllerSetup({}, {}, at))
+    return val3.parse(nominal, files, given(at)._replace(split_points=split))
 
 
-def kawasaki_program(robots, shifted):
+def kawasaki_program(robots, shifted, split=False):
     tests = language_tests("kawasaki")
     nominal = robots[0]
     q = well_inside(nominal, 1)
     x = pose_numbers(np.linalg.inv(tests.WORLD) @ nominal.forward(q) @ tests.FLANGE, "ZYZ")
     joints = " ".join(f"{v:.6f}" for v in np.degrees(q[0]))
     lines = ["TOOL NULL", "BASE NULL", "JMOVE #h", "LMOVE p1", shifted]
-    return tests.parsed(robots, tests.save(lines, [f"p1 {tests.numbers(x[0])}"], [f"#h {joints}"]))
+    data = tests.save(lines, [f"p1 {tests.numbers(x[0])}"], [f"#h {joints}"])
+    setup = given(robots[2])._replace(where=tests.pair(nominal), split_points=split)
+    return kawasaki.parse(nominal, [("job.as", data)], setup)
 
 
 NUMBERS = ",".join(map(str, SHIFT))
@@ -99,3 +106,97 @@ def test_a_point_that_is_only_shifted_stays(language):
     assert [target.kind for target in again.targets if target.correctable] in ([], ["joint"])
     assert again.shifts == ()
     assert len(again.left()) == 2
+
+
+def reached(robot, nominal, T_base_tip, near):
+    """Where the true robot ends that a nominal controller sends to a pose next to joints."""
+    q, _ = closed_form.nearest(nominal, closed_form.branches(nominal, T_base_tip[None]), near)
+    return robot.forward(q)[0]
+
+
+SPLIT = {  # how the corrected text names the new numbers
+    "krl": r"LIN \{(X [^}]*)\} C_DIS",
+    "val3": r'<Data name="p3c9" xsi:type="array" type="pointRx" size="1"><Value key="0" ([^/]*)/></Data>',
+    "kawasaki": r"LMOVE TRANS\(([^)]*)\)",
+}
+
+
+@pytest.mark.parametrize("language", CASES)
+@pytest.mark.parametrize("direct", [True, False])
+def test_a_shifted_point_gets_numbers_of_its_own(language, direct):
+    name, program, shifted, computed, angles = CASES[language]
+    nominal, robot, at = robots = robot_of(name, size=0.05)
+    q = (language_tests("val3").in_front if language == "val3" else well_inside)(nominal, 1)
+    seen = program(robots, shifted, split=True)
+    if not direct:
+        files = [(part.name, seen.text[part.start : part.end].encode("latin-1")) for part in seen.listing.parts]
+        move = {"krl": b"LIN P1\n", "val3": b"movel(P1,flange,m)", "kawasaki": b"LMOVE p1\r\n"}[language]
+        setup = given(at)._replace(split_points=True)
+        if language == "kawasaki":
+            setup = setup._replace(where=language_tests("kawasaki").pair(nominal))
+        module = {"krl": krl, "val3": val3, "kawasaki": kawasaki}[language]
+        seen = module.parse(
+            nominal, [(n, data.replace(move, b"  " if language == "val3" else b"")) for n, data in files], setup
+        )
+    found = corrected(robot, nominal, seen)
+    assert found.left == ()
+    assert not [note for note in found.notes if "the shifted target is off" in note.text]
+    text = b"".join(found.files.values()).decode("latin-1")
+    assert shifted not in text
+    (numbers,) = re.findall(SPLIT[language], text)
+    values = [float(v) for v in re.findall(r"-?\d+\.\d+", numbers)][:6]
+    if language == "val3":
+        assert f"movel({'p3c9'},flange,m)" in text
+        assert 'fatherId="world[0]"' in numbers
+        assert 'shoulder="lefty"' in numbers
+    T = poses(values, {"krl": "ZYX", "val3": "XYZ", "kawasaki": "ZYZ"}[language])[0]
+    tests = language_tests("kawasaki")
+    ends = {"val3": (at.T_base_world, np.eye(4)), "kawasaki": (tests.WORLD, np.linalg.inv(tests.FLANGE))}
+    left, right = ends.get(language, (np.eye(4), np.eye(4)))
+    shift = poses(SHIFT, angles)[0] if angles else poses([0, 0, -80, 0, 0, 0], "ZYZ")[0]
+    wanted = nominal.forward(q)[0] @ np.linalg.inv(right) @ shift @ right
+    assert_same_poses(reached(robot, nominal, left @ T @ right, q[0])[None], wanted[None], 2e-7, 1e-7)
+    assert np.linalg.norm((reached(robot, nominal, wanted, q[0]) - wanted)[:3, 3]) > 1e-5, "it needs a correction"
+    if computed is not None and direct:
+        untouched = program(robots, computed, split=True)
+        assert untouched.shifts[0].own is None
+        assert computed in untouched.data.decode("latin-1")
+
+
+@pytest.mark.parametrize(("text", "in_tool"), [("Offs(p10,5,-10,80)", False), ("RelTool(p10,5,-10,-80)", True)])
+def test_shifted_robtargets_get_numbers_of_their_own(text, in_tool):
+    nominal = arm()
+    robot = random_robot(nominal, "placement", np.random.default_rng(1), size=0.05)
+    (q,) = well_inside(nominal, 1)
+    T = nominal.forward(q[None])[0]
+    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat()
+    quadrants = np.floor(q[[0, 3, 5]] / (np.pi / 2)).astype(int)
+    cfx = int(closed_form.configuration(nominal, q[None])[0])
+    xyz = ",".join(f"{v:.6f}" for v in 1e3 * T[:3, 3])
+    point = (
+        f"[[{xyz}],[{w:.9f},{x:.9f},{y:.9f},{z:.9f}],[{','.join(map(str, quadrants))},{cfx}],[9E9,9E9,9E9,9E9,9E9,7]]"
+    )
+    moves = f"MoveL p10,v1,fine,tool0;\nMoveL {text} ,v1,fine,tool0;\nMoveL Offs(p10,0,0,n),v1,fine,tool0;"
+    data = f"MODULE Job\nCONST robtarget p10:={point};\nPROC main()\n{moves}\nENDPROC\nENDMODULE"
+    assert rapid.parse(data.encode()).shifts[0].own is None, "unless it is asked for"
+    module = rapid.Uses(
+        rapid.Literals(rapid._listing(data.encode(), "job.mod")), rapid._with_null({}, {}), split_points=True
+    )
+    module.gather()
+    found = corrected(robot, nominal, module.module(nominal))
+    written = found.data.decode()
+    assert not found.left, found.left
+    assert [*found.targets] == ["p10", f"{text} in line 5"]
+    assert text not in written
+    assert "MoveL Offs(p10,0,0,n),v1,fine,tool0;" in written
+    (literal,) = re.findall(r"MoveL (\[\[.*\]\]) ,v1", written)
+    numbers = [float(v) for v in re.findall(r"-?[\d.]+(?:E\d)?", literal)]
+    assert numbers[-6:] == [9e9] * 5 + [7], "external axes stay"
+    near = np.eye(4)
+    near[:3, :3] = Rotation.from_quat([*numbers[4:7], numbers[3]]).as_matrix()
+    near[:3, 3] = 1e-3 * np.array(numbers[:3])
+    wanted = T.copy()
+    wanted[:3, 3] += T[:3, :3] @ [0.005, -0.01, -0.08] if in_tool else [0.005, -0.01, 0.08]
+    assert_same_poses(reached(robot, nominal, near, q)[None], wanted[None], 2e-6, 2e-6)
+    assert np.linalg.norm((reached(Robot(nominal), nominal, near, q) - wanted)[:3, 3]) > 1e-5, "it needs a correction"
+    assert [note.text for note in found.notes if "Offs(p10,0,0,n)" in note.text]

@@ -24,7 +24,15 @@ from irbcal.correction.loads import load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
-from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Role, Shift, Target
+from irbcal.correction.text_program import (
+    Configuration,
+    ControlFlow,
+    FrameState,
+    PostureProgram,
+    Role,
+    Shift,
+    Target,
+)
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling import frames
@@ -105,6 +113,12 @@ class AsProgram(PostureProgram):
         """A comment line."""
         newline = self.listing.newline(self.listing.part(max(self.mark_at - 1, 0)))
         return self.mark_at, self.mark_at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
+
+    def split_edits(self, target: Target, numbers: list[float], configuration: Configuration | None) -> list[Edit]:
+        """A straight or joint move to a transformation in numbers."""
+        assert target.split is not None
+        word = {"J": "JMOVE", "L": "LMOVE"}[self.text[target.split.span[0]].upper()]
+        return [(*target.split.span, f"{word} TRANS({', '.join(self.split_texts(target, numbers))})")]
 
 
 _LINE = re.compile(r"[^\r\n]+")
@@ -294,7 +308,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     """
     listing = Listing(files, "Kawasaki AS")
     sections = read(listing)
-    reader = _Reader(listing, sections, setup.harmless)
+    reader = _Reader(listing, sections, setup.harmless, setup.split_points)
     for line in sections.lines:
         reader.take(line)
     reader.conclude()
@@ -322,9 +336,9 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
 class _Reader:
     """Follows the programs."""
 
-    def __init__(self, listing: Listing, sections: Sections, harmless: Sequence[str]) -> None:
+    def __init__(self, listing: Listing, sections: Sections, harmless: Sequence[str], split_points: bool) -> None:
         self.listing, self.sections = listing, sections
-        self.flow = ControlFlow(listing, Calls(harmless))
+        self.flow = ControlFlow(listing, Calls(harmless), split_points=split_points)
         self.literals: list[Target] = []
         self._literal_frames: dict[str, FloatArray] = {}
         self._bad = {key for key, location in sections.locations.items() if location.conflicts}
@@ -353,7 +367,7 @@ class _Reader:
             computed = unknown_load(f"the load of line {self.listing.line(at)} is not in numbers")
             self.flow.carry(computed if mass is None else load_of(mass), at)
         elif word in ("jappro", "lappro") and self._approach(word, arguments, at):
-            self.flow.stop(None, at)
+            pass
         elif word in RELATIVE:
             self.flow.leave(at, word.upper(), self.listing.quote(at, tokens[-1].end), "it moves by a distance")
             self.flow.stop(None, at)
@@ -363,7 +377,7 @@ class _Reader:
             self._mention(tokens, at)
 
     def _approach(self, word: str, arguments: Tokens, at: int) -> bool:
-        """Take a location from which a move stays away along the tool's axis, ``LAPPRO location,distance``."""
+        """Take a location from which a move stays away along the tool's axis, if it is one (``LAPPRO point,80``)."""
         points = split(arguments)
         keys = self._named(points[0]) if points else None
         targets = [self.sections.locations[key] for key in keys or ()]
@@ -374,7 +388,12 @@ class _Reader:
         text = self.listing.quote(arguments[0].start, arguments[-1].end)
         tool, frame = self.flow.state.tool, self.flow.state.frame
         known = distance is not None
-        self.flow.shifts += [Shift(t, at, word.upper(), text, np.eye(4), T, known, tool, frame) for t in targets]
+        shifts = [Shift(t, at, word.upper(), text, np.eye(4), T, known, tool, frame) for t in targets]
+        own = None if any(t.external for t in targets) else self.flow.shift(shifts, (at, arguments[-1].end))
+        if own is not None:
+            self.literals.append(own)
+            self.flow.use(own, at, word.upper())
+        self.flow.stop(own, at)
         self._mention(points[1], at)
         return True
 

@@ -114,6 +114,16 @@ class KrlProgram(PostureProgram):
                 out.append((start, end, like(old, new)))
         return out
 
+    def split_edits(self, target: Target, numbers: list[float], configuration: Configuration | None) -> list[Edit]:
+        """Components in braces in the move."""
+        assert target.split is not None
+        parts = [f"{name.upper()} {text}" for name, text in zip(POSE, self.split_texts(target, numbers), strict=True)]
+        parts += [
+            f"{name} {text}" for name, text in zip("ST", self.split_configuration(target, configuration), strict=False)
+        ]
+        parts += [f"{name.upper()} {value!r}" for name, value in sorted(target.e.items())]
+        return [(*target.split.span, "{" + ",".join(parts) + "}")]
+
 
 TOKEN = re.compile(
     r"""(?P<space>[ \t\f\v]+)
@@ -570,6 +580,8 @@ class Statements:
         With its targets collected.
     harmless : sequence of str
         Patterns of names of routines that neither move the arm nor set tool or base.
+    split_points : bool
+        Whether shifted targets become targets of their own.
 
     Attributes
     ----------
@@ -581,9 +593,11 @@ class Statements:
     notes : list of (int, str)
     """
 
-    def __init__(self, listing: Listing, data: KrlData, harmless: Sequence[str] = ()) -> None:
+    def __init__(
+        self, listing: Listing, data: KrlData, harmless: Sequence[str] = (), split_points: bool = False
+    ) -> None:
         self.listing, self.data = listing, data
-        self.flow = ControlFlow(listing, Calls(harmless, BUILT_IN))
+        self.flow = ControlFlow(listing, Calls(harmless, BUILT_IN), split_points=split_points)
         self._forms = inline_forms(listing)
         self._called_in_form: tuple[Span, str, Ways] | None = None
         self._loads: dict[str, Load | None] = {}
@@ -965,10 +979,10 @@ class Statements:
                 self.flow.leave(line.start, name, self._rest(line, 1), "its end point is missing")
                 break
             shifted = self._shifted(line, name, state)
-            if shifted:
+            if shifted == []:
                 goal = None
                 continue
-            targets, text, reason = self._point(line, name)
+            targets, text, reason = (shifted, "", "") if shifted else self._point(line, name)
             if reason:
                 self.flow.leave(line.start, name, text, reason)
             for goal_target in targets:
@@ -981,8 +995,11 @@ class Statements:
         unused = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
         self._mention([token for token in unused if not token.word.startswith("c_")], line.part)
 
-    def _shifted(self, line: TokenLine, move: str, state: FrameState) -> bool:
-        """Take a point with a shift in its own axes, ``P:{X …,Y …,Z …,A …,B …,C …}``, if the next argument is one."""
+    def _shifted(self, line: TokenLine, move: str, state: FrameState) -> list[Target] | None:
+        """Take a point with a shift in its own axes, ``P:{X …,Y …,Z …,A …,B …,C …}``; None where no such comes next.
+
+        The target of its own that it becomes, none where it stays.
+        """
         begin = line.at
         variable = self.data.lookup(line.part, line.word()) if line.next.kind == "name" else None
         line.at += 1
@@ -993,11 +1010,13 @@ class Statements:
         targets = [] if variable is None else [t for at, t in variable.targets.items() if index in (None, at)]
         if variable is None or not targets or variable.changes or len(plain) < 6 or line.word() == ":":
             line.at = begin
-            return False
+            return None
         at, text = line.tokens[0].start, self._rest(line, begin, line.at)
-        T = KUKA.frame(plain)
-        self.flow.shifts += [Shift(t, at, move, text, np.eye(4), T, True, state.tool, state.frame) for t in targets]
-        return True
+        T, span = KUKA.frame(plain), (line.tokens[begin].start, line.tokens[line.at - 1].end)
+        shifts = [Shift(t, at, move, text, np.eye(4), T, True, state.tool, state.frame) for t in targets]
+        own = self.flow.shift(shifts, span)
+        self.literals += [own] if own is not None else []
+        return [own] if own is not None else []
 
     def _point(self, line: TokenLine, move: str) -> tuple[list[Target], str, str]:
         """Targets that an argument stands for, its text, and why they are not all or not to be changed."""
@@ -1117,7 +1136,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
     lines, comments = lines_of(listing)
     data = KrlData(listing, [str(Path(file.name).with_suffix("")).lower() for file in listing.parts])
     statements_left = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
-    statements = Statements(listing, data, setup.harmless)
+    statements = Statements(listing, data, setup.harmless, setup.split_points)
     statements_left = _values_first(statements, data, statements_left)
     data.collect()
     statements.follow(statements_left)

@@ -1089,6 +1089,8 @@ class Uses:
         The routines of all modules; those of this module unless given.
     loads : Loads, optional
         What the robot carries in all modules; in this module unless given.
+    split_points : bool
+        Whether shifted targets become targets of their own.
 
     Attributes
     ----------
@@ -1103,13 +1105,15 @@ class Uses:
         other_modules: OtherModules | None = None,
         calls: Calls | None = None,
         loads: Loads | None = None,
+        split_points: bool = False,
     ) -> None:
+        literals.flow.split_points = split_points
         self.others = other_modules or OtherModules(literals)
         self.calls = calls or calls_of([literals])
         self.loads = loads or Loads([literals], self.calls)
         self.literals, self.reader, self.given = literals, literals.reader, frames_given
         self.goals: list[tuple[MoveInstruction, list[tuple[list[Literal], bool]]]] = []
-        self._shifted: set[tuple[int, str]] = set()
+        self._shifted: dict[tuple[int, str], Literal | None] = {}
 
     def gather(self) -> None:
         """Give every literal its uses, those of other modules, too.
@@ -1136,11 +1140,15 @@ class Uses:
             T = frames.transform(None, np.array(shift.numbers or (0.0, 0.0, 0.0)) * MM)
             left, right = (np.eye(4), T) if shift.in_tool else (T, np.eye(4))
             known = shift.numbers is not None
-            text = next(arg.text for _, arg in move.points if arg.start <= shift.start < arg.end)
-            for literal in literals:
-                made = Shift(literal, move.start, move.name, text, left, right, known, tool, wobj)
-                self.literals.flow.shifts.append(made)
-            self._shifted.add((move.start, text))
+            arg = next(arg for _, arg in move.points if arg.start <= shift.start < arg.end)
+            own = self.literals.flow.shift(
+                [Shift(each, move.start, move.name, arg.text, left, right, known, tool, wobj) for each in literals],
+                (arg.start, arg.end),
+            )
+            if isinstance(own, Literal):
+                own.mentioned, own.monitored = [], set()
+                self.literals.targets.append(own)
+            self._shifted[move.start, arg.text] = own if isinstance(own, Literal) else None
 
     def _move(self, move: MoveInstruction) -> None:
         """Give the literals that a move goes to this use, or report what is in the way."""
@@ -1162,8 +1170,11 @@ class Uses:
                 points.append(([], True))
                 continue
             literals, reason = self._goals(move, arg, kind, line)
+            own = self._shifted.get((move.start, arg.text))
+            if own is not None and not unknown:
+                literals, reason = [own], ""
             points.append((literals, bool(reason)))
-            if (move.start, arg.text) in self._shifted and not unknown:
+            if own is None and (move.start, arg.text) in self._shifted and not unknown:
                 continue
             if reason or unknown:
                 self.literals.flow.leave(move.start, move.name, arg.text, reason or unknown)
@@ -1862,15 +1873,17 @@ def _points(cut: CutPath, to: Target, T_base_wobj: FloatArray) -> list[str]:
     """Literals of the points of a cut."""
     T = frames.inverse(T_base_wobj) @ cut.T_fake @ cut.move.T_tip_tcp
     near = np.array(to.written[3:])[None].repeat(len(T), axis=0)
-    out = []
     assert isinstance(to.configuration, ConfData)
-    external = re.sub(r"\s", "", to.external)
-    for row, q in zip(numbers_from_poses(T, near), cut.q, strict=True):
-        xyz = ",".join(number_text(value, DECIMALS) for value in row[:3])
-        turn = ",".join(number_text(value, QUATERNION_DECIMALS) for value in row[3:])
-        conf = ",".join(map(str, configuration_of(q, to.configuration.cfx)))
-        out.append(f"[[{xyz}],[{turn}],[{conf}],{external}]")
-    return out
+    confs = [configuration_of(q, to.configuration.cfx) for q in cut.q]
+    return [_robtarget(row, conf, to) for row, conf in zip(numbers_from_poses(T, near), confs, strict=True)]
+
+
+def _robtarget(numbers: Sequence[float], conf: ConfData, like: Target) -> str:
+    """A literal with the external axes of another target."""
+    xyz = ",".join(number_text(value, DECIMALS) for value in numbers[:3])
+    turn = ",".join(number_text(value, QUATERNION_DECIMALS) for value in numbers[3:])
+    external = re.sub(r"\s", "", like.external)
+    return f"[[{xyz}],[{turn}],[{','.join(map(str, conf))}],{external}]"
 
 
 NOT_MONITORED = (
@@ -1917,18 +1930,22 @@ class Module(TextProgram):
         """Joints that the controller takes for poses: those of the configuration, or next to the stop before.
 
         Where ``ConfJ`` or ``ConfL`` is off the controller goes to the solution that is nearest. Where it is not known
-        whether it is, both must be the same. None where all configurations count and the arm has a closed form.
+        whether it is, both must be the same. Targets in the place of shifted ones are next to those that were shifted:
+        a shift may lead across the edge of a quadrant. None where all configurations count and a closed form is there.
         """
         targets = [self.targets[k] for k in poses]
         sets = [target.monitored if isinstance(target, Literal) else {True} for target in targets]
         free = np.array([monitored != {True} for monitored in sets], dtype=bool)
+        split = np.array([target.split is not None for target in targets], dtype=bool) & ~free
         arm = self.arm
-        if arm is None or (closed_form.has_closed_form(arm) and not free.any()):
+        if arm is None or (closed_form.has_closed_form(arm) and not (free | split).any()):
             return None, ()
         q, reasons = np.full((len(poses), 6), np.nan), ["no closed form is near the arm's: " + NO_POSTURE] * len(poses)
         if own_model.nearest_form(arm) is not None:
             confs = [t.configuration if isinstance(t.configuration, ConfData) else None for t in targets]
-            q, told = seeds_of(arm, T_base_tip, confs, self.own_model)
+            T = np.array(T_base_tip)
+            T[split] = self._unshifted(np.asarray(poses)[split].tolist())
+            q, told = seeds_of(arm, T, confs, self.own_model)
             reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
             reasons = ["" if r else NO_REACH if t else NO_CONFDATA for r, t in zip(reached, told, strict=True)]
         configured = q.copy()
@@ -1936,12 +1953,23 @@ class Module(TextProgram):
         for row in rows:
             q[row], reasons[row] = np.nan, NOT_MONITORED
         solutions = Solutions(ABB, arm, T_base_tip, [Posture()] * len(poses), self.own_model)
+        for row in np.flatnonzero(split & np.isfinite(q).all(axis=1)).tolist():
+            start = q[row].copy()
+            q[row : row + 1], (reasons[row],) = solutions.next_to(np.array([row]), start[None])
+            reasons[row] = reasons[row] or solutions.unclear(start, q[row])
+            q[row] = np.nan if reasons[row] else q[row]
         self.next_to_stops(poses, q, reasons, rows, solutions, solutions.unclear)
         for row in rows:
             agree = np.abs(q[row] - configured[row]).max() < 1e-6
             if not reasons[row] and sets[row] != {False} and not agree:
                 q[row], reasons[row] = np.nan, MAY_BE_MONITORED
         return q, reasons
+
+    def _unshifted(self, poses: Sequence[int]) -> FloatArray:
+        """Tip poses (n, 4, 4) of the targets in whose place others stand, with the frames of these."""
+        T_base_wobj, T_tip_tcp = self._frames_of(poses)
+        values = [split.target.value for k in poses if (split := self.targets[k].split) is not None]
+        return T_base_wobj @ np.array(values).reshape(-1, 4, 4) @ frames.inverse(T_tip_tcp)
 
     def path_moves(self) -> list[PathMove]:
         """The straight and circular moves, see `irbcal.correction.languages.rapid`."""
@@ -1971,6 +1999,13 @@ class Module(TextProgram):
         assert isinstance(target.configuration, ConfData)
         pairs = zip(target.configuration_spans, configuration, target.configuration, strict=True)
         return [(*span, str(int(new))) for span, new, old in pairs if new != old]
+
+    def split_edits(self, target: Target, numbers: list[float], configuration: Configuration | None) -> list[Edit]:
+        """A literal in the move."""
+        assert target.split is not None
+        conf = configuration or target.configuration
+        assert isinstance(conf, ConfData)
+        return [(*target.split.span, _robtarget(numbers, conf, target))]
 
     def edits(self, values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of numbers and configuration data, and points put into moves."""
@@ -2049,7 +2084,7 @@ def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> l
         beside = OtherModules(
             module, [other_module for other_module in modules if other_module is not module], numbers, everywhere
         )
-        gathered.append(Uses(module, available, beside, calls, loads))
+        gathered.append(Uses(module, available, beside, calls, loads, setup.split_points))
     for uses in gathered:
         uses.gather()
     return [uses.module(arm, setup) for uses in gathered]

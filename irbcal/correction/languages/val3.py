@@ -16,11 +16,11 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
-from irbcal.correction.listing import Edit, Listing, Number, mark_in
+from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
-from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Shift, Target
+from irbcal.correction.text_program import Configuration, ControlFlow, FrameState, PostureProgram, Shift, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -70,6 +70,30 @@ class Val3Program(PostureProgram):
     def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """Shoulder, elbow and wrist of joints."""
         return Posture(back, bent, -1 if negative else 1)
+
+    def split_edits(self, target: Target, numbers: list[float], configuration: Configuration | None) -> list[Edit]:
+        """A datum of one point, with the father and the configuration of the one that was shifted."""
+        assert target.split is not None
+        text, start = self.text, target.split.target.start
+        begin, behind = text.rindex("<Data", 0, start), text.index("</Data>", start) + len("</Data>")
+        head, value = text[begin : text.index(">", begin) + 1], text[start : text.index(">", start) + 1]
+        pairs = zip(target.numbers, self.split_texts(target, numbers), strict=True)
+        for number, new in sorted(pairs, key=lambda pair: -pair[0].start):
+            value = value[: number.start - start] + new + value[number.end - start :]
+        name = _split_name(self.listing, target.split.span)
+        head = _with_attribute(_with_attribute(head, "name", name), "size", "1")
+        value = _with_attribute(value, "key", "0") + ("" if value.endswith("/>") else "</Value>")
+        return [(*target.split.span, name), (behind, behind, f"{self.listing.newline()}{head}{value}</Data>")]
+
+
+def _with_attribute(tag: str, key: str, value: str) -> str:
+    """A tag with another value of an attribute."""
+    return re.sub(rf"(\s{key}\s*=\s*)(\"[^\"]*\"|'[^']*')", rf'\g<1>"{value}"', tag)
+
+
+def _split_name(listing: Listing, span: Span) -> str:
+    """Name of the point for a place in a program."""
+    return f"p{listing.line(span[0])}c{listing.column(span[0])}"
 
 
 _PIECE = re.compile(
@@ -214,7 +238,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         if re.search(r"millimeterUnit\s*=\s*[\"']false", text):
             raise ProgramError("this application is in inches, which is not supported", file=part.name)
     values, codes, comments = read(listing)
-    application = _Application(listing, values)
+    application = _Application(listing, values, setup.split_points)
     for code in codes:
         application.follow(code)
     application.conclude()
@@ -246,9 +270,10 @@ _SIX = re.compile(r"\s*\{\s*" + r"\s*,\s*".join([r"[-+]?(?:\d+\.?\d*|\.\d+)"] * 
 class _Application:
     """Follows the program texts."""
 
-    def __init__(self, listing: Listing, values: Sequence[DatumValue]) -> None:
+    def __init__(self, listing: Listing, values: Sequence[DatumValue], split_points: bool = False) -> None:
         self.listing, self.values = listing, values
-        self.flow = ControlFlow(listing)
+        self.flow = ControlFlow(listing, split_points=split_points)
+        self._argument_end = 0
         pairs = [(value, target(value)) for value in values]
         self.targets = [(value, target) for value, target in pairs if target is not None]
         first_of_name: dict[str, Target] = {}
@@ -332,8 +357,8 @@ class _Application:
         name = _shown(tool[1], index) if tool is not None and index.isdecimal() else None
         stop: Target | None = None
         for role, argument in zip(roles, arguments, strict=False):
-            if self._approach(at, move, argument, name):
-                stop = None
+            if self._approach(at, move, argument, name, role):
+                stop = self.flow.shifts[-1].own
                 continue
             goals, reason = self._goal(argument)
             if reason:
@@ -346,7 +371,7 @@ class _Application:
                 self._mention(at, argument)
         self.flow.stop(stop, at)
 
-    def _approach(self, at: int, move: str, argument: str, tool: str | None) -> bool:
+    def _approach(self, at: int, move: str, argument: str, tool: str | None, role: str) -> bool:
         """Take a point with a shift in its own axes, ``appro(point,{x,y,z,rx,ry,rz})``; whether it is one."""
         match = _APPROACH.fullmatch(argument)
         goals = [] if match is None else self._goal(match[1])[0]
@@ -354,10 +379,16 @@ class _Application:
             return False
         numbers = [float(number) for number in match[2].strip(" {}").split(",")] if _SIX.fullmatch(match[2]) else []
         T = STAUBLI.frame(numbers) if numbers else np.eye(4)
-        for value, target in goals:
-            text = argument.strip()[:50]
-            frame = self._father(value)
-            self.flow.shifts.append(Shift(target, at, move, text, np.eye(4), T, bool(numbers), tool, frame))
+        text, known = argument.strip()[:50], bool(numbers)
+        start = self.listing.text.index(argument.strip(), max(at, self._argument_end))
+        self._argument_end = start + len(argument.strip())
+        shifts = [Shift(t, at, move, text, np.eye(4), T, known, tool, self._father(value)) for value, t in goals]
+        span = start, self._argument_end
+        own = None if _split_name(self.listing, span) in self.names else self.flow.shift(shifts, span)
+        if own is not None:
+            self.targets.append((goals[0][0], own))
+            state = FrameState(tool, shifts[0].work_object, f"the tool of line {self.listing.line(at)} is computed")
+            self.flow.use(own, at, move, "via" if role == "via" else "to", state)
         self._mention(at, "" if numbers else match[2])
         return True
 
