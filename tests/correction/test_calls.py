@@ -28,7 +28,9 @@ def test_a_routine_does_what_its_lines_and_those_it_calls_do():
         "other": CallEffect(True, True, True),
     }
     calls.learn("wait", sets_frames=True)
-    assert calls.effect("wait_long") == (True, False, False), "a routine of the program's own goes before a built-in one"
+    assert calls.effect("wait_long") == (True, False, False), (
+        "a routine of the program's own goes before a built-in one"
+    )
 
 
 POSE = "{X 1675.117,Y -311.39,Z 1471.544,A -174.596,B 53.668,C -163.224}"
