@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, plain
 from irbcal.errors import OptionError, RobotError
 from irbcal.io.opening import Opened, RobotLike, open_robot
-from irbcal.modeling import frames
 from irbcal.modeling.inverse.along_path import SingularPlace
 from irbcal.modeling.robot import loaded
 from irbcal.options import shown
@@ -90,7 +89,7 @@ class ForwardResult(Result):
         """
         import pandas as pd
 
-        from irbcal.measurement.columns import with_input_columns
+        from irbcal.measurement.columns import poses_to_frame, with_input_columns
 
         if self.points is None:
             table = poses_to_frame(self.T_base_tip)
@@ -211,14 +210,6 @@ class InverseJoints(Result):
 def _first_rows(table: pd.DataFrame) -> Table:
     title = f"the first {SHOWN} of {len(table)} rows" if len(table) > SHOWN else "rows"
     return Table.of(title, table.head(SHOWN), digits=6)
-
-
-def poses_to_frame(T_base_tip: FloatArray) -> pd.DataFrame:
-    """Poses (n, 4, 4) as a table: ``x_mm, y_mm, z_mm, qw, qx, qy, qz`` (unit quaternion, scalar first, qw >= 0)."""
-    import pandas as pd
-
-    values = np.column_stack([T_base_tip[:, :3, 3] / MM, frames.quaternion_from_matrix(T_base_tip[:, :3, :3])])
-    return pd.DataFrame(values, columns=["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"])
 
 
 JointsLike: TypeAlias = Union["ArrayLike | str | PathLike[str] | pd.DataFrame | MeasurementSet | InverseJoints"]
@@ -457,11 +448,6 @@ def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> In
     )
 
 
-def pose_table(robot: Robot, q: ArrayLike) -> pd.DataFrame:
-    """Tip poses in the base link for commanded joints (n, joints), radians, as `poses_to_frame` writes them."""
-    return poses_to_frame(robot.poses(q))
-
-
 def _joints(q: JointsLike, arm: Arm) -> tuple[FloatArray, pd.DataFrame | None]:
     """Joints, and the table that they stand in."""
     import pandas as pd
@@ -485,10 +471,10 @@ def _poses(T_base_tip: PosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
     """Poses, and the table that they stand in."""
     import pandas as pd
 
-    from irbcal.measurement.columns import POSITION, QUATERNION, InputTable
+    from irbcal.measurement.columns import POSE, InputTable
 
     if isinstance(T_base_tip, (str, PathLike, pd.DataFrame)):
-        table = InputTable.read(T_base_tip, [*POSITION, *QUATERNION], stdin=True)
+        table = InputTable.read(T_base_tip, POSE, stdin=True)
         return table.poses(), table.cells
     try:
         T = np.asarray(T_base_tip.T_base_tip if isinstance(T_base_tip, ForwardResult) else T_base_tip, dtype=float)

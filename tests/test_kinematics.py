@@ -23,7 +23,8 @@ from irbcal.cli.main import app
 from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.io import calibration_folder, urdf
 from irbcal.io.opening import open_robot
-from irbcal.kinematics import forward_kinematics, inverse_kinematics, pose_table
+from irbcal.kinematics import forward_kinematics, inverse_kinematics
+from irbcal.measurement.columns import poses_to_frame
 from irbcal.modeling.inverse import closed_form
 from irbcal.validation.accuracy import position_std
 
@@ -169,7 +170,7 @@ def test_results_speak_and_can_be_pickled(folder):
 
 def test_poses_as_a_table():
     robot = open_robot("irb1600").robot
-    table = pose_table(robot, np.zeros((1, 6)))
+    table = poses_to_frame(robot.poses(np.zeros((1, 6))))
     np.testing.assert_allclose(table.iloc[0, :3], [815, 0, 1186.5], rtol=0, atol=1e-9)
     np.testing.assert_allclose(table.iloc[0, 3:], [np.sqrt(0.5), 0, np.sqrt(0.5), 0], rtol=0, atol=1e-12)
 
@@ -256,7 +257,7 @@ def test_a_path_and_what_stands_in_its_way(swing, tmp_path):
     (place,) = found.singular
     assert "singularity" in found.summary()
     assert place.in_words() in found.summary()
-    irbcal.kinematics.poses_to_frame(swing).to_csv(tmp_path / "p.csv", index=False)
+    poses_to_frame(swing).to_csv(tmp_path / "p.csv", index=False)
     words = ["ik", "irb120", "--poses", str(tmp_path / "p.csv"), "--path", "--near", "0,20,-10,0,20,0"]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0

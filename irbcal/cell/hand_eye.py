@@ -25,7 +25,7 @@ from irbcal.identification.observations import DIMENSIONS
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
 from irbcal.io.schema import PoseSection
 from irbcal.measurement import charuco, features, imaging
-from irbcal.measurement.columns import InputTable, TableLike
+from irbcal.measurement.columns import POSE, InputTable, TableLike
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -38,7 +38,6 @@ from irbcal.units import DEG, MM
 if TYPE_CHECKING:
     import pandas as pd
 
-POSE = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 FLANGE = [f"flange_{name}" for name in POSE]
 """Columns of the flange in the robot base, where there are no joints."""
 LEAST = 3

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages import ros
 from irbcal.io import robots, urdf
-from irbcal.measurement.columns import POSITION
+from irbcal.measurement.columns import POSITION, QUATERNION, poses_to_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
@@ -176,10 +176,7 @@ def _lists(cell: VirtualCell) -> Iterator[Sample]:
         "job.csv", csv_bytes(joints), "a program of joints", "irbcal filter my-robot job.csv --out corrected.csv"
     )
     yield from _trajectory(arm, q[:-1] * DEG)  # the last one lies behind a singularity
-    T = arm.forward(q * DEG)
-    quaternions = frames.quaternion_from_matrix(T[:, :3, :3])
-    numbers = np.round(np.column_stack([T[:, :3, 3] / MM, quaternions]), 9)
-    poses = pd.DataFrame(numbers, columns=[*POSITION, "qw", "qx", "qy", "qz"])
+    poses = poses_to_frame(arm.forward(q * DEG)).round(9)
     yield Sample("poses.csv", csv_bytes(poses), "poses of the tip", "irbcal ik my-robot --poses poses.csv")
     command = "irbcal urdf --dh table.csv --convention modified --out arm.urdf"
     yield Sample("table.csv", DH_TABLE.encode(), "Denavit-Hartenberg parameters", command)
@@ -275,15 +272,14 @@ def _full_poses(q: FloatArray, T: FloatArray) -> Iterator[Sample]:
     """Files of trackers that measure orientations: the tip in the tracker's frame, exactly."""
     from scipy.spatial.transform import Rotation
 
-    xyz = np.round(T[:, :3, 3] / MM, 4)
-    numbers = np.hstack([xyz, np.round(frames.quaternion_from_matrix(T[:, :3, :3]), 9)])
-    table = pd.DataFrame(numbers, columns=["X", "Y", "Z", "Q0", "Q1", "Q2", "Q3"])
+    table = poses_to_frame(T).round({**dict.fromkeys(POSITION, 4), **dict.fromkeys(QUATERNION, 9)})
+    table.columns = ["X", "Y", "Z", "Q0", "Q1", "Q2", "Q3"]
     command = "irbcal import tmac.csv --as leica-tmac --joints measured_joints.csv --out from_tmac.csv"
     yield Sample("tmac.csv", csv_bytes(table, sep=";", decimal=","), "poses of a Leica T-Mac", command)
     names = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
     angles = Rotation.from_matrix(T[:, :3, :3]).as_euler("XYZ", degrees=True)
     columns = [*(f"{name}_joint" for name in names), *(f"measurement_{c}" for c in ("x", "y", "z", "rx", "ry", "rz"))]
-    table = pd.DataFrame(np.round(np.hstack([q, xyz, angles]), 9), columns=columns)
+    table = pd.DataFrame(np.round(np.hstack([q, np.round(T[:, :3, 3] / MM, 4), angles]), 9), columns=columns)
     table["measurement_temperature"] = 21.0
     command = "irbcal import export.csv --as ur10-lab --out from_lab.csv"
     yield Sample("export.csv", csv_bytes(table, sep=";", decimal=","), "a lab's export with decimal commas", command)
@@ -429,13 +425,9 @@ def _controller(q: FloatArray, cell: VirtualCell) -> Iterator[Sample]:
     a = cell.arm.table.a.copy()
     a[2] += 0.3 * MM
     T = cell.arm.with_table(replace(cell.arm.table, a=a)).forward(q)
-    wxyz = frames.quaternion_from_matrix(T[:, :3, :3])
-    numbers = np.round(np.column_stack([q / DEG, T[:, :3, 3] / MM, wxyz]), 6)
-    columns = [*(f"q{k}_deg" for k in range(1, 7)), *POSITION, "qw", "qx", "qy", "qz"]
+    table = pd.DataFrame(q / DEG, columns=cell.arm.joint_columns).join(poses_to_frame(T)).round(6)
     command = "irbcal controller reported.csv --robot my_robot.urdf --out controller.urdf"
-    yield Sample(
-        "reported.csv", csv_bytes(pd.DataFrame(numbers, columns=columns)), "what the controller shows", command
-    )
+    yield Sample("reported.csv", csv_bytes(table), "what the controller shows", command)
 
 
 RAIL_POSES = 60

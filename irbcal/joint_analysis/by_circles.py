@@ -30,7 +30,7 @@ from irbcal.identification.choices import Parallel
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import read_targets
+from irbcal.measurement.columns import POSITION, poses_to_frame, read_targets
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
@@ -107,14 +107,12 @@ class ByCircles(Result):
         """
         base = tool = links = None
         if self.base is not None:
-            T = self.base.T_world_base
-            pose = np.concatenate([T[:3, 3] / MM, frames.quaternion_from_matrix(T[:3, :3])])
-            base = dict(zip(("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"), pose, strict=True))
+            base = poses_to_frame(self.base.T_world_base[None]).iloc[0].to_dict()
             base |= {"std_mm": self.base.std[:3] / MM, "std_deg": self.base.std[3:] / DEG}
             base |= values(self.base, "axis_2_angle_deg=angle axis_2_distance_mm=distance")
         if self.tool is not None:
             targets = {
-                name: dict(zip(("x_mm", "y_mm", "z_mm"), xyz / MM, strict=True)) | {"std_mm": self.tool.std[name] / MM}
+                name: dict(zip(POSITION, xyz / MM, strict=True)) | {"std_mm": self.tool.std[name] / MM}
                 for name, xyz in self.tool.targets.items()
             }
             tool = values(self.tool, "last_axis_angle_deg=angle last_axis_distance_mm=distance") | {"targets": targets}

@@ -41,6 +41,7 @@ ALL_JOINTS = "q1 …"
 """Stands for the joint columns of any arm among required columns: from joint 1 to the last one in the header."""
 POSITION = ["x_mm", "y_mm", "z_mm"]
 QUATERNION = ["qw", "qx", "qy", "qz"]
+POSE = [*POSITION, *QUATERNION]
 PAYLOAD = "payload_kg"
 PAYLOAD_CENTRE = ["payload_x_mm", "payload_y_mm", "payload_z_mm"]
 """Centre of the payload in the tip link."""
@@ -758,6 +759,11 @@ def joint_units(columns: Iterable[str]) -> FloatArray:
 def distinct(names: NameArray) -> list[str]:
     """Different names in the order of their first rows."""
     return [str(name) for name in dict.fromkeys(names)]
+
+
+def poses_to_frame(T: FloatArray) -> pd.DataFrame:
+    """Poses (n, 4, 4), metres, as a table with the columns `POSE` (unit quaternion, scalar first, qw >= 0)."""
+    return pd.DataFrame(np.column_stack([T[:, :3, 3] / MM, frames.quaternion_from_matrix(T[:, :3, :3])]), columns=POSE)
 
 
 def lost_points(xyz: FloatArray) -> BoolArray:

@@ -19,13 +19,12 @@ from irbcal.correction import languages
 from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.fake_targets import correct_poses
 from irbcal.correction.filter import place_pair
-from irbcal.correction.languages.table import POSE
 from irbcal.correction.program import ControllerSetup, read_bytes
 from irbcal.errors import MeasurementError, ProgramError
 from irbcal.io.controller_model import controller_frames, unknown_frames
 from irbcal.io.opening import open_robot
 from irbcal.measurement import columns
-from irbcal.measurement.columns import InputTable
+from irbcal.measurement.columns import POSE, InputTable
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import pulses_per_degree

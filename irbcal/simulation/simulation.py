@@ -19,9 +19,8 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
-from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, TableLike
+from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, TableLike, poses_to_frame
 from irbcal.measurement.table import MeasurementSet
-from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 from irbcal.names import csv_bytes
@@ -109,8 +108,7 @@ def files(run: Run, poses: PoseList, cell: VirtualCell, out: str | Path, robot: 
         "unseen": run.unseen,
         "poses_are": "true tip poses in the base link, in the order of the run: x_mm, y_mm, z_mm, qw, qx, qy, qz",
     }
-    quaternions = frames.quaternion_from_matrix(run.T_base_tip[:, :3, :3])
-    rows = np.round(np.column_stack([run.T_base_tip[:, :3, 3] / MM, quaternions]), 9).tolist()
+    rows = poses_to_frame(run.T_base_tip).round(9).to_numpy().tolist()
     lines = ",\n".join(f"  {row}" for row in rows)
     truth = json.dumps(document, indent=1, ensure_ascii=False).removesuffix("\n}")
     return {out.name: data, truth_name(out): f'{truth},\n "poses": [\n{lines}\n ]\n}}\n'.encode()}

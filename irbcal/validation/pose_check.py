@@ -21,7 +21,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike, poses_to_frame
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses
 from irbcal.measurement.table import MeasurementSet
@@ -109,13 +109,9 @@ class FivePoses(Result):
         """
         import pandas as pd
 
-        T = self.arm.forward(self.q)
-        wxyz = frames.quaternion_from_matrix(T[:, :3, :3])
-        columns = [*self.arm.joint_columns, "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
-        numbers = np.column_stack([self.arm.to_controller(self.q) / self.arm.joint_units, T[:, :3, 3] / MM, wxyz])
-        table = pd.DataFrame(numbers, columns=columns)
-        table.insert(0, "pose", POSES)
-        return table
+        q = pd.DataFrame(self.arm.to_controller(self.q) / self.arm.joint_units, columns=list(self.arm.joint_columns))
+        q.insert(0, "pose", POSES)
+        return q.join(poses_to_frame(self.arm.forward(self.q)))
 
     CONTENT = "robot=arm.name poses=to_frame"
 

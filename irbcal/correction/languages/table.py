@@ -38,6 +38,7 @@ from irbcal.correction.program import (
 from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotError
 from irbcal.measurement.columns import (
     JOINTS,
+    POSE,
     POSITION,
     QUATERNION,
     InputTable,
@@ -280,9 +281,6 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
         raise ProgramError(str(error), file=source) from None
     return TimedTable(**{f.name: getattr(program, f.name) for f in fields(TableProgram)}, arm=arm, motion=motion)
 
-
-POSE = [*POSITION, *QUATERNION]
-"""Columns of poses."""
 
 LARGEST = 1e9
 """Numbers beyond (9E9, …) stand for no place that a robot could reach."""
