@@ -78,10 +78,10 @@ class Listing:
             start += len(text)
         self.text = "".join(texts)
         self._begins = [file.start for file in self.parts]
-        self._lines = [
-            [file.start, *(m.end() for m in re.finditer(r"\r\n|\n|\r", self.text[file.start : file.end]))]
-            for file in self.parts
-        ]
+        self._lines = []
+        for file, content in zip(self.parts, texts, strict=True):
+            end = "\n" if "\n" in content else "\r"  # editors count no carriage return that stands alone among others
+            self._lines.append([file.start, *(m.end() for m in re.finditer(end, content))])
         for lines, part in zip(self._lines, self.parts, strict=True):
             lines[1:] = [part.start + end for end in lines[1:]]
 
@@ -112,8 +112,9 @@ class Listing:
 
     def newline(self, file: int = 0) -> str:
         """The line end of a file."""
-        match = re.search(r"\r\n|\n|\r", self.text[self.parts[file].start : self.parts[file].end])
-        return match[0] if match else "\n"
+        text = self.text[self.parts[file].start : self.parts[file].end]
+        match = re.search(r"\r?\n", text)
+        return match[0] if match else "\r" if "\r" in text else "\n"
 
     def after_line(self, position: int) -> int:
         """Where the line behind the one of a place begins, or the end of its file."""

@@ -25,6 +25,13 @@ def test_places_and_files():
         Listing([("a", b"\x00")], "X")
 
 
+def test_carriage_returns_that_stand_alone_among_other_line_ends_are_no_line_ends():
+    listing = Listing([("a", b"one\r\r\ntwo\rmore\r\nthree"), ("b", b"one\rtwo\r")], "X")
+    assert [listing.line(listing.text.index(word)) for word in ("two", "more", "three")] == [2, 2, 3]
+    assert listing.line(listing.text.rindex("two")) == 2
+    assert [listing.newline(k) for k in (0, 1)] == ["\r\n", "\r"]
+
+
 @pytest.mark.parametrize(
     ("old", "value", "least", "new"),
     [

@@ -1,6 +1,8 @@
-"""VAL3 applications (SRS 7 and newer): points and joints in ``.dtx``, moves in ``.pgx``; a folder is one application.
+"""VAL3 applications (CS8 and CS9): points and joints in ``.dtx``, moves in ``.pgx``; a folder is one application.
 
-A point stands in the frame that it names as its father, whose place is in the data as well, up to ``world``.
+A point stands in the frame that it names as its father, whose place is in the data as well, up to ``world``. In data of
+SRS 7 and newer a value is an element with all of its attributes; in those of VAL3 s6 father, place and configuration of
+a value are elements of their own.
 """
 
 from __future__ import annotations
@@ -97,7 +99,7 @@ def _split_name(listing: Listing, span: Span) -> str:
 
 
 _PIECE = re.compile(
-    r"(?P<comment><!--.*?-->)|<!\[CDATA\[(?P<code>.*?)\]\]>|<(?P<end>/?)(?P<tag>[A-Za-z]\w*)(?P<rest>[^<>]*)>",
+    r"(?P<comment><!--.*?-->)|<!\[CDATA\[(?P<code>.*?)\]\]>|<code>(?P<plain>[^<]+)</code>|<(?P<end>/?)(?P<tag>[A-Za-z]\w*)(?P<rest>[^<>]*)>",
     re.DOTALL,
 )
 _ATTRIBUTE = re.compile(r"([A-Za-z_][\w:.]*)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
@@ -122,6 +124,11 @@ class DatumValue(NamedTuple):
         return f"{self.name}[{self.key}]"
 
 
+OLD_TYPES = {"point": "pointRx", "joint": "jointRx", "frame": "frame", "tool": "tool"}
+"""Elements of VAL3 s6, and what newer data call them."""
+_OLD_FATHERS, _OLD_VALUES = ("pFather", "fFather", "tFather"), ("valuePoint", "valueJoint", "valueFrame", "valueTool")
+
+
 class Code(NamedTuple):
     """The text of a program."""
 
@@ -139,8 +146,9 @@ def read(listing: Listing) -> tuple[list[DatumValue], list[Code], list[str]]:
         for piece in _PIECE.finditer(listing.text, file.start, file.end):
             if piece["comment"]:
                 comments.append(piece["comment"])
-            elif piece["code"] is not None:
-                codes.append(Code(piece.start("code"), piece.end("code")))
+            elif piece["code"] is not None or piece["plain"] is not None:
+                kind = "code" if piece["code"] is not None else "plain"
+                codes.append(Code(piece.start(kind), piece.end(kind)))
             elif piece["tag"] == "Data":
                 datum = {} if piece["end"] else _attributes(piece)[0]
             elif piece["tag"] == "Value" and datum and not piece["end"]:
@@ -148,7 +156,32 @@ def read(listing: Listing) -> tuple[list[DatumValue], list[Code], list[str]]:
                 key = attributes.get("key", "0")
                 kind, name = datum.get("type", ""), datum.get("name", "")
                 values.append(DatumValue(kind, name, key, attributes, positions, piece.start()))
+            elif not piece["end"]:
+                _read_old(piece, datum, values)
     return values, codes, comments
+
+
+def _read_old(piece: re.Match[str], datum: dict[str, str], values: list[DatumValue]) -> None:
+    """A tag of the data of VAL3 s6: ``datum`` keeps what holds for the values that follow."""
+    tag, (attributes, positions) = piece["tag"], _attributes(piece)
+    if tag in OLD_TYPES or tag.endswith("Section"):
+        datum.clear()
+    if tag in OLD_TYPES and "name" in attributes:
+        datum |= {"old": OLD_TYPES[tag], "name": attributes["name"], "father": "world[0]"}
+    elif "old" not in datum:
+        return
+    elif tag in _OLD_FATHERS:
+        alias, father = attributes.get("alias", ""), attributes.get("name", "")
+        datum["father"] = f"{alias}{':' * bool(alias)}{father}[{attributes.get('fatherIndex', '0')}]"
+    elif tag in _OLD_VALUES:
+        datum["key"] = attributes.get("index", "0")
+    elif tag == "cpValue" and values:
+        values[-1].attributes.update(attributes)
+    elif "x" in attributes or "j1" in attributes:
+        attributes["fatherId"] = datum["father"]
+        values.append(
+            DatumValue(datum["old"], datum["name"], datum.get("key", "0"), attributes, positions, piece.start())
+        )
 
 
 def _attributes(piece: re.Match[str]) -> tuple[dict[str, str], dict[str, int]]:
@@ -206,7 +239,9 @@ _HEAD = re.compile(r"(?:\xef\xbb\xbf)?\s*<\?xml[^<>]*\?>")
 
 def looks_like(data: bytes) -> bool:
     """Whether a file looks like one of a VAL3 application."""
-    return b"/VAL3/" in data[:2000] and b"<" in data[:10]
+    head = data[:2000]
+    old = any(name in head for name in (b'"DataNameSpace"', b'"ProgramNameSpace"', b'"ProjectNameSpace"'))
+    return (b"/VAL3/" in head or old) and b"<" in data[:10]
 
 
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
@@ -233,8 +268,8 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     listing = Listing(sorted(files, key=lambda file: not file[0].lower().endswith(".dtx")), "VAL3")
     for part in listing.parts:
         text = listing.text[part.start : part.end]
-        if part.name.lower().endswith(".dtx") and "VAL3/Data/2" not in text:
-            raise ProgramError("expected data of VAL3 s7 or newer (VAL3/Data/2), found others", file=part.name)
+        if part.name.lower().endswith(".dtx") and not re.search(r'VAL3/Data/2|xmlns="DataNameSpace"', text):
+            raise ProgramError("expected data of VAL3 (VAL3/Data/2 or DataNameSpace), found others", file=part.name)
         if re.search(r"millimeterUnit\s*=\s*[\"']false", text):
             raise ProgramError("this application is in inches, which is not supported", file=part.name)
     values, codes, comments = read(listing)
@@ -287,7 +322,9 @@ class _Application:
         for pair in self.targets:
             self.named.setdefault(pair[0].name, []).append(pair)
             self.single.setdefault((pair[0].name, pair[0].key), []).append(pair)
-        self.own = {_shown(value.name, value.key): value for value in values if value.type == "frame"}
+        self.own = {
+            _shown(value.name, value.key): value for value in values if value.type == "frame" and value.name != "world"
+        }
         self.inside: dict[str, list[Target]] = {}
         for value, one in self.targets:
             if value.type == "pointRx":
@@ -301,7 +338,7 @@ class _Application:
         """Take the text of a program."""
         self.flow.restart()
         for line in re.finditer(r"[^\r\n]+", self.listing.text[code.start : code.end]):
-            text = re.sub(r"\"[^\"]*\"", lambda match: " " * len(match[0]), line[0])
+            text = re.sub(r"\"[^\"]*\"|&quot;.*?&quot;", lambda match: " " * len(match[0]), line[0])
             text = _QUIET.sub(lambda match: " " * len(match[0]), text.split("//", maxsplit=1)[0])
             self._line(code.start + line.start(), text)
 
@@ -384,7 +421,10 @@ class _Application:
         self._argument_end = start + len(argument.strip())
         shifts = [Shift(t, at, move, text, np.eye(4), T, known, tool, self._father(value)) for value, t in goals]
         span = start, self._argument_end
-        own = None if _split_name(self.listing, span) in self.names else self.flow.shift(shifts, span)
+        new = "<dataList" not in self.listing.text and _split_name(self.listing, span) not in self.names
+        if not new:
+            self.flow.shifts += shifts
+        own = self.flow.shift(shifts, span) if new else None
         if own is not None:
             self.targets.append((goals[0][0], own))
             state = FrameState(tool, shifts[0].work_object, f"the tool of line {self.listing.line(at)} is computed")
@@ -404,7 +444,7 @@ class _Application:
         """Tools by name, on the flange."""
         out = {"flange[0]": frames.transform()}
         for value in self.values:
-            if value.type == "tool":
+            if value.type == "tool" and value.name != "flange":
                 T = self._frame(value)
                 if T is not None and self._father(value) in ("flange[0]", "world[0]"):
                     out[_shown(value.name, value.key)] = T

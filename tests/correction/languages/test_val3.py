@@ -201,7 +201,7 @@ def test_what_cannot_be_corrected_is_left_with_its_reason(robots, code, more, re
 
 def test_other_versions_and_units_are_refused(robots):
     files = program(robots, in_front(robots[0], 1))
-    with pytest.raises(ProgramError, match="VAL3 s7 or newer"):
+    with pytest.raises(ProgramError, match="VAL3/Data/2 or DataNameSpace"):
         parsed(robots, {"a.dtx": files["a.dtx"].replace(b"Data/2", b"Data/1")})
     with pytest.raises(ProgramError, match="in inches"):
         parsed(robots, {**files, "a.pjx": b'<Parameters millimeterUnit="false"/>'})
@@ -252,3 +252,60 @@ def test_what_they_mean(shoulder, elbow, wrist, expected):
     posture, reason = posture_of({"shoulder": shoulder, "elbow": elbow, "wrist": wrist})
     assert posture[:3] == expected
     assert reason == ""
+
+
+def old_application(files):
+    """The same application in the sections of VAL3 s6, whose values are elements of their own."""
+    text = files["a.dtx"].decode("utf-8-sig")
+    kinds = {
+        "frame": ("frame", "f", "tf"),
+        "tool": ("tool", "t", "tt"),
+        "pointRx": ("point", "p", "tp"),
+        "jointRx": ("joint", "", "joint"),
+    }
+    out = ['<?xml version="1.0" encoding="utf-8" ?>', '<dataList xmlns="DataNameSpace" >']
+    world = '<frame name="world"><fFather alias="" name="" fatherIndex="0" /><valueFrame index="0" >'
+    out.append(
+        f'<frameSection>{world}<tfValue x="0" y="0" z="0" rx="0" ry="0" rz="0" /></valueFrame></frame></frameSection>'
+    )
+    for name, kind, inside in re.findall(r'<Data name="(\w+)".*?type="(\w+)" size[^>]*>(.*?)</Data>', text, re.DOTALL):
+        tag, letter, place = kinds[kind]
+        father = re.search(r'fatherId="(\w+)\[0\]"', inside)
+        out += [f"<{tag}Section>", f'  <{tag} name="{name}" public="false" privilege="0" >']
+        out += [f'    <{letter}Father alias="" name="{father[1]}" fatherIndex="0" />'] if father else []
+        for key, row in re.findall(r'<Value key="(\d+)" (.*?)/>', inside):
+            numbers = " ".join(re.findall(r'\b(?:[xyz]|r[xyz]|j\d)="[^"]*"', row))
+            conf = " ".join(re.findall(r'\b(?:shoulder|elbow|wrist)="[^"]*"', row))
+            out += [f'    <value{tag.capitalize()} index="{key}" >', f"      <{place}Value {numbers} />"]
+            out += [f"      <cpValue {conf}/>"] if conf else []
+            out.append(f"    </value{tag.capitalize()}>")
+        out += [f"  </{tag}>", f"</{tag}Section>"]
+    code = re.search(r"CDATA\[(.*?)\]\]", files["start.pgx"].decode(), re.DOTALL)[1]
+    code = code.replace("begin", "begin\n  put(&quot;p[0] and appro(p[1]&quot;)")
+    head = '<programList xmlns="ProgramNameSpace" ><program name="start"><source><code>'
+    program_text = f"{head}{code}</code></source></program></programList>"
+    return {"a.dtx": "\n".join([*out, "</dataList>"]).encode(), "start.pgx": program_text.encode()}
+
+
+def test_data_of_val3_s6_get_the_same_numbers(robots, tmp_path):
+    nominal, robot, _ = robots
+    files = program(robots, in_front(nominal, 12))
+    old = old_application(files)
+    assert all(val3.looks_like(data) for data in old.values())
+    new_numbers, old_numbers = (corrected(robot, nominal, parsed(robots, each)) for each in (files, old))
+    assert old_numbers.left == ()
+    assert len(old_numbers.targets) == 24
+    text = old_numbers.files["a.dtx"].decode()
+    for kind, tag, count in (("pointRx", "tpValue", 6), ("jointRx", "jointValue", 6)):
+        rows = [re.findall(r'="(-?[\d.]+)"', row) for row in re.findall(rf"<{tag} ([^/]*)/>", text)]
+        assert {len(row) for row in rows} == {count}
+        np.testing.assert_allclose(
+            np.array(rows, dtype=float), read_back(new_numbers.files["a.dtx"], kind), rtol=0, atol=2e-6
+        )
+    blank = re.compile(rb"[-+]?\d[\d.]*")
+    mark = b"<!-- irbcal: fake targets, calibration abc123 -->"
+    assert blank.sub(b"#", old_numbers.files["a.dtx"].replace(mark, b"")) == blank.sub(b"#", old["a.dtx"])
+    assert val3.fingerprint(old_numbers.files["a.dtx"]) == "abc123"
+    alias = {**old, "a.dtx": old["a.dtx"].replace(b'alias="" name="fInner"', b'alias="lib" name="fInner"')}
+    left = {left.reason for left in parsed(robots, alias).left()}
+    assert any("does not define the frame lib:finner[0]" in reason for reason in left), left
