@@ -1,7 +1,8 @@
 """What a controller's backup says beside its programs, and backups in zip archives.
 
 Where the robot stands in the controller's world: KUKA's ``$ROBROOT`` in ``$machine.dat``, ABB's base frame in
-``MOC.cfg``. Whether the controller corrects its robot itself: ``$ABS_ACCUR``, a robot calibration in ``MOC.cfg``, the
+``MOC.cfg``. Whether the controller corrects its robot itself: ``$ABS_ACCUR`` and the ``.pid`` file of KUKA's absolutely
+accurate robots (newer controllers use it unless ``$DEACTIVATE_ABS_ACCUR``), a robot calibration in ``MOC.cfg``, the
 factory calibration of Universal Robots in ``calibration.conf`` and in the waypoints of ``.urp`` programs.
 """
 
@@ -81,20 +82,36 @@ def _roots(files: Iterable[Path], folder: str) -> list[Path]:
 
 _ROBROOT = re.compile(r"^[ \t]*(?:DECL[ \t]+)?(?:FRAME[ \t]+)?\$ROBROOT[ \t]*=[ \t]*\{([^{}\r\n]*)\}", re.I | re.M)
 _ABS_ACCUR = re.compile(r"^[^;\r\n]*\$ABS_ACCUR[ \t]*=[ \t]*(?:TRUE|#ACTIVATED)\b", re.I | re.M)
+_DEACTIVATED = re.compile(
+    r"^[^;\r\n]*\$(?:DEACTIVATE_ABS_ACCUR[ \t]*=[ \t]*TRUE|ABS_ACCUR[ \t]*=[ \t]*FALSE)\b", re.I | re.M
+)
+_OF_ROBOT = ("roboter", "ir_spec", "rdc")
+"""Folders beside ``KRC`` in archives that hold the files of one robot."""
 _COMPONENT = re.compile(r"\b([XYZABC])[ \t]+([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)", re.I)
 
 
 def _kuka(files: Sequence[Path]) -> Backup:
     backup = Backup()
     for root in _roots(files, "krc"):
+        folders = [root, *(path for path in root.parent.glob("*") if path.name.lower() in _OF_ROBOT and path.is_dir())]
+        of_robot = sorted(path for folder in folders for path in folder.rglob("*") if path.suffix.lower() == ".pid")
+        deactivated = False
         for path in sorted(path for path in root.rglob("$*") if path.suffix.lower() == ".dat" and path.is_file()):
             text = _text(path)
+            deactivated |= _DEACTIVATED.search(text) is not None
             if _ABS_ACCUR.search(text):
                 backup = backup._replace(accuracy=f"the robot is absolutely accurate ($ABS_ACCUR in {path.name})")
             for match in _ROBROOT.finditer(text):
                 values = {name.upper(): float(value) for name, value in _COMPONENT.findall(match[1])}
                 if len(values) == len(POSE):
                     backup = _placed(backup, KUKA.frame([values[name.upper()] for name in POSE]), path)
+        if of_robot and not deactivated and not backup.accuracy:
+            backup = backup._replace(accuracy=f"the robot is absolutely accurate ({of_robot[0].name} is in the backup)")
+    for path in files:
+        if path.suffix.lower() in (".src", ".sub") and _ABS_ACCUR.search(_text(path)):
+            backup = backup._replace(
+                accuracy=f"{path.name} switches on that the robot is absolutely accurate ($ABS_ACCUR)"
+            )
     return backup
 
 
