@@ -229,7 +229,8 @@ TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
     texts=PROGRAM_TEXTS
     | {
         "touches": "Touches (CSV or Parquet): frame, name, point, tool, q1_deg … (with --program: target), at will "
-        "x_mm, y_mm, z_mm, u95_mm, kind, radius_mm and tracker_x_mm ….",
+        "x_mm, y_mm, z_mm, u95_mm, kind, radius_mm and tracker_x_mm …; or a backup: its tools, work objects "
+        "and the touches to make, which --out takes.",
         "program": "Program or position list with points that were taught at touches (repeat for more files).",
         "tool": "What the controller has for a tool: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or with --as or "
         "--program six numbers as the maker writes them.",
@@ -286,7 +287,13 @@ def cell(
         raise typer.BadParameter(f"expected {MAKERS}, found {as_!r}", param_hint="--as")
     if declare is not None and as_ is None:
         raise typer.BadParameter("for which maker? say it with --as", param_hint="--declare")
+    folder = options.get("touches")
+    if folder is not None and (folder.is_dir() or folder.suffix.lower() == ".zip"):
+        options["program"] = [options.pop("touches"), *options.get("program", [])]
     programs = options.get("program", [])
+    if programs and "touches" not in options and not touch:
+        _needed(calibration, options, out, json)
+        return
     for name in () if programs else sorted(FOR_PROGRAMS & options.keys()):
         raise typer.BadParameter("it goes with --program", param_hint=f"--{name.replace('_', '-')}")
     touches = _touches(options.pop("touches", None), touch, bool(programs))
@@ -337,6 +344,25 @@ def cell(
         show.say(f"Written to {report}: the cell as a page")
     if urdf is not None:
         show.say(f"Written to {urdf}: the whole cell, joints of external axes within the touches")
+
+
+def _needed(calibration: Path, options: dict[str, Any], out: Path, json: bool) -> None:
+    """Tell which tools and work objects programs use, and write a table of the touches that would make them true."""
+    from irbcal.names import csv_bytes
+    from irbcal.safe_files import refuse_overwriting, write_set
+
+    if rest := sorted(options.keys() - FOR_PROGRAMS - {*NAMES}):
+        message = "it goes with touches; of programs alone the touches to make are listed"
+        raise typer.BadParameter(message, param_hint=f"--{rest[0].replace('_', '-')}")
+    refuse_overwriting({"out": out}, options["program"], calibration)
+    read_frames(options, options["program"])
+    needed = public("needed_touches")(calibration, **options)
+    write_set({out: csv_bytes(needed.touches())})
+    if json:
+        show.print_json(needed.to_dict())
+        return
+    show.tell(needed.report())
+    show.say(f"Written to {out}: the touches to make, joints are to be filled in")
 
 
 def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> Any:

@@ -1,4 +1,4 @@
-"""Touches out of robot programs: taught points at which the tip of a tool touched something.
+"""Touches out of robot programs: taught points at which the tip of a tool touched something; touches to make.
 
 A table of touches (`irbcal.cell.cell_frames`) names such points in the column ``target``, in place of joints::
 
@@ -11,22 +11,31 @@ the move, in the posture of the target.
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, plain
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT
+from irbcal.cell.cell_frames import LEAST_SIDES, TAUGHT
+from irbcal.correction.backup import unpacked
 from irbcal.correction.corrected_targets import meant_joints
 from irbcal.correction.filter import OpenedPrograms, read_programs
 from irbcal.correction.program import refuse_filtered
 from irbcal.correction.text_program import TextProgram
+from irbcal.correction.true_frames import ROUNDING
 from irbcal.errors import OptionError
 from irbcal.io.opening import CalibrationLike
 from irbcal.measurement.columns import InputTable, TableLike, joint_units
+from irbcal.modeling.frames import quaternion_from_matrix
+from irbcal.summary import Paragraph, Result, Table
+from irbcal.units import MM
 
 LISTED = 6
 """Names of targets that a message lists."""
@@ -47,6 +56,136 @@ class ProgramTouches(NamedTuple):
     table: pd.DataFrame
     tools: dict[str, FloatArray]
     work_objects: dict[str, FloatArray]
+
+
+class FrameInPrograms(NamedTuple):
+    """A tool or work object that moves of programs use.
+
+    Attributes
+    ----------
+    frame, name : str
+        ``tool`` or ``work_object``, and its name in lower case.
+    tool : str
+        A tool that its targets are moved to with.
+    targets : int
+        Poses that are moved to with it.
+    T : ndarray, shape (4, 4), or None
+        What the controller has, in the tip link or the base link, metres; None where the programs do not say.
+    """
+
+    frame: str
+    name: str
+    tool: str
+    targets: int
+    T: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NeededTouches(Result):
+    """Tools and work objects of programs, and which touches would make them true.
+
+    Attributes
+    ----------
+    frames : tuple of FrameInPrograms
+        The most used first; flange and robot base themselves are none.
+    joint_columns : tuple of str
+        Names of the arm's joints in tables.
+    """
+
+    frames: tuple[FrameInPrograms, ...]
+    joint_columns: tuple[str, ...]
+
+    def report(self) -> list[Paragraph]:
+        """Tools, work objects and the touches that show them."""
+        if not self.frames:
+            return ["The programs use no tool and no work object but the flange and the robot base"]
+        table = Table.of("Tools and work objects", self.to_frame().drop(columns="tool"))
+        sides = f"{LEAST_SIDES} sides or more, turned about different axes"
+        return [
+            table,
+            f"tool: bring its tip to one place that stays (point socket) from {sides}",
+            "work_object: bring the tip of the tool to its origin, a point x on +x and a point xy in its xy plane, "
+            f"or to {LEAST_SIDES} points or more whose coordinates are known (x_mm, y_mm, z_mm)",
+        ]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each frame: ``frame``, ``name``, ``tool``, ``targets``, ``x_mm`` … ``qz`` of the controller."""
+        names = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
+        T = np.array([np.full((4, 4), np.nan) if f.T is None else f.T for f in self.frames]).reshape(-1, 4, 4)
+        numbers = np.column_stack([T[:, :3, 3] / MM, quaternion_from_matrix(T[:, :3, :3])])
+        known = pd.DataFrame(numbers, columns=list(names))
+        told = [(f.frame, f.name, f.tool, f.targets) for f in self.frames]
+        return pd.concat([pd.DataFrame(told, columns=["frame", "name", "tool", "targets"]), known], axis=1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The rows of `to_frame`, ready for JSON."""
+        return {"frames": plain(self.to_frame().to_dict(orient="records"))}
+
+    def touches(self) -> pd.DataFrame:
+        """The touches to make, a row each, for `irbcal.cell_frames`: joints are to be filled in."""
+        rows = []
+        for frame in self.frames:
+            points = ["socket"] * (LEAST_SIDES + 1) if frame.frame == TOOL else TAUGHT
+            rows += [(frame.frame, frame.name, point, frame.tool) for point in points]
+        table = pd.DataFrame(rows, columns=["frame", "name", "point", "tool"])
+        return table.assign(**dict.fromkeys(self.joint_columns, ""))
+
+
+def needed_touches(
+    calibration: CalibrationLike,
+    program: str | Path | Sequence[str | Path],
+    *,
+    tool: Mapping[str, ArrayLike] | None = None,
+    wobj: Mapping[str, ArrayLike] | None = None,
+    pulses: Sequence[float] | None = None,
+    controller_model: str | Path | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
+) -> NeededTouches:
+    """Tools and work objects that robot programs use, and which touches would make them true.
+
+    Parameters
+    ----------
+    calibration : str, Path, Record or a result that holds one
+    program : str, Path or sequence of these
+        Programs, a folder or a zip archive with some; see `irbcal.correct`.
+    tool, wobj, pulses, controller_model, where : optional
+        See `irbcal.correct`.
+
+    Raises
+    ------
+    ProgramError
+        If no program can be read.
+
+    Examples
+    --------
+    >>> needed_touches("my-robot", "backup.zip").touches().to_csv("touches.csv")  # doctest: +SKIP
+    """
+    given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
+    with unpacked(given) as files:
+        opened = read_programs(calibration, files.programs, tool, wobj, pulses, controller_model, where)
+    ends, counts = opened.setup.controller, Counter[tuple[str, str]]()
+    known: dict[tuple[str, str], FloatArray] = {}
+    used_with: dict[tuple[str, str], str] = {}
+    for read in opened.programs:
+        if not isinstance(read, TextProgram):
+            continue
+        known |= {(TOOL, name): T for name, T in read.tools.items()}
+        known |= {(WORK_OBJECT, name): T for name, T in read.work_objects.items()}
+        for target in read.targets:
+            uses = {(use.tool, use.work_object) for use in target.uses if target.kind == "pose"}
+            for tool_name, work_object in uses:
+                for key in ((TOOL, tool_name), (WORK_OBJECT, work_object)):
+                    if key[1] is not None:
+                        counts[key[0], key[1]] += 1
+                        used_with.setdefault((key[0], key[1]), tool_name or "")
+    null = {TOOL: ends.T_tip_flange, WORK_OBJECT: ends.T_base_world}
+    frames = []
+    for key, count in counts.most_common():
+        T = known.get(key)
+        off = [np.abs(T - T_null).max() for T_null in (null[key[0]], np.eye(4)) if T is not None]
+        if min(off, default=np.inf) > ROUNDING and key[1] != "null":
+            frames.append(FrameInPrograms(*key, used_with[key], count, T))
+    return NeededTouches(tuple(frames), tuple(opened.nominal.joint_columns))
 
 
 class _Point(NamedTuple):

@@ -1,6 +1,8 @@
 """Touches out of programs: the joints of a point are those to which its controller moves for it."""
 
+import json
 import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -143,3 +145,52 @@ def test_wrong_calls_say_what_goes_together(words, fault):
     done = run("cell", "nowhere", *words, "--out", "cell.json")
     assert done.exit_code == 2
     assert fault in " ".join(done.output.replace("│", " ").split())
+
+
+def test_a_backup_lists_its_tools_work_objects_and_the_touches_to_make(folder, tmp_path):
+    backup = tmp_path / "KRC" / "R1"
+    (backup / "Program").mkdir(parents=True)
+    (backup / "System").mkdir()
+    point = "{X 1200,Y 0,Z 900,A 0,B 90,C 0,S 2,T 2}"
+    moves = [f"BAS(#TOOL,{tool})\nBAS(#BASE,{base})\nLIN {point}" for tool, base in ((3, 1), (3, 1), (5, 0), (0, 0))]
+    (backup / "Program" / "a.src").write_text("\n".join(["DEF a()", *moves, "END", ""]))
+    config = [
+        "DEFDAT $CONFIG",
+        "TOOL_DATA[3]={X 1,Y 2,Z 150,A 0,B 0,C 90}",
+        "BASE_DATA[1]={X 800,Y 0,Z 300,A 0,B 0,C 0}",
+    ]
+    (backup / "System" / "$config.dat").write_text("\n".join([*config, "ENDDAT", ""]))
+    with zipfile.ZipFile(tmp_path / "backup.zip", "w") as archive:
+        for file in sorted(tmp_path.rglob("*.[sd][ra]*")):
+            archive.write(file, file.relative_to(tmp_path))
+    found = irbcal.needed_touches(folder / "cal", tmp_path / "KRC")
+    listed = [(frame.frame, frame.name, frame.tool, frame.targets) for frame in found.frames]
+    assert listed == [("tool", "3", "3", 2), ("work_object", "1", "3", 2), ("tool", "5", "5", 1)]
+    rows = found.to_frame().set_index("name")
+    half = np.sqrt(0.5)
+    numbers = ["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
+    np.testing.assert_allclose(rows.loc["3", numbers].astype(float), [1, 2, 150, half, half, 0, 0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(rows.loc["1", numbers].astype(float), [800, 0, 300, 1, 0, 0, 0], rtol=0, atol=1e-9)
+    assert rows.loc["5", numbers].isna().all(), "the programs do not say it"
+    for source in (tmp_path / "KRC", tmp_path / "backup.zip"):
+        done = run("cell", folder / "cal", source, "--out", tmp_path / "touches.csv", "--json")
+        assert done.exit_code == 0, done.output
+        assert [row["name"] for row in json.loads(done.stdout)["frames"]] == ["3", "1", "5"]
+        table = pd.read_csv(tmp_path / "touches.csv", dtype=str)
+        assert list(table.columns) == ["frame", "name", "point", "tool", *(f"q{k}_deg" for k in range(1, 7))]
+        points = table.groupby(["frame", "name"])["point"].agg(list).to_dict()
+        assert points["work_object", "1"] == ["origin", "x", "xy"]
+        assert points["tool", "3"] == points["tool", "5"] == ["socket"] * 4
+    # with joints at the touches of a tool and a work object it is a table of touches
+    example = pd.read_csv(FOLDER / "touches.csv")
+    both = table[table["name"] != "5"].copy()
+    for frame in ("tool", "work_object"):
+        q = example[example["frame"] == frame].filter(like="_deg").to_numpy()
+        at = both.index[both["frame"] == frame]
+        both.loc[at, [f"q{k}_deg" for k in range(1, 7)]] = q[: len(at)].astype(str)
+    cell = irbcal.cell_frames(folder / "cal", both.reset_index(drop=True))
+    assert set(cell.tools) == {"3"}
+    assert set(cell.work_objects) == {"1"}
+    wrong = run("cell", folder / "cal", tmp_path / "KRC", "--out", tmp_path / "t.csv", "--payload", "3")
+    assert wrong.exit_code == 2
+    assert "--payload" in wrong.output
