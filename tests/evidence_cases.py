@@ -151,7 +151,7 @@ class Measured:
         for k, name in enumerate(points.target_names):
             mine = points.target == k
             q = motion.q[points.pose[mine]]
-            seen = found.predict(q, q - motion.moves[points.pose[mine]], name)
+            seen = found.robot.predict(q, q - motion.moves[points.pose[mine]], name)
             errors.append(np.linalg.norm(points.xyz[mine] - seen.position, axis=1) / MM)
             inside.append(np.abs(points.xyz[mine] - seen.position) < seen.interval)
         error = np.concatenate(errors)

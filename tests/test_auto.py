@@ -153,7 +153,7 @@ def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):
 
 def test_uncertainty_of_a_saved_calibration_is_that_of_the_fit(made):
     q = made.arm().random_joints(30, 2)
-    seen = made.proven.fit.predict(q, target="smr2")
+    seen = made.proven.fit.robot.predict(q, target="smr2")
     expected = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     assert position_std(made.record, q, "smr2") == pytest.approx(expected, rel=1e-3)
     assert (position_std(made.record, q) > 0.0).all()

@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.errors import IdentificationError
 from irbcal.identification.choices import Objective
 from irbcal.identification.evidence_maximisation import (
     LEAST,
@@ -25,14 +24,14 @@ from irbcal.identification.gear_scan import GearFound, GearSpectrum
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.certainty import Certainty, Prediction
+from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.levels import Level
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.gear import gear_terms, in_words
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
+from irbcal.modeling.terms.situation import Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.section import Name, Section, Word
@@ -524,8 +523,7 @@ class EvidenceFit(Result):
     @property
     def std(self) -> FloatArray:
         """Standard deviations of the coefficients, shape (terms,), in the terms' units."""
-        flat = len(self.covariance) - len(self.terms)
-        return np.sqrt(np.maximum(np.diagonal(self.covariance)[flat:], 0.0))
+        return np.sqrt(np.maximum(np.diagonal(self.covariance)[self._flat :], 0.0))
 
     def term_map(self, warm: bool = True) -> TermMap:
         """All terms but the constants: of the warm arm, or with the warm-up terms, which are zero at use."""
@@ -573,60 +571,10 @@ class EvidenceFit(Result):
         usual = {"usual_kg": self.usual_kg} | ({"usual_place": place} if isinstance(place, tuple) else {})
         return motion_at_use(q, before, **load, **usual)  # type: ignore[arg-type]  # by their names
 
-    def poses_at(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> FloatArray:
-        """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4); the load as for `motion_at`."""
-        return self.term_map().forward(self.arm, self.motion_at(q, previous, **load))
-
-    def predict(
-        self,
-        q: FloatArray,
-        previous: FloatArray | None = None,
-        target: str | None = None,
-        in_order: bool = False,
-        **load: FloatArray | None,
-    ) -> Prediction:
-        """Position of a target, with what is known of it.
-
-        Parameters
-        ----------
-        q : ndarray, shape (n, joints)
-            Commanded joints, radians (metres for prismatic joints).
-        previous : ndarray, shape (n, joints), optional
-            The stop before each. Without it, and for rows with NaN, the direction terms are zero, and their size joins
-            the uncertainty.
-        target : str, optional
-            The first unless given.
-        in_order : bool
-            Whether the poses of the fit are a program in an order: contiguous blocks are left out in place of single
-            poses.
-        load
-            Where it is not the usual one, see `motion_at`.
-
-        Raises
-        ------
-        IdentificationError
-            If there is no such target.
-        """
-        name = next(iter(self.targets)) if target is None else target
-        if name not in self.targets:
-            raise IdentificationError(f"unknown target {name!r}: this robot has {', '.join(self.targets)}")
-        terms, motion = self.term_map(), self.motion_at(q, previous, **load)
-        return self.certainty.predict(
-            lambda motion: chain.walk(self.arm, *terms.split(motion)),
-            q,
-            previous,
-            self.targets[name],
-            name,
-            self.T_world_base,
-            in_order,
-            {key: getattr(motion, key) for key in LOAD},
-        )
-
     @cached_property
     def certainty(self) -> Certainty:
         """What is known of the robot, the warm-up left out."""
-        used = [k for k, term in enumerate(self.terms) if term.family != "warm_up"]
-        flat = len(self.covariance) - len(self.terms)
+        used, flat = self._used, self._flat
         rows = np.concatenate([np.arange(flat), flat + np.array(used, dtype=int)])
         return Certainty(
             nominal=self.nominal,

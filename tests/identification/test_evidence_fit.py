@@ -43,7 +43,7 @@ def test_an_unknown_stop_before_widens_the_interval():
     motion = replace(moves(truth.nominal, 100, 3), elapsed=None)
     found = identify_evidence(truth.nominal, truth.measured(motion, 1e-5), motion, gear_scan=False)
     test = moves(truth.nominal, 30, 5)
-    known, unknown = found.predict(test.q, test.q - test.moves), found.predict(test.q)
+    known, unknown = found.robot.predict(test.q, test.q - test.moves), found.robot.predict(test.q)
     assert (unknown.interval > known.interval).all()
     assert np.abs(unknown.position - known.position).max() > 1e-5
     assert (np.abs(unknown.position - known.position) < unknown.interval).mean() > 0.9
@@ -54,18 +54,18 @@ def test_joints_outside_the_ranges_of_the_fit_are_marked():
     motion = Motion(0.3 * truth.nominal.random_joints(40, 3))
     found = identify_evidence(truth.nominal, truth.measured(motion, 2e-5), motion, gear_scan=False)
     q = np.array([motion.q[0], motion.q[0] + np.array([0, 0, 0, 3.0, 0, 0])])
-    np.testing.assert_array_equal(found.predict(q).outside, [False, True])
+    np.testing.assert_array_equal(found.robot.predict(q).outside, [False, True])
 
 
 def test_predictions_are_forward_kinematics(found, test_motion):
     q, previous = test_motion.q, test_motion.q - test_motion.moves
-    T = found.T_world_base @ found.poses_at(q, previous)
+    T = found.T_world_base @ found.robot.forward(q, previous)
     assert_same_poses(
-        T, found.T_world_base @ found.term_map().forward(found.arm, Motion(q, test_motion.moves)), 0.0, 0.0
+        T, found.T_world_base @ found.term_map().forward(found.arm, Motion(q, test_motion.moves)), 1e-14, 1e-14
     )
     for name, place in found.targets.items():
         expected = T[:, :3, :3] @ place + T[:, :3, 3]
-        np.testing.assert_allclose(found.predict(q, previous, name).position, expected, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(found.robot.predict(q, previous, name).position, expected, rtol=0, atol=1e-13)
 
 
 def test_covariance_is_that_of_sampled_robots(found, test_motion):
@@ -90,12 +90,12 @@ def test_covariance_is_that_of_sampled_robots(found, test_motion):
         turn = frames.transform(None, d[3:6]) @ _turn(d[:3])
         out.append((p @ turn[:3, :3].T + turn[:3, 3]) @ found.T_world_base[:3, :3].T + found.T_world_base[:3, 3])
     sampled = np.array(out)
-    seen = found.predict(q, previous, name)
+    seen = found.robot.predict(q, previous, name)
     std = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     np.testing.assert_allclose(sampled.std(axis=0), std, rtol=0.15)
     np.testing.assert_allclose(seen.interval, 1.96 * np.sqrt(std**2 + found.loo[name] ** 2 / 3.0), rtol=1e-9)
     np.testing.assert_allclose(
-        found.predict(q, previous, name, in_order=True).interval,
+        found.robot.predict(q, previous, name, in_order=True).interval,
         1.96 * np.sqrt(std**2 + found.loo_blocks[name] ** 2 / 3.0),
         rtol=1e-9,
     )
@@ -137,18 +137,18 @@ def test_it_says_what_was_compared_and_what_was_seen(found):
 
 
 def test_predictions_speak(found, test_motion):
-    seen = found.predict(test_motion.q)
+    seen = found.robot.predict(test_motion.q)
     assert repr(seen).startswith("<Prediction: 6 predicted positions: 95 % of a coordinate's errors within 0.")
     frame = seen.to_frame()
     np.testing.assert_allclose(frame[["x_mm", "y_mm", "z_mm"]], 1e3 * seen.position)
     np.testing.assert_allclose(frame["y_u95_mm"], 1e3 * seen.interval[:, 1])
     q = test_motion.q.copy()
     q[0, 3] += 9.0
-    assert "1 of them outside" in found.predict(q).summary()
+    assert "1 of them outside" in found.robot.predict(q).summary()
 
 
 def test_results_are_locked_and_pickled(found, test_motion):
-    seen = found.predict(test_motion.q)
+    seen = found.robot.predict(test_motion.q)
     for array in (found.coefficients, found.covariance, seen.position, seen.outside, found.targets["smr1"]):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
@@ -158,7 +158,7 @@ def test_results_are_locked_and_pickled(found, test_motion):
         found.kind = "joint-map"
     again = pickle.loads(pickle.dumps(found))
     assert again.summary() == found.summary()
-    np.testing.assert_array_equal(again.predict(test_motion.q).position, seen.position)
+    np.testing.assert_array_equal(again.robot.predict(test_motion.q).position, seen.position)
     assert repr(pickle.loads(pickle.dumps(seen))) == repr(seen)
 
 
@@ -188,7 +188,7 @@ def test_joints_that_lag_by_different_shares_leave_no_terms_of_the_robot():
     assert found.readings_projected
     assert not any(term.family == "move" for term in found.terms)
     test = Motion.in_order(truth.nominal.random_joints(100, 9))
-    there = found.predict(test.q, test.q - test.moves, "smr1").position
+    there = found.robot.predict(test.q, test.q - test.moves, "smr1").position
     error = np.linalg.norm(there - truth.points(replace(test, elapsed=None), "smr1"), axis=1)
     assert error.mean() < 1e-5
 
@@ -299,7 +299,7 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
     before = motion.q - motion.moves
     change = np.concatenate(
         [
-            found.predict(motion.q, before, name).position - still.predict(motion.q, before, name).position
+            found.robot.predict(motion.q, before, name).position - still.robot.predict(motion.q, before, name).position
             for name in points.target_names
         ]
     )

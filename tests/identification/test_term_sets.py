@@ -203,7 +203,7 @@ def test_a_prior_that_is_right_helps_and_one_that_is_wrong_is_seen_through(robot
         test, moves = points.select(rest), motion.select(rest)
         mine = test.target == 0
         at = test.pose[mine]
-        guess = found.predict(moves.q[at], (moves.q - moves.moves)[at], test.target_names[0])
+        guess = found.robot.predict(moves.q[at], (moves.q - moves.moves)[at], test.target_names[0])
         return np.linalg.norm(test.xyz[mine] - guess.position, axis=1).mean()
 
     natural = np.array([term.size for term in shown.terms])
