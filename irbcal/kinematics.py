@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, Union
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, plain
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import OptionError, RobotError
 from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.modeling.inverse.along_path import SingularPlace
@@ -104,10 +104,7 @@ class ForwardResult(Result):
             table["outside"] = np.array(self.outside)
         return with_input_columns(self.given, table, as_written)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Names of the links and of the target, and the rows as the command fk prints them, ready for JSON."""
-        rows = plain(self.to_frame().to_dict(orient="records"))
-        return {"tip": self.tip, "base": self.base, "target": self.target, "rows": rows}
+    CONTENT = "tip base target rows=to_frame"
 
     @property
     def caution(self) -> str:
@@ -194,9 +191,7 @@ class InverseJoints(Result):
         table["note"] = self.note
         return with_input_columns(self.given, table, as_written, self.row)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The rows as the command ik prints them, ready for JSON: None where there is no solution."""
-        return {"rows": plain(self.to_frame().to_dict(orient="records"))}
+    CONTENT = "rows=to_frame"
 
     def report(self) -> Sequence[Paragraph]:
         """How many poses have joints, and the first rows."""

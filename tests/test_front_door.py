@@ -288,9 +288,12 @@ def test_a_calibration_just_made_and_loaded_say_the_same(results):
 
 
 def test_pictures_are_drawn_and_saved(results, tmp_path):
-    for result in (results["calibration"], results["evaluation"]):
+    held_out = results["calibration"].plot
+    assert "fitted" in held_out.fitted.errors_by_pose().caption
+    assert "fitted" not in held_out.errors_by_pose().caption
+    for plots in (held_out, held_out.fitted, results["evaluation"].plot):
         for name in ("before_and_after", "errors_by_pose", "distribution", "workspace", "vectors"):
-            picture = getattr(result.plot, name)()
+            picture = getattr(plots, name)()
             assert picture._repr_svg_().startswith("<?xml")
             assert "SIMULATED" in repr(picture)
         assert picture.save(tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")

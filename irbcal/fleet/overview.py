@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import plain
 from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, OptionError
 from irbcal.fleet import batch
 from irbcal.fleet.batch import STORE
@@ -29,7 +28,7 @@ from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
 from irbcal.safe_files import read_bytes, write_together
 from irbcal.sessions import earlier_of
-from irbcal.summary import Paragraph, Result, Table, rows
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.verdict import verdict_of
 
@@ -422,10 +421,8 @@ class Drift(Result):
             *(sentence for step in self.changes for sentence in step.in_words()),
         ]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON; values in SI units."""
-        step = "before after chi2 directions p changed=real sisters parameters words=in_words"
-        return {"robot": self.robot, "changes": plain(rows(self.changes, step))}
+    CONTENT = "robot changes=to_frame"
+    ROWS, COLUMNS = "changes", "before after chi2 directions p changed=real sisters parameters words=in_words"
 
 
 def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:

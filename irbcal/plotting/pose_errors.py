@@ -5,7 +5,7 @@ A model has one colour in all of them. Names from the data stand in texts and ti
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Protocol
@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.errors import OptionError
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Lines, Panel, Sign, Text, fixed, round_number, up_to
 from irbcal.statistics import normal_quantile
 from irbcal.units import DEG, MM
@@ -495,3 +496,47 @@ def worst_poses(poses: PoseErrors, joints: FloatArray | None = None, count: int 
         )
         for row, pose in ((int(row), int(poses.pose[row])) for row in first)
     ]
+
+
+class PoseErrorPlots:
+    """Figures of pose errors; each shows itself in a notebook and has ``save(path)`` for PNG and SVG."""
+
+    _poses: PoseErrors
+    _simulated: bool
+
+    def __init__(self, poses: PoseErrors, simulated: bool) -> None:
+        self._poses, self._simulated = poses, simulated
+
+    def __repr__(self) -> str:
+        return f"<Figures of {self._poses!r}>"
+
+    def before_and_after(self) -> Chart:
+        """Mean error, its interval where it is known, and the largest error of both models."""
+        return before_and_after(self._poses).marked(self._simulated)
+
+    def errors_by_pose(self) -> Chart:
+        """Mean error of each pose in order of measurement."""
+        return errors_by_pose(self._poses).marked(self._simulated)
+
+    def distribution(self) -> Chart:
+        """Histogram of the errors, and errors against normal quantiles."""
+        return distribution(self._poses).marked(self._simulated)
+
+    def workspace(self) -> Chart:
+        """Mean error of each pose where it was measured."""
+        return self._at_places(workspace)
+
+    def vectors(self) -> Chart:
+        """Error vectors, enlarged, where they were measured."""
+        return self._at_places(vectors)
+
+    def orientation(self) -> Chart:
+        """Orientation error of each pose, where orientations were measured."""
+        if any(model.rotation is None for model in self._poses.models.values()):
+            raise OptionError("no orientations were measured")
+        return turns_by_pose(self._poses).marked(self._simulated)
+
+    def _at_places(self, draw: Callable[[PoseErrors], Chart]) -> Chart:
+        if self._poses.place is None:
+            raise OptionError("this calibration was saved without the measured places")
+        return draw(self._poses).marked(self._simulated)

@@ -6,8 +6,7 @@ stand in texts and titles of marks, where they are escaped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -20,9 +19,10 @@ from irbcal.io.schema import EvidenceSection, GearSection, Observability, Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
-from irbcal.plotting import pose_errors
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, Shape, Text, fixed, up_to
 from irbcal.plotting.pose_errors import (
+    PoseErrorPlots,
+    PoseErrors,
     before_and_after,
     distribution,
     errors_by_pose,
@@ -31,7 +31,7 @@ from irbcal.plotting.pose_errors import (
     workspace,
 )
 from irbcal.reports import evidence
-from irbcal.reports.evidence import Evidence, PoseSet
+from irbcal.reports.evidence import Evidence
 from irbcal.units import DEG, MM
 
 ROW = 40.0
@@ -438,14 +438,11 @@ def course(history: Mapping[str, Sequence[float]]) -> Chart:
     return Chart("course", caption, [drawing], legend if unused else legend[:1])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Plots:
-    """The figures of a calibration; each shows itself in a notebook and has ``save(path)`` for PNG and SVG.
+class Plots(PoseErrorPlots):
+    """The figures of a calibration: those of pose errors show the held-out poses, `fitted` the others."""
 
-    Figures of poses take the held-out poses where there are any, else the fitted ones; ``fitted=True`` those.
-    """
-
-    _record: Record
+    def __init__(self, record: Record) -> None:
+        self._record, self._simulated = record, record.simulated
 
     def __repr__(self) -> str:
         return f"<Figures of {self._record!r}>"
@@ -454,66 +451,42 @@ class Plots:
     def _evidence(self) -> evidence.Evidence:
         return evidence.gather(self._record)
 
-    def _of(self, draw: Callable[[PoseSet], Chart], fitted: bool, needs_places: bool = False) -> Chart:
-        poses = self._evidence.sets[-1 if fitted else 0]
-        if needs_places and poses.place is None:
-            raise OptionError("this calibration was saved without the measured places")
-        return draw(poses).marked(self._record.simulated)
+    @cached_property
+    def _poses(self) -> PoseErrors:  # type: ignore[override]
+        return self._evidence.sets[0]
 
-    def before_and_after(self) -> Chart:
-        """Mean error, its interval and the largest error of both models."""
-        return self._of(pose_errors.before_and_after, False)
-
-    def errors_by_pose(self, fitted: bool = False) -> Chart:
-        """Mean error of each pose in order of measurement."""
-        return self._of(pose_errors.errors_by_pose, fitted)
-
-    def distribution(self, fitted: bool = False) -> Chart:
-        """Histogram of the errors, and errors against normal quantiles."""
-        return self._of(pose_errors.distribution, fitted)
-
-    def workspace(self, fitted: bool = False) -> Chart:
-        """Mean error of each pose where it was measured."""
-        return self._of(pose_errors.workspace, fitted, True)
-
-    def vectors(self, fitted: bool = False) -> Chart:
-        """Error vectors, enlarged, where they were measured."""
-        return self._of(pose_errors.vectors, fitted, True)
-
-    def orientation(self, fitted: bool = False) -> Chart:
-        """Orientation error of each pose, where orientations were measured."""
-        poses = self._evidence.sets[-1 if fitted else 0]
-        if any(model.rotation is None for model in poses.models.values()):
-            raise OptionError("no orientations were measured")
-        return self._of(pose_errors.turns_by_pose, fitted)
+    @property
+    def fitted(self) -> PoseErrorPlots:
+        """Figures of the fitted poses."""
+        return PoseErrorPlots(self._evidence.sets[-1], self._simulated)
 
     def residuals_by_joint(self) -> Chart:
         """Residual of each joint against its angle, by the direction from which it came."""
         if self._evidence.joints is None:
             raise OptionError(self._evidence.joints_note)
-        return residuals_by_joint(self._evidence).marked(self._record.simulated)
+        return residuals_by_joint(self._evidence).marked(self._simulated)
 
     def singular_values(self) -> Chart:
         """What the poses can show of the error parameters."""
-        return singular_values(self._record.observability).marked(self._record.simulated)
+        return singular_values(self._record.observability).marked(self._simulated)
 
     def explained(self) -> Chart:
         """What each family of terms explains, of model auto."""
         section = self._record.evidence
         if section is None or not section.explained:
             raise OptionError("only model auto, saved by this version, knows what each family of terms explains")
-        return explained(self._record).marked(self._record.simulated)
+        return explained(self._record).marked(self._simulated)
 
     def gear_spectrum(self) -> Chart:
         """What the gear scan of model auto saw, and found."""
         section = self._record.evidence
         if section is None or section.spectrum is None:
             raise OptionError("no gear scan was made: only model auto makes one, where no long series of harmonics do")
-        return gear_spectrum(section.spectrum, section.gears).marked(self._record.simulated)
+        return gear_spectrum(section.spectrum, section.gears).marked(self._simulated)
 
     def corrections(self) -> Chart:
         """What the joint map adds to each joint, over its range and from both sides."""
         figure = corrections(self._record, self._evidence)
         if figure is None:
             raise OptionError("there is no joint map, or this calibration was saved without the measured places")
-        return figure.marked(self._record.simulated)
+        return figure.marked(self._simulated)

@@ -24,9 +24,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
 from irbcal.parallel import on_workers
-from irbcal.plotting import pose_errors
-from irbcal.plotting.charts import Chart
-from irbcal.plotting.pose_errors import ModelErrors, PoseErrors
+from irbcal.plotting.pose_errors import ModelErrors, PoseErrorPlots, PoseErrors
 from irbcal.statistics import rotation_statistics, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
@@ -159,9 +157,9 @@ class Evaluation(Result):
         return pd.DataFrame(columns)
 
     @property
-    def plot(self) -> EvaluationPlots:
+    def plot(self) -> PoseErrorPlots:
         """Figures of the errors: ``evaluation.plot.errors_by_pose()`` and others."""
-        return EvaluationPlots(self)
+        return PoseErrorPlots(self.errors, self.simulated)
 
     def headline(self) -> str:
         """Mean errors before and after."""
@@ -297,39 +295,6 @@ class Evaluation(Result):
                 "filtered with another calibration, or poses named otherwise)"
             )
         return lines
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class EvaluationPlots:
-    """Figures of an evaluation; each shows itself in a notebook and has ``save(path)`` for PNG and SVG."""
-
-    _evaluation: Evaluation
-
-    def __repr__(self) -> str:
-        return f"<Figures of {self._evaluation!r}>"
-
-    def _of(self, draw: Callable[[PoseErrors], Chart]) -> Chart:
-        return draw(self._evaluation.errors).marked(self._evaluation.simulated)
-
-    def before_and_after(self) -> Chart:
-        """Mean error and the largest error of both models."""
-        return self._of(pose_errors.before_and_after)
-
-    def errors_by_pose(self) -> Chart:
-        """Mean error of each pose in order of measurement."""
-        return self._of(pose_errors.errors_by_pose)
-
-    def distribution(self) -> Chart:
-        """Histogram of the errors, and errors against normal quantiles."""
-        return self._of(pose_errors.distribution)
-
-    def workspace(self) -> Chart:
-        """Mean error of each pose where it was measured."""
-        return self._of(pose_errors.workspace)
-
-    def vectors(self) -> Chart:
-        """Error vectors, enlarged, where they were measured."""
-        return self._of(pose_errors.vectors)
 
 
 def statistics_table(title: str, entries: Sequence[tuple[str, str, Statistics]], bold: set[int]) -> Table:
