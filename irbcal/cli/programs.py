@@ -357,12 +357,14 @@ def _needed(calibration: Path, options: dict[str, Any], out: Path, json: bool) -
     refuse_overwriting({"out": out}, options["program"], calibration)
     read_frames(options, options["program"])
     needed = public("needed_touches")(calibration, **options)
-    write_set({out: csv_bytes(needed.touches())})
+    if needed.frames:
+        write_set({out: csv_bytes(needed.touches())})
     if json:
         show.print_json(needed.to_dict())
         return
     show.tell(needed.report())
-    show.say(f"Written to {out}: the touches to make, joints are to be filled in")
+    if needed.frames:
+        show.say(f"Written to {out}: the touches to make, joints are to be filled in")
 
 
 def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> Any:

@@ -81,6 +81,7 @@ def _filter(random: Random) -> list[str]:
             random.choice(("0,0,0,0,30,0", "0,-90,90,0,30,0", "0,0", "nan,0,0,0,0,0")),
         ],
     )
+    more += _some(random, ["--split-points"], _load(random), ["--harmless", "*"])
     if random.random() < 0.6:
         more.append("--allow-partial")
     given = [f"@jobs-{name}"] if several else [f"@{name}{suffix}" for suffix in suffixes]
@@ -94,6 +95,15 @@ def _verify(random: Random) -> list[str]:
 
 
 def _cell(random: Random) -> list[str]:
+    if random.random() < 0.2:
+        name = random.choice([name for name, files in corpus.programs().items() if len(files) == 1])
+        return [
+            "cell",
+            f"@cal-{name}" if corpus.axes_of(name) else "@cal-auto",
+            f"@jobs-{name}",
+            "--out",
+            ">touches.csv",
+        ]
     touches = random.choice((["@touches.csv"], ["@touches.csv"], ["@touches-axes.csv", "--axes", "@axes.csv"]))
     more = _some(
         random, ["--json"], ["--as", random.choice(("kuka", "abb", "fanuc", "ur", "x"))], ["--declare", ">frames.txt"],

@@ -191,6 +191,11 @@ def test_a_backup_lists_its_tools_work_objects_and_the_touches_to_make(folder, t
     cell = irbcal.cell_frames(folder / "cal", both.reset_index(drop=True))
     assert set(cell.tools) == {"3"}
     assert set(cell.work_objects) == {"1"}
+    (backup / "Program" / "a.src").write_text(f"DEF a()\n{moves[3]}\nEND\n")
+    done = run("cell", folder / "cal", tmp_path / "KRC", "--out", tmp_path / "none.csv")
+    assert done.exit_code == 0, done.output
+    assert "no tool and no work object" in done.output
+    assert not (tmp_path / "none.csv").exists()
     wrong = run("cell", folder / "cal", tmp_path / "KRC", "--out", tmp_path / "t.csv", "--payload", "3")
     assert wrong.exit_code == 2
     assert "--payload" in wrong.output

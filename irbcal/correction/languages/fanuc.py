@@ -140,11 +140,16 @@ POSE, JOINTS = ("X", "Y", "Z", "W", "P", "R"), ("J1", "J2", "J3", "J4", "J5", "J
 
 
 class Instruction(NamedTuple):
-    """An instruction without its number: its text and where that stands."""
+    """An instruction without its number: its text, where that stands, and whether it belongs to the move above it."""
 
     number: int
     start: int
     end: int
+    inner: bool = False
+
+
+NUMBER_WIDTH = 4
+"""Columns of a line's number; farther to the right are numbers of lines within a move (``P-SPS``), from 1 again."""
 
 
 class ProgramPoint(NamedTuple):
@@ -175,7 +180,9 @@ def instructions(listing: Listing, start: int, end: int) -> list[Instruction]:
     out: list[Instruction] = []
     for match in _LINE.finditer(listing.text, start, end):
         if match[1] or not out or listing.text[out[-1].end - 1] == ";":
-            out.append(Instruction(int(match[1][:9] or 0), match.start(2), match.start(2) + len(match[2].rstrip())))
+            inner = match.end(1) - match.start() > max(NUMBER_WIDTH, len(match[1]))
+            end_of_text = match.start(2) + len(match[2].rstrip())
+            out.append(Instruction(int(match[1][:9] or 0), match.start(2), end_of_text, inner))
         else:
             out[-1] = out[-1]._replace(end=match.start(2) + len(match[2].rstrip()))
     return out
@@ -390,6 +397,7 @@ def parse(
         moves.take(step)
     targets = [point.target for point in taught.values() if point.target is not None]
     eye = {"0": frames.transform()}
+    numbers = [step.number for step in steps if not step.inner]
     return LsProgram.assembled(
         FANUC,
         arm,
@@ -404,7 +412,7 @@ def parse(
         ],
         comments=_joined(moves.comments),
         mark_at=sections_of["MN"][1],
-        mark_number=max((step.number for step in steps), default=0) + 1 if any(step.number for step in steps) else 0,
+        mark_number=max(numbers, default=0) + 1 if any(numbers) else 0,
     )
 
 

@@ -381,3 +381,18 @@ def test_letters_and_turns():
 def test_what_means_nothing_here(text):
     assert fanuc.config(text, 0)[0] is None
     assert fanuc.config(text, 0)[2]
+
+
+def test_lines_within_a_move_have_numbers_of_their_own(robots):
+    """``P-SPS``: what the controller does on the way stands below the move, numbered from 1."""
+    nominal, robot, at = robots
+    (joints,) = np.degrees(in_front(nominal, 1))
+    joints[2] -= joints[1]
+    fields = ",\t".join(f"J{k}= {v:.3f} deg" for k, v in enumerate(joints, 1))
+    lines = ["   1:  UTOOL_NUM=2 ;", "   2:J P[1] 100% CNT0 TB    .10sec,P-SPS    ;", "      1:  TC_ONLINE (ON) ;"]
+    lines += ["      9:  WAIT (DI[62])    ;", "       ------ ;", "   3:  PAYLOAD[2] ;"]
+    point = f"P[1]{{\n   GP1:\n\tUF : 0, UT : 2,\n\t{fields}\n}};"
+    data = "\n".join(["/PROG  UP222", "/MN", *lines, "/POS", point, "/END", ""])
+    found = corrected(robot, nominal, fanuc.parse(nominal, data.encode(), "up222.ls", given(at)))
+    assert found.left == ()
+    assert "   4:  !irbcal fake targets ;\n   5:  !abc123 ;\n/POS" in found.data.decode()
