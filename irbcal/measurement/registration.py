@@ -15,30 +15,9 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
-from irbcal.modeling.robot import Robot
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
-
-
-def base_on(robot: Robot, points: PointSet) -> Robot:
-    """The robot with its base where the points say: closed form, least squares.
-
-    Parameters
-    ----------
-    robot : Robot
-        It must know every target that was seen.
-    points : PointSet
-        In any frame, which becomes the robot's measuring frame; three points that are not on a line at least.
-
-    Raises
-    ------
-    RobotError
-        If it does not know a target.
-    """
-    at_origin = points.predicted(robot.replace(T_world_base=np.eye(4)))
-    return robot.replace(T_world_base=frames.rigid_fit(at_origin, points.xyz))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -5,42 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import arm, assert_same_poses, measured, random_robot, random_rotation
+from support import assert_same_poses, random_rotation
 
-from irbcal.errors import MeasurementError, RobotError
-from irbcal.measurement.registration import base_on, register, without_noise
+from irbcal.errors import MeasurementError
+from irbcal.measurement.registration import register, without_noise
 from irbcal.modeling import frames
 
 PLACES = np.array([[2.4, 0.5, -0.56], [2.9, 0.8, -0.55], [2.7, 0.0, -0.57], [2.0, 0.3, -0.5]])
 NAMES = ["ref1", "ref2", "ref3", "ref4"]
-
-
-def test_the_base_is_found_again():
-    rng = np.random.default_rng(0)
-    robot = random_robot(arm(), "34", rng)
-    points = measured(robot, arm().random_joints(10, 1))
-    away = robot.replace(T_world_base=frames.transform(random_rotation(rng), [9.0, -9.0, 9.0]))
-    found = base_on(away, points)
-    assert_same_poses(found.T_world_base, robot.T_world_base, 1e-12, 1e-12)
-    assert found.targets.keys() == robot.targets.keys()
-    with pytest.raises(RobotError, match="unknown target 'smr2'"):
-        base_on(robot.replace(targets={"smr1": [0, 0, 0.1]}), points)
-
-
-def test_the_base_is_the_best_one():
-    """No small motion of the base brings the sum of squares down."""
-    rng = np.random.default_rng(1)
-    robot = random_robot(arm(), "11", rng)
-    points = measured(robot, arm().random_joints(20, 1), 1e-3, rng)
-    found = base_on(robot, points)
-
-    def cost(step):
-        moved = found.replace(T_world_base=frames.from_xyz_angles(step) @ found.T_world_base)
-        return float(np.sum((points.xyz - points.predicted(moved)) ** 2))
-
-    least = cost(np.zeros(6))
-    for step in 1e-5 * np.vstack([np.eye(6), -np.eye(6)]):
-        assert cost(step) > least
 
 
 def seen_from(stations):
