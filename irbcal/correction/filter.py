@@ -534,9 +534,14 @@ def filter_program(
         (batch, writable(program, nominal, batch, as_written(nominal, batch, fake, controller, at, true_frames)))
         for (batch, fake), at in zip(corrections, frames_of, strict=True)
     ]
+    robots: dict[int, Robot] = {}
+    for batch, of_batch in zip(batches, carried, strict=True):
+        loads, which = ([], np.zeros(0, dtype=int)) if of_batch is None else of_batch.groups()
+        loaded_robots = [robot.carrying(*load) for load in loads]
+        robots |= {int(number): loaded_robots[k] for number, k in zip(batch.numbers[: len(which)], which, strict=True)}
     shift_notes: list[Note] = []
     if isinstance(program, TextProgram) and program.shifts:
-        corrections, shift_notes = _with_shifts(robot, nominal, program, corrections, controller, true_frames)
+        corrections, shift_notes = _with_shifts(robot, robots, nominal, program, corrections, controller, true_frames)
     corrected_names: list[str] = []
     unchanged = 0
     for batch, fake in corrections:
@@ -552,17 +557,11 @@ def filter_program(
     cuts: list[CutPath] = []
     if path_tolerance is not None and isinstance(program, Cuttable):
         ends = _ends(corrections)
-        loads = {
-            int(n): k
-            for b, c in zip(batches, carried, strict=True)
-            if c
-            for n, k in zip(b.numbers, c.loads(), strict=True)
-        }
         cuts = [
             cut_move(
                 move,
                 ends,
-                robot.carrying(*loads[move.to]) if move.to in loads else robot,
+                robot if move.to is None else robots.get(move.to, robot),
                 nominal,
                 path_tolerance,
                 controller,
@@ -677,6 +676,7 @@ def _places_of_tool(robot: Robot, fake: Corrected, at: TargetFrames, carried: Ca
 
 def _with_shifts(
     robot: Robot,
+    robots: Mapping[int, Robot],
     nominal: Arm,
     program: TextProgram,
     corrections: Corrections,
@@ -684,6 +684,8 @@ def _with_shifts(
     true_frames: TrueFrames,
 ) -> tuple[Corrections, list[Note]]:
     """Corrections with what they do to moves that shift a corrected target, in words.
+
+    ``robots`` carry what the program says that the robot carries at targets, by their numbers.
 
     With true tools and work objects the error of a shifted target is not computed: such targets are left.
     """
@@ -708,9 +710,9 @@ def _with_shifts(
         seeds = np.tile(q[k], (2 * len(before), 1))
         commands = np.concatenate([before, after])
         found = any_arm.solve(Robot(controller or nominal), nominal, commands, seed=seeds, thorough=False)
-        off = (robot.forward(np.nan_to_num(found.joints)) @ tool)[:, :3, 3] - (np.tile(before, (2, 1, 1)) @ tool)[
-            :, :3, 3
-        ]
+        off = (robots.get(k, robot).forward(np.nan_to_num(found.joints)) @ tool)[:, :3, 3] - (
+            np.tile(before, (2, 1, 1)) @ tool
+        )[:, :3, 3]
         distance = np.where(found.converged, np.linalg.norm(off, axis=1), np.nan).reshape(2, -1).max(axis=1) / MM
         at = "" if shift.known else f", at {PROBE / MM:.0f} mm"
         words = f"off by {distance[1]:.3f} mm{at} ({distance[0]:.3f} mm without the correction)"

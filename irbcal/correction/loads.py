@@ -219,30 +219,28 @@ class Carried(Locked):
         mass, centre = np.full(n, usual), np.tile(place, (n, 1))
         several: list[tuple[tuple[float, FloatArray], ...]] = [()] * n
         reasons = [""] * n
+        rows: dict[tuple[Load | None, ...], list[int]] = {}
         for k, loads in enumerate(batch.loads):
-            reasons[k] = next((load.why for load in loads if load is not None and load.why), "")
-            if reasons[k] or not loads:
-                continue
+            rows.setdefault(loads, []).append(k)
+        for loads, of_loads in rows.items():
+            reason = next((load.why for load in loads if load is not None and load.why), "")
             masses = np.array([usual if load is None else load.mass_kg for load in loads])
             centres = np.array([place if load is None or load.centre is None else load.centre for load in loads])
-            mass[k] = masses.mean()
-            if masses.any():
-                centre[k] = masses @ centres / masses.sum()
-            if len(loads) > 1:
-                several[k] = tuple(zip(masses.tolist(), centres, strict=True))
+            if len(loads) and not reason:
+                mass[of_loads] = masses.mean()
+                centre[of_loads] = masses @ centres / masses.sum() if masses.any() else place
+            for k in of_loads:
+                reasons[k] = reason
+                several[k] = tuple(zip(masses.tolist(), centres, strict=True)) if len(loads) > 1 and not reason else ()
         return cls(mass, centre, tuple(several), tuple(reasons))
-
-    def loads(self) -> list[tuple[float, FloatArray]]:
-        """Mass and centre at each target."""
-        return list(zip(self.mass.tolist(), self.centre, strict=True))
 
     def apart(self, robot: Robot, fake: Corrected) -> list[tuple[int, float]]:
         """Corrected targets that are reached with several loads, and how far one of them puts the tip off, metres."""
         out = []
-        for k in np.flatnonzero(fake.ok):
+        for k in (k for k, several in enumerate(self.several) if several and fake.ok[k]):
             reached = [robot.forward(fake.q[k : k + 1], None, *load)[0, :3, 3] for load in self.several[k]]
-            off = max((float(np.linalg.norm(p - fake.T_wanted[k, :3, 3])) for p in reached), default=0.0)
-            out += [(int(k), off)] if self.several[k] and off > WORTH_SAYING else []
+            off = max(float(np.linalg.norm(p - fake.T_wanted[k, :3, 3])) for p in reached)
+            out += [(k, off)] if off > WORTH_SAYING else []
         return out
 
     def groups(self) -> tuple[list[tuple[float, FloatArray]], IntArray]:

@@ -114,8 +114,8 @@ class NeededTouches(Result):
         T = np.array([np.full((4, 4), np.nan) if f.T is None else f.T for f in self.frames]).reshape(-1, 4, 4)
         numbers = np.column_stack([T[:, :3, 3] / MM, quaternion_from_matrix(T[:, :3, :3])])
         known = pd.DataFrame(numbers, columns=list(names))
-        told = [(f.frame, f.name, f.tool, f.targets) for f in self.frames]
-        return pd.concat([pd.DataFrame(told, columns=["frame", "name", "tool", "targets"]), known], axis=1)
+        rows = [(f.frame, f.name, f.tool, f.targets) for f in self.frames]
+        return pd.concat([pd.DataFrame(rows, columns=["frame", "name", "tool", "targets"]), known], axis=1)
 
     def to_dict(self) -> dict[str, Any]:
         """The rows of `to_frame`, ready for JSON."""

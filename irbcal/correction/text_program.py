@@ -731,13 +731,18 @@ class TextProgram(Locked, Program):
             tuple(target.configuration for target in targets) if kind == "pose" else None,
             joints,
             tuple(unknown),
-            tuple(self._loads_of(target) for target in targets) if self.loads.names_any else (),
+            self._loads_of(targets) if self.loads.names_any else (),
         )
 
-    def _loads_of(self, target: Target) -> tuple[Load | None, ...]:
-        """What the robot carries at a target, centres in the tip link."""
+    def _loads_of(self, targets: Sequence[Target]) -> tuple[tuple[Load | None, ...], ...]:
+        """What the robot carries at targets, centres in the tip link."""
+        keys = [tuple(dict.fromkeys(target.carried)) for target in targets]
+        known = {key: self._carried(key) for key in dict.fromkeys(keys)}
+        return tuple(known[key] for key in keys)
+
+    def _carried(self, carried: Sequence[Carrying]) -> tuple[Load | None, ...]:
         out: dict[Load | None, None] = {}
-        for ways, tool, frame in target.carried:
+        for ways, tool, frame in carried:
             for load in self.loads.loads(ways):
                 part = load if load is None or frame is None else seen_from(load, self.tools.get(frame))
                 whole = part if part is None or tool is None else combined([tool, part])

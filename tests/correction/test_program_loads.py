@@ -15,6 +15,8 @@ from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import fanuc, inform, kawasaki, krl, rapid, urscript
 from irbcal.correction.loads import LoadFlow, combined, load_of
 from irbcal.io import controller_model, urdf
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.payload import Payload
@@ -338,3 +340,31 @@ def test_loads_and_last_moves_together():
         if mass:
             other = robot.carrying(0.0).forward(written[stop], before[stop])
             assert np.linalg.norm((other - wanted[stop])[0, :3, 3]) > 1e-5, "the load matters here"
+
+
+def test_a_total_load_of_a_move_is_not_guessed_and_shifts_are_told_with_their_load():
+    nominal = arm()
+    (row,) = well_inside(nominal, 1)
+    T = nominal.forward(row[None])[0]
+    w, x, y, z = frames.quaternion_from_matrix(T[:3, :3])
+    quadrants = np.floor(row[[0, 3, 5]] / (np.pi / 2)).astype(int)
+    cfx = int(closed_form.configuration(nominal, row[None])[0])
+    xyz = ",".join(f"{v:.6f}" for v in 1e3 * T[:3, 3])
+    conf = ",".join(map(str, [*quadrants, cfx]))
+    point = f"[[{xyz}],[{w:.9f},{x:.9f},{y:.9f},{z:.9f}],[{conf}],{ABSENT}]"
+    body = ["PROC main()", "GripLoad [30,[0,0,50],[1,0,0,0],0,0,0];", "MoveL p,v1,fine,tool0;"]
+    body += ["MoveL Offs(p,0,0,40),v1,fine,tool0;", f"MoveL {point},v1\\TLoad:=heavy,fine,tool0;", "ENDPROC"]
+    text = "\n".join(["MODULE Job", f"CONST robtarget p:={point};", *body, "ENDMODULE"])
+    robot = giving_way(nominal)
+    filtered = filter_program(robot, nominal, rapid.parse(text.encode()), "abc", follow_loads=True)
+    (left,) = filtered.left
+    assert left.reason.startswith("\\TLoad:=heavy says the load of the move alone: say with --payload")
+    (note,) = [note.text for note in filtered.notes if "the shifted target is off" in note.text]
+    off = float(re.search(r"off by ([\d.]+) mm", note)[1])
+    alone = robot.carrying(30.0, [0, 0, 0.05])
+    (with_payload,) = [
+        float(re.search(r"off by ([\d.]+) mm", note.text)[1])
+        for note in filter_program(alone, nominal, rapid.parse(text.encode()), "abc").notes
+        if "the shifted target is off" in note.text
+    ]
+    assert off == with_payload > 0

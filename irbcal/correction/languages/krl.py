@@ -630,7 +630,9 @@ class Statements:
                 sets = not {*words}.isdisjoint(SETS_FRAMES) or (words[:1] == ["bas"] and words[2:3] not in QUIET_BAS)
                 moves = words[0] in MOVES or words[0] in RELATIVE
                 called = [token.word for token in _called(line)]
-                self.flow.calls.learn(name, called, sets, moves, "$load" in words or (sets and bool(self._loads)))
+                self.flow.calls.learn(
+                    name, called, sets, moves, "$load" in words or (sets and any(self._loads.values()))
+                )
 
     def _call(self, routine: Token) -> None:
         """A routine is called. In an inline form tool and base are those of the form until it ends."""
@@ -738,7 +740,7 @@ class Statements:
 
     def _carry_tool(self, number: str | None, at: int) -> None:
         """The load of a tool, which ``BAS`` sets with it, where the files have loads of tools."""
-        if self._loads:
+        if any(self._loads.values()):
             self.flow.carry(self._load_of_tool(number), at)
 
     def _load_of_tool(self, number: str | None) -> Load | None:

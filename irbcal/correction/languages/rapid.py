@@ -1600,12 +1600,18 @@ class Loads:
         if any(token.word == "gripload" for module in modules for token in module.reader.tokens):
             for module in modules:
                 self._follow(module)
+        for module in modules:
+            total = [move.start for move in module.reader.moves if _total_load(move) is not None]
+            self.places[module.source] += total
+            self.flow.names_any |= bool(total)
 
     def carrying(self, source: str, move: MoveInstruction, tool: str | None, held: bool) -> Carrying:
         """What the robot carries in a move: the part, and by itself the tool (its ``tload``)."""
         ways = self._ways.get((source, move.start), frozenset([None]))
-        total = move.options.get("tload")
-        if total is not None and total.text.lower() != "load0":
+        if not self.flow.names_any:
+            return Carrying(ways)
+        total = _total_load(move)
+        if total is not None:
             ways = frozenset([unknown_load(f"\\TLoad:={total.text} says the load of the move alone")])
         data = next((m.reader.data[tool] for m in self.modules if tool is not None and tool in m.reader.data), None)
         of_tool = unknown_load(f"the tool {tool} has no load in numbers in these modules")
@@ -1685,6 +1691,12 @@ class Loads:
                 f"the load {text} of GripLoad in line {reader.line(token.start)} is not in numbers that stay"
             )
         return _load(data.node)
+
+
+def _total_load(move: MoveInstruction) -> Arg | None:
+    """What the option ``TLoad`` of a move names; ``load0`` leaves the load to the tool."""
+    total = move.options.get("tload")
+    return None if total is None or total.text.lower() == "load0" else total
 
 
 def _load(node: Node) -> Load:
