@@ -6,11 +6,13 @@ The oracle reads joints of the corrected text by itself, and asks the robot that
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from history_cases import sided_robot
 from maker_cases import given, robot_of, well_inside
 from support import arm, assert_same_poses, example_robot
 
+import irbcal
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import fanuc, inform, kawasaki, krl, rapid, urscript
 from irbcal.correction.loads import LoadFlow, combined, load_of
@@ -368,3 +370,26 @@ def test_a_total_load_of_a_move_is_not_guessed_and_shifts_are_told_with_their_lo
         if "the shifted target is off" in note.text
     ]
     assert off == with_payload > 0
+
+
+def test_each_segment_equals_a_call_with_its_payload(tmp_path):
+    """From SIMULATED measurements with two loads to the corrected job."""
+    tables = [irbcal.simulate("irb1600", random=60, seed=k, payload=6.0 * k).to_frame() for k in (0, 1)]
+    both = pd.concat([table.assign(pose=[f"{k}-{pose}" for pose in table["pose"]]) for k, table in enumerate(tables)])
+    irbcal.save(irbcal.calibrate(both, "irb1600", "auto", same_tool=True), tmp_path / "two-loads")
+    q = np.degrees(well_inside(arm(), 4))
+    goes = [f"MoveAbsJ [[{','.join(f'{v:.4f}' for v in row)}],{ABSENT}],v100,fine,grip;" for row in q]
+    tool = "PERS tooldata grip:=[TRUE,[[0,0,100],[1,0,0,0]],[2,[0,0,60],[1,0,0,0],0,0,0]];"
+    grip = "GripLoad [7,[0,0,30],[1,0,0,0],0,0,0];"
+    lines = ["MODULE Job", tool, "PROC main()", *goes[:2], grip, *goes[2:], "ENDPROC", "ENDMODULE"]
+    (tmp_path / "job.mod").write_text("\n".join(lines))
+
+    def written(**load):
+        data = irbcal.correct(tmp_path / "two-loads", tmp_path / "job.mod", **load).data.decode()
+        return re.findall(r"MoveAbsJ \[\[([^\]]*)\]", data)
+
+    followed = written()
+    empty = written(payload=2.0, payload_place=[0, 0, 0.06])
+    full = written(payload=9.0, payload_place=[0, 0, (2 * 0.06 + 7 * 0.13) / 9])
+    assert followed == [*empty[:2], *full[2:]]
+    assert all(a != b for a, b in zip(empty, full, strict=True)), "the load matters here"
