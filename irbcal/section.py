@@ -20,8 +20,6 @@ from irbcal.summary import UNITS
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-RESULT_NAMES = {"leave_one_out": "loo", "leave_fifths_out": "loo_blocks"}
-"""Attributes of results that have another name in the file."""
 LONGEST_SENTENCE = 20_000
 """Characters: a note may list every point that was left out."""
 
@@ -121,7 +119,7 @@ class Section(BaseModel):
         for name in cls.model_fields.keys() - given_values.keys():
             base, _, ending = name.rpartition("_")
             unit = UNITS.get(ending)
-            value = getattr(result, name if unit is None else RESULT_NAMES.get(base, base))
+            value = getattr(result, name if unit is None else base)
             values[name] = value if unit is None else _per(value, unit)
         return cls.model_validate(values)
 

@@ -84,7 +84,7 @@ class ComparedTermSet:
         In the average.
     by_fit : Posterior or None
         At the temper of a fit; of term sets with weight.
-    loo : float or None
+    leave_one_out : float or None
         Root mean square length of its leave-one-pose-out residuals, metres.
     """
 
@@ -92,7 +92,7 @@ class ComparedTermSet:
     by_evidence: Posterior
     weight: float = 0.0
     by_fit: Posterior | None = None
-    loo: float | None = None
+    leave_one_out: float | None = None
 
 
 def fit_term_set(
@@ -258,7 +258,7 @@ class Averaging:
             starts = [*fits] if linear.restarts else starts
         for item, fit in zip(kept, fits, strict=True):
             item.by_fit = fit
-        loo, loo_blocks = self._left_out(linear, places, fits, mean) if report else ({}, {})
+        single, fifths = self._left_out(linear, places, fits, mean) if report else ({}, {})
         top = max(range(len(kept)), key=lambda k: kept[k].weight)
         families: tuple[FamilyShown, ...] = ()
         if report:
@@ -267,8 +267,8 @@ class Averaging:
             families = families_shown(part, flat, names, kept[top].term_set, self.evidence_temper, fits[top])
         results = {
             "sigma": float(np.sqrt(sum(item.weight * fit.s2 for item, fit in zip(kept, fits, strict=True)))) * MM,
-            "loo": loo,
-            "loo_blocks": loo_blocks,
+            "leave_one_out": single,
+            "leave_fifths_out": fifths,
             "term_sets": tuple(self._row(item) for item in self.compared),
             "groups": tuple(groups_of(kept, self.superset)),
             "families": families,
@@ -285,7 +285,7 @@ class Averaging:
             u, pose, row = leave_one_out.residuals(linear, columns, fit)
             optimism = LONGEST_OPTIMISM if item.term_set.highest > HIGHEST else 1.0
             u = optimism * u
-            item.loo = leave_one_out.lengths(linear, u, pose, row)[""]
+            item.leave_one_out = leave_one_out.lengths(linear, u, pose, row)[""]
             single.append(item.weight * u)
             if linear.sequence:
                 fifths.append(item.weight * optimism * leave_one_out.block_residuals(linear, columns, fit))
@@ -300,7 +300,7 @@ class Averaging:
             log_evidence=item.by_evidence.log_evidence,
             weight=item.weight,
             sigma_mm=None if item.by_fit is None else np.sqrt(item.by_fit.s2),
-            leave_one_out_mm=None if item.loo is None else item.loo / MM,
+            leave_one_out_mm=None if item.leave_one_out is None else item.leave_one_out / MM,
         )
 
 

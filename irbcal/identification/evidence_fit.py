@@ -248,7 +248,7 @@ class EvidenceFit(Result):
         Targets whose places, and frames, were identified: they have columns in the covariance.
     sigma : float
         Residual standard deviation of a coordinate, metres.
-    loo, loo_blocks : dict of str to float
+    leave_one_out, leave_fifths_out : dict of str to float
         Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
         for all, metres; None where what is left does not determine them.
     term_sets : tuple of TermSetResult
@@ -301,8 +301,8 @@ class EvidenceFit(Result):
     framed_targets: tuple[str, ...]
     target_rotations: Mapping[str, FloatArray]
     sigma: float
-    loo: Mapping[str, float | None]
-    loo_blocks: Mapping[str, float | None]
+    leave_one_out: Mapping[str, float | None]
+    leave_fifths_out: Mapping[str, float | None]
     term_sets: tuple[TermSetResult, ...]
     groups: tuple[GroupResult, ...]
     families: tuple[FamilyShown, ...]
@@ -582,8 +582,8 @@ class EvidenceFit(Result):
             covariance=self.covariance[np.ix_(rows, rows)],
             free_targets=self.free_targets,
             coefficients=self.coefficients[used],
-            loo=self.loo,
-            loo_blocks=self.loo_blocks,
+            leave_one_out=self.leave_one_out,
+            leave_fifths_out=self.leave_fifths_out,
             ranges=self.joint_ranges,
         )
 

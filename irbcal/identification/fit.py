@@ -627,8 +627,8 @@ def certainty_of(fit: Fit) -> Certainty:
         covariance=covariance,
         free_targets=tuple(names[k] for k in problem.free),
         coefficients=fit.solution.state.errors,
-        loo=of_targets(u[0], u[2]),
-        loo_blocks=of_targets(u[1], u[2]),
+        leave_one_out=of_targets(u[0], u[2]),
+        leave_fifths_out=of_targets(u[1], u[2]),
         ranges=np.array([points.q.min(axis=0), points.q.max(axis=0)]),
     )
 

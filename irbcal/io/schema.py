@@ -1091,8 +1091,8 @@ class Record(Section):
             covariance=self.covariance_matrix(),
             free_targets=tuple(name for name in robot.targets if f"target_{name}_x" in listed),
             coefficients=np.array([row.value * factor.get(row.unit, 1.0) for row in rows]),
-            loo=in_metres(self.certainty.leave_one_out_mm),
-            loo_blocks=in_metres(self.certainty.leave_fifths_out_mm),
+            leave_one_out=in_metres(self.certainty.leave_one_out_mm),
+            leave_fifths_out=in_metres(self.certainty.leave_fifths_out_mm),
             ranges=np.array(self.certainty.ranges),
         )
 

@@ -91,7 +91,7 @@ class Certainty(Locked):
         Targets whose places were identified, in the order of their columns.
     coefficients : ndarray, shape (terms,)
         Their sizes join the uncertainty where the last move is not known.
-    loo, loo_blocks : dict of str to float
+    leave_one_out, leave_fifths_out : dict of str to float
         Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
         for all, metres; empty where not known, None where what is left does not determine them.
     ranges : ndarray, shape (2, joints), optional
@@ -105,13 +105,15 @@ class Certainty(Locked):
     covariance: FloatArray
     free_targets: tuple[str, ...]
     coefficients: FloatArray
-    loo: Mapping[str, float | None]
-    loo_blocks: Mapping[str, float | None]
+    leave_one_out: Mapping[str, float | None]
+    leave_fifths_out: Mapping[str, float | None]
     ranges: FloatArray | None
     gravity: tuple[float, ...] = GRAVITY
 
     def __repr__(self) -> str:
-        return f"<Certainty of {self.nominal.name}: {len(self.terms)} coefficients, {len(self.loo) - 1} targets>"
+        return (
+            f"<Certainty of {self.nominal.name}: {len(self.terms)} coefficients, {len(self.leave_one_out) - 1} targets>"
+        )
 
     # ---------------------------------------------------------------- joint ranges
 
@@ -173,7 +175,7 @@ class Certainty(Locked):
 
         Metres; of contiguous blocks of poses with ``in_order``. None where that is not known, or not determined.
         """
-        figures = self.loo_blocks if in_order else self.loo
+        figures = self.leave_fifths_out if in_order else self.leave_one_out
         return figures.get(target or "", figures.get(""))
 
     def determined_left_out(self, target: str | None, in_order: bool = False) -> float:

@@ -122,7 +122,7 @@ def test_the_average_is_the_weighted_sum_of_its_dictionaries():
     # the average of residual variances, and left-out residuals that no dictionary alone need have
     kept = [row for row in found.term_sets if row.weight]
     assert found.sigma**2 == pytest.approx(sum(row.weight * (row.sigma_mm * MM) ** 2 for row in kept), rel=1e-9)
-    assert found.loo[""] <= max(row.leave_one_out_mm for row in kept) * MM
+    assert found.leave_one_out[""] <= max(row.leave_one_out_mm for row in kept) * MM
 
 
 def test_left_out_residuals_grow_by_the_coordinate_that_was_projected_out():

@@ -93,10 +93,10 @@ def test_covariance_is_that_of_sampled_robots(found, test_motion):
     seen = found.robot.predict(q, previous, name)
     std = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     np.testing.assert_allclose(sampled.std(axis=0), std, rtol=0.15)
-    np.testing.assert_allclose(seen.interval, 1.96 * np.sqrt(std**2 + found.loo[name] ** 2 / 3.0), rtol=1e-9)
+    np.testing.assert_allclose(seen.interval, 1.96 * np.sqrt(std**2 + found.leave_one_out[name] ** 2 / 3.0), rtol=1e-9)
     np.testing.assert_allclose(
         found.robot.predict(q, previous, name, in_order=True).interval,
-        1.96 * np.sqrt(std**2 + found.loo_blocks[name] ** 2 / 3.0),
+        1.96 * np.sqrt(std**2 + found.leave_fifths_out[name] ** 2 / 3.0),
         rtol=1e-9,
     )
 

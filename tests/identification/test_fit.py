@@ -542,9 +542,9 @@ def test_some_places_tell_what_all_do(monkeypatch):
     whole = certainty_of(fit)
     monkeypatch.setattr("irbcal.identification.fit.MOST_PLACES", 75)
     some = certainty_of(fit)
-    for name, value in whole.loo.items():
-        assert abs(some.loo[name] / value - 1.0) < 0.15
-        assert abs(some.loo_blocks[name] / whole.loo_blocks[name] - 1.0) < 0.15
+    for name, value in whole.leave_one_out.items():
+        assert abs(some.leave_one_out[name] / value - 1.0) < 0.15
+        assert abs(some.leave_fifths_out[name] / whole.leave_fifths_out[name] - 1.0) < 0.15
     with monkeypatch.context() as patch:
         patch.setattr("irbcal.identification.fit.MOST_PLACES", 149)
         single, _, mine = left_out(fit, whole.covariance)

@@ -182,7 +182,7 @@ def test_an_average_is_saved_with_its_comparison():
     assert tuple(choice.table) == fit.term_sets
     section = EvidenceSection.of(fit)
     assert EvidenceSection.model_validate_json(section.model_dump_json()) == section
-    assert section.leave_one_out_mm[""] == pytest.approx(1e3 * fit.loo[""], rel=1e-12)
+    assert section.leave_one_out_mm[""] == pytest.approx(1e3 * fit.leave_one_out[""], rel=1e-12)
     assert tuple(section.groups) == fit.groups
 
 

@@ -45,7 +45,7 @@ def test_unknown_moves_are_unknown_row_by_row(robot):
 
 def test_the_interval_is_the_formula(robot):
     q = robot.arm.random_joints(9, 5)
-    for in_order, loo in ((False, robot.certainty.loo), (True, robot.certainty.loo_blocks)):
+    for in_order, loo in ((False, robot.certainty.leave_one_out), (True, robot.certainty.leave_fifths_out)):
         seen = robot.predict(q, target="smr2", in_order=in_order)
         variance = np.einsum("nii->ni", seen.covariance)
         np.testing.assert_allclose(seen.interval, 1.96 * np.sqrt(variance + loo["smr2"] ** 2 / 3), rtol=1e-12)
@@ -94,7 +94,7 @@ def test_wrong_calls(robot):
         robot.predict(np.zeros((1, 6)), target="x")
     with pytest.raises(RobotError, match="these look like degrees"):
         robot.predict([[0, 0, 0, 0, 90, 0]])
-    bare = robot.replace(certainty=replace(robot.certainty, loo={}, loo_blocks={}))
+    bare = robot.replace(certainty=replace(robot.certainty, leave_one_out={}, leave_fifths_out={}))
     with pytest.raises(RobotError, match="without a pose it does not determine where smr1 is"):
         bare.predict(np.zeros((1, 6)))
 
