@@ -114,6 +114,9 @@ OPEN = 0.5
 """Share of what was not known of the tool's position that rows at features may leave open without a doubt."""
 LENGTH_ERROR = 0.1 * MM
 """Error of known lengths below which it is no doubt, metres."""
+LENGTHS_WORSE, LENGTHS_OPEN = 2.0, 3.0
+"""How many times the nominal robot's error, and what the rows leave open of the tool's place, lengths must miss while
+their places are left out: a fit without a place knows less about it, too."""
 LINKS = ("base_link", "tip_link", "coupling")
 FEATURE_OPTIONS = (
     *("model", "free", "hold", "terms", "seed", "objective", "power", "loss"),
@@ -997,12 +1000,23 @@ def fit_features(inputs: Inputs, say: Progress) -> Doubted:
     assert rows is not None
     level, terms = _feature_terms(inputs.options, arm)
     goal = inputs.options.goal
-    feature_fit, left_out, doubt = identify_without_gross_errors(arm, rows, terms, progress=say, goal=goal)
+    try:
+        feature_fit, left_out, doubt = identify_without_gross_errors(arm, rows, terms, progress=say, goal=goal)
+    except IdentificationError as error:
+        reading = feature_errors.other_reading(arm, rows)
+        if reading is None:
+            raise
+        raise IdentificationError(
+            f"{error}; the rows look like {reading.words}: read so, they are met within {reading.rms / MM:.3g} mm "
+            "(root mean square)",
+            file=rows.source,
+        ) from error
     feature_fit = replace(feature_fit, level=level)
     remaining = feature_fit.problem.rows
     points = as_points(remaining)
     motion = Motion(points.q)
     nobody = np.zeros(points.poses, dtype=bool)
+    elsewhere = feature_errors.at_another_feature(feature_fit, rows, left_out)
     return _next(
         Doubted,
         inputs,
@@ -1013,10 +1027,11 @@ def fit_features(inputs: Inputs, say: Progress) -> Doubted:
             Exclusion(
                 pose=str(rows.pose[k]),
                 target=str(rows.target[k]),
-                reason=f"row {rows.row[k]} ({rows.feature[k] or rows.kind[k]}) is {left_out[rows.row[k]] / MM:.2f} mm "
-                "beside what all other rows say",
+                reason=f"row {row} ({rows.feature[k] or rows.kind[k]}) is {left_out[row] / MM:.2f} mm "
+                "beside what all other rows say" + (f": it is at {there}" if (there := elsewhere.get(row)) else ""),
             )
-            for k in np.flatnonzero(np.isin(rows.row, list(left_out)))
+            for k, row in enumerate(rows.row.tolist())
+            if row in left_out
         ),
         doubts=(*((doubt,) if doubt else ()), *feature_errors.doubts(feature_fit)),
         fit_points=points,
@@ -1071,7 +1086,7 @@ def _feature_doubts(section: FeaturesSection) -> list[str]:
     pairs = [(e.nominal_mm, e.heldout_mm) for e in section.lengths if None not in (e.nominal_mm, e.heldout_mm)]
     if pairs:
         nominal, heldout = np.sqrt(np.mean(np.array(pairs, dtype=float) ** 2, axis=0))
-        if heldout > max(nominal, LENGTH_ERROR / MM):
+        if heldout > max(LENGTHS_WORSE * nominal, LENGTHS_OPEN * section.open_mm, LENGTH_ERROR / MM):
             doubts.append(
                 f"Known lengths come out {heldout:.3f} mm wrong (root mean square) while their places are left out, "
                 f"with the nominal robot {nominal:.3f} mm: a length is wrong, features moved, or rows are at others "

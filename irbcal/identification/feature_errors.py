@@ -8,14 +8,17 @@ fitted as two, and named where that explains the rows clearly better. Nothing is
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import IdentificationError
-from irbcal.identification import data_entry_errors
+from irbcal.identification import data_entry_errors, feature_problem
 from irbcal.identification.feature_fit import FeatureFit, identify_features
+from irbcal.identification.feature_problem import TOOL, FeatureProblem
+from irbcal.identification.observations import DIMENSIONS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
@@ -23,9 +26,18 @@ from irbcal.units import MM
 SUSPECT = 1.0 * MM
 """Root mean square distance from their features below which rows fit: calibrated arms leave some tenths, metres."""
 
+STATED, GIVES = 5.0, 0.4 * MM
+"""How many times the stated uncertainty (95 %) rows may be missed, and what calibrated arms leave, metres."""
+
+NEAR = 0.5 * MM
+"""Distance from another feature at which a row is, metres."""
+
 FACTOR, AS_GOOD = 5.0, 1.5
 """How many times nearer rows must be for another reading to be named; readings within the second of the best are as
 good, and the simplest is named."""
+
+RANKED, ROUGH = 48, 15
+"""Rows by which readings of other kinds are ranked, of images a third of it, and steps of least squares there."""
 
 JUDGED = 6
 """Readings that are fitted with the geometry."""
@@ -40,8 +52,12 @@ NATS, SCREEN = 50.0, 30.0
 """Log likelihood by which two places must explain the rows better than the one, and the statistic from which that is
 tried. Real contacts of places that stood still reach 22 and 21; half a place turned by 3 mrad gives 90 to 150."""
 
-MOVABLE = ("point", "pose")
-"""Kinds whose residuals show where a feature moved to."""
+ON_TOOL = 0.9
+"""Share that the misfit must fall to for a target to have moved: places measured one after the other differ, too, which
+two places of the tool explain in part (real contacts fall to 0.96)."""
+
+REFITTED, SPLITS = 3, 200
+"""Moves that are tried by fits, and rows before which one is looked for."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +78,7 @@ def doubts(fit: FeatureFit) -> list[str]:
         Of the rows as they are, gross errors left out.
     """
     rows, arm = fit.problem.rows, fit.nominal
-    if rows.corners is not None or rows.flange is not None:
+    if rows.flange is not None:
         return []
     if fit.rms > SUSPECT:
         reading = other_reading(arm, rows)
@@ -75,18 +91,51 @@ def doubts(fit: FeatureFit) -> list[str]:
         return [
             f"{sentence}; they look like {reading.words}: read so, by {reading.rms / MM:.3g} mm. Nothing was changed."
         ]
-    moved = moved_place(fit)
-    return [moved] if moved else []
+    stated = float(np.nanmedian(rows.u95)) if rows.corners is None and np.isfinite(rows.u95).any() else np.inf
+    overstated = [
+        f"The rows are missed by {fit.rms / MM:.3g} mm (root mean square), and {stated / MM:.3g} mm was stated as "
+        "their uncertainty (95 %): touch one twice and state what it repeats to, or look for features that give way."
+    ]
+    moved = moved_part(fit)
+    return [moved] if moved else overstated if fit.rms > max(STATED * stated, GIVES) else []
+
+
+def at_another_feature(fit: FeatureFit, rows: FeatureSet, left_out: Collection[int]) -> dict[int, str]:
+    """The feature that rows which were left out are at, of all features of their kind: by the row in the file.
+
+    Parameters
+    ----------
+    fit : FeatureFit
+        Of the other rows.
+    rows : FeatureSet
+        All of them.
+    left_out : collection of int
+        Rows of the file.
+    """
+    some = rows.select(np.isin(rows.row, list(left_out)))
+    values, near = fit.state.values, max(3.0 * fit.rms, NEAR)
+    out: dict[int, str] = {}
+    for name, feature in fit.problem.rows.features.items():
+        there = (some.kind == feature.kind) & (some.target == feature.target) & (some.feature != name)
+        if not there.any():
+            continue
+        of_kind = some.select(there)
+        moved = replace(
+            of_kind, feature=np.full(len(of_kind), name, dtype=object), features={name: feature}, lengths=()
+        )
+        distance = FeatureProblem(fit.problem.arm, moved, fit.problem.terms, values).distances(fit.state)
+        out |= {int(number): name for number, d in zip(moved.row, distance, strict=True) if d < near}
+    return out
 
 
 def other_reading(arm: Arm, rows: FeatureSet) -> Reading | None:
     """The simplest reading of the joints by which the rows fit clearly better; None where there is none."""
     placed = np.isin(rows.kind.astype(str), PLACED) & (rows.feature != "")
-    if np.count_nonzero(placed) < 0.5 * len(rows):
-        return None
-    some = rows.select(placed)
+    closed = np.count_nonzero(placed) >= 0.5 * len(rows)
+    part = np.random.default_rng(0).permutation(len(rows)) < (RANKED if rows.corners is None else RANKED // 3)
+    some, rank = rows.select(placed if closed else part), _nominal_misfit if closed else _placed_misfit
     readings = [each for each in data_entry_errors.hypotheses(arm) if not each.late]
-    ranked = sorted(readings, key=lambda each: _nominal_misfit(arm, some, each.joints(some.q)))
+    ranked = sorted(readings, key=lambda each: rank(arm, some, each.joints(some.q)))
     fitted: list[Reading] = []
     for each in ranked[:JUDGED]:
         if each.words:
@@ -116,6 +165,17 @@ def _nominal_misfit(arm: Arm, rows: FeatureSet, q: FloatArray) -> float:
     return float(np.median(np.linalg.norm(residual.reshape(-1, 3), axis=1))) / ways
 
 
+def _placed_misfit(arm: Arm, rows: FeatureSet, q: FloatArray) -> float:
+    """The same of rows of any kind, tool and features by least squares."""
+    problem = FeatureProblem(arm, replace(rows, q=q), ())
+    try:
+        distance = problem.distances(feature_problem.start(problem, steps=ROUGH))
+    except (IdentificationError, np.linalg.LinAlgError):
+        return np.inf
+    ways = max(float(np.sqrt(np.var(arm.forward(q)[:, :3, 3], axis=0).sum())), 1e-9)
+    return float(np.median(distance)) / ways
+
+
 def _fitted_misfit(arm: Arm, rows: FeatureSet) -> float:
     """Root mean square distance of rows from their features with the geometry fitted, metres."""
     try:
@@ -124,62 +184,148 @@ def _fitted_misfit(arm: Arm, rows: FeatureSet) -> float:
         return np.inf
 
 
-def moved_place(fit: FeatureFit) -> str:
-    """A sentence on the place that moved most clearly between two of its rows; empty where none did."""
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A feature's place, or a target on the tool, that may have moved before some row.
+
+    Attributes
+    ----------
+    name : str
+        Of the place or the target.
+    on_tool : bool
+    first : int
+        Row from which on it is elsewhere.
+    later : ndarray of bool, shape (rows,)
+        The rows behind its move.
+    statistic : float
+        By how much rows fit better where what moved has a step of its own before and behind, in variances.
+    """
+
+    name: str
+    on_tool: bool
+    first: int
+    later: BoolArray
+    statistic: float
+
+
+def moved_part(fit: FeatureFit) -> str:
+    """A sentence on the feature, or the tool, that moved most clearly between two rows; empty where none did."""
     rows, arm = fit.problem.rows, fit.nominal
-    place = rows.places("place") if "place" in rows.cells.columns else rows.places()
-    residuals = np.full((len(rows), 3), np.nan)
-    for group in fit.problem.group_residuals(fit.state):
-        if group.group.kind.name in MOVABLE and group.group.feature.centre is None and not group.group.measured:
-            residuals[group.group.rows] = group.residuals.r[:, :3]
-    best, name, first = SCREEN, None, 0
-    for label in dict.fromkeys(place.tolist()):
-        of_place = np.flatnonzero((place == label) & np.isfinite(residuals).all(axis=1))
-        statistic, split = _change(residuals[of_place], float(np.nanmean(residuals**2)))
-        if statistic > best:
-            best, name, first = statistic, label, int(of_place[split])
-    if name is None:
+    moves = sorted(possible_moves(fit), key=lambda move: -move.statistic)[:REFITTED]
+    best: tuple[float, Move, FeatureFit] | None = None
+    one = identify_features(arm, rows, choices=[()], bare=True) if moves else fit
+    for move in moves:
+        try:
+            two = identify_features(arm, divided(rows, move), choices=[()], bare=True)
+        except IdentificationError:
+            continue
+        nats = fit.problem.scalars * float(np.log(one.rms / two.rms))
+        if nats > NATS and (not move.on_tool or two.rms < ON_TOOL * one.rms) and (best is None or nats > best[0]):
+            best = nats, move, two
+    if best is None:
         return ""
-    later = (place == name) & (np.arange(len(rows)) >= first)
-    one = identify_features(arm, rows, choices=[()], bare=True)
-    try:
-        two = identify_features(arm, _divided(rows, later), choices=[()], bare=True)
-    except IdentificationError:
-        return ""
-    if 3.0 * len(rows) * np.log(one.rms / two.rms) < NATS:
-        return ""
+    _, move, two = best
+    later, values = rows.feature[move.later], two.state.values
+    parts = (
+        [(TOOL, move.name)] if move.on_tool else [(k, n) for n in dict.fromkeys(later) for k in ("centre", "offset")]
+    )
     shifts = [
-        float(np.linalg.norm(two.state.values["centre", f"{feature}{LATER}"] - two.state.values["centre", feature]))
-        for feature in dict.fromkeys(rows.feature[later].tolist())
-        if ("centre", feature) in two.state.values
+        float(np.linalg.norm(values[kind, f"{name}{LATER}"] - values[kind, name]))
+        for kind, name in parts
+        if (kind, name) in values and (kind, f"{name}{LATER}") in values
     ]
     size = f" by {max(shifts) / MM:.2f} mm" if shifts else ""
     length = "" if shifts else " (or a known length between its features is wrong)"
+    subject = f"The target {move.name} moved on the tool" if move.on_tool else f"{move.name} moved"
+    rename = "its target" if move.on_tool else "its features"
     return (
-        f"{name} moved{size}{length} from row {rows.row[first]} on: taken as two places the rows are met within "
+        f"{subject}{size}{length} from row {rows.row[move.first]} on: taken as two places the rows are met within "
         f"{two.rms / MM:.3f} mm (root mean square, geometry fitted), as one within {one.rms / MM:.3f} mm. Nothing was "
-        "changed: name its features otherwise from that row on, or leave these rows out."
+        f"changed: name {rename} otherwise from that row on, or leave these rows out."
     )
+
+
+def possible_moves(fit: FeatureFit) -> list[Move]:
+    """What rows may show to have moved, by a score test of each place and each target with the robot held."""
+    problem, rows = fit.problem, fit.problem.rows
+    blocks = [block for block in problem.dense(fit.state, np.zeros(0, dtype=int)) if block.row.min() >= 0]
+    J, e, row = (np.concatenate([getattr(b, name) for b in blocks], axis=-1) for name in ("J", "y", "row"))
+    variance = float(np.mean(e**2))
+    place = rows.places("place") if "place" in rows.cells.columns else rows.places()
+    candidates: list[tuple[str, bool, BoolArray, list[int]]] = []
+    for on_tool, labels in ((False, place), (True, rows.target)):
+        for label in dict.fromkeys(labels.astype(str).tolist()):
+            of_label = labels.astype(str) == label
+            names = {label} if on_tool else set(rows.feature[of_label].astype(str))
+            keys = {
+                key
+                for group in problem.groups
+                if of_label[group.rows].any() and (group.point[0] == TOOL) >= on_tool
+                for key in (
+                    [group.point]
+                    if on_tool
+                    else [k for n, k in group.keys().items() if group.kind.unknowns[n].of == "feature"]
+                )
+                if key in problem.layout and key[1] in names
+            }
+            columns = [
+                at + k for shape, at in (problem.layout[key] for key in sorted(keys)) for k in range(DIMENSIONS[shape])
+            ]
+            if columns:
+                candidates.append((label, on_tool, of_label, columns))
+    moves = []
+    for label, on_tool, of_label, columns in candidates:
+        at = np.flatnonzero(of_label[row])
+        at = at[np.argsort(row[at], kind="stable")]
+        statistic, split = _change(J[columns][:, at], e[at], row[at])
+        if statistic / variance > SCREEN + 3.0 * max(len(columns) - 3, 0):
+            moves.append(Move(label, on_tool, split, of_label & (np.arange(len(rows)) >= split), statistic / variance))
+    return moves
+
+
+def _change(J: FloatArray, e: FloatArray, row: IntArray) -> tuple[float, int]:
+    """How much the best two steps, before and behind a row, take from the squares of residuals more than one step.
+
+    Parameters
+    ----------
+    J : ndarray, shape (columns, equations)
+    e : ndarray, shape (equations,)
+    row : ndarray of int, shape (equations,)
+        Ascending.
+
+    Returns
+    -------
+    fall : float
+    first : int
+        The first row behind.
+    """
+    numbers, start = np.unique(row, return_index=True)
+    fewest = max(FEWEST, int(np.ceil(2.0 * len(J) * len(numbers) / len(e))))
+    if len(numbers) < 2 * fewest:
+        return 0.0, 0
+    H = np.cumsum(np.add.reduceat(np.einsum("ae,be->eab", J, J), start, axis=0), axis=0)
+    g = np.cumsum(np.add.reduceat((J * e).T, start, axis=0), axis=0)
+    k = np.unique(np.linspace(fewest, len(numbers) - fewest, SPLITS).round().astype(int))
+
+    def fall(H: FloatArray, g: FloatArray) -> FloatArray:
+        scale = np.sqrt(np.maximum(np.einsum("...aa->...a", H), 1e-30))
+        inverse = np.linalg.pinv(H / scale[..., :, None] / scale[..., None, :], rcond=1e-6, hermitian=True)
+        return np.asarray(np.einsum("...a,...ab,...b->...", g / scale, inverse, g / scale))
+
+    both = fall(H[k - 1], g[k - 1]) + fall(H[-1] - H[k - 1], g[-1] - g[k - 1]) - fall(H[-1], g[-1])
+    best = int(both.argmax())
+    return float(both[best]), int(numbers[k[best]])
 
 
 LATER = " later"
 """What the names of features end with behind a move."""
 
 
-def _change(residuals: FloatArray, variance: float) -> tuple[float, int]:
-    """How clearly the mean of residuals (n, 3) changes at the best place, in variances, and the first row behind."""
-    n = len(residuals)
-    if n < 2 * FEWEST:
-        return 0.0, 0
-    k = np.arange(FEWEST, n - FEWEST + 1)
-    sums = np.cumsum(residuals, axis=0)[k - 1]
-    difference = sums / k[:, None] - (residuals.sum(axis=0) - sums) / (n - k)[:, None]
-    statistic = k * (n - k) / n * np.sum(difference**2, axis=1) / variance
-    return float(statistic.max()), int(k[statistic.argmax()])
-
-
-def _divided(rows: FeatureSet, later: NameArray) -> FeatureSet:
-    """The rows, some of them at features of their own."""
+def divided(rows: FeatureSet, move: Move) -> FeatureSet:
+    """The rows, those behind a move at features, or with a target, of their own."""
+    later = move.later
+    if move.on_tool:
+        return replace(rows, target=np.where(later, f"{move.name}{LATER}", rows.target).astype(object))
     names = {name: f"{name}{LATER}" for name in dict.fromkeys(rows.feature[later].tolist())}
     feature = np.array(
         [names[name] if at else name for name, at in zip(rows.feature, later, strict=True)], dtype=object

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
@@ -39,7 +40,7 @@ from irbcal.identification.feature_problem import (
 from irbcal.identification.fit import ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows
 from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_misses
-from irbcal.identification.outliers import limit
+from irbcal.identification.outliers import CORE, FLOOR, FLOORS, limit
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.features import FeatureSet, Length
 from irbcal.measurement.motions import usual_load, usual_place
@@ -53,6 +54,7 @@ from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
+from irbcal.units import MM
 
 LEAST_SQUARES = Goal()
 
@@ -73,9 +75,20 @@ BASE_REASON = "nothing ties the features to a measuring frame: places are those 
 MOST_GROSS = 0.1
 """Share of the rows that may be gross errors: of more, none is left out."""
 
-TOO_LARGE, FAR_TOO_LARGE = 2e-3, 1e-2
+NOMINAL_FLOOR, NOMINAL_FAR = FLOORS["nominal"], 20 * MM
+"""Distance from the nominal robot below which no row is a gross error; and the median distance from which it is placed
+among parts of the rows, metres."""
+
+DRAWS, DRAWN, ROUGH = 8, 12, 30
+"""Parts of the rows that the nominal robot is placed among, rows of each feature in one, and steps of least squares."""
+
+TOO_LARGE, FAR_TOO_LARGE = 2e-3, 3e-3
 """Share by which a robot may come out larger than nominal before what gave the scale is doubted; where that
 was measured as a length, the second."""
+
+LENGTH_DEVIATIONS, REDUNDANT = 6.0, 0.02
+"""Standard deviations by which a known length may miss what everything else says of it; the share of it that everything
+else must tell."""
 
 
 class FeatureModel(LinearModel):
@@ -221,6 +234,7 @@ class FeatureFit(EvidenceFit):
                     f"{name} of {of} comes out at {value:.6g}, {known.value[0]:.6g} was said: images and poses that "
                     "do not belong together, or a lens that is another."
                 )
+        found += self._wrong_lengths()
         larger = self._larger()
         if abs(larger) > (TOO_LARGE if self.scale_from else FAR_TOO_LARGE):
             rests = (
@@ -232,6 +246,26 @@ class FeatureFit(EvidenceFit):
                 f"The robot comes out {abs(larger):.2%} {'larger' if larger > 0 else 'smaller'} than nominal, {rests}."
             )
         return [text for text in dict.fromkeys(found) if text]
+
+    def _wrong_lengths(self) -> list[str]:
+        """The known length that everything else contradicts most, in a sentence."""
+        problem = self.problem
+        if not problem.lengths:
+            return []
+        rows = problem.lengths_linear(self.state)
+        covariance = self.step_covariance / np.outer(problem.sizes, problem.sizes)
+        information = fit_temper(problem.per_pose / 3.0) * (MM / self.sigma) ** 2
+        told_by_others = 1.0 - information * np.einsum("cr,cd,dr->r", rows.J, covariance, rows.J, optimize=True)
+        deviations = np.abs(rows.y) * np.sqrt(information / np.maximum(told_by_others, REDUNDANT))
+        k = int(np.argmax(np.where(told_by_others > REDUNDANT, deviations, 0.0)))
+        if told_by_others[k] <= REDUNDANT or deviations[k] < LENGTH_DEVIATIONS:
+            return []
+        length = problem.lengths[k]
+        here = float(problem.length_errors(self.state)[k]) / told_by_others[k] + length.length
+        return [
+            f"The known length {length.name} is {length.length / MM:.3f} mm, and everything else says {here / MM:.3f} "
+            f"mm ({deviations[k]:.0f} standard deviations): measure it again."
+        ]
 
     def _larger(self) -> float:
         """Share by which the calibrated arm is larger than the nominal one."""
@@ -337,7 +371,10 @@ def identify_features(
         terms, choices = term_sets.JOINT_MAP, [list({term.family for term in superset})]
     problem = FeatureProblem(arm, seen, superset)
     say(f"placing tool and features of {seen.poses} poses")
-    nominal = feature_problem.start(problem) if start is None else feature_problem.settle(problem, start)
+    if start is None:
+        nominal = feature_problem.start(problem)
+    else:
+        nominal = feature_problem.settle(problem, replace(start, coefficients=np.zeros(len(superset))))
     refuse_undetermined(problem, problem.sums(nominal, np.zeros(0, dtype=int)))
     say("fitting the geometry")
     model = FeatureModel(problem, _geometry(problem, nominal))
@@ -386,6 +423,7 @@ def identify_features(
         state=state,
         nominal_state=replace(nominal, coefficients=nominal.coefficients[union]),
         step_covariance=covariance,
+        outlying=np.zeros(0) if bare else averaging.outlying * MM / smaller.weights,
         **results,
         **reached,
     )
@@ -400,9 +438,11 @@ def identify_without_gross_errors(
 ) -> tuple[FeatureFit, dict[int, float], str]:
     """Identify from the rows that do not contradict all others by far: a wrong feature, a slip, a mistyped joint.
 
-    A row is a gross error by the rule for a tracker's points (`irbcal.identification.outliers.limit`), within its
-    kind. A gross error bends the fit, so that good rows beside it miss, too: only rows that miss at least half as much
-    as the worst are left out before the others are fitted again.
+    A row is a gross error by the rules for a tracker's points: far from its feature (`irbcal.identification.outliers`,
+    within its kind), or contradicted by all others (`irbcal.identification.leave_one_out.outlying`). It bends the fit,
+    so that good rows beside it miss, too: only rows that miss at least half as much as the worst are left out before
+    the others are fitted again. Where even the nominal robot cannot be placed among all rows, it is placed among parts
+    of them, and rows far from where it then is are left out from the start.
 
     Parameters
     ----------
@@ -426,24 +466,77 @@ def identify_without_gross_errors(
     IdentificationError
         As `identify_features`.
     """
-    fit_of_all = fit = identify_features(arm, rows, terms, progress=progress, goal=goal)
     left_out: dict[int, float] = {}
+    placed = _placed_robustly(arm, rows)
+    remaining, start = rows, None
+    if placed is not None:
+        start, distance = placed
+        gross = distance > _limits(rows, distance, NOMINAL_FLOOR)
+        left_out = dict(zip(rows.row[gross].tolist(), distance[gross].tolist(), strict=True))
+        remaining = rows.select(~gross)
+    fit_of_all: FeatureFit | None = None
     while True:
+        contradicting = ", ".join(map(str, sorted(left_out)[:10])) + (", …" if len(left_out) > 10 else "")
+        doubt = f"Rows that contradict the others were not left out ({contradicting}): "
+        if len(left_out) > MOST_GROSS * len(rows):
+            fit = fit_of_all or identify_features(arm, rows, terms, progress=progress, goal=goal)
+            return fit, {}, f"{doubt}they are more than {MOST_GROSS:.0%} of all rows. Look at these rows first."
+        try:
+            fit = identify_features(arm, remaining, terms, progress=progress, start=start, goal=goal)
+        except IdentificationError as error:
+            if fit_of_all is None:
+                raise
+            return fit_of_all, {}, f"{doubt}without them, {error}"
+        fit_of_all = fit_of_all or fit
         remaining, distance = fit.problem.rows, fit.problem.distances(fit.state)
-        limits = {kind: limit(distance[remaining.kind == kind]) for kind in set(remaining.kind)}
-        gross = distance > np.array([limits[kind] for kind in remaining.kind])
+        gross = distance > _limits(remaining, distance)
+        if not gross.any():
+            gross, distance = fit.outlying > 0.0, fit.outlying
         if not gross.any():
             return fit, left_out, ""
         gross &= distance >= 0.5 * distance[gross].max()
         left_out |= dict(zip(remaining.row[gross].tolist(), distance[gross].tolist(), strict=True))
-        listed = ", ".join(map(str, sorted(left_out)[:10])) + (", …" if len(left_out) > 10 else "")
-        doubt = f"Rows that contradict the others were not left out ({listed}): "
-        if len(left_out) > MOST_GROSS * len(rows):
-            return fit_of_all, {}, f"{doubt}they are more than {MOST_GROSS:.0%} of all rows. Look at these rows first."
-        try:
-            fit = identify_features(arm, remaining.select(~gross), terms, progress=progress, goal=goal)
-        except IdentificationError as error:
-            return fit_of_all, {}, f"{doubt}without them, {error}"
+        remaining = remaining.select(~gross)
+
+
+def _limits(rows: FeatureSet, distance: FloatArray, floor: float = FLOOR) -> FloatArray:
+    """Distance from which each row is a gross error, by its kind, metres."""
+    limits = {kind: limit(distance[rows.kind == kind], floor) for kind in set(rows.kind)}
+    return np.array([limits[kind] for kind in rows.kind])
+
+
+def _placed_robustly(arm: Arm, rows: FeatureSet) -> tuple[FeatureState, FloatArray] | None:
+    """The nominal robot placed among the part of the rows that it fits best, and how far all rows are from it, metres.
+
+    None where it can be placed among all rows, and none is far from it.
+    """
+    problem = FeatureProblem(arm, rows, ())
+    try:
+        state = feature_problem.start(problem)
+        distance = problem.distances(state)
+        if np.median(distance) < NOMINAL_FAR and not (distance > _limits(rows, distance, NOMINAL_FAR)).any():
+            return None
+        best = float(np.quantile(distance, CORE)), state
+    except IdentificationError:
+        best = None
+    rng, key = np.random.default_rng(0), rows.feature.astype(str)
+    for _ in range(DRAWS):
+        order = rng.permutation(len(rows))
+        rank = pd.Series(key[order]).groupby(key[order]).cumcount().to_numpy()
+        drawn = np.zeros(len(rows), dtype=bool)
+        drawn[order[rank < DRAWN]] = True
+        for _ in range(3):  # the part that it fits best, from a part drawn at random
+            try:
+                state = feature_problem.start(FeatureProblem(arm, rows.select(drawn), ()), steps=ROUGH)
+            except IdentificationError:
+                break
+            if not problem.layout.keys() <= state.values.keys():  # a feature or target has no row in this part
+                break
+            distance = problem.distances(state)
+            core = float(np.quantile(distance, CORE))
+            best = min((each for each in (best, (core, state)) if each is not None), key=lambda each: each[0])
+            drawn = distance <= core
+    return None if best is None else (best[1], problem.distances(best[1]))
 
 
 def _choices(

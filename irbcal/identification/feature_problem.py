@@ -39,6 +39,9 @@ from irbcal.units import MM
 BLOCK = 1500
 """Rows whose Jacobian is in memory at a time."""
 
+REMEMBERED = 20_000
+"""Rows up to which chains are kept while coefficients stay as they are."""
+
 ROW_U95 = 0.1 * MM
 """Uncertainty of a row that tells none, metres: what a contact repeats to on an industrial arm."""
 
@@ -223,7 +226,7 @@ class FeatureProblem:
             units.append(size)
         self.flat = int(sum(map(len, units)))
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
-        self._walks: dict[bytes, chain.Walk] = {}
+        self._walked: tuple[FloatArray | None, dict[bytes, chain.Walk]] = None, {}
         self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
         self.others = TermMap(
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
@@ -287,18 +290,23 @@ class FeatureProblem:
 
     # ---------------------------------------------------------------- predictions
 
-    def walk(self, state: FeatureState, group: Group, arm: Arm | None = None) -> chain.Walk:
+    def walk(self, state: FeatureState, group: Group) -> chain.Walk:
         """The chain at a group's rows."""
-        motion = self.motion.select(group.rows)
-        if self.robot is not None:
-            key = group.rows.tobytes()
-            if key not in self._walks:
-                self._walks[key] = self.robot.walk(motion)
-            return self._walks[key]
-        arm = self.arm_of(state) if arm is None else arm
-        if not self.others.terms or not state.coefficients[~self.geometry].any():
-            return chain.walk(arm, motion.q)
-        return chain.walk(arm, *self.term_map(state).split(motion))
+        if self._walked[0] is not state.coefficients:
+            self._walked = state.coefficients, {}
+        walks, key = self._walked[1], group.rows.tobytes()
+        if key not in walks:
+            motion = self.motion.select(group.rows)
+            if self.robot is not None:
+                path = self.robot.walk(motion)
+            elif not self.others.terms or not state.coefficients[~self.geometry].any():
+                path = chain.walk(self.arm_of(state), motion.q)
+            else:
+                path = chain.walk(self.arm_of(state), *self.term_map(state).split(motion))
+            if len(self.rows) > REMEMBERED:
+                return path
+            walks[key] = path
+        return walks[key]
 
     def view(self, state: FeatureState, group: Group, path: chain.Walk) -> RelativeFrame:
         """A group's carrier in the axes of its frame, on a chain."""
@@ -352,9 +360,8 @@ class FeatureProblem:
 
     def group_residuals(self, state: FeatureState) -> Iterator[GroupResiduals]:
         """What every group misses."""
-        arm = self.arm_of(state)
         for group in self.groups:
-            yield self.residuals_of(state, group, self.walk(state, group, arm))
+            yield self.residuals_of(state, group, self.walk(state, group))
 
     def distances(self, state: FeatureState) -> FloatArray:
         """Size of what each row misses, metres, shape (rows,): the distance of places; turns are left out."""
@@ -405,7 +412,7 @@ class FeatureProblem:
             each = np.repeat(rows, r.shape[1])
             yield Rows(J.reshape(width, r.size), y.ravel(), self.pose[each], each)
         if self.lengths:
-            yield self._of_lengths(state, width)
+            yield self.lengths_linear(state, width)
         if self.expected:
             yield self._of_expected(state, width)
         if any(key[0] == SCREW for key in self.layout):
@@ -487,8 +494,9 @@ class FeatureProblem:
             by = by + of_group.residuals.turn @ turn
         return by.transpose(2, 0, 1)
 
-    def _of_lengths(self, state: FeatureState, width: int) -> Rows:
-        """Known lengths as rows; they belong to no row of the file."""
+    def lengths_linear(self, state: FeatureState, width: int | None = None) -> Rows:
+        """Known lengths as rows of so many columns, all unless given; they belong to no row of the file."""
+        width = self.flat + len(self.terms) if width is None else width
         J, y = np.zeros((width, len(self.lengths))), np.zeros(len(self.lengths))
         for k, length in enumerate(self.lengths):
             keys = ("centre", length.first), ("centre", length.second)
@@ -632,8 +640,10 @@ FALL = 1e-10
 """Relative fall of the sum of squares below which it has arrived."""
 
 
-def start(problem: FeatureProblem, near: Mapping[Key, FloatArray] | None = None) -> FeatureState:
+def start(problem: FeatureProblem, near: Mapping[Key, FloatArray] | None = None, steps: int = STEPS) -> FeatureState:
     """The robot as it is, placed among the features: no guess is needed, but what is ``near`` goes before.
+
+    So many ``steps`` at most are gone.
 
     Raises
     ------
@@ -645,7 +655,7 @@ def start(problem: FeatureProblem, near: Mapping[Key, FloatArray] | None = None)
     best, smallest, reason = None, np.inf, "no place of tool and features was found that these rows fit"
     for tools in candidates:
         try:
-            state = settle(problem, _features(problem, zero, tools))
+            state = settle(problem, _features(problem, zero, tools), steps)
         except np.linalg.LinAlgError:
             continue
         except IdentificationError as error:

@@ -422,7 +422,11 @@ class DevicePlan(Result):
     def report(self) -> Sequence[Paragraph]:
         """What to put where, and what every pose meets."""
         device, counts = self.found.device, np.bincount(self.which)
-        bar = f", bar of {self.found.bar / MM:.0f} mm" if self.found.bar else ""
+        longest = self.found.bar + self.found.device.travel * self.found.reach
+        lengths = (
+            f"{self.found.bar / MM:.0f} to {longest / MM:.0f}" if longest > self.found.bar else f"{longest / MM:.0f}"
+        )
+        bar = f", bar of {lengths} mm" if self.found.bar else ""
         lines: list[Paragraph] = [f"{self.arm.name}: {len(self.q)} poses at {device.words}{bar}"]
         for (name, middle), count in zip(self.places_mm().items(), counts, strict=True):
             lines.append(f"  {name} near {', '.join(f'{x:.0f}' for x in middle)} mm in the base link: {count} poses")
@@ -477,7 +481,7 @@ def device_plan(
     Parameters
     ----------
     robot : str, Path or calibration
-    device : {"balls", "string", "ballbar", "two-balls", "sockets", "ball", "camera", "plane"}
+    device : {"balls", "string", "ballbar", "ballbars", "telescope", "two-balls", "sockets", "ball", "camera", "plane"}
         What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`.
     poses : int
         In all, of a device.

@@ -160,7 +160,11 @@ class Device:
     lengths : bool
         Whether the distances between its features are known.
     bar : float or None
-        Length of a ballbar, in shares of the reach.
+        Length of a ballbar, the shortest of several, in shares of the reach.
+    travel : float
+        What its longest length is more, likewise.
+    lengths_of_bar : int
+        Number of its lengths, evenly spaced over the travel; 0 where it telescopes.
     noise : float
         Standard deviation of a coordinate that is plausible for it, metres.
         Of a camera: of an image as a whole.
@@ -175,6 +179,8 @@ class Device:
     spots: tuple[Spot, ...]
     lengths: bool = False
     bar: float | None = None
+    travel: float = 0.0
+    lengths_of_bar: int = 1
     noise: float = 0.03 * MM
     cone: float = 60.0 * DEG
 
@@ -222,6 +228,28 @@ DEVICES: Mapping[str, Device] = {
             tuple(Spot(f"centre {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
             lengths=True,
             bar=0.17,
+            cone=90.0 * DEG,
+        ),
+        Device(
+            "ballbars",
+            "a ballbar of three lengths about three centres, their distances known",
+            "radius",
+            tuple(Spot(f"centre {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
+            lengths=True,
+            bar=0.10,
+            travel=0.14,
+            lengths_of_bar=3,
+            cone=90.0 * DEG,
+        ),
+        Device(
+            "telescope",
+            "a telescoping ballbar about three centres, their distances known",
+            "radius",
+            tuple(Spot(f"centre {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
+            lengths=True,
+            bar=0.17,
+            travel=0.08,
+            lengths_of_bar=0,
             cone=90.0 * DEG,
         ),
         Device(
@@ -424,7 +452,12 @@ def drawn(arm: Arm, features: Placed, feature: str, count: int, seed: int, patch
     elif features.device.kind == "radius" and not features.bar:
         good = arm.forward(q)[:, 2, 3] > 0.0
     else:
-        q, good = met(arm, features, feature, q)
+        rng, device = np.random.default_rng(seed), features.device
+        longer = (
+            rng.uniform(size=count) if not device.lengths_of_bar else rng.integers(device.lengths_of_bar, size=count)
+        )
+        longer = longer * device.travel * features.reach / max(device.lengths_of_bar - 1, 1)
+        q, good = met(arm, features, feature, q, off=longer[:, None] if device.travel else None)
     margin = 2.0 * DEG * ~arm.table.prismatic
     good &= ((q > arm.lower + margin) & (q < arm.upper - margin)).all(axis=1)
     return q[good]
@@ -672,7 +705,7 @@ def simulate_device(
     ----------
     robot : str or Path
         As for `irbcal.simulate`.
-    device : {"balls", "string", "ballbar", "two-balls", "sockets", "ball", "camera", "plane"}
+    device : {"balls", "string", "ballbar", "ballbars", "telescope", "two-balls", "sockets", "ball", "camera", "plane"}
         What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`.
     random : int
         Number of poses, shared out among the device's features.

@@ -1,5 +1,6 @@
 """Errors in rows at features are named, and none where there is none: SIMULATED sockets, and real contacts of two arms."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -32,6 +33,15 @@ def sockets(seed=0):
     """Three sockets, an arm with errors, 0.02 mm of noise."""
     table, known = cases.rows("point", cases.true_arm(cases.arm(), seed, lengths=False), 20, seed, 2e-5)
     return features.read(table, known, cases.arm())
+
+
+def contacts(kind="point", seed=0, n=20, noise=2e-5, change=None, fit=""):
+    """Rows of a kind as the file has them, spoiled; and calibrated."""
+    table, known = cases.rows(kind, cases.true_arm(cases.arm(), seed, lengths=False), n, seed, noise, fit=fit)
+    table = table.assign(simulated="yes")
+    if change is not None:
+        change(table)
+    return irbcal.calibrate(table, "irb1600", features=known.fillna("")).record
 
 
 def turned(q, joint):
@@ -120,7 +130,7 @@ def test_a_known_length_that_is_wrong_is_doubted(tmp_path):
     known = pd.DataFrame([{"feature": "{place}/{socket}", "kind": "point"}, *lengths]).astype(object)
     known = known.where(known.notna(), "")
     result = irbcal.calibrate(table.assign(simulated="yes"), "irb1600", "26", features=known)
-    assert any("place 3 moved (or a known length" in doubt for doubt in result.record.doubts)
+    assert any(doubt.startswith("The known length bar 3 is ") for doubt in result.record.doubts)
     known.loc[4, "length_mm"] -= 3.0
     result = irbcal.calibrate(table.assign(simulated="yes"), "irb1600", "26", features=known)
     assert not any("known length" in doubt for doubt in result.record.doubts)
@@ -131,3 +141,99 @@ def test_known_lengths_that_become_worse_are_doubted(nominal, heldout, doubted):
     length = SimpleNamespace(nominal_mm=nominal, heldout_mm=heldout)
     section = SimpleNamespace(scale_measured=True, scale_from="", lengths=[length], open_mm=0.0, before_mm=1.0)
     assert bool(pipeline._feature_doubts(section)) == doubted
+
+
+def at(table, poses):
+    """Which rows of a file are of some poses, by their number."""
+    return np.isin(pd.factorize(table.pose)[0], poses)
+
+
+def test_rows_at_another_socket_are_left_out_and_their_socket_is_named():
+    def change(table):
+        table.loc[at(table, [3, 25, 44]), "feature"] = ["point 2", "point 0", "point 1"]
+
+    record = contacts(change=change)
+    assert [row.reason.split(": it is at ")[1] for row in record.excluded] == ["point 0", "point 1", "point 2"]
+    assert not any("contradict" in doubt or "moved" in doubt for doubt in record.doubts)
+
+
+def test_a_mistyped_joint_is_left_out_though_it_moves_the_tool_by_less_than_a_millimetre():
+    """Joint 6 by 0.3 degrees: the ball is 67 mm from its axis."""
+
+    def change(table):
+        table.loc[at(table, [30]), "q6_deg"] += 0.3
+
+    (row,) = contacts(change=change).excluded
+    assert row.reason.startswith("row 31 ")
+
+
+def test_pictures_of_another_board_are_left_out():
+    """Four of 45 pictures say another board: no place of camera and boards meets all of them."""
+
+    def change(table):
+        table.loc[at(table, [2, 9]), "feature"] = "image-on-tool 1"
+        table.loc[at(table, [20, 33]), "feature"] = "image-on-tool 0"
+
+    record = contacts("image-on-tool", n=15, change=change)
+    assert {row.pose for row in record.excluded} == {f"image-on-tool {k}" for k in ("0 2", "0 9", "1 5", "2 3")}
+
+
+@pytest.mark.parametrize(("step", "words"), [(3.0, "radius 0 moved by "), (0.0, "")])
+def test_an_anchor_whose_zero_jumps_is_named(step, words):
+    """An encoder shows so many millimetres more from a row on."""
+
+    def change(table):
+        table.loc[at(table, range(18, 40)), "value_mm"] += step
+
+    moved = [doubt for doubt in contacts("radius", n=40, change=change).doubts if "moved" in doubt]
+    assert len(moved) == bool(words)
+    assert all(doubt.startswith(words) and "from row 19 on" in doubt for doubt in moved)
+
+
+def test_a_ball_that_was_mounted_anew_is_named():
+    """Behind the middle of each socket's rows it is 0.6 mm farther along the tool, found from the flange's poses."""
+    truth = cases.true_arm(cases.arm(), 0, lengths=False)
+    table, known = cases.rows("point", truth, 20, 0, 2e-5)
+    rows = features.read(table, known, cases.arm())
+    later = np.arange(len(rows)) % 20 >= 10
+    order = np.argsort(later, kind="stable")
+    rows = features.read(table.iloc[order], known, cases.arm())
+    q, later = rows.q.copy(), later[order]
+    wanted = cases.tip(truth, q)[0]
+    for _ in range(20):
+        p = cases.tip(truth, q, cases.TOOL + np.array([0.0, 0.0, 6e-4]))[0]
+        J = np.stack(
+            [(cases.tip(truth, q + 1e-6 * e, cases.TOOL)[0] - cases.tip(truth, q, cases.TOOL)[0]) for e in np.eye(6)], 2
+        )
+        q = q + (np.linalg.pinv(J / 1e-6) @ (wanted - p)[..., None])[..., 0]
+    (sentence,) = doubts(cases.arm(), replace(rows, q=np.where(later[:, None], q, rows.q)))
+    size = re.match(r"The target ball moved on the tool by (\S+) mm", sentence)
+    assert size is not None
+    assert float(size[1]) == pytest.approx(0.6, abs=0.05)
+    assert f"from row {rows.row[later][0]} on" in sentence
+
+
+def test_values_of_a_wrong_scale_are_doubted():
+    def change(table):
+        table["value_mm"] *= 1.01
+
+    assert any("% larger than nominal" in doubt for doubt in contacts("radius", n=40, change=change).doubts)
+    assert not any("than nominal" in doubt for doubt in contacts("radius", n=40).doubts)
+
+
+@pytest.mark.parametrize(("noise", "doubted"), [(5e-4, True), (1e-4, False)])
+def test_rows_that_scatter_far_beyond_their_stated_uncertainty_are_doubted(noise, doubted):
+    def change(table):
+        table["u95_mm"] = 0.05
+
+    record = contacts(noise=noise, change=change)
+    assert any("0.05 mm was stated" in doubt for doubt in record.doubts) == doubted
+
+
+def test_strings_with_a_joint_counted_the_other_way_are_named():
+    """No place of anchors and hook meets them."""
+
+    def change(table):
+        table["q2_deg"] *= -1.0
+
+    assert any("joint 2 with its sign turned" in doubt for doubt in contacts("radius", change=change).doubts)
