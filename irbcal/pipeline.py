@@ -1050,7 +1050,10 @@ def prove_features(done: Doubted, say: Progress) -> Proven:
     assert rows is not None
     assert isinstance(fit, FeatureFit)
     terms = _feature_terms(options, done.urdf.arm)[1]
-    proof = prove_places(done.urdf.arm, rows, options.leave_out, terms, options.seed, say, options.goal)
+    try:
+        proof = prove_places(done.urdf.arm, rows, options.leave_out, terms, options.seed, say, options.goal)
+    except IdentificationError as error:
+        raise IdentificationError(" ".join((f"{error}.", *done.doubts)) if done.doubts else str(error)) from None
     section = _features_section(fit, proof)
     against = (*done.doubts, *_feature_doubts(section), *fit.doubts())
     order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")

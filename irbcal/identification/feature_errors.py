@@ -37,7 +37,7 @@ FACTOR, AS_GOOD = 5.0, 1.5
 good, and the simplest is named."""
 
 RANKED, ROUGH = 48, 15
-"""Rows by which readings of other kinds are ranked, of images a third of it, and steps of least squares there."""
+"""Rows by which readings of other kinds are ranked, of images a quarter of it, and steps of least squares there."""
 
 JUDGED = 6
 """Readings that are fitted with the geometry."""
@@ -132,7 +132,7 @@ def other_reading(arm: Arm, rows: FeatureSet) -> Reading | None:
     """The simplest reading of the joints by which the rows fit clearly better; None where there is none."""
     placed = np.isin(rows.kind.astype(str), PLACED) & (rows.feature != "")
     closed = np.count_nonzero(placed) >= 0.5 * len(rows)
-    part = np.random.default_rng(0).permutation(len(rows)) < (RANKED if rows.corners is None else RANKED // 3)
+    part = np.random.default_rng(0).permutation(len(rows)) < (RANKED if rows.corners is None else RANKED // 4)
     some, rank = rows.select(placed if closed else part), _nominal_misfit if closed else _placed_misfit
     readings = [each for each in data_entry_errors.hypotheses(arm) if not each.late]
     ranked = sorted(readings, key=lambda each: rank(arm, some, each.joints(some.q)))
@@ -142,7 +142,7 @@ def other_reading(arm: Arm, rows: FeatureSet) -> Reading | None:
             misfit = _fitted_misfit(arm, replace(rows, q=each.joints(rows.q)))
             fitted.append(Reading(" and ".join(each.words), each.cost, misfit))
     best = min((each.rms for each in fitted), default=np.inf)
-    if best > _fitted_misfit(arm, rows) / FACTOR:
+    if not np.isfinite(best) or best > _fitted_misfit(arm, rows) / FACTOR:
         return None
     return min((each for each in fitted if each.rms <= AS_GOOD * best), key=lambda each: each.cost)
 

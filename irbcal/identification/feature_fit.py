@@ -479,7 +479,13 @@ def identify_without_gross_errors(
         contradicting = ", ".join(map(str, sorted(left_out)[:10])) + (", …" if len(left_out) > 10 else "")
         doubt = f"Rows that contradict the others were not left out ({contradicting}): "
         if len(left_out) > MOST_GROSS * len(rows):
-            fit = fit_of_all or identify_features(arm, rows, terms, progress=progress, goal=goal)
+            try:
+                fit = fit_of_all or identify_features(arm, rows, terms, progress=progress, goal=goal)
+            except IdentificationError as error:
+                raise IdentificationError(
+                    f"{error}; rows {contradicting} contradict the others ({len(left_out)} of {len(rows)}): look at "
+                    "these first"
+                ) from None
             return fit, {}, f"{doubt}they are more than {MOST_GROSS:.0%} of all rows. Look at these rows first."
         try:
             fit = identify_features(arm, remaining, terms, progress=progress, start=start, goal=goal)

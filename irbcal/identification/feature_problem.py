@@ -705,7 +705,8 @@ def settle(problem: FeatureProblem, state: FeatureState, steps: int = STEPS) -> 
         if np.abs(step).max() < ENOUGH:
             break
         tried = problem.moved(state, step)
-        new = problem.sums(tried, none)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step too far is taken back
+            new = problem.sums(tried, none)
         if not np.isfinite(new.yy) or new.yy > sums.yy * (1.0 + 1e-12):
             damp *= 10.0
             if damp > 1e8:

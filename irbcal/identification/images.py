@@ -30,7 +30,7 @@ from irbcal.identification.observation_kind import (
     ones,
 )
 from irbcal.measurement.features import Feature
-from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel
+from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel, typical_u95
 from irbcal.modeling import frames
 from irbcal.units import MM
 
@@ -247,7 +247,7 @@ class Image(Kind):
         m, n = is_seen.shape
         count = is_seen.sum(axis=1)
         pixel = per_pixel(corners)
-        typical = np.nanmedian(corners[:, :, 4], axis=1)
+        typical = typical_u95(corners)
         w = np.where(is_seen, typical[:, None] / np.where(is_seen, corners[:, :, 4], 1.0), 0.0)
         w *= (pixel / np.sqrt(count))[:, None]
         e = np.where(is_seen[..., None], uv - corners[:, :, 2:4], 0.0)

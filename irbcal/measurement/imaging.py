@@ -185,22 +185,26 @@ def per_pixel(corners: FloatArray) -> FloatArray:
     corners : ndarray, shape (m, n, 5)
         See `Images`.
     """
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # rows without corners
-        spread = np.nanvar(corners[:, :, :4], axis=1)
+    there = np.isfinite(corners[:, :, 2:3])
+    with np.errstate(invalid="ignore", divide="ignore"):  # rows without corners
+        count = there.sum(axis=1)[:, None]
+        mean = np.where(there, corners[:, :, :4], 0.0).sum(axis=1, keepdims=True) / count
+        spread = (np.where(there, corners[:, :, :4] - mean, 0.0) ** 2).sum(axis=1)
         return np.asarray(np.sqrt(spread[:, :2].sum(axis=1) / spread[:, 2:].sum(axis=1)))
+
+
+def typical_u95(corners: FloatArray) -> FloatArray:
+    """Median uncertainty of the corners of each image, (m,), pixels; NaN of rows without corners."""
+    u95 = np.sort(corners[:, :, 4], axis=1)  # what is not a number comes last
+    count = np.isfinite(u95).sum(axis=1)
+    row = np.arange(len(u95))
+    return np.asarray(0.5 * (u95[row, np.maximum(count - 1, 0) // 2] + u95[row, count // 2]))
 
 
 def u95_of(corners: FloatArray) -> FloatArray:
     """How well images tell the board's place across the view, (m,), metres: all corners together."""
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        count = np.isfinite(corners[:, :, 4]).sum(axis=1)
-        return np.asarray(np.nanmedian(corners[:, :, 4], axis=1) * per_pixel(corners) / np.sqrt(np.maximum(count, 1)))
+    count = np.isfinite(corners[:, :, 4]).sum(axis=1)
+    return np.asarray(typical_u95(corners) * per_pixel(corners) / np.sqrt(np.maximum(count, 1)))
 
 
 @dataclass(frozen=True, eq=False)

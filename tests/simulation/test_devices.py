@@ -7,7 +7,6 @@ from irbcal.identification.feature_problem import FeatureProblem, FeatureState
 from irbcal.measurement import features
 from irbcal.simulation.devices import BALL, DEVICES, met, placed, poses, rows_table, shown
 
-
 LONGER = {"ballbar": (0.0,), "ballbars": (0.0, 0.07, 0.14), "telescope": None}
 """What ballbars are longer than the shortest, in shares of the reach; anything up to 0.08 where it telescopes."""
 
