@@ -7,32 +7,28 @@ One row of the table is the step from frame i-1 to frame i (eqs. 5.1 and 5.2), w
 
 ``beta_i`` tilts axis i about the point where it meets the common normal. All six numbers of a row together place a
 joint anywhere near its nominal place: the general parametrisation, for which a plain table is too small. A joint adds
-its angle to ``theta_i`` (revolute) or its travel to ``d_i`` (prismatic). Forward kinematics walks the
-chain from the tip to the base, derivatives (`chain_frames`) from the base to the tip, with axes held as arrays of shape
-(3, poses), a block of poses at a time: no 4x4 products and no loop over poses.
+its angle to ``theta_i`` (revolute) or its travel to ``d_i`` (prismatic). The chain is walked
+from the base to the tip with axes held as arrays of shape (3, poses), a block of poses at a time: no 4x4 products and
+no loop over poses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property, lru_cache
-from math import atan2, cos, sin
+from functools import cached_property
+from math import cos, sin
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import LINE, BoolArray, FloatArray, Locked, aligned, handed_on, lock, row_arithmetic
+from irbcal.arrays import BoolArray, FloatArray, Locked, aligned, handed_on, lock, row_arithmetic
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import DEG, MM
 
 BLOCK = 5120
 """Poses per block: few enough for the cache, and enough for the calls of numpy not to count."""
-
-FEW = 1000
-"""Poses for which the number of steps counts, not their length."""
 
 Row: TypeAlias = tuple[float, float, float, float, float, float, bool]
 """alpha, a, theta, d, beta, b of a joint, and whether it slides."""
@@ -139,11 +135,6 @@ class ChainFrames(Locked):
     tip: FloatArray
 
 
-def _quarter(angle: float) -> bool:
-    """Whether a constant angle is a quarter turn, which takes no arithmetic but a change of sign."""
-    return abs(cos(angle)) <= QUARTER
-
-
 def _turn(
     first: FloatArray, second: FloatArray, c: FloatArray | float, s: FloatArray | float, spare: FloatArray
 ) -> None:
@@ -161,7 +152,7 @@ def _tilt(first: FloatArray, second: FloatArray, angle: float, spare: FloatArray
     """Axes turned towards one another by a constant angle, in place or exchanged; quarter turns are exact."""
     if angle == 0.0:
         return first, second
-    if not _quarter(angle):
+    if abs(cos(angle)) > QUARTER:
         _turn(first, second, cos(angle), sin(angle), spare)
         return first, second
     changed = first if sin(angle) > 0 else second
@@ -175,107 +166,41 @@ def _shift(o: FloatArray, axis: FloatArray, length: FloatArray | float, spare: F
         np.add(o, np.multiply(axis, length, out=spare[0]), out=o)
 
 
-def _zxz(R: FloatArray) -> tuple[float, float, float]:
-    """Angles of the turns about z, x and z again that make a rotation (3, 3); zero where there is nothing to turn."""
-    (xx, xy, xz), (yx, yy, yz), (_, _, zz) = R.tolist()
-    first = atan2(xz, -yz) if xz or yz else 0.0
-    c, s = cos(first), sin(first)
-    return first, atan2(s * xz - c * yz, zz), atan2(-c * xy - s * yy, c * xx + s * yx)
-
-
-@lru_cache(maxsize=256)
-def _places(rows: tuple[Row, ...], tilts: tuple[float, float, float]) -> list[int]:
-    """Where x, y and z have to be behind the last joint for quarter turns, which exchange them, to end in order."""
-    axes = [0, 1, 2]
-    turns = list[tuple[int, int, float]]()
-    for alpha, _, theta, _, beta, _, slides in reversed(rows):
-        turns += [(0, 1, theta if slides else 0.0), (0, 2, beta), (1, 2, alpha)]
-    turns += [(0, 1, tilts[2]), (1, 2, tilts[1]), (0, 1, tilts[0])]
-    for i, j, angle in turns:
-        if _quarter(angle):
-            axes[i], axes[j] = axes[j], axes[i]
-    return [axes.index(k) for k in range(3)]
-
-
-def _spread(
-    small: FloatArray, turn: tuple[FloatArray, FloatArray] | None, out: Sequence[FloatArray], spare: FloatArray
-) -> None:
-    """Elements x, y and z of vectors, (3, k, 1), as arrays (k, n) turned about z by its cosines and sines (n,)."""
-    for rows, values in zip(out, small, strict=True):
-        rows[:] = values
-    if turn is None:
-        return
-    cosine, sine = turn
-    if len(cosine) <= FEW:
-        _turn(out[1], out[0], cosine, sine, spare)
-        return
-    for k, (x, y) in enumerate(small[:2, :, 0].T.tolist()):
-        for row, along, across in ((out[0][k], x, -y), (out[1][k], y, x)):
-            if along:
-                np.multiply(cosine, along, out=row)
-            if across:
-                product = np.multiply(sine, across, out=spare[0, 0] if along else row)
-                if along:
-                    np.add(row, product, out=row)
-
-
 def _walk(
     table: DHMTable,
     joints: FloatArray,
     T_base_0: FloatArray,
     T_last_tip: FloatArray | None,
-    columns: FloatArray,
-    turns: FloatArray,
-    spare: FloatArray,
-) -> None:
-    """The tip's x, y, z and origin in the base into the ``columns`` (4, 3, n), from joint to joint down to the base.
-
-    y, z and the origin are taken along, as seen from each joint; x is the product of the other two. On the way up a
-    length would have to be added along an axis, here it is one number more; and as far as the last joint all poses have
-    the same vectors. ``joints`` (joints, n) are with the table's offsets, ``turns`` (2, joints, n) and ``spare``
-    (2, 3, n) are room to work in.
-    """
-    if not len(table):
-        columns[:] = (T_base_0 if T_last_tip is None else T_base_0 @ T_last_tip)[:3].T[:, :, None]
-        return
-    cosines, sines = cos_sin(joints, turns)
-    tilts = _zxz(T_base_0[:3, :3])
-    n = joints.shape[1]
-    # elements x, y, z of the vectors: rows without gaps are worth a copy where they are short
-    vectors = np.empty((3, 3, n)) if n <= FEW else columns[1:].swapaxes(0, 1)
-    small = (np.eye(4)[:3] if T_last_tip is None else T_last_tip[:3].copy())[:, 1:, None]
-    x, y, z = small
-    room = np.empty((2, 3, 1))
-    rows = table.rows
-    for i in range(len(rows) - 1, -1, -1):
-        alpha, a, theta, d, beta, b, slides = rows[i]
-        if d and not slides:
-            np.add(z[-1], d, out=z[-1])
-        if i == len(rows) - 1:
-            room = spare
-            x, y, z = (vectors[k] for k in _places(rows, tilts))
-            _spread(small, None if slides else (cosines[i], sines[i]), (x, y, z), room)
-        elif not slides:
-            _turn(y, x, cosines[i], sines[i], room)
+    store: FloatArray | None = None,
+) -> FloatArray:
+    """The tip's x, y, z axes and origin, (4, 3, n); ``store`` (6, joints, 3, n) takes what `ChainFrames` has."""
+    cosines, sines = cos_sin(joints)
+    axes, tip, spare = (aligned(k, 3, joints.shape[1]) for k in (4, 4, 2))
+    axes[:] = T_base_0[:3].T[:, :, None]
+    x, y, z, o = axes
+    for i, (alpha, a, theta, d, beta, b, slides) in enumerate(table.rows):
+        if store is not None:
+            store[0, i], store[1, i] = x, o
+        _shift(o, x, a, spare)
+        y, z = _tilt(y, z, alpha, spare)
+        if store is not None:
+            store[4, i], store[5, i] = y, o
+        z, x = _tilt(z, x, beta, spare)
+        _shift(o, y, b, spare)
         if slides:
-            np.add(z[-1], joints[i], out=z[-1])
-            y, x = _tilt(y, x, theta, room)
-        if b:
-            np.add(y[-1], b, out=y[-1])
-        x, z = _tilt(x, z, beta, room)
-        if a:
-            np.add(x[-1], a, out=x[-1])
-        z, y = _tilt(z, y, alpha, room)
-    y, x = _tilt(y, x, tilts[2], room)
-    z, y = _tilt(z, y, tilts[1], room)
-    _tilt(y, x, tilts[0], room)
-    np.add(vectors[:, -1], T_base_0[:3, 3:], out=vectors[:, -1])
-    if n <= FEW:
-        columns[1:] = vectors.swapaxes(0, 1)
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.multiply(columns[1, i], columns[2, j], out=columns[0, k])
-        np.multiply(columns[1, j], columns[2, i], out=spare[0, 0])
-        np.subtract(columns[0, k], spare[0, 0], out=columns[0, k])
+            x, y = _tilt(x, y, theta, spare)
+            _shift(o, z, joints[i], spare)
+        else:
+            _turn(x, y, cosines[i], sines[i], spare)
+            _shift(o, z, d, spare)
+        if store is not None:
+            store[2, i], store[3, i] = z, o
+    tip[:] = 0.0
+    tip[3] = o
+    for column, factors in zip(tip, (np.eye(4) if T_last_tip is None else T_last_tip)[:3].T, strict=True):
+        for axis, factor in zip((x, y, z), factors.tolist(), strict=True):
+            _shift(column, axis, factor, spare)
+    return tip
 
 
 def chain_frames(
@@ -292,31 +217,8 @@ def chain_frames(
     T_last_tip : ndarray, shape (4, 4), optional
         Identity unless given.
     """
-    n = joints.shape[1]
-    cosines, sines = cos_sin(joints)
-    store, tip, spare = aligned(6, len(joints), 3, n), aligned(4, 3, n), aligned(2, 3, n)
-    x, y, z, o = axes = aligned(4, 3, n)
-    for k, column in enumerate(axes):
-        column[:] = T_base_0[:3, k : k + 1]
-    for i, (alpha, a, theta, d, beta, b, slides) in enumerate(table.rows):
-        store[0, i], store[1, i] = x, o
-        _shift(o, x, a, spare)
-        y, z = _tilt(y, z, alpha, spare)
-        store[4, i], store[5, i] = y, o
-        z, x = _tilt(z, x, beta, spare)
-        _shift(o, y, b, spare)
-        if slides:
-            x, y = _tilt(x, y, theta, spare)
-            _shift(o, z, joints[i], spare)
-        else:
-            _turn(x, y, cosines[i], sines[i], spare)
-            _shift(o, z, d, spare)
-        store[2, i], store[3, i] = z, o
-    tip[:] = 0.0
-    tip[3] = o
-    for column, factors in zip(tip, np.eye(4)[:3].T if T_last_tip is None else T_last_tip[:3].T, strict=True):
-        for axis, factor in zip((x, y, z), factors.tolist(), strict=True):
-            _shift(column, axis, factor, spare)
+    store = aligned(6, len(joints), 3, joints.shape[1])
+    tip = _walk(table, joints, T_base_0, T_last_tip, store)
     x_before, o_before, z, o, y_tilt, o_tilt = handed_on(store)
     return ChainFrames(x_before, o_before, z, o, y_tilt, o_tilt, handed_on(tip))
 
@@ -325,11 +227,8 @@ def tip_columns(
     table: DHMTable, joints: FloatArray, T_base_0: FloatArray, T_last_tip: FloatArray | None = None
 ) -> FloatArray:
     """The tip frame's x, y, z axes and origin in the base frame, shape (4, 3, n); arguments as `chain_frames`."""
-    n = joints.shape[1]
-    tip = aligned(4, 3, n)
     with row_arithmetic():
-        _walk(table, joints, T_base_0, T_last_tip, tip, aligned(2, len(joints), n), aligned(2, 3, n))
-    return tip
+        return _walk(table, joints, T_base_0, T_last_tip)
 
 
 def forward(
@@ -355,29 +254,12 @@ def forward(
     """
     theta = np.asarray(theta, dtype=float)
     T_base_0 = np.eye(4) if T_base_0 is None else T_base_0
-    if T_last_tip is not None and np.array_equal(T_last_tip, np.eye(4)):
-        T_last_tip = None
-    n, joints = len(theta), len(table)
-    out = np.empty((n, 4, 4))
-    offsets = table.offsets[:, None]
-    if n <= FEW:
-        out[:, 3] = (0.0, 0.0, 0.0, 1.0)
-        out[:, :3] = tip_columns(table, theta.T + offsets, T_base_0, T_last_tip).transpose(2, 1, 0)
-        return out
-    room = -(-min(n, BLOCK) // LINE) * LINE
-    angles, turns, spare = aligned(joints, room), aligned(2, joints, room), aligned(2, 3, room)
-    # elements of the matrices in their order, a row of numbers for each: transposed once a block
-    elements = aligned(4, 4, room)
-    elements[3] = np.array([0.0, 0.0, 0.0, 1.0])[:, None]
-    with row_arithmetic():
-        for start in range(0, n, BLOCK):
-            block = slice(start, min(start + BLOCK, n))
-            part = slice(0, block.stop - start)
-            np.add(theta[block].T, offsets, out=angles[:, part])
-            block_rows = elements[:, :, part]
-            columns = block_rows[:3].swapaxes(0, 1)
-            _walk(table, angles[:, part], T_base_0, T_last_tip, columns, turns[..., part], spare[..., part])
-            out[block].reshape(-1, 16)[:] = block_rows.reshape(16, -1).T
+    out = np.zeros((len(theta), 4, 4))
+    out[:, 3, 3] = 1.0
+    for start in range(0, len(theta), BLOCK):
+        block = slice(start, start + BLOCK)
+        columns = tip_columns(table, theta[block].T + table.offsets[:, None], T_base_0, T_last_tip)
+        out[block, :3] = columns.transpose(2, 1, 0)
     return out
 
 

@@ -507,7 +507,7 @@ class CalibratedModel(AlongTime, Result):
             ``T_relative_frame``.
         """
         if previous is None and relative_to is None and isinstance(q, np.ndarray) and q.ndim == 2:
-            kernel = self._kernel(self._number(frame, self._place.tip), False)
+            kernel = self._kernel(frame, False)
             T = np.empty((len(q), 4, 4))
             if kernel is not None and kernel.poses(q, None, True, T):
                 return T
@@ -544,7 +544,7 @@ class CalibratedModel(AlongTime, Result):
             Rows: linear, then angular velocity.
         """
         if previous is None and isinstance(q, np.ndarray) and q.ndim == 2 and str(reference) in _REFERENCES:
-            kernel = self._kernel(self._number(frame, self._place.tip), True)
+            kernel = self._kernel(frame, True)
             out = np.empty((len(q), 6, len(self.arm.lower)))
             if kernel is not None and kernel.jacobians(q, None, _REFERENCES[str(reference)], out):
                 return out
@@ -570,7 +570,7 @@ class CalibratedModel(AlongTime, Result):
             Derivative of the matrix that `jacobian` gives; in ``LOCAL`` that of components along moving axes.
         """
         if isinstance(q, np.ndarray) and q.ndim == 2 and str(reference) in _REFERENCES:
-            kernel = self._kernel(self._number(frame, self._place.tip), True)
+            kernel = self._kernel(frame, True)
             out = np.empty((len(q), 6, len(self.arm.lower)))
             if kernel is not None and kernel.rates(q, dq, _REFERENCES[str(reference)], out):
                 return out
@@ -582,18 +582,19 @@ class CalibratedModel(AlongTime, Result):
         return dJ @ M + J @ self.joint_map.jacobian_derivative(q, dq)
 
     @cached_property
-    def _kernels(self) -> dict[tuple[int, bool], Any]:
+    def _kernels(self) -> dict[tuple[str | None, bool], Any]:
         return {}
 
-    def _kernel(self, frame: int, in_universe: bool) -> Any:
+    def _kernel(self, frame: str | None, in_universe: bool) -> Any:
         """The compiled kernel to a frame that the arm carries, from the universe or the base link; else None."""
         if (frame, in_universe) not in self._kernels:
             made, parts, listed = None, self.joint_map.parts, self.model.frames
+            number = self._number(frame, self._place.tip)
             carriers = [*self._place.joint_ids[:-1], listed[self._place.tip].parentJoint]
-            if parts is not None and listed[frame].parentJoint in carriers:
-                depth = carriers.index(listed[frame].parentJoint) + 1
+            if parts is not None and listed[number].parentJoint in carriers:
+                depth = carriers.index(listed[number].parentJoint) + 1
                 T_base_0 = self.T_universe_base @ self.arm.T_base_0 if in_universe else self.arm.T_base_0
-                to_frame = replace(self.arm, T_base_0=T_base_0, T_last_tip=self._behind(depth, frame))
+                to_frame = replace(self.arm, T_base_0=T_base_0, T_last_tip=self._behind(depth, number))
                 made = compiled(to_frame, None if self.joint_map.is_identity else parts, depth=depth)
             self._kernels[frame, in_universe] = made
         return self._kernels[frame, in_universe]

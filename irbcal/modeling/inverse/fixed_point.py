@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
@@ -230,28 +230,13 @@ def history(
 
 
 def _next_fake(fake: FloatArray, tip: FloatArray, H: FloatArray) -> FloatArray:
-    """The product fake tip^-1 H of columns (4, 3, n), step 1 of Nubiola 2011, section 6.2; overwrites the tip."""
-    n = tip.shape[2]
-    terms, along, column = aligned(3, 3, n), aligned(4, 3, n), aligned(3, n)
-    np.subtract(H[3], tip[3], out=column)
-    for k in (0, 1, 3):  # the transpose of the tip's axes times a column; z is the product of x and y
-        np.multiply(tip[:3], H[k] if k < 3 else column, out=terms)
-        np.add(np.add(terms[:, 0], terms[:, 1], out=along[k]), terms[:, 2], out=along[k])
-    for k in (0, 1, 3):
-        np.multiply(fake[:3], along[k][:, None], out=terms)
-        np.add(np.add(terms[0], terms[1], out=tip[k]), terms[2], out=tip[k])
-    np.add(tip[3], fake[3], out=tip[3])
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.multiply(tip[0, i], tip[1, j], out=tip[2, k])
-        np.subtract(tip[2, k], np.multiply(tip[0, j], tip[1, i], out=column[0]), out=tip[2, k])
-    return tip
+    """The product fake tip^-1 H of columns (4, 3, n), step 1 of Nubiola 2011, section 6.2."""
+    in_tip = np.einsum("jin,kin->jkn", np.concatenate([H[:3], (H[3] - tip[3])[None]]), tip[:3])
+    out = np.einsum("jkn,kin->jin", in_tip, fake[:3])
+    out[3] += fake[3]
+    return out
 
 
 def _same_turn(q: FloatArray, q_before: FloatArray) -> FloatArray:
-    """Joints q at the turns nearest to the joints before, in place."""
-    turns = q_before - q
-    turns *= 1.0 / TAU
-    np.rint(turns, out=turns)
-    turns *= TAU
-    q += turns
-    return q
+    """Joints q at the turns nearest to the joints before."""
+    return q + TAU * np.rint((q_before - q) / TAU)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
@@ -257,16 +257,9 @@ def errors(tip: FloatArray, H: FloatArray) -> tuple[FloatArray, FloatArray]:
     origins, not from the transformation error of eq. 6.42, whose translation depends on where the base is; and the
     angle from the chord between the axes, since an inverse cosine would lose half the digits of small angles.
     """
-    return lengths(np.subtract(tip, H, out=aligned(*tip.shape)))
-
-
-def lengths(difference: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What `errors` gives, from the difference of the columns (4, 3, n)."""
-    squares = np.multiply(difference, difference, out=aligned(*difference.shape)).reshape(12, -1)
-    position, chord = np.add.reduce(squares[9:], axis=0), np.add.reduce(squares[:9], axis=0)
-    np.sqrt(np.multiply(chord, 0.125, out=chord), out=chord)  # sine of half the angle
-    np.arcsin(np.minimum(chord, 1.0, out=chord), out=chord)
-    return np.sqrt(position, out=position), np.multiply(chord, 2.0, out=chord)
+    squares = (tip - H) ** 2
+    chord = np.sqrt(0.125 * squares[:3].sum(axis=(0, 1)))  # sine of half the angle
+    return np.sqrt(squares[3].sum(axis=0)), 2.0 * np.arcsin(np.minimum(chord, 1.0))
 
 
 def rotation_vector(tip: FloatArray, H: FloatArray) -> FloatArray:
