@@ -57,7 +57,11 @@ ON_TOOL = 0.9
 two places of the tool explain in part (real contacts fall to 0.96)."""
 
 REFITTED, SPLITS = 3, 200
-"""Moves that are tried by fits, and rows before which one is looked for."""
+"""Moves and lengths that are tried by fits, and rows before which a move is looked for."""
+
+LENGTH_DEVIATIONS, AWAY = 6.0, 0.5
+"""Standard deviations by which a known length may miss what a fit without it says, and the part of its uncertainty
+(95 %) that it misses in the fit with it from which that is tried."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +100,35 @@ def doubts(fit: FeatureFit) -> list[str]:
         f"The rows are missed by {fit.rms / MM:.3g} mm (root mean square), and {stated / MM:.3g} mm was stated as "
         "their uncertainty (95 %): touch one twice and state what it repeats to, or look for features that give way."
     ]
-    moved = moved_part(fit)
-    return [moved] if moved else overstated if fit.rms > max(STATED * stated, GIVES) else []
+    named = moved_part(fit) or wrong_length(fit)
+    return [named] if named else overstated if fit.rms > max(STATED * stated, GIVES) else []
+
+
+def wrong_length(fit: FeatureFit) -> str:
+    """A sentence on the known length that a fit without it contradicts most clearly; empty where none does."""
+    problem, rows, arm = fit.problem, fit.problem.rows, fit.nominal
+    u95 = np.array([length.u95 for length in problem.lengths])
+    away = np.abs(problem.length_errors(fit.state)) / u95 if len(u95) else u95
+    best, sentence = LENGTH_DEVIATIONS, ""
+    for k in [k for k in np.argsort(-away)[:REFITTED] if away[k] > AWAY]:
+        length = problem.lengths[k]
+        others = replace(rows, lengths=tuple(each for each in rows.lengths if each is not length))
+        try:
+            without = identify_features(arm, others, choices=[()], bare=True)
+        except IdentificationError:
+            continue
+        J = problem.lengths_linear(without.state, len(without.step_covariance)).J[:, k] / without.problem.sizes
+        J *= np.sqrt(2.0) / np.linalg.norm(J)  # by either place a unit vector
+        first, second = (without.state.values["centre", name] for name in (length.first, length.second))
+        here = float(np.linalg.norm(first - second))
+        deviation = float(np.hypot(np.sqrt(J @ without.step_covariance @ J), length.u95 / 1.96))
+        if abs(here - length.length) > best * deviation:
+            best = abs(here - length.length) / deviation
+            sentence = (
+                f"The known length {length.name} is {length.length / MM:.3f} mm, and everything else says "
+                f"{here / MM:.3f} mm ({best:.0f} standard deviations): measure it again."
+            )
+    return sentence
 
 
 def at_another_feature(fit: FeatureFit, rows: FeatureSet, left_out: Collection[int]) -> dict[int, str]:
