@@ -17,7 +17,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from io import BytesIO, StringIO
 from os import PathLike
@@ -111,6 +111,7 @@ FRAME = "<DataFrame>"
 """What messages call a table that is no file."""
 
 _JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
+_RADIANS = re.compile(r"((?:other_)?[qc][1-9]\d?)_rad")
 _PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
 _TORQUE = re.compile(r"tau([1-9]\d?)_nm")
 _NOT_SIMULATED = ("", "no", "0", "false", "nan")
@@ -200,7 +201,22 @@ class InputTable:
         """As `read`, from the content of a CSV file."""
         return cls(parse_csv(data, source, required, typed), source, _digest(data))._with_rows(known)
 
+    def in_degrees(self) -> InputTable:
+        """The same table with joints that come in radians (``q1_rad``) as columns of degrees (``q1_deg``)."""
+        columns: dict[str, pd.Series] = {}
+        for name in self.names:
+            column, joint = self.cells[name], _RADIANS.fullmatch(name)
+            if joint is not None:
+                degrees = pd.to_numeric(column, errors="coerce") / DEG
+                # text as the other cells are; what is no number stays as it stands, for messages
+                column = column.where(degrees.isna(), degrees.map(repr)).astype(object)
+            columns[in_degrees(name)] = column
+        return replace(self, cells=pd.DataFrame(columns)) if any(map(_RADIANS.fullmatch, self.names)) else self
+
     def _with_rows(self, known: Sequence[str] | None) -> InputTable:
+        table = self.in_degrees()
+        if table is not self:
+            return table._with_rows(known)
         if known is not None:
             check_header(self.names, (), self.source, known)
         if self.cells.empty:
@@ -546,7 +562,7 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
         names = [name.strip() for name in next(csv.reader([header]), [])]
     except csv.Error as error:  # a cell beyond 131,072 characters
         raise MeasurementError(f"expected column names, found what is none: {error}", file=source, row=1) from None
-    check_header(names, required, source)
+    check_header([in_degrees(name) for name in names], required, source)
     if typed is not None:
         del text  # long files stand in memory once
         plain = parse_plain(data, names, typed)
@@ -654,6 +670,12 @@ def check_header(
         raise MeasurementError(
             f"there is a column {strange[0]}: expected only {', '.join(known)}", file=source, row=row
         )
+
+
+def in_degrees(name: str) -> str:
+    """The column of degrees for one of a joint in radians; any other name as it is."""
+    joint = _RADIANS.fullmatch(name)
+    return name if joint is None else f"{joint[1]}_deg"
 
 
 def header_row(source: str) -> int | None:
@@ -849,7 +871,7 @@ def _parse_parquet(data: bytes, source: str, required: Sequence[str]) -> pd.Data
 def _from_frame(table: pd.DataFrame, required: Sequence[str], source: str) -> pd.DataFrame:
     """Cells of a DataFrame: numbers as text that reads back to the same, nothing for what is missing."""
     header = [str(name).strip() for name in table.columns]
-    check_header(header, required, source)
+    check_header([in_degrees(name) for name in header], required, source)
     columns = [table.iloc[:, k] for k in range(len(header))]
     text = [column.astype(str).where(column.notna(), "").to_numpy(dtype=object) for column in columns]
     return pd.DataFrame(dict(zip(header, text, strict=True)), index=range(1, len(table) + 1), dtype=object)

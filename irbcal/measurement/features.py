@@ -503,7 +503,7 @@ def _joints(table: InputTable, arm: Arm) -> tuple[FloatArray, bool]:
     for letter in "cq":
         q = []
         for k, slides in enumerate(arm.table.prismatic, 1):
-            names = [f"{letter}{k}_{unit}" for unit in (("mm", "m") if slides else ("deg", "rad"))]
+            names = [f"{letter}{k}_{unit}" for unit in (("mm", "m") if slides else ("deg",))]
             name = next((name for name in names if name in table), None)
             if name is None:
                 break
