@@ -33,13 +33,14 @@ def robot_derivatives(
     J : ndarray, shape (parameters, 3, n)
         In the base link, SI units; zero of terms of the last move, which is not known.
     variance : ndarray, shape (n,)
-        Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, and terms of the last
-        move, m^2.
+        Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, less the noise of the
+        measurements, which moves no part, and terms of the last move, m^2.
     """
     J = certainty.jacobian(path, p, motion, np.zeros(len(motion), dtype=bool), None)
     history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + len(J) - len(certainty.terms)
     size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - len(J)] ** 2
-    variance = (size @ np.sum(J[history] ** 2, axis=1) + certainty.determined_left_out(None) ** 2) / 3.0
+    left_over = certainty.determined_left_out(None) ** 2 / 3.0 - certainty.measurement_noise**2
+    variance = size @ np.sum(J[history] ** 2, axis=1) / 3.0 + max(left_over, 0.0)
     J[history] = 0.0
     return J, variance
 

@@ -585,6 +585,7 @@ class EvidenceFit(Result):
             leave_one_out=self.leave_one_out,
             leave_fifths_out=self.leave_fifths_out,
             ranges=self.joint_ranges,
+            measurement_noise=self.points.distance_noise(),
         )
 
 

@@ -630,6 +630,7 @@ def certainty_of(fit: Fit) -> Certainty:
         leave_one_out=of_targets(u[0], u[2]),
         leave_fifths_out=of_targets(u[1], u[2]),
         ranges=np.array([points.q.min(axis=0), points.q.max(axis=0)]),
+        measurement_noise=points.distance_noise(),
     )
 
 

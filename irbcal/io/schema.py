@@ -96,12 +96,14 @@ class CertaintySection(Section):
 
     Leave-one-out errors (mm) are root mean square lengths by target, under the empty name for all: of single poses, and
     of contiguous fifths of the poses; null where what is left does not determine them. ``ranges`` are the smallest and
-    the largest joints of the fit, rad (m).
+    the largest joints of the fit, rad (m). ``measurement_noise_mm`` is the standard deviation of a measured coordinate
+    that distances between targets at one pose prove.
     """
 
     leave_one_out_mm: dict[Name, float | None]
     leave_fifths_out_mm: dict[Name, float | None]
     ranges: list[list[float]] = Field(min_length=2, max_length=2)
+    measurement_noise_mm: float = Field(default=0.0, ge=0.0)
     elsewhere: Elsewhere | None = None
 
     @staticmethod
@@ -1094,6 +1096,7 @@ class Record(Section):
             leave_one_out=in_metres(self.certainty.leave_one_out_mm),
             leave_fifths_out=in_metres(self.certainty.leave_fifths_out_mm),
             ranges=np.array(self.certainty.ranges),
+            measurement_noise=self.certainty.measurement_noise_mm * MM,
         )
 
     def robot_nominal(self) -> Robot:

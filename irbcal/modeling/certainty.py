@@ -96,6 +96,9 @@ class Certainty(Locked):
         for all, metres; empty where not known, None where what is left does not determine them.
     ranges : ndarray, shape (2, joints), optional
         Smallest and largest commanded joints of the fit, radians (metres).
+    measurement_noise : float
+        Standard deviation of a measured coordinate that the measurements prove, see
+        `irbcal.measurement.points.PointSet.distance_noise`, metres; zero where they prove none.
     gravity : tuple of three float
         Direction in the base link.
     """
@@ -108,6 +111,7 @@ class Certainty(Locked):
     leave_one_out: Mapping[str, float | None]
     leave_fifths_out: Mapping[str, float | None]
     ranges: FloatArray | None
+    measurement_noise: float = 0.0
     gravity: tuple[float, ...] = GRAVITY
 
     def __repr__(self) -> str:

@@ -141,3 +141,15 @@ def test_stops_before_are_predicted_with_and_stay_with_their_poses():
     assert np.array_equal(part.previous, before[keep], equal_nan=True)
     assert distances(robot, part).max() < 1e-14
     assert np.array_equal(part.moves(), np.nan_to_num(q - before)[keep])
+
+
+def test_distances_prove_the_noise_and_not_the_errors_of_the_robot(robot):
+    rng = np.random.default_rng(8)
+    q = arm().random_joints(200, 3)
+    whole = measured(robot, q + 1e-3 * rng.standard_normal(q.shape), 3e-5, rng)
+    few = [whole.take(np.isin(whole.pose, poses)).distance_noise() for poses in np.split(np.arange(200), 20)]
+    assert 2.6e-5 < whole.distance_noise() < 3e-5
+    assert np.mean(np.array(few) < 3e-5) >= 0.8
+    assert measured(robot, q).distance_noise() < 1e-12
+    assert whole.take(whole.target == 0).distance_noise() == 0.0
+    assert whole.take(whole.pose == 0).distance_noise() == 0.0

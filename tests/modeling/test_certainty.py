@@ -8,6 +8,7 @@ import pytest
 from evidence_cases import Truth, moves
 from support import arm, random_robot
 
+from irbcal.cell.robot_derivatives import point_derivatives
 from irbcal.errors import RobotError
 from irbcal.identification.evidence import identify_evidence
 from irbcal.units import DEG
@@ -49,6 +50,17 @@ def test_the_interval_is_the_formula(robot):
         seen = robot.predict(q, target="smr2", in_order=in_order)
         variance = np.einsum("nii->ni", seen.covariance)
         np.testing.assert_allclose(seen.interval, 1.96 * np.sqrt(variance + loo["smr2"] ** 2 / 3), rtol=1e-12)
+
+
+def test_the_noise_of_the_measurements_moves_no_part(robot):
+    q = robot.arm.random_joints(4, 5)
+    place = np.zeros((4, 3))
+    of_noise = {
+        noise: point_derivatives(robot, replace(robot.certainty, measurement_noise=noise), q, place)[2]
+        for noise in (0.0, 2e-6, 1.0)
+    }
+    np.testing.assert_allclose(of_noise[0.0] - of_noise[2e-6], 4e-12, rtol=1e-6)
+    np.testing.assert_allclose(of_noise[0.0] - of_noise[1.0], robot.certainty.leave_one_out[""] ** 2 / 3, rtol=1e-6)
 
 
 def test_covariance_grows_with_its_matrix_and_follows_the_base(robot):
