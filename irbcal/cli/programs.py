@@ -252,7 +252,7 @@ def cell(
         Path | None,
         typer.Option(
             help="File for the true tools and work objects as this maker declares them: TOOL_DATA, tooldata, .TRANS, "
-            "… to load, of fanuc and yaskawa a list to type in.",
+            "… to load, of fanuc a listing that sets UTOOL and UFRAME, of yaskawa a list to type in.",
         ),
     ] = None,
     urdf: Annotated[

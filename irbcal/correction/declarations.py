@@ -1,7 +1,8 @@
 """Tools and work objects of a cell as a maker's controller declares them, in a text to load or to type in.
 
-KUKA, ABB, Kawasaki, Staubli and Universal Robots have files with such declarations, which are read here, too. FANUC and
-Yaskawa controllers keep them in binary or whole-system files: theirs is a list for the pendant.
+KUKA, ABB, Kawasaki, Staubli and Universal Robots have files with such declarations, which are read here, too. FANUC
+keeps them in a binary file: a listing sets them when it runs. Yaskawa's files have the loads of all tools, too, which
+are not known here: theirs is a list for the pendant.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import languages
-from irbcal.correction.languages import rapid
+from irbcal.correction.languages import fanuc, rapid
 from irbcal.correction.maker import Maker
 from irbcal.errors import OptionError
 
@@ -51,6 +52,8 @@ _LETTERS = "begin with a letter and have letters, digits and _ only"
 _NUMBERED = r"[1-9]\d?"
 _POSE = "[[{0},{1},{2}],[{3},{4},{5},{6}]]"
 _VALUE = 'x="{0}" y="{1}" z="{2}" rx="{3}" ry="{4}" rz="{5}"'
+_REGISTER = "".join(f"PR[100,{k + 1}]={{{k}}}\n" for k in range(6))
+"""By way of the last position register that every controller has; ``PR[100]=LPOS`` before makes it Cartesian."""
 
 DECLARATIONS = {
     "kuka": Declaration(
@@ -79,9 +82,9 @@ DECLARATIONS = {
         "fanuc",
         _NUMBERED,
         "are numbers from 1 to 99",
-        "To type in: MENU, SETUP, Frames, direct entry (mm, degrees)",
-        "UTOOL[{name}]  X {0}  Y {1}  Z {2}  W {3}  P {4}  R {5}",
-        "UFRAME[{name}]  X {0}  Y {1}  Z {2}  W {3}  P {4}  R {5}",
+        "!Overwrites PR[100]\nPR[100]=LPOS",
+        f"{_REGISTER}UTOOL[{{name}}]=PR[100]",
+        f"{_REGISTER}UFRAME[{{name}}]=PR[100]",
     ),
     "yaskawa": Declaration(
         "inform",
@@ -173,5 +176,9 @@ def declared(
             texts = [
                 f"{number:.{position if k < 3 else angle}f}" for k, number in enumerate(np.add(numbers(maker, T), 0.0))
             ]
+            if maker is fanuc.FANUC:
+                texts = [f"({text})" if text.startswith("-") else text for text in texts]
             lines.append(line.format(*texts, name=key, base=key.partition("[")[0]))
+    if maker is fanuc.FANUC:
+        return fanuc.listing_of("IRBCAL_CELL", "irbcal cell", "\n".join(lines).split("\n"))
     return "\n".join([*lines, *filter(None, [form.foot]), ""])

@@ -7,7 +7,7 @@ import pytest
 from maker_cases import SCIPY, given, language_tests, poses, robot_of, universal_robot
 
 from irbcal.correction.declarations import DECLARATIONS, declared
-from irbcal.correction.languages import kawasaki, krl, rapid, urscript, val3
+from irbcal.correction.languages import fanuc, kawasaki, krl, rapid, urscript, val3
 from irbcal.errors import OptionError
 from irbcal.modeling import frames
 
@@ -27,6 +27,26 @@ PRINTED = {"fanuc": (6e-7, 2e-5), "yaskawa": (6e-7, 2e-6)}
 def random_frames(n, seed):
     rng = np.random.default_rng(seed)
     return [frames.from_xyz_angles([*rng.uniform(-2, 2, 3), *rng.uniform(-np.pi, np.pi, 3)]) for _ in range(n)]
+
+
+def registered(text, kind):
+    """What a frame is when the listing of FANUC has run, followed line by line; numbers as written."""
+    register, out, number = None, None, 0
+    for line in text.split("/MN\r\n")[1].split("/POS")[0].splitlines():
+        number += 1
+        assert line.endswith(" ;")
+        head, _, step = line[:-2].partition(":  ")
+        assert int(head) == number
+        if step == "PR[100]=LPOS":
+            register = dict.fromkeys("123456", np.nan)
+        elif element := re.fullmatch(r"PR\[100,([1-6])\]=(\d+\.\d+|\(-\d+\.\d+\))", step):
+            register[element[1]] = float(element[2].strip("()"))
+        elif re.fullmatch(rf"{kind}\[\d+\]=PR\[100\]", step):
+            out = np.array([register[k] for k in "123456"])
+        else:
+            assert step.startswith("!") or re.fullmatch(r"U(TOOL|FRAME)\[\d+\]=PR\[100\]", step)
+    assert f"LINE_COUNT\t= {number};" in text
+    return out
 
 
 def read_by_the_language(maker, text, tool, work_object):
@@ -50,6 +70,19 @@ def read_by_the_language(maker, text, tool, work_object):
         program = kawasaki.parse(nominal, [("job.as", "\n".join(lines).encode())], extra)
         ends = frames.inverse(at.T_tip_flange), frames.inverse(at.T_base_world)
         return ends[0] @ program.tools[tool], ends[1] @ program.work_objects[work_object]
+    if maker == "fanuc":
+        values = {kind: registered(text, kind) for kind in ("UTOOL", "UFRAME")}
+        nominal, _, at = robot_of("m20ia")
+        tests = language_tests("fanuc")
+        point = tests.point(1, tests.GOOD, "N U T, 0, 0, 0", int(work_object), int(tool))
+        job = text.replace("/POS\r\n", f"  99:L P[1] 100mm/sec FINE ;\r\n/POS\r\n{point}")
+        for moved in (0.0, 0.002):
+            read = {k: fanuc.FANUC.frame([*(numbers + np.eye(6)[0] * moved)]) for k, numbers in values.items()}
+            extra = given(at, tools={tool: read["UTOOL"]}, work_objects={work_object: read["UFRAME"]})
+            (target,) = fanuc.parse(nominal, job.encode(), "irbcal_cell.ls", extra).targets
+            assert ("UTOOL" in target.reason) == bool(moved), target.reason
+        both = poses(np.array(list(values.values())), SCIPY["fanuc"])
+        return both[0], both[1]
     if maker == "staubli":
         nominal, _, at = robot_of("rx160")
         point = '<Data name="p" type="pointRx"><Value key="0" x="1" y="2" z="3" rx="0" ry="0" rz="0" shoulder="lefty" '
@@ -73,9 +106,9 @@ def test_what_is_declared_is_read_again(maker, seed):
     names = NAMES[maker]
     text = declared(maker, {names[0]: tool}, {names[1]: work_object})
     far, turned = PRINTED.get(maker, (1e-9, 1e-8))
-    if maker in PRINTED:
+    if maker == "yaskawa":
         rows = [re.findall(r"\s-?\d+\.\d+", line) for line in text.splitlines() if re.search(r"X -?\d", line)]
-        both = poses(np.array(rows, dtype=float), SCIPY["fanuc"])
+        both = poses(np.array(rows, dtype=float), SCIPY["fanuc"])  # angles as of FANUC
     else:
         both = read_by_the_language(maker, text, *names)
     for read, meant in zip(both, (tool, work_object), strict=True):

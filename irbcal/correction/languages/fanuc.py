@@ -549,7 +549,7 @@ class _Moves:
         given = self._given[change[1]].get(change[2])
         if given is not None and np.abs(given - FANUC.frame(values)).max() < SAME_FRAME:
             return ""
-        option = f"--{'frame' if change[1] == 'UFRAME' else 'tool'} {change[2]}={','.join(f'{v:g}' for v in values)}"
+        option = f"--{'frame' if change[1] == 'UFRAME' else 'tool'} {change[2]}={','.join(f'{v:.9g}' for v in values)}"
         return f"{reason}: if its register is Cartesian, give {option}"
 
     def notes(self, targets: Sequence[Target]) -> list[Note]:
@@ -593,11 +593,16 @@ def write_moves(moves: Moves) -> dict[str, str]:
         fields = [f"J{k}= {text:>9} deg" for k, text in enumerate(joints, start=1)]
         points += [f"P[{number}]{{", "   GP1:", "\tUF : 0, UT : 1,"]
         points += ["\t" + ",\t".join(fields[:3]) + ",", "\t" + ",\t".join(fields[3:]), "};"]
+    return {"plan.ls": listing_of("PLAN", "irbcal plan", lines, points)}
+
+
+def listing_of(name: str, comment: str, lines: Sequence[str], points: Sequence[str] = ()) -> str:
+    """Text of a listing with instructions and lines of positions."""
     text = [f"{number:4d}:  {line} ;" for number, line in enumerate(lines, start=1)]
     text = [line.replace(":  J P", ":J P", 1) for line in text]
-    head = ["/PROG  PLAN", "/ATTR", 'COMMENT\t\t= "irbcal plan";', f"LINE_COUNT\t= {len(lines)};"]
+    head = [f"/PROG  {name}", "/ATTR", f'COMMENT\t\t= "{comment}";', f"LINE_COUNT\t= {len(lines)};"]
     head += ["PROTECT\t\t= READ_WRITE;", "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
-    return {"plan.ls": "\r\n".join([*head, *text, "/POS", *points, "/END", ""])}
+    return "\r\n".join([*head, *text, "/POS", *points, "/END", ""])
 
 
 def _remark(text: str) -> str:
