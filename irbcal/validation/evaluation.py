@@ -20,6 +20,7 @@ from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
+from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
@@ -478,7 +479,13 @@ def evaluate(
         refit_base=refit_base,
         refit_tool=refit_tool,
         errors=_pose_errors(robots, points, errors),
-        origin=origin(calibration, record, cleaned, stated, (*_scope(refit, sphere, cleaned), scale)),
+        origin=origin(
+            calibration,
+            record,
+            cleaned,
+            stated,
+            (*_scope(refit, sphere, cleaned), scale, *_open_ends(robots["calibrated"].certainty)),
+        ),
         region=covered,
         conformity=None
         if tolerance is None
@@ -583,6 +590,13 @@ def _scope(refit: Refit, sphere: Sequence[float] | None, cleaned: CleanedPoints)
             "judged."
         )
     return tuple(out)
+
+
+def _open_ends(certainty: Certainty | None) -> tuple[str, ...]:
+    """What the calibration leaves open of base and flange, which no evaluation by reflectors shows; none if known."""
+    size = 0.0 if certainty is None else certainty.open_ends() / MM
+    text = f"Not judged: base and flange, about {size:.2f} mm open because places of reflectors were not known."
+    return (text,) if size else ()
 
 
 def _inside(cleaned: CleanedPoints, robot: Robot, sphere: Sequence[float] | None) -> CleanedPoints:

@@ -13,6 +13,7 @@ import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import OptionError
 from irbcal.io import robots
+from irbcal.io.calibration_folder import read
 from irbcal.reports import certificate
 from irbcal.units import MM
 
@@ -46,7 +47,7 @@ def text_of(page):
     return html.unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", page.split("</style>")[1])))
 
 
-def test_it_says_what_the_evaluation_found(passed):
+def test_it_says_what_the_evaluation_found(passed, demo_calibration):
     page = certificate.render(passed, datetime(2026, 11, 22, 1, 2, tzinfo=timezone.utc))
     text = text_of(page)
     assert "PASS" in text
@@ -61,6 +62,8 @@ def test_it_says_what_the_evaluation_found(passed):
         assert item.sha256 in text
     assert "Signature" in text
     assert f"{passed.origin.unseen} poses" in text
+    certainty = read(demo_calibration).record.robot_calibrated().certainty
+    assert f"base and flange, about {certainty.open_ends() / MM:.2f} mm open" in text
     assert re.search(r"Worst poses .*" + f"{passed.calibrated['max_mm']:.3f}", text)
 
 
