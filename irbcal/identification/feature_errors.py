@@ -216,7 +216,7 @@ def _fitted_misfit(arm: Arm, rows: FeatureSet) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Move:
+class StepOfFeature:
     """A feature's place, or a target on the tool, that may have moved before some row.
 
     Attributes
@@ -243,7 +243,7 @@ def moved_part(fit: FeatureFit) -> str:
     """A sentence on the feature, or the tool, that moved most clearly between two rows; empty where none did."""
     rows, arm = fit.problem.rows, fit.nominal
     moves = sorted(possible_moves(fit), key=lambda move: -move.statistic)[:REFITTED]
-    best: tuple[float, Move, FeatureFit] | None = None
+    best: tuple[float, StepOfFeature, FeatureFit] | None = None
     one = identify_features(arm, rows, choices=[()], bare=True) if moves else fit
     for move in moves:
         try:
@@ -276,7 +276,7 @@ def moved_part(fit: FeatureFit) -> str:
     )
 
 
-def possible_moves(fit: FeatureFit) -> list[Move]:
+def possible_moves(fit: FeatureFit) -> list[StepOfFeature]:
     """What rows may show to have moved, by a score test of each place and each target with the robot held."""
     problem, rows = fit.problem, fit.problem.rows
     blocks = [block for block in problem.dense(fit.state, np.zeros(0, dtype=int)) if block.row.min() >= 0]
@@ -310,7 +310,8 @@ def possible_moves(fit: FeatureFit) -> list[Move]:
         at = at[np.argsort(row[at], kind="stable")]
         statistic, split = _change(J[columns][:, at], e[at], row[at])
         if statistic / variance > SCREEN + 3.0 * max(len(columns) - 3, 0):
-            moves.append(Move(label, on_tool, split, of_label & (np.arange(len(rows)) >= split), statistic / variance))
+            later = of_label & (np.arange(len(rows)) >= split)
+            moves.append(StepOfFeature(label, on_tool, split, later, statistic / variance))
     return moves
 
 
@@ -352,7 +353,7 @@ LATER = " later"
 """What the names of features end with behind a move."""
 
 
-def divided(rows: FeatureSet, move: Move) -> FeatureSet:
+def divided(rows: FeatureSet, move: StepOfFeature) -> FeatureSet:
     """The rows, those behind a move at features, or with a target, of their own."""
     later = move.later
     if move.on_tool:
