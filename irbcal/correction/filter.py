@@ -51,6 +51,7 @@ from irbcal.io.controller_model import (
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm
 from irbcal.modeling.robot import Robot, loaded
@@ -541,7 +542,9 @@ def filter_program(
         robots |= {int(number): loaded_robots[k] for number, k in zip(batch.numbers[: len(which)], which, strict=True)}
     shift_notes: list[Note] = []
     if isinstance(program, TextProgram) and program.shifts:
-        corrections, shift_notes = _with_shifts(robot, robots, nominal, program, corrections, controller, true_frames)
+        corrections, shift_notes = _with_shifts(
+            robot, robots, nominal, program, corrections, controller, true_frames, frames_of
+        )
     corrected_names: list[str] = []
     unchanged = 0
     for batch, fake in corrections:
@@ -682,43 +685,58 @@ def _with_shifts(
     corrections: Corrections,
     controller: Arm | None,
     true_frames: TrueFrames,
+    frames_of: Sequence[TargetFrames],
 ) -> tuple[Corrections, list[Note]]:
     """Corrections with what they do to moves that shift a corrected target, in words.
 
-    ``robots`` carry what the program says that the robot carries at targets, by their numbers.
-
-    With true tools and work objects the error of a shifted target is not computed: such targets are left.
+    ``robots`` carry what the program says that the robot carries at targets, by their numbers; ``frames_of`` are the
+    tools and work objects of all targets. Where points are taught shifted ones are not computed: they are left.
     """
     own = {id(program.targets[n]) for batch, fake in corrections for n in batch.numbers[fake.ok]}
     shifts = [shift for shift in program.shifts if id(shift.own) not in own]
     shifted = {id(shift.target) for shift in shifts}
-    if true_frames.cell is not None or true_frames.points.re_express:
-        reason = "moves also go to it with an offset, whose error is not known with true tools and work objects"
+    if true_frames.points.taught is not None:
+        reason = "moves also go to it with an offset, whose error is not known where points are taught"
         left = [
             [reason if id(program.targets[k]) in shifted else "" for k in batch.numbers] for batch, _ in corrections
         ]
         return [(batch, refused(fake, why)) for (batch, fake), why in zip(corrections, left, strict=True)], []
     values: dict[int, FloatArray] = {}
     q: dict[int, FloatArray] = {}
+    frame_of = {
+        number: (every, row)
+        for (batch, _), every in zip(corrections, frames_of, strict=True)
+        for row, number in enumerate(batch.numbers.tolist())
+    }
     for batch, fake in corrections:
         rows = np.flatnonzero(fake.ok) if batch.kind == "pose" else np.zeros(0, dtype=int)
         chosen = batch.numbers[rows].tolist()
         values |= program.values_for_tip_poses(chosen, fake.T_fake[rows])
         q |= dict(zip(chosen, fake.q[rows], strict=True))
-    notes = []
+    apart: dict[tuple[int, str, bool], list[tuple[str, FloatArray]]] = {}
     for k, shift, before, after, tool in replace(program, shifts=tuple(shifts)).shifted(values):
+        every, row = frame_of[k]
         seeds = np.tile(q[k], (2 * len(before), 1))
-        commands = np.concatenate([before, after])
-        found = any_arm.solve(Robot(controller or nominal), nominal, commands, seed=seeds, thorough=False)
-        off = (robots.get(k, robot).forward(np.nan_to_num(found.joints)) @ tool)[:, :3, 3] - (
-            np.tile(before, (2, 1, 1)) @ tool
-        )[:, :3, 3]
+        new_numbers = true_frames.numbers == "from-cell"
+        sent = frames.inverse(every.T_numbers[row]) @ after @ every.T_right[row] if new_numbers else after
+        found = any_arm.solve(
+            Robot(controller or nominal), nominal, np.concatenate([before, sent]), seed=seeds, thorough=False
+        )
+        reached = robots.get(k, robot).forward(np.nan_to_num(found.joints)) @ every.T_tool[row]
+        wanted = np.tile(every.T_left[row] @ before @ tool, (2, 1, 1))
+        off = reached[:, :3, 3] - wanted[:, :3, 3]
         distance = np.where(found.converged, np.linalg.norm(off, axis=1), np.nan).reshape(2, -1).max(axis=1) / MM
-        at = "" if shift.known else f", at {PROBE / MM:.0f} mm"
-        words = f"off by {distance[1]:.3f} mm{at} ({distance[0]:.3f} mm without the correction)"
-        words = words if np.isfinite(distance).all() else "not reached by the nominal robot near the target"
-        text = f"{shift.instruction} {shift.text}: {shift.target.name} is corrected, the shifted target is {words}"
-        notes.append(Note(program.listing.line(shift.at), text))
+        move = shift.at, f"{shift.instruction} {shift.text}", shift.known
+        apart.setdefault(move, []).append((shift.target.name, distance))
+    notes = []
+    for (at, move_text, known), of_targets in apart.items():
+        name, worst = max(of_targets, key=lambda entry: np.nan_to_num(entry[1][1], nan=np.inf))
+        more = f" and {len(of_targets) - 1} more are" if len(of_targets) > 1 else " is"
+        probe = "" if known else f", at {PROBE / MM:.0f} mm"
+        words = f"off by {worst[1]:.3f} mm{probe} ({worst[0]:.3f} mm without the correction)"
+        words = words if np.isfinite(worst).all() else "not reached by the nominal robot near the target"
+        text = f"{move_text}: {name}{more} corrected, the shifted target is {words}"
+        notes.append(Note(program.listing.line(at), text))
     return corrections, notes
 
 

@@ -204,6 +204,9 @@ def _carried(name: str | None) -> str:
 UNSET = "active"
 """Name of the tool and frame that hold before the program sets any."""
 
+_IN = " in "
+"""Between `UNSET` and the name of a routine: the tool or frame that holds where the routine begins."""
+
 START = Target("the start", "joint", 0, ())
 """Stands for the place where a program begins, among the targets that stops come from."""
 
@@ -283,7 +286,7 @@ class ControlFlow:
 
     Text is followed from top to bottom. Where it branches or begins anew, the stop before is not known, but behind a
     branch or loop in which nothing moves; tool and frame hold on, unless a branch or loop sets them: then nothing is
-    known of them behind it.
+    known of them behind it. A routine begins with the tool and frame of its calls, where they are alike.
 
     Attributes
     ----------
@@ -322,6 +325,9 @@ class ControlFlow:
         self._routine, self._moving = 0, set[tuple[int, int]]()
         self._passed: list[tuple[Target, Target | None]] = []
         self._blocks: list[_Block] = []
+        self._calls_from: dict[str, list[FrameState]] = {}
+        self._offset, self._behind_offset = False, set[int]()
+        self._inherits: list[Target] = []
 
     @property
     def state(self) -> FrameState:
@@ -360,10 +366,15 @@ class ControlFlow:
         """A routine, by its name in lower case and as it is spelled, is called."""
         effect = self.calls.effect(routine)
         self.load_call(shown, at)
+        self._calls_from.setdefault(routine, []).append(self.state)
         if effect.moves:
             self.forget()
         if effect.sets_frames:
             self.state = FrameState(None, None, may_set_frames(shown, self.listing.line(at)))
+
+    def call_any_time(self, routine: str) -> None:
+        """An interrupt or a signal calls a routine, by its name in lower case."""
+        self._calls_from.setdefault(routine, []).append(FrameState(None, None))
 
     def load_call(self, shown: str, at: int) -> None:
         """What a call of a routine does to the load alone."""
@@ -378,10 +389,11 @@ class ControlFlow:
         self.loads.take(load)
 
     def restart(self, routine: str = "") -> None:
-        """A routine begins: nothing is known, but that the first begins where the program does."""
+        """A routine begins: with the tool and frame of its calls, and the first where the program begins."""
         self.loads.end()
         self.loads.begin(routine)
-        self.state, self._blocks = FrameState(), []
+        begin = f"{UNSET}{_IN}{routine}" if routine else UNSET
+        self.state, self._blocks = FrameState(begin, begin), []
         self._routine += 1
         if self.stops:
             self.previous = None
@@ -406,6 +418,8 @@ class ControlFlow:
         line = self.listing.line(at)
         use = Use(line, self.listing.column(at), instruction, role, state.tool, state.frame, held=state.held)
         target.uses.append(use)
+        if any(name is not None and _IN in name for name in (state.tool, state.frame)):
+            self._inherits.append(target)
         if target.kind == "pose" and None in (state.tool, state.frame):
             target.conflicts.append(state.why or f"the tool or frame of {instruction} in line {line} is computed")
         if role == "via":
@@ -418,8 +432,19 @@ class ControlFlow:
     def stop(self, target: Target | None, at: int) -> None:
         """The arm stops at a target, or, with None, somewhere."""
         self._moving.add((self.listing.part(at), 0 if self.first_begins else self._routine))
+        self._behind_offset |= {len(self.stops)} if self._offset else set()
         self.stops.append((at, target, self.previous))
-        self.previous = target
+        self.previous, self._offset = target, False
+
+    def stop_beside(self, at: int) -> None:
+        """The arm stops at a distance in numbers from a target, in the posture that it has."""
+        before = self.previous
+        self.stop(None, at)
+        self.previous, self._offset = before, True
+
+    def standing_at(self) -> Target | None:
+        """The target of a move at which the arm stands; None where it is not known, or it stands beside one."""
+        return self.previous if self.previous is not None and self.previous.uses and not self._offset else None
 
     def leave(self, at: int, instruction: str, target: str, reason: str) -> None:
         """Note a move, or a part of one, that goes to no target in numbers."""
@@ -448,7 +473,15 @@ class ControlFlow:
     def settle(self) -> None:
         """Take shifts of targets that moves go to directly, with the same tool and frame; others use them otherwise."""
         self.loads.end()
-        shifts, self.shifts = self.shifts, []
+        for target in self._inherits:
+            target.uses = [self._of_calls(target, use) for use in target.uses]
+        shifts = [
+            shift._replace(
+                tool=self._at_begin("tool", shift.tool), work_object=self._at_begin("frame", shift.work_object)
+            )
+            for shift in self.shifts
+        ]
+        self.shifts = []
         for shift in shifts:
             if shift.own is not None and shift.target.conflicts:
                 shift.own.uses.clear()  # whatever is wrong with the target may be wrong with the shifted one
@@ -466,6 +499,31 @@ class ControlFlow:
                 )
                 self.leave(shift.at, shift.instruction, shift.text, reason)
                 self.mention(shift.target, shift.at)
+
+    def _of_calls(self, target: Target, use: Use) -> Use:
+        """A use with the tool and frame that hold where its routine is called, as far as it sets none itself."""
+        tool, frame = self._at_begin("tool", use.tool), self._at_begin("frame", use.work_object)
+        for kind, before, after in (("tool", use.tool, tool), ("frame", use.work_object, frame)):
+            if before is not None and after is None and target.kind == "pose":
+                routine = before.partition(_IN)[2]
+                target.conflicts.append(f"{routine} is called with different or computed {kind}s, and sets none itself")
+        return replace(use, tool=tool, work_object=frame)
+
+    def _at_begin(self, kind: Literal["tool", "frame"], name: str | None) -> str | None:
+        """Tool or frame that a name means which stands for what holds where a routine begins; None of several."""
+        waiting, known = [name], dict[str | None, None]()
+        names = set[str | None]()
+        while waiting:
+            name = waiting.pop()
+            callers = self._calls_from.get(name.partition(_IN)[2]) if name is not None and _IN in name else ()
+            if callers is None:
+                names.add(UNSET)
+            elif not callers:
+                names.add(name)
+            elif name not in known:
+                waiting += [None if state.held else getattr(state, kind) for state in callers]
+            known[name] = None
+        return names.pop() if len(names) == 1 else None
 
     def external_axes(self, targets: Iterable[Target]) -> list[Note]:
         """A note if targets of moves have external axes."""
@@ -515,10 +573,11 @@ class ControlFlow:
         if len(self._moving) < 2:  # else it is not known which routine the program begins with
             numbers[id(START)] = AT_START
         out = []
-        for at, target, previous_target in self.stops:
+        for k, (at, target, previous_target) in enumerate(self.stops):
             previous = None if previous_target is None else numbers.get(id(previous_target))
             number = None if target is None else numbers.get(id(target))
-            out.append(Stop(self.listing.line(at), number, None if previous == AT_START else previous))
+            elsewhere = previous == AT_START or k in self._behind_offset
+            out.append(Stop(self.listing.line(at), number, None if elsewhere else previous))
             if target is not None:
                 target.after.append(previous)
         for target, previous_target in self._passed:

@@ -174,3 +174,43 @@ def test_rapid_follows_the_joints_over_harmless_calls(tmp_path, call, harmless, 
     (seen,) = rapid.read_for(arm(), [tmp_path / "M.mod"], setup)
     (pose_target,) = [target for target in seen.targets if target.kind == "pose"]
     assert (pose_target.after != [None]) == known
+
+
+BEGINS = {  # statements of the program that calls, and what is known of tool and frame in the one that is called
+    ("TOOL tcp", "BASE jig", "CALL pick"): ("tcp", "jig"),
+    ("TOOL tcp", "BASE jig", "CALL pick", "TOOL tcp", "CALL pick"): ("tcp", "jig"),
+    ("CALL between",): ("tcp", "jig"),
+    ("CALL pick",): ("active", "active"),
+    (): ("active", "active"),
+    ("TOOL tcp", "BASE jig", "CALL pick", "TOOL NULL", "CALL pick"): None,
+    ("TOOL tcp", "BASE jig", "CALL pick", "CALL between", "BASE NULL", "CALL between"): ("tcp", "jig"),
+    ("TOOL tcp", "BASE jig", "CALL pick", "ON 1001 CALL pick"): None,
+}
+
+
+@pytest.mark.parametrize("statements", BEGINS)
+def test_a_routine_begins_with_the_tool_and_frame_of_its_calls(statements):
+    nominal, _, at = robot_of("rs007n")
+    between = ".PROGRAM between()\nTOOL tcp\nBASE jig\nCALL pick\n.END\n"
+    pick = ".PROGRAM pick()\nJMOVE #h\nLMOVE p\n.END\n"
+    values = ".TRANS\ntcp 0 0 100 0 0 0\njig 0 0 10 0 0 0\np 400 50 300 10 120 20\n.END\n.JOINTS\n#h 10 20 -60 10 50 5\n.END\n"
+    main = "\n".join([".PROGRAM main()", *statements, ".END", ""])
+    text = main + (between if "CALL between" in statements else "") + pick + values
+    where = (np.zeros(6), np.eye(4))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kawasaki, "ends", lambda *_: at)
+        program = kawasaki.parse(nominal, [("job.as", text.encode())], given(at)._replace(where=where))
+    point = next(target for target in program.targets if target.name == "p")
+    expected = BEGINS[statements]
+    if expected is None:
+        assert any("is called with different or computed" in reason for reason in point.conflicts)
+    else:
+        assert [(use.tool, use.work_object) for use in point.uses] == [expected]
+
+
+@pytest.mark.parametrize(("event", "known"), [("", True), ("INTERRUPT DECL 3 WHEN $IN[1] DO sub()\n", False)])
+def test_a_krl_routine_begins_with_the_tool_and_base_of_its_calls(event, known):
+    program = krl_program(f"{event}{AXES}sub()\n", more=f"DEF sub()\nLIN {POINT}\nEND\n")
+    (target,) = (target for target in program.targets if target.kind == "pose" and target.uses)
+    assert bool(target.conflicts) is not known
+    assert [(use.tool, use.work_object) for use in target.uses] == [("1", "2") if known else (None, None)]

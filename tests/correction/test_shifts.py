@@ -22,7 +22,7 @@ def krl_program(robots, shifted, split=False):
     point = "{" + ",".join(f"{n} {v:.6f}" for n, v in zip("XYZABC", x, strict=True)) + "}"
     axes = ",".join(f"A{k} {v:.6f}" for k, v in enumerate(np.degrees(q[0]), 1))
     head = f"DEF job()\nDECL FRAME P1\nP1={point}\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nPTP $AXIS_ACT\nPTP {{{axes}}}\n"
-    data = f"{head}LIN P1\nLIN {shifted} C_DIS\nEND\n"
+    data = f"{head}LIN P1\nLIN{'' if shifted.startswith('_') else ' '}{shifted} C_DIS\nEND\n"
     return krl.parse(nominal, [("job.src", data.encode())], given(at)._replace(split_points=split))
 
 
@@ -58,6 +58,43 @@ def kawasaki_program(robots, shifted, split=False):
 
 
 NUMBERS = ",".join(map(str, SHIFT))
+DEPARTS = {  # moves away from the point, and where they end in its own axes, or in those of the base
+    ("kawasaki", "LDEPART 80"): ([0, 0, -80], True),
+    ("krl", "_REL {X 0,Z -80} #TOOL"): ([0, 0, -80], True),
+    ("krl", "_REL {Y 20,Z 80}"): ([0, 20, 80], False),
+}
+
+
+@pytest.mark.parametrize(("language", "move"), DEPARTS)
+def test_moves_away_from_a_point_are_told(language, move):
+    """The controller goes there from the corrected point; how far off is computed with SciPy's inverse."""
+    name, program, *_ = CASES[language]
+    robots = nominal, robot, _at = robot_of(name, size=0.05)
+    seen = program(robots, move)
+    assert seen.left() == []
+    found = corrected(robot, nominal, seen)
+    assert not found.left
+    (note,) = [note.text for note in found.notes if "the shifted target is off by" in note.text]
+    by, in_tool = DEPARTS[language, move]
+    T = np.eye(4)
+    T[:3, 3] = np.array(by) / 1e3
+    tests = language_tests("kawasaki")
+    right = tests.FLANGE if language == "kawasaki" else np.eye(4)
+    move_by = [
+        (q @ right @ T @ np.linalg.inv(right) if in_tool else T @ q)
+        for q in (nominal.forward(found.q_before[-1:])[0], nominal.forward(found.q[-1:])[0])
+    ]
+    q = found.q_before[-1]
+    off = [np.linalg.norm((reached(robot, nominal, each, q) - move_by[0])[:3, 3]) * 1e3 for each in move_by]
+    assert f"off by {off[1]:.3f} mm ({off[0]:.3f} mm without" in note
+
+
+@pytest.mark.parametrize("move", ["LIN_REL {A 5}", "LIN_REL {Z 5,E1 10}", "LIN_REL {Z n}", "PTP_REL {Z 5}"])
+def test_other_relative_moves_are_left(move):
+    robots = robot_of("kr120r2500pro", size=0.05)
+    assert len(krl_program(robots, f"P1\n{move}").left()) == 1
+
+
 CASES = {  # a shift in numbers, one that is computed, how scipy names the angles
     "krl": ("kr120r2500pro", krl_program, "P1:{X 5.0,Y -10.0,Z -80.0,A 3.0,B 2.0,C 1.0}", None, "ZYX"),
     "val3": ("rx160", val3_program, f"appro(P1,{{{NUMBERS}}})", "appro(P1,tUp)", "XYZ"),

@@ -203,6 +203,26 @@ def test_taught_frames_make_a_corrected_part_worse_and_the_cell_makes_it_right(t
     assert measured.data == unaware.data
 
 
+@pytest.mark.parametrize("numbers", ["same", "from-cell"])
+def test_the_error_of_a_shifted_target_is_that_of_the_true_tool_in_the_true_work_object(taught, numbers):
+    data = taught.module(taught.wanted[:2])
+    data = data.replace(b"ENDPROC", b"MoveL Offs(p1,0,0,80),v100,fine,tGrip\\WObj:=wPart;\nENDPROC")
+    found = taught.filtered(data, cell=taught.cell, numbers=numbers)
+    assert not found.left
+    (note,) = [note.text for note in found.notes if "the shifted target" in note.text]
+    own = (None, None) if numbers == "same" else (taught.tool, taught.work_object)
+    lift = frames.transform(None, [0, 0, 0.08])
+    off = []
+    for text, names in ((found.data, own), (data, (None, None))):
+        values = [lift @ target.value for target in rapid.parse(text).targets]
+        q = taught.controller(taught.module(np.array(values)), *names)
+        off.append(
+            off_and_turned(taught.robot, q[1:], lift @ taught.wanted[1:2], taught.tool, taught.work_object)[0][0]
+        )
+    assert f"off by {off[0]:.3f} mm ({off[1]:.3f} mm without the correction)" in note
+    assert off[0] < 0.5 * off[1]
+
+
 def test_a_frame_that_the_cell_file_does_not_have_is_named(taught):
     data = taught.module(taught.wanted[:3])
     found = taught.filtered(data, cell=cell_with({"TGRIP": taught.tool}, {}))

@@ -19,7 +19,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
-from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark_in, numbers
+from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, mark_in, numbers
 from irbcal.correction.loads import load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
@@ -366,7 +366,7 @@ class _Reader:
             mass = _number(split(arguments)[0]) if arguments else None
             computed = unknown_load(f"the load of line {self.listing.line(at)} is not in numbers")
             self.flow.carry(computed if mass is None else load_of(mass), at)
-        elif word in ("jappro", "lappro") and self._approach(word, arguments, at):
+        elif self._approach(word, arguments, at) or self._depart(word, arguments, at):
             pass
         elif word in RELATIVE:
             self.flow.leave(at, word.upper(), self.listing.quote(at, tokens[-1].end), "it moves by a distance")
@@ -378,24 +378,43 @@ class _Reader:
 
     def _approach(self, word: str, arguments: Tokens, at: int) -> bool:
         """Take a location from which a move stays away along the tool's axis, if it is one (``LAPPRO point,80``)."""
-        points = split(arguments)
+        points = split(arguments) if word in ("jappro", "lappro") else []
         keys = self._named(points[0]) if points else None
         targets = [self.sections.locations[key] for key in keys or ()]
         if len(points) != 2 or not targets or any(target.kind == "joint" for target in targets):
             return False
-        distance = _number(points[1])
-        T = frames.transform(None, [0.0, 0.0, -(distance or 0.0) * MM])
         text = self.listing.quote(arguments[0].start, arguments[-1].end)
+        self._beside(word, targets, _number(points[1]), text, (at, arguments[-1].end))
+        self._mention(points[1], at)
+        return True
+
+    def _depart(self, word: str, arguments: Tokens, at: int) -> bool:
+        """Take a move away from the location where the arm stands, if it is at one by its tool and base."""
+        target, state = self.flow.standing_at(), self.flow.state
+        distance = _number(arguments) if word in ("jdepart", "ldepart") else None
+        if target is None or target.kind == "joint" or distance is None:
+            return False
+        if (target.uses[-1].tool, target.uses[-1].work_object) != (state.tool, state.frame):
+            return False
+        end = arguments[-1].end
+        self._beside(word, [target], distance, self.listing.quote(arguments[0].start, end), (at, end))
+        return True
+
+    def _beside(self, word: str, targets: Sequence[Target], distance: float | None, text: str, span: Span) -> None:
+        """Go to a distance from a location, one of several, along the tool's axis; None where it is computed."""
+        at = span[0]
+        T = frames.transform(None, [0.0, 0.0, -(distance or 0.0) * MM])
         tool, frame = self.flow.state.tool, self.flow.state.frame
         known = distance is not None
         shifts = [Shift(t, at, word.upper(), text, np.eye(4), T, known, tool, frame) for t in targets]
-        own = None if any(t.external for t in targets) else self.flow.shift(shifts, (at, arguments[-1].end))
+        own = None if any(t.external for t in targets) else self.flow.shift(shifts, span)
         if own is not None:
             self.literals.append(own)
             self.flow.use(own, at, word.upper())
-        self.flow.stop(own, at)
-        self._mention(points[1], at)
-        return True
+        if own is not None or not known:
+            self.flow.stop(own, at)
+        else:
+            self.flow.stop_beside(at)
 
     def _without_label(self, tokens: Tokens) -> Tokens:
         """The statement behind a label; behind one nothing is known."""
@@ -426,6 +445,8 @@ class _Reader:
         if "call" in names or word in ("gosub", "on", "oni", "pcexecute"):
             for callee in _called(tokens) or tokens[:1]:
                 self.flow.call(callee.word, self.listing.quote(callee.start, callee.end), at)
+                if word in ("on", "oni"):
+                    self.flow.call_any_time(callee.word)
         elif "goto" in names:
             self.flow.forget()
 

@@ -505,6 +505,8 @@ NO_CALLS = (
     "step",
 )
 """What stands before a bracket and is no routine."""
+EVENTS = ("trigger", "interrupt")
+"""What calls routines at other times."""
 FIXED_TOOL = "the tool is fixed and the part on the robot (#TCP)"
 
 
@@ -514,7 +516,7 @@ def _called(line: TokenLine) -> list[Token]:
     A routine without arguments may be called without brackets.
     """
     tokens = line.tokens
-    if tokens[0].word in ("trigger", "interrupt", "global"):
+    if tokens[0].word in (*EVENTS, "global"):
         return []
     if len(tokens) == 1 and tokens[0].kind == "name":
         alone = tokens[0].word not in (*OPEN, *LOOPS, *CLOSE, *ALTERNATIVE, *ROUTINE, "endspline")
@@ -665,8 +667,14 @@ class Statements:
         if word not in ROUTINE:
             for routine in _called(line):
                 self._call(routine)
+        if word in EVENTS:
+            for routine, bracket in pairwise(line.tokens):
+                if bracket.word == "(":
+                    self.flow.call_any_time(routine.word)
         if word in MOVES:
             self._move(line, MOVES[word])
+        elif word in ("lin_rel", "slin_rel") and self._relative(line, RELATIVE[word]):
+            pass
         elif word in RELATIVE:
             self.flow.leave(line.start, RELATIVE[word], self._rest(line, 1), "its target is relative")
             self.flow.stop(None, line.start)
@@ -1020,6 +1028,29 @@ class Statements:
         self.literals += [own] if own is not None else []
         return [own] if own is not None else []
 
+    def _relative(self, line: TokenLine, move: str) -> bool:
+        """Take a move by a distance in numbers, along the base or the tool, from a target by its tool and base."""
+        start, state = self.flow.standing_at(), self._checked_fdat(self.flow.state)
+        line.at = 1
+        braces = aggregate(line, self.listing)
+        values = {} if braces is None else {name: value.number for name, value in braces.values.items()}
+        numbers = {name: number.value for name, number in values.items() if number is not None}
+        in_tool, rest = line.take("#tool"), line.take("#base")
+        ends = line.next is END or line.word().startswith("c_")
+        plain = len(numbers) == len(values) > 0 and not any(numbers[name] for name in numbers.keys() - {"x", "y", "z"})
+        if start is None or start.kind == "joint" or start.external or not plain or not ends or (in_tool and rest):
+            line.at = 0
+            return False
+        if (start.uses[-1].tool, start.uses[-1].work_object) != (state.tool, state.frame):
+            line.at = 0
+            return False
+        T = frames.transform(None, [numbers.get(name, 0.0) * MM for name in "xyz"])
+        left, right = (np.eye(4), T) if in_tool else (T, np.eye(4))
+        text = self._rest(line, 1)
+        self.flow.shifts.append(Shift(start, line.start, move, text, left, right, True, state.tool, state.frame))
+        self.flow.stop_beside(line.start)
+        return True
+
     def _point(self, line: TokenLine, move: str) -> tuple[list[Target], str, str]:
         """Targets that an argument stands for, its text, and why they are not all or not to be changed."""
         begin = line.at
@@ -1073,8 +1104,9 @@ class Statements:
         """Tell targets where they are used in another way than in a move, and where their tools and bases change."""
         for token, file in self._mentioned:
             variable = self.data.lookup(file, token.word)
-            for mentioned in variable.targets.values() if variable is not None else ():
-                self.flow.mention(mentioned, token.start)
+            if variable is not None and not self.data.system(variable.part):  # those of the system stay in any case
+                for mentioned in variable.targets.values():
+                    self.flow.mention(mentioned, token.start)
         for used in [*self.literals, *(each for v in self.data.variables.values() for each in v.targets.values())]:
             for word in NUMBERED if self._changed else ():
                 for number in {(use.tool if word == "tool_data" else use.work_object) or ANY for use in used.uses}:

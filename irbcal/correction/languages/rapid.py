@@ -573,10 +573,7 @@ class Reader:
         index: Index = ()
         k = first + 3
         if self.tokens[k].word == "{":
-            k = self._behind_index(k)
-            index = self._plain_index(first + 3)
-            if not k or not index:
-                return None
+            index, k = self._index(k)
         text = self.text[self.tokens[k].start : self.tokens[behind - 1].start]
         numbers = re.fullmatch(rf"{_SPACE},({_SIGNED}),({_SIGNED}),({_SIGNED})", text)
         if self.tokens[k].word != ",":
@@ -1134,7 +1131,8 @@ class Uses:
             data = reader.lookup(move.scope, shift.name)
             literals = data.literals(shift.indices) if data is not None and data.type == "robtarget" else []
             if not literals or data is None or data.changes or len(shift.indices) != len(data.sizes):
-                reader.mentions.append(Mention(move.scope, shift.name, shift.indices, shift.start))
+                index = () if None in shift.indices else shift.indices
+                reader.mentions.append(Mention(move.scope, shift.name, index, shift.start))
                 continue
             tool, wobj, _, _ = self._frames(move)
             T = frames.transform(None, np.array(shift.numbers or (0.0, 0.0, 0.0)) * MM)
