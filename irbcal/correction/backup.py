@@ -277,9 +277,11 @@ def unpacked(programs: Sequence[str | Path]) -> Iterator[Unpacked]:
 
 
 def packed(archive: Path, files: Mapping[str, bytes]) -> bytes:
-    """An archive with new contents of some of its files, by their names in it; all else is as it was."""
-    out = BytesIO()
+    """An archive with new contents of some of its files, by their names in it, and new files; all else is as it was."""
+    out, more = BytesIO(), dict(files)
     with zipfile.ZipFile(out, "w") as new:
         for info, data in _members(archive):
-            new.writestr(info, files.get(info.filename.replace("\\", "/"), data), info.compress_type)
+            new.writestr(info, more.pop(info.filename.replace("\\", "/"), data), info.compress_type)
+        for name, data in more.items():
+            new.writestr(name, data, zipfile.ZIP_DEFLATED)
     return out.getvalue()

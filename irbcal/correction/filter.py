@@ -60,6 +60,8 @@ from irbcal.options import names, number, pulses_per_degree
 from irbcal.safe_files import refuse_overwriting, write_set
 from irbcal.units import MM
 
+CHANGES = "changes.csv"
+"""What changed, target by target, in folders and archives that are written of those that were searched."""
 NOMINAL = "nominal"
 """The controller model that is the nominal robot."""
 
@@ -132,7 +134,8 @@ def correct(
         is left.
     out : str or Path, optional
         File for the program with fake targets, or, where it lies in several files, the folder for them, or the archive
-        (``.zip``) with all files of the one that was given; without it the bytes are in the result only.
+        (``.zip``) with all files of the one that was given; without it the bytes are in the result only. Beside the
+        programs of a folder or an archive lies ``changes.csv``.
     allow_partial : bool
         Write files even if some targets could not be corrected; these stay as they are.
     changes : str or Path, optional
@@ -171,7 +174,8 @@ def correct(
         Joints in whose configuration, and next to which, poses are meant where the program does not say it and no stop
         before is known; radians.
     instructions : str or Path, optional
-        File that teaches motion instructions of RAPID, a line each: ``rapid ArcL to speed seam weld * tool``
+        File that teaches motion instructions of RAPID and INFORM, and routines of KRL, AS, URScript and VAL3 that move
+        to one of their arguments, a line each: ``rapid ArcL to speed seam weld * tool``, ``krl DISPENSE to bead``
         (`irbcal.correction.instructions`).
     harmless : sequence of str, optional
         Names of routines, or patterns of names with ``*``, that the programs call and that are not among them: they
@@ -366,18 +370,20 @@ def _written(
     """Write what was asked for, all or nothing; files of folders that were searched lie as they did there."""
     searched = [path for path in given.programs if path.is_dir()]
     contents: dict[Path, bytes] = {}
+    table = csv_bytes(filtered.to_frame(), float_format="%.6f")
     if changes is not None:
-        contents[Path(changes)] = csv_bytes(filtered.to_frame(), float_format="%.6f")
+        contents[Path(changes)] = table
     if out is not None and Path(out).suffix.lower() == ".zip":
         if len(given.archives) != 1 or len(given.programs) != 1:
             raise OptionError("out: a zip archive is written of one that was given, expected a folder", parameter="out")
         ((inside, archive),) = given.archives.items()
-        contents[Path(out)] = packed(
-            archive, {Path(name).relative_to(inside).as_posix(): data for name, data in filtered.files.items()}
-        )
+        files = {Path(name).relative_to(inside).as_posix(): data for name, data in filtered.files.items()}
+        contents[Path(out)] = packed(archive, {CHANGES: table} | files)
         filtered = replace(filtered, written=Path(out))
     elif out is not None:
         targets_of_files = _places(Path(out), filtered.files, folder, searched)
+        if searched and folder:
+            targets_of_files.setdefault(Path(out) / CHANGES, table)
         refuse_overwriting({"out": [*targets_of_files], "changes": changes}, [*filtered.files])
         contents |= targets_of_files
         filtered = replace(filtered, written=Path(out))

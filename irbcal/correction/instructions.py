@@ -3,10 +3,12 @@ r"""Motion instructions as a table: which of their arguments is the target, the 
 A line names a language, an instruction and its arguments that are not optional, in their order::
 
     rapid ArcL to speed seam weld * tool
+    krl DISPENSE to bead
 
 ``to`` is the target, ``via`` a point on the way, ``tool`` the tool, ``writes`` a point that the instruction itself
 gives a value, ``*`` any number of arguments, and any other word one argument. Tool and work object may also be given as
-``\Tool`` and ``\WObj``. Users teach instructions of their own with a file of such lines.
+``\Tool`` and ``\WObj``. Users teach instructions of their own with a file of such lines: of RAPID and INFORM
+instructions, of the other languages routines that are called with brackets.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from irbcal import safe_files
 from irbcal.errors import OptionError
 
 TO, VIA, TOOL, WRITES, ANY = "to", "via", "tool", "writes", "*"
+POINTS = (TO, VIA, WRITES)
 
 RAPID = r"""
 # joint and straight moves, circles
@@ -78,6 +81,43 @@ rapid CapC via to speed cap * zone tool
 """
 """Of ABB's options, as their manuals list the arguments."""
 
+OTHERS = """
+krl PTP to
+krl LIN to
+krl CIRC via to
+krl SPTP to
+krl SLIN to
+krl SCIRC via to
+krl SPL to
+inform MOVJ to *
+inform MOVL to *
+inform MOVC to *
+inform MOVS to *
+inform SMOVJ to *
+inform SMOVL to *
+inform SMOVC to *
+inform SMOVS to *
+inform SVSPOTMOV to *
+kawasaki JMOVE to *
+kawasaki LMOVE to *
+kawasaki HMOVE to *
+kawasaki XMOVE to *
+kawasaki C1MOVE via *
+kawasaki C2MOVE to *
+urscript movej to *
+urscript movel to *
+urscript movep to *
+urscript movec via to *
+val3 movej to tool *
+val3 movel to tool *
+val3 movec via to tool *
+"""
+
+
+LANGUAGES = ("rapid", "krl", "inform", "kawasaki", "urscript", "val3")
+NAME_TOOLS = ("rapid", "val3")
+"""Languages whose moves name their tool; in the others the one that holds counts."""
+
 
 class MotionInstruction(NamedTuple):
     """A motion instruction.
@@ -131,12 +171,15 @@ def parse(text: str, source: str | None = None) -> dict[str, dict[str, MotionIns
         if not language:
             continue
         fault = ""
-        if language != "rapid":
-            fault = f"expected an instruction of the language rapid, found {language!r}"
+        tools = int(language in NAME_TOOLS)
+        if language not in LANGUAGES:
+            fault = f"expected an instruction of one of the languages {', '.join(LANGUAGES)}, found {language!r}"
         elif not words or not re.fullmatch(r"[^\W\d]\w*", words[0]):
             fault = "expected the name of an instruction behind the language"
-        elif [words[1:].count(word) for word in (TO, TOOL)] != [1, 1] or max(words.count(VIA), words.count(ANY)) > 1:
-            fault = "expected one 'to' and one 'tool', at most one 'via' and at most one '*'"
+        elif words[1:].count(TOOL) != tools or (source is not None and words[1:].count(TO) != 1):
+            fault = f"expected one 'to' and {'one' if tools else 'no'} 'tool' in {language}"
+        elif max(words.count(VIA), words.count(ANY)) > 1:
+            fault = "expected at most one 'via' and at most one '*'"
         if fault:
             raise OptionError(f"line {number}: {fault}", file=source, parameter="instructions")
         out.setdefault(language, {})[words[0].lower()] = MotionInstruction(
@@ -151,9 +194,15 @@ def read(path: str | Path) -> dict[str, dict[str, MotionInstruction]]:
     return parse(data.decode("utf-8-sig", errors="replace"), str(path))
 
 
-def line_for(language: str, name: str, words: Sequence[str]) -> str:
-    """The line that teaches an instruction."""
-    return " ".join([language, name, *words])
+def teaching(language: str, name: str, words: Sequence[str]) -> str:
+    """How to teach an instruction, behind the reason why its target is left."""
+    return f" (if it moves there, teach it with --instructions: {' '.join([language, name, *words])})"
 
 
-BUILT_IN: Table = parse(RAPID)
+def teaching_routine(language: str, name: str, arguments: Sequence[bool]) -> str:
+    """How to teach a routine, by which of its arguments are targets; empty where none is."""
+    words = [TO if is_target else f"argument{k}" for k, is_target in enumerate(arguments, start=1)]
+    return teaching(language, name, words) if words.count(TO) == 1 else ""
+
+
+INSTRUCTIONS: Table = parse(RAPID + OTHERS)

@@ -309,6 +309,8 @@ class ControlFlow:
         Places where the program says what it is.
     split_points : bool
         Whether shifted targets become targets of their own.
+    teaching : dict of int to str
+        How to teach the instruction of a line that is not known and names a target.
     """
 
     def __init__(
@@ -326,6 +328,7 @@ class ControlFlow:
         self._passed: list[tuple[Target, Target | None]] = []
         self._blocks: list[_Block] = []
         self._calls_from: dict[str, list[FrameState]] = {}
+        self.teaching: dict[int, str] = {}
         self._offset, self._behind_offset = False, set[int]()
         self._inherits: list[Target] = []
 
@@ -468,7 +471,8 @@ class ControlFlow:
 
     def mention(self, target: Target, at: int) -> None:
         """Something else than a move uses a target."""
-        target.conflicts.append(f"line {self.listing.line(at)} uses it in another way")
+        line = self.listing.line(at)
+        target.conflicts.append(f"line {line} uses it in another way{self.teaching.get(line, '')}")
 
     def settle(self) -> None:
         """Take shifts of targets that moves go to directly, with the same tool and frame; others use them otherwise."""

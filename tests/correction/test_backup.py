@@ -200,9 +200,11 @@ def test_an_archive_is_searched_like_a_folder_and_written_in_its_shape(tmp_path)
         assert sorted(path.name for path in folder.rglob("*.*")) == ["a.src", "am.ini", "b.dat"]
         assert opened.shown(str(folder / "KRC/R1/a.src")) == f"{tmp_path}/b.zip!KRC/R1/a.src"
     assert not folder.exists()
-    new = backup.packed(tmp_path / "b.zip", {"KRC/R1/a.src": b"new"})
+    new = backup.packed(tmp_path / "b.zip", {"KRC/R1/a.src": b"new", "changes.csv": b"table"})
     with zipfile.ZipFile(io.BytesIO(new)) as archive:
         assert archive.read("KRC/R1/a.src") == b"new"
+        assert archive.read("changes.csv") == b"table"
+        assert len(archive.namelist()) == 4
         assert archive.read("am.ini") == files["am.ini"]
     with pytest.raises(ProgramError, match=r"b\.zip!KRC/R1/a\.src"), backup.unpacked([tmp_path / "b.zip"]) as opened:
         raise ProgramError("no", file=opened.programs[0] / "KRC/R1/a.src")

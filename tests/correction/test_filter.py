@@ -333,7 +333,7 @@ def test_a_tool_of_one_module_serves_the_others(calibration, tmp_path):
     assert "give it with --tool" in refused.value.filtered.left[0].reason
     found = correct(calibration, folder, out=tmp_path / "new")
     assert found.targets.tolist() == ["p in Job.mod"]
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["CalibData.mod", "Job.mod"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["CalibData.mod", "Job.mod", "changes.csv"]
     assert (tmp_path / "new" / "CalibData.mod").read_bytes() == (folder / "CalibData.mod").read_bytes()
     files = [folder / "Job.mod", folder / "CalibData.mod"]
     again = correct(calibration, files)
@@ -372,7 +372,7 @@ def test_a_backup_in_an_archive_is_corrected_where_its_robot_stands(calibration,
     assert any("stands at 0.000, 0.000, -50.000 mm" in note.text for note in found.notes)
     assert all(name.startswith(f"{archive}!RAPID/TASK1") for name in found.files)
     with zipfile.ZipFile(tmp_path / "new.zip") as file, zipfile.ZipFile(archive) as old:
-        assert file.namelist() == old.namelist()
+        assert file.namelist() == [*old.namelist(), "changes.csv"]
         assert file.read("SYSPAR/MOC.cfg") == cfg.encode()
         assert file.read("RAPID/TASK1/PROGMOD/Job.mod") == found.files[f"{archive}!RAPID/TASK1/PROGMOD/Job.mod"]
     (folder / "SYSPAR" / "MOC.cfg").unlink()

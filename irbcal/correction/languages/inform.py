@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.instructions import INSTRUCTIONS, MotionInstruction, teaching
 from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.loads import load_of
 from irbcal.correction.maker import Maker, Posture
@@ -112,7 +113,6 @@ WORLD = "base"
 _LINE = re.compile(r"[^\r\n]+")
 _POSITION = re.compile(r"[ \t]*((?:C|P|BC|BP|EC|EX)\d+)[ \t]*=[ \t]*(.*)")
 _PLAIN = re.compile(r"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+))[ \t]*(,|\Z)")
-_MOVE = re.compile(r"[ \t]*(S?MOV[JLCS]|SVSPOTMOV|IMOV|REFP)\b[ \t]*(.*)")
 _POINT = re.compile(r"\b(B?C|E?C|B?P|EX)(\d+)\b")
 _FLOW = re.compile(r"[ \t]*(?:\*|JUMP|CALL|RET|IF|ELSE|ENDIF|SWITCH|CASE|ENDSWITCH|FOR|NEXT|WHILE|ENDWHILE|DEFAULT)")
 
@@ -183,7 +183,8 @@ def parse(
     listing = Listing([(source, data)], "Yaskawa INFORM")
     if not looks_like(data):
         raise ProgramError("expected a Yaskawa job that begins with /JOB", file=source)
-    job = _Job(listing, setup.pulses, shared or _Shared({source: data}), backup)
+    taught = setup.instructions.get("inform", {}).values()
+    job = _Job(listing, setup.pulses, shared or _Shared({source: data}), backup, taught)
     job.read()
     targets = list(job.points.values())
     return JobProgram.assembled(
@@ -250,8 +251,17 @@ def _content(path: Path) -> bytes:
 class _Job:
     """Follows the lines of a job."""
 
-    def __init__(self, listing: Listing, pulses: Sequence[float], shared: _Shared, backup: NumberedData) -> None:
+    def __init__(
+        self,
+        listing: Listing,
+        pulses: Sequence[float],
+        shared: _Shared,
+        backup: NumberedData,
+        taught: Iterable[MotionInstruction],
+    ) -> None:
         self.listing, self.pulses, self.shared, self.backup = listing, pulses, shared, backup
+        moves = [move.name for move in (*INSTRUCTIONS["inform"].values(), *taught)]
+        self._move = re.compile(rf"[ \t]*({'|'.join(moves)}|IMOV|REFP)\b[ \t]*(.*)")
         self.flow = ControlFlow(listing)
         self.points: dict[str, Target] = {}
         self.comments: list[str] = []
@@ -327,7 +337,7 @@ class _Job:
             self._missing[name] = f"its POSTYPE {kind[:10]} is not supported"
 
     def _instruction(self, text: str, at: int) -> None:
-        move = _MOVE.match(text)
+        move = self._move.match(text)
         names = [_shown(match[0]) for match in _POINT.finditer(text)]
         called = _CALLED.search(text)
         if called is not None and called[1] not in self.shared.names and not self._called:
@@ -339,6 +349,7 @@ class _Job:
             if re.match(r"[ \t]*SFTON\b", text):
                 shift = "SFTON shifts targets that are corrected without it"
                 self.notes.setdefault("shift", Note(self.listing.line(at), shift))
+            self.flow.teaching[self.listing.line(at)] = teaching("inform", text.split()[0], ["to", "*"])
             self._otherwise(names, at)
             return
         at += len(text) - len(text.lstrip())

@@ -8,7 +8,7 @@ flange are turned against the URDF is told by one pair of joints and pose.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise, product
 from pathlib import Path
@@ -19,6 +19,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
+from irbcal.correction.instructions import INSTRUCTIONS, POINTS, VIA, WRITES, MotionInstruction, teaching_routine
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, mark_in, numbers
 from irbcal.correction.loads import load_of, unknown_load
 from irbcal.correction.maker import Maker
@@ -262,7 +263,7 @@ def split(tokens: Tokens) -> list[Tokens]:
     return [*out, tokens[begin:]]
 
 
-MOVES = ("jmove", "lmove", "hmove", "xmove", "c1move", "c2move")
+MOVES = INSTRUCTIONS["kawasaki"]
 BLOCKS = ("joint", "linear", "linear2", "cir1", "cir2")
 """Steps of teach programs, which end with their joints."""
 RELATIVE = ("jappro", "lappro", "jdepart", "ldepart", "draw", "tdraw", "drive", "align", "home", "home2")
@@ -308,7 +309,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     """
     listing = Listing(files, "Kawasaki AS")
     sections = read(listing)
-    reader = _Reader(listing, sections, setup.harmless, setup.split_points)
+    reader = _Reader(listing, sections, setup)
     for line in sections.lines:
         reader.take(line)
     reader.conclude()
@@ -336,14 +337,15 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
 class _Reader:
     """Follows the programs."""
 
-    def __init__(self, listing: Listing, sections: Sections, harmless: Sequence[str], split_points: bool) -> None:
+    def __init__(self, listing: Listing, sections: Sections, setup: ControllerSetup) -> None:
         self.listing, self.sections = listing, sections
-        self.flow = ControlFlow(listing, Calls(harmless), split_points=split_points)
+        self.taught = setup.instructions.get("kawasaki", {})
+        self.flow = ControlFlow(listing, Calls(setup.harmless), split_points=setup.split_points)
         self.literals: list[Target] = []
         self._literal_frames: dict[str, FloatArray] = {}
         self._bad = {key for key, location in sections.locations.items() if location.conflicts}
         self._framed: dict[str, int] = {}
-        _learn(self.flow.calls, sections.lines)
+        _learn(self.flow.calls, sections.lines, self.taught)
 
     def take(self, line: Statement) -> None:
         """Take one line."""
@@ -354,7 +356,10 @@ class _Reader:
         if not tokens:
             return
         word, arguments, at = tokens[0].word, tokens[1:], tokens[0].start
-        if word in MOVES:
+        routine = arguments[0] if word == "call" and arguments[1:2] and arguments[1].word == "(" else None
+        if routine is not None and routine.word in self.taught:
+            self._taught_move(self.taught[routine.word], split(arguments[2:-1]), at)
+        elif word in MOVES:
             self._move(word, arguments, at)
         elif word in BLOCKS and any(token.word == "#" for token in arguments):
             first = next(k for k, token in enumerate(arguments) if token.word == "#")
@@ -373,8 +378,25 @@ class _Reader:
             self.flow.stop(None, at)
             self._mention(arguments, at)
         else:
+            if routine is not None:
+                shown = self.listing.quote(routine.start, routine.end)
+                are_locations = [bool(self._named(argument)) for argument in split(arguments[2:-1])]
+                self.flow.teaching[self.listing.line(at)] = teaching_routine("kawasaki", shown, are_locations)
             self._flow(word, tokens, at)
             self._mention(tokens, at)
+
+    def _taught_move(self, instruction: MotionInstruction, arguments: list[Tokens], at: int) -> None:
+        """A program that moves to one of its arguments."""
+        roles = instruction.roles(len(arguments), False)
+        if roles is None:
+            known = f"it is known as {' '.join(instruction.words)}, found {len(arguments)} arguments"
+            self.flow.leave(at, instruction.name, "", known)
+            self.flow.stop(None, at)
+        for role, argument in zip(roles or [WRITES] * len(arguments), arguments, strict=True):
+            if role in POINTS and role != WRITES:
+                self._go(instruction.name, argument, at, "via" if role == VIA else "to")
+            else:
+                self._mention(argument, at)
 
     def _approach(self, word: str, arguments: Tokens, at: int) -> bool:
         """Take a location from which a move stays away along the tool's axis, if it is one (``LAPPRO point,80``)."""
@@ -553,15 +575,15 @@ def _called(tokens: Tokens) -> list[Token]:
     return [behind for word, behind in pairwise(tokens) if word.word in ("call", "gosub") and behind.kind == "name"]
 
 
-def _learn(calls: Calls, lines: Sequence[Statement]) -> None:
+def _learn(calls: Calls, lines: Sequence[Statement], taught: Collection[str]) -> None:
     """Note which programs set tool or base, which move, and what they call; ``ON`` and ``GOSUB`` may call anything."""
     name = ""
     for line in lines:
         name = line.program or name
         words = {token.word for token in line.tokens if token.kind == "name"}
         may_call = [word for word in ("gosub", "on", "oni") if word in words]
-        moves = not words.isdisjoint((*MOVES, *BLOCKS, *RELATIVE, *POSTURES))
-        called = [*may_call, *(called.word for called in _called(line.tokens))]
+        moves = not words.isdisjoint((*MOVES, *BLOCKS, *RELATIVE, *POSTURES, *taught))
+        called = [*may_call, *(called.word for called in _called(line.tokens) if called.word not in taught)]
         calls.learn(name, called, bool(words & FRAMES), moves, "weight" in words)
 
 

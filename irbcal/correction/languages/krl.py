@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
+from irbcal.correction.instructions import INSTRUCTIONS, POINTS, VIA, WRITES, MotionInstruction, teaching_routine
 from irbcal.correction.listing import BOM, Edit, Listing, Number, Span, Token, mark_in
 from irbcal.correction.loads import Load, Ways, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
@@ -445,7 +447,7 @@ class KrlData:
                     variable.changes.append(braces.start)
 
 
-MOVES = {name.lower(): name for name in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL")}
+MOVES = INSTRUCTIONS["krl"]
 RELATIVE = {name.lower(): name for name in ("PTP_REL", "LIN_REL", "CIRC_REL", "SPTP_REL", "SLIN_REL", "SCIRC_REL")}
 OPEN = ("if", "switch", "spline", "ptp_spline")
 LOOPS = ("for", "while", "repeat", "loop")
@@ -525,6 +527,21 @@ def _called(line: TokenLine) -> list[Token]:
     return [word for word, behind in pairs if behind.word == "(" and word.kind == "name" and word.word not in NO_CALLS]
 
 
+def _arguments(line: TokenLine) -> list[TokenLine]:
+    """Arguments of a call with which a line begins."""
+    out: list[list[Token]] = [[]]
+    depth = 0
+    for token in line.tokens[1:]:
+        depth += (token.word in ("(", "[", "{")) - (token.word in (")", "]", "}"))
+        if depth == 0:
+            break
+        if depth == 1 and token.word == ",":
+            out.append([])
+        elif depth > 1 or token.word != "(":
+            out[-1].append(token)
+    return [TokenLine(tokens, line.part) for tokens in out if tokens]
+
+
 def _routine(words: Sequence[str]) -> str:
     """Name of the routine that a line begins; empty for other lines."""
     begins = "def" in words[:2] or "deffct" in words[:3]
@@ -584,6 +601,8 @@ class Statements:
         Patterns of names of routines that neither move the arm nor set tool or base.
     split_points : bool
         Whether shifted targets become targets of their own.
+    taught : dict of str to MotionInstruction
+        Routines that move to one of their arguments.
 
     Attributes
     ----------
@@ -596,9 +615,14 @@ class Statements:
     """
 
     def __init__(
-        self, listing: Listing, data: KrlData, harmless: Sequence[str] = (), split_points: bool = False
+        self,
+        listing: Listing,
+        data: KrlData,
+        harmless: Sequence[str] = (),
+        split_points: bool = False,
+        taught: Mapping[str, MotionInstruction] = MappingProxyType({}),
     ) -> None:
-        self.listing, self.data = listing, data
+        self.listing, self.data, self.taught = listing, data, taught
         self.flow = ControlFlow(listing, Calls(harmless, BUILT_IN), split_points=split_points)
         self._forms = inline_forms(listing)
         self._called_in_form: tuple[Span, str, Ways] | None = None
@@ -630,8 +654,8 @@ class Statements:
                 self.flow.calls.learn(name)
             else:
                 sets = not {*words}.isdisjoint(SETS_FRAMES) or (words[:1] == ["bas"] and words[2:3] not in QUIET_BAS)
-                moves = words[0] in MOVES or words[0] in RELATIVE
-                called = [token.word for token in _called(line)]
+                moves = words[0] in MOVES or words[0] in RELATIVE or words[0] in self.taught
+                called = [token.word for token in _called(line) if token.word not in self.taught]
                 self.flow.calls.learn(
                     name, called, sets, moves, "$load" in words or (sets and any(self._loads.values()))
                 )
@@ -664,6 +688,9 @@ class Statements:
             self.flow.loads.now = self._called_in_form[2]
             self._forget_fdat()
             self._called_in_form = None
+        if word in self.taught and line.word(1) == "(":
+            self._taught_move(line, self.taught[word])
+            return
         if word not in ROUTINE:
             for routine in _called(line):
                 self._call(routine)
@@ -824,6 +851,11 @@ class Statements:
             self._assigned(line, first, index)
             return
         variable = self.data.lookup(line.part, first.word)
+        if line.word() == "(":
+            variables = [self.data.lookup(line.part, each.word()) for each in _arguments(line)]
+            name = self.listing.text[first.start : first.end]
+            text = teaching_routine("krl", name, [bool(v is not None and v.targets) for v in variables])
+            self.flow.teaching[self.listing.line(first.start)] = text
         if member and first.word == "fdat_act":
             self._fdat = FrameState(None, None, f"a part of FDAT_ACT is set in line {self.listing.line(line.start)}")
             self._fdat_taken = False
@@ -972,8 +1004,37 @@ class Statements:
             return replace(state, held=line.word() == "#tcp")
         return FrameState(None, None, f"$IPO_MODE is computed: it is not known whether {FIXED_TOOL}")
 
-    def _move(self, line: TokenLine, name: str) -> None:
+    def _taught_move(self, line: TokenLine, instruction: MotionInstruction) -> None:
+        """A routine that moves to one of its arguments."""
+        arguments = _arguments(line)
+        roles = instruction.roles(len(arguments), False)
+        if roles is None:
+            known = f"it is known as {' '.join(instruction.words)}, found {len(arguments)} arguments"
+            self.flow.leave(line.start, instruction.name, "", known)
+        goal: Target | None = None
+        for role, argument in zip(roles or [""] * len(arguments), arguments, strict=True):
+            variable = self.data.lookup(line.part, argument.word())
+            if role in POINTS:
+                goal = self._go(argument, line.start, instruction.name, role)
+            elif role == WRITES and variable is not None:
+                variable.changes.append(line.start)
+            else:
+                self._mention(argument.tokens, line.part)
+        self.flow.stop(goal, line.start)
+
+    def _go(self, point: TokenLine, at: int, name: str, role: str) -> Target | None:
+        """Use what a point stands for; the target where it is one."""
+        targets, text, reason = self._point(point, name)
+        if reason:
+            self.flow.leave(at, name, text, reason)
+        for target_at in targets:
+            self.flow.use(target_at, at, name, "via" if role == VIA else "to", self._checked_fdat(self.flow.state))
+            target_at.conflicts += [reason] if reason else []
+        return targets[0] if len(targets) == 1 and not reason else None
+
+    def _move(self, line: TokenLine, instruction: MotionInstruction) -> None:
         """The points of a move."""
+        name = instruction.name
         ends = [k for k, token in enumerate(line.tokens) if token.word == "with"]
         state = self._checked_fdat(self.flow.state)
         state = self._with(line, state) if ends else state
@@ -982,9 +1043,9 @@ class Statements:
         if line.word() in ("$axis_act", "$pos_act") and not ends:  # to where the arm stands
             return
         words = [token.word for token in line.tokens]
-        roles: tuple[Role, ...] = ("via", "to") if name in ("CIRC", "SCIRC") else ("to",)
         goal: Target | None = None
-        for k, role in enumerate(roles):
+        for k, word in enumerate(instruction.words):
+            role: Role = "via" if word == VIA else "to"
             if k and not line.take(","):
                 self.flow.leave(line.start, name, self._rest(line, 1), "its end point is missing")
                 break
@@ -1170,7 +1231,8 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
     lines, comments = lines_of(listing)
     data = KrlData(listing, [str(Path(file.name).with_suffix("")).lower() for file in listing.parts])
     statements_left = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
-    statements = Statements(listing, data, setup.harmless, setup.split_points)
+    taught = setup.instructions.get("krl", {})
+    statements = Statements(listing, data, setup.harmless, setup.split_points, taught)
     statements_left = _values_first(statements, data, statements_left)
     data.collect()
     statements.follow(statements_left)

@@ -26,7 +26,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, locked
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls, may_set_load
-from irbcal.correction.instructions import ANY, BUILT_IN, TO, TOOL, VIA, WRITES, MotionInstruction, line_for
+from irbcal.correction.instructions import ANY, INSTRUCTIONS, POINTS, TO, TOOL, VIA, WRITES, MotionInstruction, teaching
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
 from irbcal.correction.loads import Carrying, Load, LoadFlow, Ways, load_of, unknown_load
 from irbcal.correction.maker import (
@@ -252,7 +252,6 @@ class RapidData:
 
 
 CLOSING = {"(": ")", "{": "}"}
-POINTS = (TO, VIA, WRITES)
 _PREDEFINED = re.compile(r"v\d+|vmax|z\d+|fine|wobj0|load0|true|false")
 DEEPEST = 12  # lists in lists
 _NODE = partial(tuple.__new__, Node)  # half the time of Node(…)
@@ -295,7 +294,7 @@ class Reader:
         Moves that are known, by their names in lower case.
     """
 
-    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = BUILT_IN["rapid"]) -> None:
+    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = INSTRUCTIONS["rapid"]) -> None:
         self.listing, self.text, self.instructions = listing, listing.text, instructions
         self.line, self.error, self.quote = listing.line, listing.error, listing.quote
         self.tokens: list[Token] = []
@@ -787,7 +786,7 @@ class Literals:
         In the order in which they are come upon.
     """
 
-    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = BUILT_IN["rapid"]) -> None:
+    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = INSTRUCTIONS["rapid"]) -> None:
         self.flow, self.reader = ControlFlow(listing), Reader(listing, instructions)
         self.source = listing.parts[0].name
         self.targets: list[Literal] = []
@@ -846,8 +845,7 @@ class Literals:
                 words[unknown[-1]] = TOOL
             if words.count(TOOL) == 1:
                 name = reader.text[reader.tokens[i].start : reader.tokens[i].end]
-                line = line_for("rapid", name, words)
-                out[reader.line(reader.tokens[i].start)] = f" (if it moves there, teach it with --instructions: {line})"
+                out[reader.line(reader.tokens[i].start)] = teaching("rapid", name, words)
         return out
 
     def _scope_at(self, at: int) -> Scope | None:
@@ -2060,7 +2058,7 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
 def _instructions(contents: Iterable[bytes], taught: Mapping[str, MotionInstruction]) -> dict[str, MotionInstruction]:
     """Moves that are known; a routine of the program's own goes before a built-in one of its name."""
     own = {name.lower() for data in contents for name in re.findall(rb"(?i)\bPROC[ \t]+(\w+)", data)}
-    built_in = {name: move for name, move in BUILT_IN["rapid"].items() if name.encode() not in own}
+    built_in = {name: move for name, move in INSTRUCTIONS["rapid"].items() if name.encode() not in own}
     return {**built_in, **taught}
 
 

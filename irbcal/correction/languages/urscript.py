@@ -7,7 +7,7 @@ before. Poses are those of the TCP that ``set_tcp`` sets, in the link ``base`` o
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
+from irbcal.correction.instructions import INSTRUCTIONS, TO, VIA, MotionInstruction, teaching_routine
 from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
 from irbcal.correction.loads import Load, load_of, unknown_load
 from irbcal.correction.maker import Maker
@@ -118,8 +119,7 @@ def arguments(tokens: Tokens) -> list[tuple[str, Tokens]]:
     return out
 
 
-GOALS = {"movej": 1, "movel": 1, "movep": 1, "movec": 2}
-"""Moves and how many points they have."""
+GOALS = INSTRUCTIONS["urscript"]
 OTHER_MOVES = ("servoj", "servoc", "servol", "speedj", "speedl", "movej_joint")
 LOADS = ("set_payload", "set_target_payload", "set_payload_mass", "set_payload_cog")
 """Functions that say what the flange carries: kg and metres."""
@@ -162,7 +162,7 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptP
     """
     listing = Listing([(source, data)], "URScript")
     lines, comments = statements(listing)
-    script = _Script(listing)
+    script = _Script(listing, setup.instructions.get("urscript", {}))
     for line in lines:
         script.declare(line)
     for line in lines:
@@ -188,8 +188,8 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptP
 class _Script:
     """Follows the statements."""
 
-    def __init__(self, listing: Listing) -> None:
-        self.listing = listing
+    def __init__(self, listing: Listing, taught: Mapping[str, MotionInstruction]) -> None:
+        self.listing, self.goals = listing, {**GOALS, **{move.name: move for move in taught.values()}}
         self.flow = ControlFlow(listing, Calls(closed=True))
         self.flow.frame("base")
         self._inside: list[str] = []
@@ -226,8 +226,8 @@ class _Script:
             del self._inside[-1:]
         words = {token.word for token in tokens}
         for routine in filter(None, self._inside):
-            moves = not words.isdisjoint((*GOALS, *LOUD))
-            called = [] if first in ("def", "thread") else words
+            moves = not words.isdisjoint((*self.goals, *LOUD))
+            called = [] if first in ("def", "thread") else words - self.goals.keys()
             self.flow.calls.learn(routine, called, "set_tcp" in words, moves, not words.isdisjoint(LOADS))
 
     def take(self, tokens: list[Token]) -> None:
@@ -238,9 +238,9 @@ class _Script:
             if value is None or self._literal(value, "") is None:
                 self._mentioned += [token for token in tokens if token.kind == "name" and token is not name]
                 self._calls(tokens)
-                if any(token.word in OTHER_MOVES or token.word in GOALS for token in tokens):
+                if any(token.word in OTHER_MOVES or token.word in self.goals for token in tokens):
                     self.flow.stop(None, name.start)
-        elif first in GOALS and tokens[1:2] and tokens[1].word == "(":
+        elif first in self.goals and tokens[1:2] and tokens[1].word == "(":
             self._move(tokens)
         elif first == "set_tcp" and tokens[1:2] and tokens[1].word == "(":
             self._tcp(tokens)
@@ -253,6 +253,9 @@ class _Script:
         first, at = tokens[0].word, tokens[0].start
         words_of_line = [token.word for token in tokens]
         inside = next((word for word in words_of_line if word in (*GOALS, *OTHER_MOVES)), None)
+        if words_of_line[1:2] == ["("]:
+            points = [self._pose(value) is not None for _, value in arguments(tokens[1:])]
+            self.flow.teaching[self.listing.line(at)] = teaching_routine("urscript", first, points)
         self._mentioned += [token for token in tokens if token.kind == "name"]
         if first not in ("def", "thread"):
             self._calls(tokens)
@@ -341,11 +344,17 @@ class _Script:
         """Points of a move."""
         move, at = tokens[0].word, tokens[0].start
         setup = arguments(tokens[1:])
-        count = GOALS[move]
-        points = [value for key, value in setup if not key or key in ("q", "pose", "pose_to", "pose_via")][:count]
+        instruction = self.goals[move]
+        words = [word for word in instruction.words if word in (VIA, TO)]
+        named = ("q", "pose", "pose_to", "pose_via")
+        if instruction.taught:
+            of_call = instruction.roles(len(setup), False) or ()
+            points = [value for (_, value), word in zip(setup, of_call, strict=False) if word in (VIA, TO)]
+        else:
+            points = [value for key, value in setup if not key or key in named][: len(words)]
         stop: Target | None = None
-        roles: list[Role] = ["via", "to"] if count == 2 else ["to"]
-        if len(points) < count:
+        roles: list[Role] = ["via" if word == VIA else "to" for word in words]
+        if len(points) < len(words):
             self.flow.leave(at, move, self.listing.quote(at, tokens[-1].end), "its target is missing")
         self._begun |= len(self._ends) < 2
         for role, point in zip(roles, points, strict=False):

@@ -18,6 +18,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.instructions import INSTRUCTIONS, POINTS, TOOL, MotionInstruction
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -225,7 +226,6 @@ def target(value: DatumValue) -> Target | None:
     return out
 
 
-_MOVE = re.compile(r"\b(movej|movel|movec)\s*\(")
 _ITEM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*\Z")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _QUIET = re.compile(r"\b(?:open|close)\s*\(\s*[A-Za-z_]\w*(?:\[\s*\d+\s*\])?\s*\)")
@@ -273,7 +273,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         if re.search(r"millimeterUnit\s*=\s*[\"']false", text):
             raise ProgramError("this application is in inches, which is not supported", file=part.name)
     values, codes, comments = read(listing)
-    application = _Application(listing, values, setup.split_points)
+    application = _Application(listing, values, setup)
     for code in codes:
         application.follow(code)
     application.conclude()
@@ -305,9 +305,12 @@ _SIX = re.compile(r"\s*\{\s*" + r"\s*,\s*".join([r"[-+]?(?:\d+\.?\d*|\.\d+)"] * 
 class _Application:
     """Follows the program texts."""
 
-    def __init__(self, listing: Listing, values: Sequence[DatumValue], split_points: bool = False) -> None:
+    def __init__(self, listing: Listing, values: Sequence[DatumValue], setup: ControllerSetup) -> None:
         self.listing, self.values = listing, values
-        self.flow = ControlFlow(listing, split_points=split_points)
+        self.flow = ControlFlow(listing, split_points=setup.split_points)
+        taught = {move.name: move for move in setup.instructions.get("val3", {}).values()}
+        self.moves: dict[str, MotionInstruction] = {**INSTRUCTIONS["val3"], **taught}
+        self._call = re.compile(rf"\b(?:call\s+)?({'|'.join(self.moves)})\s*\(")
         self._argument_end = 0
         pairs = [(value, target(value)) for value in values]
         self.targets = [(value, target) for value, target in pairs if target is not None]
@@ -346,12 +349,12 @@ class _Application:
         at += len(text) - len(text.lstrip())
         if _FLOW.search(text):
             self.flow.forget()
-        move = _MOVE.search(text)
+        move = self._call.search(text)
         while move is not None:
             inside, end = _inside(text, move.end())
             self._move(at, move[1], inside)
             text = text[: move.start()] + " " * (end - move.start()) + text[end:]
-            move = _MOVE.search(text)
+            move = self._call.search(text)
         self._mention(at, text)
 
     def _mention(self, at: int, text: str) -> None:
@@ -384,16 +387,18 @@ class _Application:
         return value.attributes.get("fatherId", "world[0]").lower()
 
     def _move(self, at: int, move: str, arguments: list[str]) -> None:
-        roles = ["via", "to"] if move == "movec" else ["to"]
-        if len(arguments) < len(roles) + 1:
+        roles = self.moves[move].roles(len(arguments), False)
+        if roles is None:
             self.flow.leave(at, move, ", ".join(arguments)[:50], "its arguments are not understood")
             self.flow.stop(None, at)
             return
-        tool = _ITEM.match(arguments[len(roles)])
+        tool = _ITEM.match(arguments[roles.index(TOOL)])
         index = (tool[2] or "0") if tool else ""
         name = _shown(tool[1], index) if tool is not None and index.isdecimal() else None
         stop: Target | None = None
-        for role, argument in zip(roles, arguments, strict=False):
+        for role, argument in zip(roles, arguments, strict=True):
+            if role not in POINTS:
+                continue
             if self._approach(at, move, argument, name, role):
                 stop = self.flow.shifts[-1].own
                 continue
