@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,8 @@ from irbcal.cli.signature import MM, PLACE, Json, Typed, command, numbers, publi
 from irbcal.units import DEG
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from irbcal.arrays import FloatArray
     from irbcal.cell.cell_file import Notation
     from irbcal.correction.filtered import Filtered
@@ -271,6 +274,12 @@ def cell(
             metavar=TOUCH,
         ),
     ] = None,
+    interactive: Annotated[
+        bool,
+        typer.Option(
+            help="Type touches one after the other; each is added to the touches file, which may be a new one."
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
@@ -296,6 +305,10 @@ def cell(
         return
     for name in () if programs else sorted(FOR_PROGRAMS & options.keys()):
         raise typer.BadParameter("it goes with --program", param_hint=f"--{name.replace('_', '-')}")
+    if interactive:
+        if programs or touch or "touches" not in options:
+            raise typer.BadParameter("expected the touches file alone, such as touches.csv", param_hint="--interactive")
+        _type_touches(options["touches"], read(calibration).record.arm().joint_columns)
     touches = _touches(options.pop("touches", None), touch, bool(programs))
     refuse_overwriting(
         {"out": out, "declare": declare, "urdf": urdf, "report": report}, [touches], programs, calibration
@@ -344,6 +357,51 @@ def cell(
         show.say(f"Written to {report}: the cell as a page")
     if urdf is not None:
         show.say(f"Written to {urdf}: the whole cell, joints of external axes within the touches")
+
+
+def _type_touches(path: Path, joints: Sequence[str]) -> None:
+    """Ask for touches until an empty line; the file has each as soon as it was typed."""
+    import pandas as pd
+
+    from irbcal.names import csv_bytes
+    from irbcal.safe_files import write_set
+
+    table = pd.DataFrame(columns=["frame", "name", "point", "tool"])
+    if path.exists():
+        try:
+            table = pd.read_csv(path, dtype=str)
+        except (ValueError, OSError) as fault:
+            raise typer.BadParameter(f"{path} is no table of touches: {fault}", param_hint="--interactive") from None
+    show.say(
+        "Each touch: frame name point tool (tool 1 socket, work_object 1 origin 1), then what the controller shows."
+    )
+    words: list[str] = []
+    while True:
+        usual = f" [{' '.join(words)}]" if words else ""
+        typed = input(f"touch {len(table) + 1}{usual}, . ends: ").split() or words
+        if typed == ["."]:
+            return
+        if len(typed) not in (3, 4) or typed[0] not in ("tool", "work_object"):
+            show.say("expected such as: tool 1 socket, or work_object 1 origin 1")
+            continue
+        words = typed
+        of_cad = words[0] == "work_object" and words[2] not in ("origin", "x", "xy")
+        values = _typed_numbers(f"{', '.join(joints)}: ", len(joints))
+        xyz = _typed_numbers("x, y, z of the point in the work object, mm: ", 3) if of_cad else []
+        row = {**dict(zip(("frame", "name", "point", "tool"), [*words, words[1]], strict=False))}
+        row |= dict(zip([*joints, "x_mm", "y_mm", "z_mm"], [*values, *xyz], strict=False))
+        table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
+        write_set({path: csv_bytes(table)})
+
+
+def _typed_numbers(question: str, count: int) -> list[str]:
+    """So many numbers, with blanks or commas between them."""
+    while True:
+        words = input(question).replace(",", " ").split()
+        with suppress(ValueError):
+            if len(words) == count and [float(word) for word in words]:
+                return words
+        show.say(f"expected {count} numbers, found {len(words)} words: {' '.join(words)[:60]}")
 
 
 def _needed(calibration: Path, options: dict[str, Any], out: Path, json: bool) -> None:

@@ -23,6 +23,10 @@ from irbcal.units import DEG, MM
 HALF = 0.5
 """Share of the poses that place a tool anew unless a number is given."""
 
+WELL = 0.01 * DEG
+"""Half of an interval of a zero with which a robot is as good as before; its controller shows so much, too."""
+MANY = 200
+"""Poses at most of which it is said that they are enough."""
 STEPS = 20
 SMALL = 1e-12
 """Last step of the iteration, metres and radians."""
@@ -154,7 +158,11 @@ class Refit:
         if not self.zeros or freedom < 1:
             return [f"{points.poses} poses are too few to tell how certain the zeros are"] * bool(self.zeros)
         covariance = np.linalg.inv(A.T @ A) * (miss @ miss) / freedom
-        u95 = t.ppf(0.975, freedom) * np.sqrt(np.diagonal(covariance)[-len(self.zeros) :])
+        std = np.sqrt(np.diagonal(covariance)[-len(self.zeros) :])
+        u95 = t.ppf(0.975, freedom) * std
+        poses = np.arange((A.shape[1] + 3) // 3, MANY)
+        half_by_poses = t.ppf(0.975, 3 * poses - A.shape[1]) * std.max() * np.sqrt(points.poses / poses)
+        enough = int(poses[np.argmax(half_by_poses <= WELL)]) if half_by_poses[-1] <= WELL else 0
         out = []
         for joint, half in zip(self.zeros, u95, strict=True):
             table, slides = placed.arm.table, bool(placed.arm.table.prismatic[joint - 1])
@@ -164,6 +172,9 @@ class Refit:
                 f"Joint {joint} stands {moved:+.4f} ± {half / unit:.4f} {name} (95 %) beside what it shows: let it "
                 f"show {moved:+.4f} {name} more there (mastering), then the calibration holds again"
             )
+        if not placed.arm.table.prismatic[[joint - 1 for joint in self.zeros]].any():
+            words = f"{enough} poses like these are enough" if enough else f"{MANY} poses like these are not enough"
+            out.append(f"{words} for zeros within {WELL / DEG:g} degrees (95 %)")
         return out
 
     def _equations(

@@ -126,6 +126,24 @@ def test_residuals_have_their_derivatives(robot, touches):
     assert {key[1] for key in problem.layout if key[0] == "screw"} == {"base", "e2_deg", "e3_deg"}
 
 
+def test_two_touches_of_a_mark_show_a_conveyor(record, robot):
+    """The belt's true direction is turned by a degree and 0.05 % too long against what the controller has."""
+    belt = Rotation.from_euler("z", 1, degrees=True).apply([0.0, 1.0005, 0.001])
+    rng = np.random.default_rng(2)
+    points = {"origin": [0, 0, 0], "x": [0.2, 0, 0], "xy": [0.05, 0.15, 0], "mark": [0.1, 0.1, 0.0]}
+    places = [("tool", "grip", "socket", SOCKET, 0.0)] * 5
+    places += [
+        ("work_object", "belt", name, frames.apply(T_OBJECT, np.array([xyz]))[0], 0.0) for name, xyz in points.items()
+    ]
+    places.append(("work_object", "belt", "mark", places[-1][3] + 0.25 * belt, 250.0))
+    rows = [[*head, "grip", *np.degrees(reach(robot, place, rng)), e] for *head, place, e in places]
+    columns = ["frame", "name", "point", "tool", *(f"q{k}_deg" for k in range(1, 7)), "e1_mm"]
+    axes = pd.DataFrame({"axis": ["e1_mm"], "carries": ["belt"], "dx": [0], "dy": [1], "dz": [0]})
+    cell = cell_frames(record, pd.DataFrame(rows, columns=columns).assign(u95_mm=0.05), axes=axes)
+    T = carried(cell.axes, "belt", {"e1": 400.0}) @ cell.work_objects["belt"].T_true
+    np.testing.assert_allclose(T[:3, 3], T_OBJECT[:3, 3] + 0.4 * belt, rtol=0, atol=5e-5)
+
+
 # ---------------------------------------------------------------- programs
 
 FIXTURE_CONTROLLER = T_OBJECT @ frames.from_xyz_angles([0.0004, -0.0006, 0.0003, 0.0, 0.0005, 0.0])

@@ -8,10 +8,12 @@ import pandas as pd
 import pytest
 from support import Posed, assert_derivative, assert_same_poses
 from touching import SOCKET, START, TIP, reach
+from typer.testing import CliRunner
 
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
 from irbcal.cell.cell_frames import Adjusted, _covariance, adjust, cell_frames
 from irbcal.cell.robot_derivatives import point_derivatives
+from irbcal.cli.main import app
 from irbcal.correction.languages import krl
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io import calibration_folder
@@ -353,6 +355,29 @@ def test_the_command_writes_as_makers_do(demo_calibration, rows, tmp_path, progr
     np.testing.assert_allclose(numbers, expected, rtol=0, atol=6e-5)
     content = program(*call, "--json")
     assert (content["schema_name"], content["simulated"]) == ("irbcal-cell-1", True)
+
+
+def test_touches_are_typed_and_kept(demo_calibration, rows, tmp_path):
+    """Wrong lines are asked for again; the next touch has the words of the one before unless others are typed."""
+    table, path = table_of(rows), tmp_path / "typed.csv"
+    typed, words = ["tool grip", "socket 1 x"], ""
+    for row in table.to_dict("records"):
+        before, words = words, f"{row['frame']} {row['name']} {row['point']} {row['tool']}"
+        typed += ["" if words == before else words, "1 2 three", "1 2 3"]
+        typed.append(", ".join(str(row[f"q{k}_deg"]) for k in range(1, 7)))
+        if words.startswith("work_object") and row["point"] not in ("origin", "x", "xy"):
+            typed.append(" ".join(str(row[name]) for name in ("x_mm", "y_mm", "z_mm")))
+    call = ["cell", str(demo_calibration), str(path), "--interactive", "--out", str(tmp_path / "cell.json")]
+    done = CliRunner().invoke(app, call, input="\n".join([*typed, ".", ""]), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    kept = pd.read_csv(path)
+    assert kept[["frame", "name", "point", "tool"]].to_numpy().tolist() == table.iloc[:, :4].to_numpy().tolist()
+    for name in (*(f"q{k}_deg" for k in range(1, 7)), "x_mm"):
+        asked = pd.to_numeric(table[name])
+        np.testing.assert_allclose(kept[name], asked, rtol=0, atol=1e-9)
+    stopped = CliRunner().invoke(app, [*call[:2], str(tmp_path / "two.csv"), *call[3:]], input="\n".join(typed[2:6]))
+    assert stopped.exit_code == 1
+    assert len(pd.read_csv(tmp_path / "two.csv")) == 1, "what was typed before is kept"
 
 
 def test_the_example_has_its_check_values(shared_data, tmp_path, program):

@@ -166,9 +166,14 @@ def test_intervals_hold(robots):
     for _ in range(200):
         noisy = replace(points, xyz=points.xyz + rng.normal(scale=1e-4, size=(points.poses, 3))[points.pose])
         placed = refit.placed(true, noisy, "m.csv")
-        for joint, words in zip((3, 5), refit.zeros_in_words(true, placed, noisy), strict=True):
+        *of_joints, enough = refit.zeros_in_words(true, placed, noisy)
+        halves = []
+        for joint, words in zip((3, 5), of_joints, strict=True):
             value, _, half = words.split("stands ")[1].split()[:3]
             held.append(abs(float(value) - np.degrees(LOST[joint])) < float(half))
+            halves.append(float(half))
+        assert (int(enough.split()[0]) <= points.poses) == (max(halves) <= 0.01 + 5e-5)
+        assert enough.endswith("poses like these are enough for zeros within 0.01 degrees (95 %)")
     assert 0.92 < np.mean(held) < 0.98
 
 
