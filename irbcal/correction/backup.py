@@ -25,6 +25,7 @@ from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.languages.krl import KUKA, POSE
+from irbcal.correction.listing import up_to_next
 from irbcal.errors import ProgramError
 from irbcal.units import MM
 
@@ -159,7 +160,7 @@ def _instances(text: str, kind: str) -> list[dict[str, str]]:
     """Instances of one type of a configuration file of ABB, their attributes without quotes."""
     types = list(_CFG_TYPE.finditer(text))
     out: list[dict[str, str]] = []
-    for found, end in zip(types, [*(behind.start() for behind in types[1:]), len(text)], strict=True):
+    for found, end in up_to_next(types, len(text)):
         if found[1] == kind:
             for name, value in _CFG_VALUE.findall(text, found.end(), end):
                 out += [{}] if name == "name" or not out else []

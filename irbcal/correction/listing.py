@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple, TypeAlias
 
@@ -171,6 +171,11 @@ def mark_in(comments: Iterable[str]) -> str | None:
         if match:
             return match[1] or ""
     return None
+
+
+def up_to_next(heads: Sequence[re.Match[str]], end: int) -> Iterator[tuple[re.Match[str], int]]:
+    """Headings of a text, each with the place where the next one begins; ``end``: of the text."""
+    return zip(heads, [*(behind.start() for behind in heads[1:]), end], strict=False)
 
 
 def number_like(old: str, value: float, fewest: int) -> str:

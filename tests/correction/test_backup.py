@@ -129,6 +129,14 @@ def test_controllers_that_correct_their_robot_are_recognised(tmp_path, language,
     assert (words in found.accuracy) if words else not found.accuracy
 
 
+def test_files_of_a_backup_without_any_entry_say_nothing(tmp_path):
+    laid(tmp_path, {"TOOL.CND": "", "UFRAME.CND": "no heading\n"})
+    assert inform.backup_of(tmp_path) == ({}, {}, {})
+    laid(tmp_path, {"SYSFRAME.VA": "", "RAPID/a.mod": "\n", "SYSPAR/MOC.cfg": "-name\n"})
+    assert fanuc.frames_beside(tmp_path) == ({}, {})
+    assert backup.of_programs("rapid", [tmp_path / "RAPID/a.mod"]).accuracy == ""
+
+
 def test_yaskawa_tools_and_user_frames_stand_beside_the_job(tmp_path):
     nominal, _, at = robot_of("gp8")
     job = (

@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
-from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
+from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, up_to_next
 from irbcal.correction.loads import Load, LoadFlow, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -324,7 +325,7 @@ def loads_beside(folder: Path) -> dict[str, Load]:
     """
     fields: dict[str, dict[str, str]] = {}
     for path in sorted(path for path in folder.glob("*") if path.name.lower() == SYSTEM_LOADS):
-        for number, name, value in _SCHEDULE.findall(read_bytes(path).decode("latin-1")):
+        for number, name, value in _SCHEDULE.findall(safe_files.read_bytes(path, ProgramError).decode("latin-1")):
             fields.setdefault(number, {}).setdefault(name, value.strip())
     out = {}
     for number, schedule in fields.items():
@@ -345,9 +346,9 @@ def frames_beside(folder: Path) -> tuple[dict[str, FloatArray], dict[str, FloatA
     """
     found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
     for path in sorted(path for path in folder.glob("*") if path.name.lower() == SYSTEM_FRAMES):
-        text = read_bytes(path).decode("latin-1")
+        text = safe_files.read_bytes(path, ProgramError).decode("latin-1")
         variables = list(_VARIABLE.finditer(text))
-        for variable, end in zip(variables, [*(v.start() for v in variables[1:]), len(text)], strict=True):
+        for variable, end in up_to_next(variables, len(text)):
             if variable[1] not in ("MNUTOOL", "MNUFRAME"):
                 continue
             frames_of = found[variable[1] == "MNUFRAME"]

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.instructions import INSTRUCTIONS, MotionInstruction, teaching
-from irbcal.correction.listing import Edit, Listing, Number, mark_in
+from irbcal.correction.listing import Edit, Listing, Number, mark_in, up_to_next
 from irbcal.correction.loads import load_of
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -149,9 +150,9 @@ def backup_of(folder: Path) -> NumberedData:
     names = {"TOOL": "tool.cnd", "UFRAME": "uframe.cnd"}
     for kind, (title, name) in enumerate(names.items()):
         for path in sorted(path for path in folder.glob("*") if path.name.lower() == name):
-            text = read_bytes(path).decode("latin-1").replace("\r\n", "\n")
+            text = safe_files.read_bytes(path, ProgramError).decode("latin-1").replace("\r\n", "\n")
             heads = [head for head in _NUMBERED.finditer(text) if head[1] == title]
-            for head, end in zip(heads, [*(behind.start() for behind in heads[1:]), len(text)], strict=True):
+            for head, end in up_to_next(heads, len(text)):
                 line = (_USER_LINE.search if kind else _TOOL_LINE.match)(text, head.end() + 1, end)
                 numbers = _numbers(line[1].strip(), 0) if line is not None else None
                 if numbers is None or len(numbers) != 6:
