@@ -208,7 +208,10 @@ def test_a_routine_begins_with_the_tool_and_frame_of_its_calls(statements):
         assert [(use.tool, use.work_object) for use in point.uses] == [expected]
 
 
-@pytest.mark.parametrize(("event", "known"), [("", True), ("INTERRUPT DECL 3 WHEN $IN[1] DO sub()\n", False)])
+@pytest.mark.parametrize(
+    ("event", "known"),
+    [("", True), ("INTERRUPT DECL 3 WHEN $IN[1] DO sub()\n", False), ("$IPO_MODE=#TCP\n", False)],
+)
 def test_a_krl_routine_begins_with_the_tool_and_base_of_its_calls(event, known):
     program = krl_program(f"{event}{AXES}sub()\n", more=f"DEF sub()\nLIN {POINT}\nEND\n")
     (target,) = (target for target in program.targets if target.kind == "pose" and target.uses)

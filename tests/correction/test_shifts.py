@@ -89,6 +89,18 @@ def test_moves_away_from_a_point_are_told(language, move):
     assert f"off by {off[1]:.3f} mm ({off[0]:.3f} mm without" in note
 
 
+def test_behind_a_move_away_the_posture_is_known_and_the_side_it_comes_from_is_not():
+    robots = robot_of("rs007n", size=0.05)
+    seen = kawasaki_program(robots, "LDEPART 80\r\nLMOVE p1")
+    numbers = {target.name: k for k, target in enumerate(seen.targets)}
+    at_point = [stop for stop in seen.stops() if stop.target == numbers["p1"]]
+    assert [stop.previous for stop in at_point] == [numbers["#h"], None]
+    assert seen.targets[numbers["p1"]].after == [numbers["#h"], numbers["p1"]]
+    twice = kawasaki_program(robots, "LDEPART 80\r\nLDEPART 20")
+    assert [left.reason for left in twice.left()] == ["it moves by a distance"]
+    assert len(twice.shifts) == 1
+
+
 @pytest.mark.parametrize("move", ["LIN_REL {A 5}", "LIN_REL {Z 5,E1 10}", "LIN_REL {Z n}", "PTP_REL {Z 5}"])
 def test_other_relative_moves_are_left(move):
     robots = robot_of("kr120r2500pro", size=0.05)
