@@ -29,6 +29,7 @@ VERBS = {
     "ik": "inverse_kinematics",
     "filter": "correct",
     "urdf": "urdf_from_dh",
+    "app": None,  # calls the commands
     "demo": None,  # calibrate with the shipped data
     "fleet": None,  # has commands of its own
 }

@@ -33,7 +33,7 @@ FLOORS = (
     ("calibration", "pipeline", "sessions"),
     ("fleet",),
     ("examples",),
-    ("cli",),
+    ("cli", "app"),
 )
 """Rooms from the ground up; one imports only what is below, or beside it where that does not import it back."""
 

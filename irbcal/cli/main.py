@@ -31,6 +31,7 @@ PANELS = {
         "view",
         "fleet",
         "report",
+        "app",
     ),
     "Prepare": ("robots", "urdf", "plan", "simulate", "samples"),
     "Use": ("fk", "ik", "cell", "filter", "export", "stream", "verify", "sign"),
@@ -95,6 +96,7 @@ if TYPE_CHECKING:
 
 HELP = "Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."
 PACKAGES = {"collada": "pycollada", "pinocchio": "pin", "yaml": "pyyaml"}
+PACKAGES |= dict.fromkeys(("nicegui", "fastapi", "uvicorn"), "'irbcal[app]'")
 PACKAGES |= {"sqlalchemy": "'irbcal[fleet]'", "cv2": "'irbcal[camera]'", "pyarrow": "'irbcal[parquet]'"}
 """Packages whose modules have other names, and extras that bring them."""
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}

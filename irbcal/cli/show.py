@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import shutil
 import sys
@@ -72,7 +73,14 @@ def with_plot(file: Path | None, json: bool, compute: Callable[[], Any], save: C
 
 @contextmanager
 def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """A progress bar on stderr; yields a function to call with a text at the start of each step."""
+    """A progress bar on stderr; yields a function to call with a text at the start of each step.
+
+    With ``IRBCAL_PROGRESS=lines`` in the environment each text is a line behind the record separator (U+001E), for
+    programs that run commands and show what they do.
+    """
+    if os.environ.get("IRBCAL_PROGRESS") == "lines" and not quiet:
+        yield lambda text: print(f"\x1e{text}", file=sys.stderr, flush=True)
+        return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from irbcal.terminal import Terminal

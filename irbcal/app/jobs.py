@@ -1,0 +1,171 @@
+"""Command lines that run beside the server: their output as it comes, how they ended, and how to stop them.
+
+A step of the app is the command line that its page shows, in a process of its own: what it computes is what the shell
+would compute, and a step that is stopped leaves the files of before, as every command of irbcal does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shlex
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+LONGEST_OUTPUT = 200_000
+"""Characters of output that are kept for a page; the rest of them are dropped."""
+LONGEST_LINE = 1 << 24
+"""Bytes."""
+PROGRESS = "\x1e"
+"""First character of a line that names the step at work, see `irbcal.cli.show.progress`."""
+PATIENCE_S = 5.0
+"""Seconds between asking a process to stop and ending it."""
+
+
+def shown(arguments: Sequence[str]) -> str:
+    """The command line as a user types it."""
+    return shlex.join(["irbcal", *arguments])
+
+
+@dataclass(eq=False)
+class Job:
+    """A command line that runs or ran.
+
+    Attributes
+    ----------
+    step : str
+        The step of a page that it is.
+    arguments : list of str
+        Behind ``irbcal``.
+    output : str
+        What it printed.
+    at : str
+        What it works on.
+    code : int or None
+        Its exit code; None while it runs.
+    stopped : bool
+        Whether a user stopped it.
+    """
+
+    step: str
+    arguments: list[str]
+    output: str = ""
+    at: str = ""
+    code: int | None = None
+    stopped: bool = False
+    began: float = field(default_factory=time.monotonic)
+    seconds: float = 0.0
+    _process: asyncio.subprocess.Process | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self.code is None
+
+    @property
+    def good(self) -> bool:
+        """Whether it did what it was asked for; exit code 3 is a verdict that is not good, of files that are."""
+        return self.code in (0, 3)
+
+    async def run(self, folder: Path, changed: Callable[[], None]) -> None:
+        """Run it to its end in a folder, and say whenever there is news."""
+        environment = os.environ | {"IRBCAL_PROGRESS": "lines", "PYTHONUNBUFFERED": "1", "COLUMNS": "110"}
+        environment["PYTHONIOENCODING"] = "utf-8"
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "irbcal",
+            *self.arguments,
+            cwd=folder,
+            env=environment,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            limit=LONGEST_LINE,
+        )
+        stream = self._process.stdout
+        changed()
+        try:
+            while stream is not None and (chunk := await stream.readline()):
+                line = chunk.decode("utf-8", "replace")
+                if line.startswith(PROGRESS):
+                    self.at = line.removeprefix(PROGRESS).strip()
+                elif len(self.output) < LONGEST_OUTPUT:
+                    self.output += line
+                self.seconds = time.monotonic() - self.began
+                changed()
+            await self._process.wait()
+        finally:
+            await self.stop() if self._process.returncode is None else None
+            self.code = self._process.returncode
+            self.seconds = time.monotonic() - self.began
+            changed()
+
+    async def stop(self) -> None:
+        """Ask it to stop as Ctrl-C does; end it where it does not hear."""
+        process = self._process
+        if process is None or process.returncode is not None:
+            return
+        self.stopped = True
+        process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+        try:
+            await asyncio.wait_for(process.wait(), PATIENCE_S)
+        except asyncio.TimeoutError:
+            process.kill()
+            await process.wait()
+
+
+class Jobs:
+    """The jobs of a project: the last of each step, one at a time."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.last: dict[str, Job] = {}
+        self.changes = 0
+
+    @property
+    def running(self) -> Job | None:
+        """The job that runs, if one does."""
+        return next((job for job in self.last.values() if job.running), None)
+
+    async def run(self, step: str, commands: Sequence[Sequence[str]]) -> Job | None:
+        """Run command lines one after the other, as long as each is good.
+
+        Returns
+        -------
+        Job or None
+            The last that ran; None where another one runs already: a project's files have one writer.
+        """
+        if self.running:
+            return None
+        output = ""
+        for arguments in commands:
+            job = self.last[step] = Job(step, list(arguments), output + f"$ {shown(arguments)}\n")
+            await job.run(self.folder, self._changed)
+            output = job.output + "\n"
+            if not job.good or job.stopped:
+                break
+        return job
+
+    def _changed(self) -> None:
+        self.changes += 1
+
+
+async def captured(arguments: Sequence[str], folder: Path) -> tuple[int, str, str]:
+    """Run a command line that takes a moment: its exit code, standard output and standard error."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "irbcal",
+        *arguments,
+        cwd=folder,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    out, err = await process.communicate()
+    return process.returncode or 0, out.decode("utf-8", "replace"), err.decode("utf-8", "replace")

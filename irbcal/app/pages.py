@@ -1,0 +1,456 @@
+"""The pages of the app: each shows its steps, their command lines, what they print and the files they gave."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import PurePosixPath
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.responses import FileResponse, PlainTextResponse, Response
+from nicegui import ui
+from nicegui.events import UploadEventArguments
+
+from irbcal.app import steps
+from irbcal.app.jobs import Job, Jobs, captured, shown
+from irbcal.app.project import Project
+from irbcal.app.steps import MAKERS, PAGES, Option, Page, Step
+from irbcal.errors import IrbcalError
+from irbcal.validation.origin import FIELDS
+
+STYLE = """
+body { font-family: system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
+.page { max-width: 70rem; margin: 0 auto; }
+pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .85rem; margin: 0; }
+iframe { width: 100%; height: 75vh; border: 1px solid #8888; border-radius: .3rem; background: #fff; }
+h1 { font-size: 1.6rem; line-height: 1.3; margin: 0; } h2 { font-size: 1.15rem; line-height: 1.4; margin: .5rem 0 0; }
+nav a { display: flex; gap: .7rem; align-items: center; padding: .6rem 1rem; color: inherit; text-decoration: none; }
+.nicegui-link { color: #17528a; }
+nav a[aria-current] { background: #17528a22; font-weight: 600; }
+nav a:focus-visible, button:focus-visible { outline: 3px solid #c77700; }
+"""
+LARGEST_DROP = 500_000_000
+"""Bytes of a dropped file."""
+LOOK_EVERY_S = 0.5
+"""Seconds between looks for news of a job."""
+ROBOT_FILES = (".urdf", ".xacro")
+UNITS = {"units.joints": ["deg", "rad"], "units.lengths": ["mm", "m", "in"]}
+
+
+def build(application: FastAPI, project: Project) -> None:
+    """Make the pages of a project, and the routes of its files.
+
+    Parameters
+    ----------
+    application : FastAPI
+        Which serves them.
+    project : Project
+    """
+    jobs = Jobs(project.folder)
+
+    @application.get("/files/{path:path}")
+    def file(path: str, download: bool = False) -> Response:
+        """A file of the project, to be shown in a frame or to be kept."""
+        place = project.inside(path)
+        if place is None:
+            return PlainTextResponse("There is no such file in this project.", 404)
+        headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+        # what a file of the project does when it is opened, it does without this site's cookie
+        headers["Content-Security-Policy"] = "sandbox allow-scripts allow-downloads allow-modals"
+        return FileResponse(place, filename=place.name if download else None, headers=headers)
+
+    @application.get("/folder/{path:path}")
+    def folder(path: str) -> Response:
+        """A folder of the project as a zip archive."""
+        place = (project.folder / path).resolve()
+        if not place.is_dir() or not place.is_relative_to(project.folder.resolve()):
+            return PlainTextResponse("There is no such folder in this project.", 404)
+        content = io.BytesIO()
+        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+            for inner in sorted(place.rglob("*")):
+                if inner.is_file():
+                    archive.write(inner, inner.relative_to(place.parent))
+        name = f'attachment; filename="{PurePosixPath(path).name}.zip"'
+        return Response(content.getvalue(), media_type="application/zip", headers={"Content-Disposition": name})
+
+    for page in PAGES:
+        ui.page(f"/{page.name}", title=f"{page.title} – irbcal")(partial(_show, page, project, jobs))
+    ui.page("/", title="irbcal")(partial(_show, PAGES[0], project, jobs))
+
+
+def _show(page: Page, project: Project, jobs: Jobs) -> None:
+    """A page of the app."""
+    ui.add_css(STYLE)
+    ui.colors(primary="#17528a")
+    ui.context.client.page.language = "en-US"
+    with ui.header().classes("items-center"):
+        menu = ui.button(icon="menu").props('flat color=white aria-label="Pages"')
+        ui.label(f"irbcal · {project.folder.name}").classes("text-lg")
+    drawer = ui.left_drawer(value=False, bordered=True).props("show-if-above width=210 breakpoint=800")
+    menu.on("click", js_handler=f"() => getElement({drawer.id}).toggle()")
+    with drawer, ui.element("nav").props('aria-label="Pages"'):
+        for other in PAGES:
+            with ui.link(target=f"/{other.name}").props('aria-current="page"' if other is page else ""):
+                ui.icon(other.icon).props('aria-hidden="true"')
+                ui.label(other.title)
+    with ui.column().classes("page w-full gap-4"):
+        ui.html(f"<h1>{page.title}</h1>", sanitize=False)
+        ui.label(page.text).classes("text-base max-w-3xl")
+        refreshers: list[Callable[[], object]] = []
+        if page.name == "robot":
+            _choose_robot(project, refreshers)
+        if page.upload:
+            _drop(page, project, refreshers)
+        if page.name == "data":
+            _columns(project, refreshers)
+        for step in page.steps:
+            _step(step, project, jobs, refreshers)
+    _follow(jobs, refreshers)
+
+
+def _follow(jobs: Jobs, refreshers: list[Callable[[], object]]) -> None:
+    """Show news of jobs as they come."""
+    known = jobs.changes
+
+    def look() -> None:
+        nonlocal known
+        if jobs.changes != known:
+            known = jobs.changes
+            _renew(refreshers)
+
+    ui.timer(LOOK_EVERY_S, look)
+
+
+def _renew(refreshers: list[Callable[[], object]]) -> None:
+    for refresh in refreshers:
+        refresh()
+
+
+def _say(error: IrbcalError) -> None:
+    ui.notify(str(error), type="negative", timeout=10_000, close_button="Close", multi_line=True)
+
+
+def _drop(page: Page, project: Project, refreshers: list[Callable[[], object]]) -> None:
+    """Where files are dropped, and those that were."""
+
+    async def take(event: UploadEventArguments) -> None:
+        try:
+            path = project.add(page.upload, event.file.name, await event.file.read())
+            if page.name == "robot" and path.endswith(ROBOT_FILES):
+                project.choose("robot", robot=path)
+        except (IrbcalError, OSError) as error:
+            _say(error if isinstance(error, IrbcalError) else IrbcalError(str(error.strerror), file=event.file.name))
+        _renew(refreshers)
+
+    def remove(path: str) -> None:
+        project.remove(path)
+        _renew(refreshers)
+
+    upload = ui.upload(
+        multiple=True,
+        auto_upload=True,
+        max_file_size=LARGEST_DROP,
+        on_upload=take,
+        on_rejected=lambda: ui.notify(
+            "A file of more than 500 MB is not taken: use the command line.", type="negative"
+        ),
+    ).classes("hidden")
+    uploader = f"getElement({upload.id}).$refs.qRef"
+    zone = ui.row().classes("w-full max-w-3xl items-center border-2 border-dashed rounded p-4")
+    zone.on("dragover", js_handler="(event) => event.preventDefault()")
+    take_drop = f"(event) => {{ event.preventDefault(); {uploader}.addFiles(event.dataTransfer.files); }}"
+    zone.on("drop", js_handler=take_drop)
+    with zone:
+        ui.button("Choose files", icon="upload_file").on("click", js_handler=f"() => {uploader}.pickFiles()").props(
+            "outline"
+        )
+        ui.label(f"or drop them here: {page.drop}")
+
+    @ui.refreshable
+    def dropped() -> None:
+        for path in project.files(page.upload):
+            with ui.row().classes("items-center gap-2"):
+                ui.link(PurePosixPath(path).name, f"/files/{path}?download=1")
+                label = f"Remove {PurePosixPath(path).name}"
+                ui.button(icon="delete", on_click=partial(remove, path)).props(f'flat dense round aria-label="{label}"')
+
+    dropped()
+    refreshers.append(dropped.refresh)
+
+
+def _choose_robot(project: Project, refreshers: list[Callable[[], object]]) -> None:
+    """The robot: of the catalogue, or a dropped file."""
+    import irbcal
+
+    @ui.refreshable
+    def choice() -> None:
+        dropped = [path for path in project.files("robot") if path.endswith(ROBOT_FILES)]
+        names = {path: f"{PurePosixPath(path).name} (dropped)" for path in dropped}
+        names |= {robot.name: robot.name for robot in irbcal.robots()}
+        value = project.robot if project.robot in names else None
+
+        def choose(event: Any) -> None:
+            project.choose("robot", robot=event.value or "")
+            _renew(refreshers)
+
+        ui.select(names, label="Robot", value=value, with_input=True, clearable=True, on_change=choose).classes("w-96")
+
+    choice()
+    refreshers.append(choice.refresh)
+    _pendant(project)
+
+
+def _pendant(project: Project) -> None:
+    """Compare a pose with what the pendant shows."""
+    with ui.expansion("Compare a pose with the pendant", icon="rule").classes("w-full max-w-3xl"):
+        joints = ui.input("Joints as the pendant shows them, degrees", placeholder="0, -14, 14, 0, 0, 0").classes(
+            "w-96"
+        )
+        place = ui.input("Tool 0 in the base as the pendant shows it, mm", placeholder="x, y, z").classes("w-96")
+        answer = ui.label().props('role="status"')
+
+        def compare() -> None:
+            try:
+                answer.text = _difference(project, joints.value, place.value)
+            except IrbcalError as error:
+                answer.text = str(error)
+
+        ui.button("Compare", on_click=compare).props("outline")
+
+
+def _difference(project: Project, joints: str, place: str) -> str:
+    """How far the nominal robot is from what a pendant shows, as a sentence."""
+    import numpy as np
+
+    import irbcal
+
+    robot = project.robot
+
+    def numbers(text: str, what: str) -> Any:
+        try:
+            return np.array([float(word) for word in text.replace(";", ",").split(",")])
+        except ValueError:
+            raise IrbcalError(f"{what}: expected numbers with commas between them, found {text!r}") from None
+
+    if not robot:
+        return steps.ROBOT
+    arm = irbcal.read_urdf(project.folder / robot if project.has(robot) else robot).arm
+    q = numbers(joints, "joints")
+    if len(q) != len(arm.joint_units):
+        raise IrbcalError(f"joints: {robot} has {len(arm.joint_units)}, found {len(q)}")
+    tip = 0.0 + np.round(1e3 * arm.forward(arm.from_controller(q * arm.joint_units)[None])[0, :3, 3], 2)
+    text = f"The nominal robot is at {tip[0]:.2f}, {tip[1]:.2f}, {tip[2]:.2f} mm"
+    if not place.strip():
+        return text
+    shown_place = numbers(place, "place")
+    if len(shown_place) != 3:
+        raise IrbcalError(f"place: expected x, y and z, found {len(shown_place)} numbers")
+    distance = np.linalg.norm(tip - shown_place)
+    verdict = (
+        "the same arm" if distance < 0.1 else "another arm, other signs or another tool: mend it before you measure"
+    )
+    return f"{text}, {distance:.2f} mm from the pendant: {verdict}."
+
+
+def _columns(project: Project, refreshers: list[Callable[[], object]]) -> None:
+    """What the columns hold, as it is understood, and how that is corrected."""
+    place = ui.column().classes("w-full")
+
+    async def look() -> None:
+        if not project.files("data"):
+            return
+        values = project.choices().get("data", {})
+        robot = ["--robot", project.robot] if project.robot else []
+        words = ["import", *project.files("data"), *robot, *steps.sets(values), "--dry-run", "--json"]
+        place.clear()
+        with place:
+            ui.spinner()
+        code, text, complaint = await captured(words, project.folder)
+        place.clear()
+        with place:
+            if code != 0:
+                ui.label(complaint.removeprefix("irbcal: ")).classes("text-negative").props('role="alert"')
+            else:
+                _understood(json.loads(text), project, look)
+
+    ui.button("Look at the columns", icon="search", on_click=look).props("outline")
+
+
+def _understood(result: dict[str, Any], project: Project, look: Callable[[], Any]) -> None:
+    """The table of columns, the first rows, and the fields that correct them."""
+    counts = ", ".join(f"{name} {row['measured']}" for name, row in result["targets"].items())
+    lost = f"; {result['lost']} lost points" if result["lost"] else ""
+    ui.label(f"{result['poses']} poses; points: {counts}{lost}.").classes("font-bold").props('role="status"')
+    for warning in result["warnings"]:
+        ui.label(warning)
+    columns = result["map"].get("columns", {})
+    chosen = project.choices().get("data", {}).get("set", {})
+
+    async def change(key: str, value: str) -> None:
+        project.choose("data", set=project.choices().get("data", {}).get("set", {}) | {key: value})
+        await look()
+
+    with ui.row().classes("items-end"):
+        for key, units in UNITS.items():
+            unit = result["map"].get("units", {}).get(key.partition(".")[2])
+            label = f"Unit of {key.partition('.')[2]}"
+            ui.select(["", *units], label=label, value=unit if unit in units else "").classes("w-40").on_value_change(
+                lambda event, key=key: change(key, event.value)
+            )
+        if chosen:
+
+            async def forget() -> None:
+                project.choose("data", set={})
+                await look()
+
+            ui.button("Forget my corrections", on_click=forget).props("flat")
+    names = sorted({name for entry in columns.values() for name in _names(entry)})
+    joints = columns.get("joints") or []
+    with ui.row().classes("items-end"):
+        for k, name in enumerate(joints):
+
+            async def move(event: Any, k: int = k) -> None:
+                await change("columns.joints", json.dumps([*joints[:k], event.value, *joints[k + 1 :]]))
+
+            ui.select(names, label=f"Joint {k + 1}", value=name, with_input=True, new_value_mode="add-unique").classes(
+                "w-40"
+            ).on_value_change(move)
+    first = result["first_rows"]
+    if first:
+        header = [{"name": key, "label": key, "field": key, "align": "right"} for key in first[0]]
+        ui.table(rows=first, columns=header, title="The first rows as they are understood").classes("w-full").props(
+            "dense flat"
+        )
+
+
+def _names(entry: Any) -> list[str]:
+    """Column names in an entry of a map."""
+    if isinstance(entry, str):
+        return [entry]
+    if isinstance(entry, dict):
+        entry = list(entry.values())
+    return [name for inner in entry for name in _names(inner)] if isinstance(entry, list) else []
+
+
+def _field(option: Option, step: Step, project: Project) -> None:
+    """A field of an option, which keeps what is typed."""
+    value = project.choices().get(step.name, {}).get(option.name)
+    keep = partial(_keep, project, step.name, option.name)
+    element: Any
+    if option.kind == "switch":
+        element = ui.switch(option.label, value=bool(value), on_change=keep)
+    elif option.kind == "choice":
+        choices = {"": "default"} | {name: name for name in option.choices}
+        element = ui.select(choices, label=option.label, value=value if value in choices else "", on_change=keep)
+        element.classes("w-56")
+    else:
+        element = ui.input(option.label, value=str(value or ""), placeholder=option.hint, on_change=keep)
+        element.classes("w-56")
+    with element:
+        ui.tooltip(option.explanation).classes("text-sm max-w-md")
+
+
+def _keep(project: Project, step: str, name: str, event: Any) -> None:
+    project.choose(step, **{name: event.value})
+
+
+def _fields(step: Step, project: Project) -> None:
+    """The fields of a step: options of its command line, and what the page itself asks for."""
+    values = project.choices().get(step.name, {})
+
+    def text(name: str, label: str, area: bool = False) -> None:
+        keep = partial(_keep, project, step.name, name)
+        element: Any = (ui.textarea if area else ui.input)(label, value=str(values.get(name, "")), on_change=keep)
+        element.classes("w-96" if area else "w-56")
+
+    with ui.row().classes("items-end gap-4"):
+        if step.name == "cell":
+            keep = partial(_keep, project, "cell", "maker")
+            makers = {name: name or "none" for name in MAKERS}
+            ui.select(
+                makers, label="Numbers for the controller of", value=values.get("maker", ""), on_change=keep
+            ).classes("w-56")
+            text("declared", "What the controller has, a line each: --tool grip=… or --wobj 1=…", area=True)
+        if step.name == "programs":
+            keep = partial(_keep, project, "programs", "cell")
+            ui.switch(
+                "use the true tools and work objects of the page Cell", value=bool(values.get("cell")), on_change=keep
+            )
+        for option in step.asked:
+            _field(option, step, project)
+        if step.name == "certificate":
+            for name, label in FIELDS.items():
+                text(name, label)
+
+
+def _step(step: Step, project: Project, jobs: Jobs, refreshers: list[Callable[[], object]]) -> None:
+    """A step: its fields, its command lines, what they print, and the files that they gave."""
+
+    async def run() -> None:
+        need = step.needs(project)
+        if need:
+            ui.notify(need, type="warning")
+            return
+        if await jobs.run(step.name, step.commands(project)) is None:
+            ui.notify("Another step is running: wait for it, or stop it.", type="warning")
+
+    with ui.card().classes("w-full").props("flat bordered"):
+        ui.html(f"<h2>{step.title}</h2>", sanitize=False)
+        _fields(step, project)
+
+        @ui.refreshable
+        def state() -> None:
+            _state(step, project, jobs, run)
+
+        state()
+        refreshers.append(state.refresh)
+
+
+def _state(step: Step, project: Project, jobs: Jobs, run: Callable[[], Awaitable[None]]) -> None:
+    job, need = jobs.last.get(step.name), step.needs(project)
+    running = job is not None and job.running
+    with ui.row().classes("items-center gap-3"):
+        start = ui.button(step.title, icon="play_arrow", on_click=run)
+        start.set_enabled(not running and not need)
+        if job is not None and job.running:
+            ui.button("Stop", icon="stop", color="negative", on_click=job.stop)
+            ui.spinner()
+            ui.label(f"{job.at or 'starting'}, {job.seconds:.0f} s").props('role="status"')
+        elif need:
+            ui.label(need)
+    if not need:
+        with ui.expansion("The command line that does the same", icon="terminal").classes("w-full"):
+            ui.code("\n".join(shown(words) for words in step.commands(project)), language="bash").classes("w-full")
+    if job is not None:
+        _output(job)
+    if not running:
+        _files(step, project)
+
+
+def _output(job: Job) -> None:
+    """What a job printed, its end first."""
+    if not job.running:
+        ended = "stopped; the files of before are kept" if job.stopped else "done" if job.good else "refused"
+        color = "text-positive" if job.good and not job.stopped else "text-negative"
+        ui.label(f"{ended} after {job.seconds:.1f} s").classes(f"font-bold {color}").props('role="status"')
+    with ui.element("pre").props('tabindex="0" aria-label="Output"').classes("w-full p-3 border rounded"):
+        ui.label(job.output).style("white-space: pre-wrap")
+
+
+def _files(step: Step, project: Project) -> None:
+    """Downloads, and pages in frames."""
+    files = [name for name in dict.fromkeys((*step.pages, *step.files)) if project.has(name)]
+    with ui.row().classes("gap-4"):
+        for name in files:
+            folder = (project.folder / name).is_dir()
+            ui.link(f"{name}.zip" if folder else name, f"/folder/{name}" if folder else f"/files/{name}?download=1")
+    pages = [name for name in step.pages if project.has(name)]
+    for name in pages:
+        changed = (project.folder / name).stat().st_mtime_ns
+        with ui.row().classes("items-center"):
+            ui.link("Open in a tab of its own, to print it or to keep it as PDF", f"/files/{name}", new_tab=True)
+        ui.element("iframe").props(f'src="/files/{name}?{changed}" title="{name}"')

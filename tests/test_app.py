@@ -1,0 +1,287 @@
+"""The app: the whole job in a real browser, on SIMULATED samples; who may open it; what a stop and a kill leave."""
+
+import contextlib
+import http.client
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import irbcal
+from irbcal.errors import IrbcalError
+
+pytest.importorskip("nicegui", reason="irbcal app needs the extra app")
+
+from irbcal.app import steps
+from irbcal.app.project import Project
+from irbcal.app.server import Guard, free_socket
+
+ENDED = re.compile(r"^(done|refused|stopped)\b.* after ")
+
+
+class Server:
+    """`irbcal app` in a process of its own."""
+
+    def __init__(self, folder):
+        words = [sys.executable, "-m", "irbcal", "app", str(folder), "--no-open", "--port", "0"]
+        self.process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        line = self.process.stdout.readline()
+        found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", line)
+        assert found, line + self.process.stdout.read()
+        self.address, self.port = found[0], int(found[1])
+
+    def page(self, context, name):
+        page = context.new_page()
+        page.set_default_timeout(60_000)
+        page.goto(self.address)
+        page.goto(f"http://127.0.0.1:{self.port}/{name}")
+        page.wait_for_function("window.did_handshake")
+        return page
+
+    def end(self, number=signal.SIGTERM):
+        self.process.send_signal(number)
+        self.process.wait(20)
+        self.process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("samples") / "files"
+    irbcal.samples(folder)
+    return folder
+
+
+@pytest.fixture
+def context(browser):
+    context = browser.new_context()
+    yield context
+    context.close()
+
+
+def drop(page, *files):
+    page.set_input_files("input[type=file]", [str(file) for file in files])
+    for file in files:
+        page.get_by_role("button", name=f"Remove {file.name}").wait_for()
+
+
+def run(page, title):
+    """Press a step's button; how it ended."""
+    page.get_by_role("button", name=title, exact=True).click()
+    ended = page.get_by_text(ENDED).first
+    ended.wait_for()
+    return ended.inner_text()
+
+
+def test_the_whole_job_in_a_browser_gives_what_the_shell_gives(context, samples, tmp_path):
+    folder = tmp_path / "project"
+    server = Server(folder)
+    try:
+        page = server.page(context, "robot")
+        drop(page, samples / "my_robot.urdf")
+        page.get_by_role("button", name=re.compile("Compare a pose")).click()
+        page.get_by_label("Joints as the pendant").fill("0, 0, 0, 0, 0, 0")
+        page.get_by_label("Tool 0 in the base").fill("815, 0, 1186.5")
+        page.get_by_role("button", name="Compare", exact=True).click()
+        # Nubiola 2011, Table 2.1: a1 + d4 + d6 = 150 + 600 + 65 mm, d1 + a2 = 486.5 + 700 mm
+        page.get_by_text("is at 815.00, 0.00, 1186.50 mm").wait_for()
+
+        page = server.page(context, "data")
+        drop(page, samples / "measured.csv")
+        page.get_by_role("button", name="Look at the columns").click()
+        page.get_by_text("100 poses; points: ").wait_for()
+        assert run(page, "Write the measurement file").startswith("done")
+
+        page = server.page(context, "result")
+        assert run(page, "Calibrate").startswith("done")
+        frame = page.frame_locator('iframe[title="my-robot/report.html"]')
+        frame.get_by_text("Better than the nominal robot").first.wait_for()
+        shell = irbcal.calibrate(folder / "measured.csv", str(samples / "my_robot.urdf")).robot_calibrated()
+        q = np.radians([[10.0, -20.0, 30.0, 40.0, 50.0, 60.0], [0.0, 0.0, 0.0, 0.0, 30.0, 0.0]])
+        app = irbcal.load(folder / "my-robot").robot_calibrated()
+        assert np.abs(app.points(q, "smr1") - shell.points(q, "smr1")).max() < 1e-9
+
+        page = server.page(context, "cell")
+        drop(page, samples / "touches.csv")
+        assert run(page, "Compute tools and work objects").startswith("done")
+        page = server.page(context, "programs")
+        drop(page, samples / "job.csv")
+        page.get_by_role("switch", name=re.compile("use the true tools")).click()
+        assert run(page, "Correct the programs").startswith("done")
+        page = server.page(context, "certificate")
+        drop(page, samples / "verification.csv")
+        page.get_by_label("Tolerance", exact=True).fill("0.5")
+        page.get_by_label("Serial number").fill("1600-77")
+        assert run(page, "Judge the robot").startswith("done")
+        assert "1600-77" in (folder / "certificate.html").read_text(encoding="utf-8")
+        page = server.page(context, "history")
+        assert run(page, "Keep this calibration").startswith("done")
+
+        lines = "\n".join(" ".join(words) for words in steps.STEPS["programs"].commands(Project(folder)))
+        assert lines.startswith("filter my-robot programs/job.csv --out corrected/job.csv")
+        again = tmp_path / "again.csv"
+        command = [sys.executable, "-m", "irbcal", *steps.STEPS["programs"].commands(Project(folder))[0]]
+        command[command.index("corrected/job.csv")] = str(again)
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        assert again.read_bytes() == (folder / "corrected" / "job.csv").read_bytes()
+    finally:
+        server.end()
+
+
+def test_bad_files_are_refused_in_a_sentence_and_nothing_is_lost(context, samples, tmp_path):
+    folder = tmp_path / "project"
+    server = Server(folder)
+    try:
+        page = server.page(context, "robot")
+        broken = tmp_path / "broken.urdf"
+        broken.write_text("<robot><link")
+        drop(page, broken)
+        assert run(page, "Show the robot").startswith("refused")
+        page.get_by_text("irbcal: broken.urdf").or_(page.get_by_text("irbcal: robot/broken.urdf")).first.wait_for()
+        drop(page, samples / "my_robot.urdf")
+        page = server.page(context, "data")
+        nonsense = tmp_path / "nonsense.csv"
+        nonsense.write_bytes(b"\x00\x01\xff" * 50)
+        drop(page, nonsense)
+        page.get_by_role("button", name="Look at the columns").click()
+        page.get_by_role("alert").filter(has_text="nonsense.csv").wait_for()
+        assert run(page, "Write the measurement file").startswith("refused")
+        assert not (folder / "measured.csv").exists()
+        # killed without a word: the next server shows what was there
+        server.end(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
+        server = Server(folder)
+        page = server.page(context, "data")
+        page.get_by_role("button", name="Remove nonsense.csv").click()
+        page.get_by_text("Drop measurements first.").wait_for()
+        assert Project(folder).robot == "robot/my_robot.urdf"
+    finally:
+        server.end()
+
+
+def test_a_step_is_stopped_once_and_one_at_a_time(context, samples, tmp_path):
+    folder = tmp_path / "project"
+    project = Project.open(folder)
+    project.add("robot", "my_robot.urdf", (samples / "my_robot.urdf").read_bytes())
+    project.choose("robot", robot="robot/my_robot.urdf")
+    project.choose("plan", **{"--optimal": "200", "--criterion": "position"})
+    server = Server(folder)
+    try:
+        first, second, other = (server.page(context, name) for name in ("plan", "plan", "robot"))
+        first.get_by_role("button", name="Plan the measurement").click()
+        second.get_by_role("button", name="Stop").wait_for()
+        assert second.get_by_role("button", name="Plan the measurement").is_disabled()
+        other.get_by_role("button", name="Show the robot").click()
+        other.get_by_text("Another step is running").wait_for()
+        second.get_by_role("button", name="Stop").click()
+        first.get_by_text("stopped; the files of before are kept").wait_for()
+        assert not (folder / "plan").exists()
+    finally:
+        server.end()
+
+
+def test_pages_can_be_used_by_keyboard_and_screen_reader(context, tmp_path):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    server = Server(tmp_path / "project")
+    try:
+        for page in steps.PAGES:
+            result = axe.run(server.page(context, page.name))
+            grave = [v["id"] for v in result.response["violations"] if v["impact"] in ("serious", "critical")]
+            assert grave == [], page.name
+    finally:
+        server.end()
+
+
+def asked(server, path, **headers):
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.port, timeout=20)) as connection:
+        connection.request("GET", path, headers=headers)
+        with connection.getresponse() as response:
+            return response
+
+
+def test_only_this_computer_with_the_token_gets_anything(tmp_path):
+    (tmp_path / "secret.txt").write_text("not of the project")
+    server = Server(tmp_path / "project")
+    try:
+        token = server.address.partition("token=")[2]
+        cookie = f"irbcal-{server.port}={token}"
+        assert asked(server, "/").status == 403
+        assert asked(server, "/?token=wrong").status == 403
+        assert asked(server, f"/?token={token}", Host="evil.example").status == 403
+        welcome = asked(server, f"/?token={token}")
+        assert welcome.status == 303
+        assert {"HttpOnly", "SameSite=Strict"} < set(welcome.headers["Set-Cookie"].split("; "))
+        assert asked(server, "/robot", Cookie=cookie).status == 200
+        assert asked(server, "/robot", Cookie=cookie, Origin="https://evil.example").status == 403
+        assert asked(server, "/files/project.json", Cookie=cookie).status == 200
+        for path in ("/files/../secret.txt", "/files/%2e%2e/secret.txt", "/folder/..", "/folder/%2e%2e"):
+            assert asked(server, path, Cookie=cookie).status == 404, path
+    finally:
+        server.end()
+
+
+@pytest.mark.parametrize(
+    ("headers", "local"),
+    [
+        ({"host": "127.0.0.1:8170"}, True),
+        ({"host": "LOCALHOST:1"}, True),
+        ({"host": "127.0.0.1.evil.example"}, False),
+        ({"host": "127.0.0.1:8170", "origin": "http://127.0.0.1:8170"}, True),
+        ({"host": "127.0.0.1:8170", "origin": "null"}, False),
+        ({}, False),
+    ],
+)
+def test_hosts_and_origins(headers, local):
+    assert Guard.local(headers) is local
+
+
+def test_a_project_keeps_what_is_dropped_inside(tmp_path):
+    project = Project.open(tmp_path / "new")
+    assert project.add("data", r"C:\fakepath\a b.csv", b"1") == "data/a b.csv"
+    assert project.add("data", "../../a b.csv", b"2") == "data/a b.csv"
+    assert (tmp_path / "new" / "data" / "a b.csv").read_bytes() == b"2"
+    for name in ("", "..", "-rf", ".hidden", "a\nb.csv", "a:b.csv", "x" * 200):
+        with pytest.raises(IrbcalError, match="rename it"):
+            project.add("data", name, b"")
+    project.choose("plan", **{"--optimal": "40"})
+    project.choose("plan", **{"--payload": "3"})
+    assert Project.open(tmp_path / "new").choices()["plan"] == {"--optimal": "40", "--payload": "3"}
+    assert project.inside("../new/project.json") is not None
+    assert project.inside("../secret") is None
+    project.remove("project.json")  # not a dropped file
+    assert project.has("project.json")
+
+
+def test_a_folder_of_others_is_no_project(tmp_path):
+    (tmp_path / "thesis.docx").write_text("")
+    with pytest.raises(IrbcalError, match="not a project"):
+        Project.open(tmp_path)
+    assert not (tmp_path / "project.json").exists()
+    (tmp_path / "project.json").write_text(json.dumps([1]))
+    with pytest.raises(IrbcalError, match="an object for each step"):
+        Project.open(tmp_path)
+
+
+def test_options_are_those_of_the_command_line(tmp_path):
+    project = Project.open(tmp_path / "new")
+    for step in steps.STEPS.values():
+        assert all(option.explanation for option in step.asked), step.name
+    project.choose("robot", robot="irb1600")
+    project.choose("result", **{"--holdout": "0.3", "--model": "34", "--same-tool": True, "--session-by": ""})
+    assert steps.STEPS["result"].commands(project)[0] == [
+        *("calibrate", "measured.csv", "--robot", "irb1600", "--out", "my-robot", "--force"),
+        *("--model=34", "--holdout=0.3", "--same-tool"),
+    ]
+    # what is typed is a value, never an option
+    project.choose("plan", **{"--payload": "--out=/etc"})
+    assert steps.STEPS["plan"].commands(project)[0][-1] == "--payload=--out=/etc"
+
+
+def test_a_taken_port_is_refused():
+    with free_socket(0) as taken:
+        taken.listen()
+        with pytest.raises(IrbcalError, match="cannot be used"):
+            free_socket(taken.getsockname()[1])
