@@ -38,7 +38,7 @@ VERBS = {
 ELSEWHERE = {
     "evaluate": dict.fromkeys(("report", "figures", "data"), "certificate"),
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
-    "cell": {"as": None, "touch": None, "declare": None, "urdf": None, "report": None}
+    "cell": dict.fromkeys(("as", "touch", "declare", "urdf", "report", "interactive"))
     | dict.fromkeys(("program", "pulses", "where", "controller_model"), "program_touches"),
     "simulate": {"device": "simulate_device", "noise": "simulate_device"},
     "plan": {
