@@ -287,9 +287,14 @@ class Result(Locked, ABC):
 
     def page(self, title: str, more: Sequence[Paragraph] = ()) -> str:
         """The report, and more paragraphs, as one HTML page that loads nothing and runs no script."""
-        head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{PAGE_STYLE}</style>'
-        content = f"<h1>{escape(title)}</h1>{_html([*self.report(), *more])}"
-        return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{content}</body></html>\n'
+        return html_page(title, [*self.report(), *more])
+
+
+def html_page(title: str, paragraphs: Sequence[Paragraph]) -> str:
+    """Paragraphs as one HTML page that loads nothing and runs no script."""
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{PAGE_STYLE}</style>'
+    content = f"<h1>{escape(title)}</h1>{_html(paragraphs)}"
+    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{content}</body></html>\n'
 
 
 def _html(paragraphs: Sequence[Paragraph]) -> str:

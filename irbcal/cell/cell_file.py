@@ -28,7 +28,7 @@ from irbcal.modeling.certainty import COVERAGE
 from irbcal.options import shown
 from irbcal.safe_files import read_bytes, write_set
 from irbcal.section import Date, Fingerprint, Name, Numbers, Sentence
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, html_page
 from irbcal.units import DEG, MM
 
 SCHEMA = "irbcal-cell-1"
@@ -273,14 +273,15 @@ class CellFile(Result):
             f"reckons with, {', '.join(f'{size:.2f}' for size in sizes)} mm"
         )
 
-    def page(self, title: str = "Cell", more: Sequence[Paragraph] = ()) -> str:
+    def page(self, title: str = "Cell", more: Sequence[Paragraph] = (), notation: Notation = AS_URDF) -> str:
         """The report with all touches as one HTML page; see `Result.page`."""
         rows = [
             (touch.row, touch.frame.replace("_", " "), touch.name, touch.point, touch.tool, touch.u95 / MM, *sizes)
             for touch, sizes in zip(self.touches, self._residual_sizes().T.tolist(), strict=True)
         ]
         heads = ("row", "frame", "name", "point", "tool", "u95 mm", "residual mm", "by nominal mm")
-        return super().page(f"{title} of {self.robot}", [Table("Touches", heads, tuple(rows)), *more])
+        touches = Table("Touches", heads, tuple(rows))
+        return html_page(f"{title} of {self.robot}", [*self.report(notation), touches, *more])
 
     def _residual_sizes(self) -> FloatArray:
         """Lengths of residuals by the calibrated and by the nominal robot, shape (2, touches), mm."""

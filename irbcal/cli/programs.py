@@ -283,6 +283,7 @@ def cell(
     json: Json = False,
 ) -> None:
     """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
+    from irbcal.cell.cell_file import AS_URDF
     from irbcal.cell.cell_urdf import with_cell
     from irbcal.correction import languages
     from irbcal.correction.declarations import DECLARATIONS, declared
@@ -330,6 +331,7 @@ def cell(
         work_objects = {name: ends.T_base_world @ T for name, T in work_objects.items()}
     cell_file = public("cell_frames")(calibration, touches, tool=tools, wobj=work_objects, **options)
     to_controller = frames.inverse(ends.T_tip_flange), frames.inverse(ends.T_base_world)
+    notation = AS_URDF if as_ is None else _notation(as_, ends, to_controller)
     contents: dict[Path, bytes] = {}
     if declare is not None and as_ is not None:
         true = [
@@ -343,13 +345,13 @@ def cell(
     if urdf is not None:
         contents[urdf] = with_cell(saved.urdf, saved.record.arm(), cell_file)
     if report is not None:
-        contents[report] = cell_file.page().encode()
+        contents[report] = cell_file.page(notation=notation).encode()
     write_set(contents)
     cell_file.save(out)
     if json:
         show.print_json(cell_file.to_dict())
         return
-    show.tell(cell_file.report() if as_ is None else cell_file.report(_notation(as_, ends, to_controller)))
+    show.tell(cell_file.report(notation))
     show.say(f"Written to {out}: irbcal filter {calibration} PROGRAM --cell {out}")
     if declare is not None:
         show.say(f"Written to {declare}: frames of the controller, for irbcal filter --controller-frames from-cell")

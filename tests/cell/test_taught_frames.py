@@ -353,6 +353,9 @@ def test_the_command_writes_as_makers_do(demo_calibration, rows, tmp_path, progr
     row = next(line for line in text.splitlines() if line.strip().startswith("object"))
     numbers = [float(word) for word in re.findall(r"-?\d+\.\d{4}", row)[:6]]
     np.testing.assert_allclose(numbers, expected, rtol=0, atol=6e-5)
+    program(*call, "--as", "kuka", "--tool", "grip=12,-30,210,0,0,0", "--report", tmp_path / "cell.html")
+    page = (tmp_path / "cell.html").read_text()
+    assert all(f"{number:.4f}" in page for number in numbers), "the page writes as the maker does, too"
     content = program(*call, "--json")
     assert (content["schema_name"], content["simulated"]) == ("irbcal-cell-1", True)
 
