@@ -307,12 +307,11 @@ class Earlier(Locked):
         """
         section = self.record.robot
         candidates = [Path(section.urdf)]
-        for known in robots.NAMED:
-            if Path(known.file).name == section.urdf:
-                try:
-                    candidates.append(known.path())
-                except RobotError:
-                    continue
+        for known in robots.entries_of_file(section.urdf):
+            try:
+                candidates.append(known.path())
+            except RobotError:
+                continue
         for path in candidates:
             if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == section.urdf_sha256:
                 return path

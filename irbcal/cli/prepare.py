@@ -17,13 +17,10 @@ from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 
 
-def robots(
-    json: Json = False,
-) -> None:
+@command("robots")
+def robots(options: dict[str, Any], json: Json = False) -> None:
     """List the robots that --robot takes by name."""
-    from irbcal.io.robots import robots as known
-
-    listed = known()
+    listed = public("robots")(**options)
     if json:
         show.print_json(listed.to_frame().astype(object).where(listed.to_frame().notna(), None).to_dict("records"))
     else:

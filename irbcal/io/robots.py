@@ -6,19 +6,24 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from unicodedata import normalize
 
 from irbcal.errors import OptionError, RobotError
+from irbcal.io import catalogue
 from irbcal.options import shown
 from irbcal.summary import Paragraph, Result, Table
 
-if TYPE_CHECKING:
-    pass
-
 _PACKAGE = Path(__file__).parents[1]
+SHIPPED = "irbcal"
 EXAMPLES = "example-robot-data"
 """The package that holds other makers' robots."""
+DETAILED = 8
+"""Robots in a list that says where the numbers of each come from."""
+CATALOGUE = "catalogue"
+"""Arms that irbcal makes from its table of lengths."""
 DESCRIPTIONS = "robot_descriptions"
 """A package that fetches many more, each when it is first used."""
 
@@ -35,9 +40,13 @@ class NamedRobot:
     what : str
         The robot in words.
     source : str
-        ``irbcal``, ``example-robot-data`` or ``robot_descriptions``.
+        ``irbcal``, ``catalogue`` (see `irbcal.io.catalogue`), ``example-robot-data`` or ``robot_descriptions``.
     base_link, tip_link : str or None
         Ends of the arm where its URDF leaves them open.
+    numbers : str
+        Public repository that an arm of the catalogue has its numbers from, with its licence.
+    unconfirmed : str
+        What that repository leaves in doubt.
     """
 
     name: str
@@ -46,6 +55,8 @@ class NamedRobot:
     source: str = EXAMPLES
     base_link: str | None = None
     tip_link: str | None = None
+    numbers: str = ""
+    unconfirmed: str = ""
 
     def path(self) -> Path:
         """The URDF.
@@ -55,6 +66,8 @@ class NamedRobot:
         RobotError
             If the package that holds it is not installed.
         """
+        if self.source == CATALOGUE:
+            return catalogue.arms()[self.name].path()
         if self.source == DESCRIPTIONS:
             return _described(self.file)
         if self.source != EXAMPLES:
@@ -107,9 +120,12 @@ class RobotList(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """What ``irbcal robots`` prints."""
-        rows = [(robot.name, robot.what, robot.source) for robot in self.robots]
+        rows = tuple((robot.name, robot.what, robot.unconfirmed) for robot in self.robots)
+        few = self.robots if len(rows) <= DETAILED else ()
         return [
-            Table(f"{len(rows)} robots by name (--robot NAME)", ("name", "robot", "from"), tuple(rows)),
+            Table(f"{len(rows)} robots by name (--robot NAME)", ("name", "robot", "unconfirmed"), rows),
+            *(f"{robot.name}: numbers from {robot.numbers or robot.source}" for robot in few),
+            "Compare lengths, limits and joint signs with your controller before you measure",
             "Any other robot: --robot FILE.urdf, or --robot 'FILE.xacro ARGUMENT:=VALUE'",
         ]
 
@@ -117,13 +133,82 @@ class RobotList(Result):
         """The names."""
         return ", ".join(robot.name for robot in self.robots)
 
-    ROWS, COLUMNS = "robots", "name file what source base_link tip_link"
+    ROWS, COLUMNS = "robots", "name file what source base_link tip_link numbers unconfirmed"
 
 
-def robots() -> RobotList:
-    """Robots that can be named instead of a URDF file: those that ship with irbcal and those of example-robot-data."""
+def robots(maker: str | None = None, search: str | None = None) -> RobotList:
+    """Robots that can be named instead of a URDF file.
+
+    They ship with irbcal, are made from its catalogue of arms, or come with example-robot-data and robot_descriptions.
+
+    Parameters
+    ----------
+    maker : str, optional
+        Those of a maker, such as fanuc.
+    search : str, optional
+        Those whose name or model is like this; typing errors are forgiven.
+
+    Raises
+    ------
+    OptionError
+        If there is none.
+    """
     present = [robot for robot in NAMED if robot.source != EXAMPLES or any(_example_robots())]
-    return RobotList((*present, *_descriptions()))
+    listed: list[NamedRobot] = [*present, *_catalogued(), *_descriptions()]
+    if maker is not None:
+        makers = sorted({_plain(robot.what)[0] for robot in listed})
+        wanted = get_close_matches(_plain(maker)[0] if _plain(maker) else "", makers, n=1, cutoff=0.7)
+        listed = [robot for robot in listed if _plain(robot.what)[0] in wanted]
+        if not listed:
+            raise OptionError(f"maker: expected one of {', '.join(makers)}, found {shown(maker)}", parameter="maker")
+    if search is not None:
+        listed = like(search, listed)
+        if not listed:
+            raise OptionError(f"search: no robot is called like {shown(search)}", parameter="search")
+    return RobotList(tuple(listed))
+
+
+def _plain(text: str) -> list[str]:
+    """Words of a name without case, accents and signs."""
+    letters = normalize("NFKD", text.lower()).encode("ascii", "ignore").decode()
+    return re.findall(r"[a-z0-9]+", letters)
+
+
+def like(name: str, listed: Sequence[NamedRobot]) -> list[NamedRobot]:
+    """Robots that are called like a name, the likeliest first: those that contain it, else those that resemble it."""
+    wanted = "".join(_plain(name))
+    keys = {robot: ("".join(_plain(robot.name)), "".join(_plain(robot.what))) for robot in listed}
+    if not wanted:
+        return []
+    holding = [robot for robot, texts in keys.items() if any(wanted in text for text in texts)]
+    if holding:
+        return holding
+    by_text: dict[str, NamedRobot] = {}
+    for robot, texts in keys.items():
+        for text in (*texts, "".join(_plain(robot.name.partition("/")[2]))):
+            by_text.setdefault(text, robot)
+    return list(dict.fromkeys(by_text[text] for text in get_close_matches(wanted, by_text, n=5, cutoff=0.75)))
+
+
+@cache
+def _catalogued() -> tuple[NamedRobot, ...]:
+    """The arms of the catalogue."""
+    return tuple(
+        NamedRobot(
+            name,
+            f"{name}.urdf",
+            f"{arm.maker.title} {arm.model}",
+            CATALOGUE,
+            numbers=f"{arm.source} ({arm.licence})",
+            unconfirmed=arm.unconfirmed,
+        )
+        for name, arm in catalogue.arms().items()
+    )
+
+
+def entries_of_file(file: str) -> Iterator[NamedRobot]:
+    """Robots by name whose URDF has this file name."""
+    return (robot for robot in (*NAMED, *_catalogued()) if Path(robot.file).name == file)
 
 
 def _descriptions() -> tuple[NamedRobot, ...]:
@@ -164,9 +249,9 @@ def named(robot: str | Path) -> NamedRobot | None:
     if Path(xacro_arguments(robot)[0]).is_file():
         return None
     name = str(robot).lower()
-    for entry in (*NAMED, *(_descriptions() if name.endswith("_description") else ())):
+    for entry in (*NAMED, *_catalogued(), *(_descriptions() if name.endswith("_description") else ())):
         if name == entry.name or (
-            entry.source != EXAMPLES and name.removesuffix(".urdf") + ".urdf" == Path(entry.file).name
+            entry.source == SHIPPED and name.removesuffix(".urdf") + ".urdf" == Path(entry.file).name
         ):
             return entry
     return None
@@ -210,8 +295,12 @@ def robot_file(robot: str | Path) -> Path:
         raise RobotError(f"expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}", file=path)
     entry = named(robot)
     if entry is None:
+        similar = ", ".join(item.name for item in like(str(robot), [*NAMED, *_catalogued()])[:5])
         names = ", ".join(item.name for item in NAMED)
-        raise RobotError(f"robot file {str(robot)!r} does not exist; robots by name are {names}", parameter="robot")
+        other = f"robots by name like it are {similar}" if similar else f"robots by name are {names}"
+        raise RobotError(
+            f"robot file {str(robot)!r} does not exist; {other}; irbcal robots lists all", parameter="robot"
+        )
     return entry.path()
 
 
