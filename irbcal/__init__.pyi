@@ -45,8 +45,9 @@ from .joint_analysis.behaviour import joints as joints
 from .joint_analysis.by_circles import circles as circles
 from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
-from .measurement.charuco import corners as corners
 from .measurement.imports.feature_rows import import_features as import_features
+from .measurement.lens import lens as lens
+from .measurement.pictures import corners as corners
 from .measurement.table import read_measurements as read_measurements
 from .modeling.trajectory import Trajectory as Trajectory
 from .planners.calibrated_model import CalibratedModel as CalibratedModel

@@ -40,6 +40,7 @@ from irbcal.identification.feature_fit import (
 )
 from irbcal.identification.feature_problem import FeatureProblem, Key
 from irbcal.identification.fit import Fit, LevelChoice, certainty_of, choose_level, identify, identify_by
+from irbcal.identification.images import numbered_alike
 from irbcal.identification.observation_kind import SHOWN
 from irbcal.identification.problem import session_names
 from irbcal.identification.term_sets import TypePrior
@@ -955,6 +956,7 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
         measurements = measurements.to_frame()
     assert options.features is not None
     rows = feature_files.read(measurements, options.features, nominal.arm)
+    rows = numbered_alike(rows, nominal.arm.forward(rows.q)[:, :3, :3])
     if options.payload_place is not None:
         if rows.payload_kg is None or rows.payload_place is not None:
             reason = "there is no column payload_kg" if rows.payload_kg is None else "the rows tell the payload's place"

@@ -21,10 +21,11 @@ from irbcal.arrays import FloatArray, IntArray, Locked, NameArray, plain
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
+from irbcal.identification.images import numbered_alike
 from irbcal.identification.observations import DIMENSIONS
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
 from irbcal.io.schema import PoseSection
-from irbcal.measurement import charuco, features, imaging
+from irbcal.measurement import features, imaging, pictures
 from irbcal.measurement.columns import POSE, InputTable, TableLike
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling import frames
@@ -200,7 +201,6 @@ def hand_eye(
     *,
     robot: RobotLike | None = None,
     images: str | Path | None = None,
-    legacy: bool = False,
 ) -> HandEye:
     """Where cameras and boards are on the robot and in the cell, the robot taken as it is.
 
@@ -218,8 +218,6 @@ def hand_eye(
         Calibration folder, URDF or name of the robot whose joints these are; none where the flange is given.
     images : str or Path, optional
         Folder of pictures.
-    legacy : bool
-        The board is of the pattern that OpenCV drew before version 4.6.
 
     Raises
     ------
@@ -238,8 +236,8 @@ def hand_eye(
     notes: list[str] = []
     if images is not None:
         cells = cells.rename(columns=dict(zip(POSE, FLANGE, strict=True)) if set(POSE) <= set(cells.columns) else {})
-        pictures = charuco.corners(images, cells, features, legacy=legacy)
-        cells, notes = pictures.to_frame(), pictures.notes()
+        shown = pictures.corners(images, cells, features)
+        cells, notes = shown.to_frame(), shown.notes()
     posed = set(FLANGE) <= set(map(str, cells.columns))
     if posed and robot is not None:
         raise OptionError(
@@ -273,9 +271,10 @@ def _read(cells: pd.DataFrame, camera_file: TableLike, arm: Arm, posed: bool) ->
         raise MeasurementError(
             f"hand-eye takes corners of boards only, kinds {' and '.join(imaging.TARGETS)}", file=rows.source
         )
-    if not posed:
-        return rows
-    return replace(rows, flange=InputTable(rows.cells, rows.source).poses("flange_"))
+    if posed:
+        rows = replace(rows, flange=InputTable(rows.cells, rows.source).poses("flange_"))
+    flange = arm.forward(rows.q) if rows.flange is None else rows.flange
+    return numbered_alike(rows, flange[:, :3, :3])
 
 
 def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye:

@@ -24,6 +24,7 @@ PANELS = {
         "demo",
         "import",
         "corners",
+        "lens",
         "hand-eye",
         "calibrate",
         "evaluate",
@@ -41,7 +42,7 @@ PANELS = {
 COMMANDS = tuple(name for names in PANELS.values() for name in names)
 FILES = {
     "calibrate": ("demo", "calibrate", "evaluate", "compare", "view", "report"),
-    "measurements": ("import", "corners", "hand-eye"),
+    "measurements": ("import", "corners", "lens", "hand-eye"),
     "programs": ("filter", "cell"),
     "prepare": ("robots", "urdf", "plan", "simulate", "samples"),
     "use": ("fk", "ik", "export", "stream", "verify", "sign"),

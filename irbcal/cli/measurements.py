@@ -1,4 +1,4 @@
-"""Measurements of other programs and of cameras: ``irbcal import``, ``corners``, ``hand-eye``."""
+"""Measurements of other programs and of cameras: ``irbcal import``, ``corners``, ``lens``, ``hand-eye``."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:
 
 @command("corners", arguments=("images",))
 def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
-    """Find the corners of a ChArUco board in pictures: rows for calibrate --features.
+    """Find the corners of boards in pictures: rows for calibrate --features.
 
     Needs OpenCV: pip install 'irbcal[camera]'.
     """
@@ -132,6 +132,20 @@ def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     result = public("corners")(**options)
     result.save(out)
     show.result(result, json, f"Written to {out}", out=str(out))
+
+
+@command("lens", arguments=("images",), without=("out",))
+def lens(
+    options: dict[str, Any],
+    out: Annotated[Path | None, typer.Option(help="File for the result, such as camera.csv or camera.yaml.")] = None,
+    json: Json = False,
+) -> None:
+    """Calibrate the lenses of cameras from pictures of boards alone, proven on pictures that were left out.
+
+    Needs OpenCV: pip install 'irbcal[camera]'.
+    """
+    result = public("lens")(**options, out=out)
+    show.result(result, json, "" if out is None else f"Written to {out}", out=None if out is None else str(out))
 
 
 @command(

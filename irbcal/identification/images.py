@@ -14,6 +14,7 @@ a whole image.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -29,7 +30,7 @@ from irbcal.identification.observation_kind import (
     eliminated,
     ones,
 )
-from irbcal.measurement.features import Feature
+from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel, typical_u95
 from irbcal.modeling import frames
 from irbcal.units import MM
@@ -186,6 +187,52 @@ def hand_eye(R: FloatArray, D: FloatArray) -> tuple[FloatArray, FloatArray] | No
     return A, np.asarray(frames.nearest_rotation((R @ A @ D.transpose(0, 2, 1)).mean(axis=0)))
 
 
+REFERENCES = 40
+"""Pictures that the others are compared with to number their corners alike."""
+
+
+def numbered_alike(rows: FeatureSet, R: FloatArray) -> FeatureSet:
+    """Rows whose corners are numbered alike in all pictures, on boards that look the same after half a turn.
+
+    The finder then numbers corners from either end, as the picture shows them. The first picture's numbers stay; each
+    other picture's are turned if the board then turns between pictures by the angles that the flange turns by.
+
+    Parameters
+    ----------
+    rows : FeatureSet
+    R : ndarray, shape (m, 3, 3)
+        Orientation of the flange at each row, in the base link.
+    """
+    if rows.corners is None:
+        return rows
+    corners = rows.corners.copy()
+    for name, feature in rows.features.items():
+        view = feature.imaging
+        if view is None or view.board is None or not view.board.turnable:
+            continue
+        of = np.flatnonzero(rows.feature == name)
+        middle = view.corners.min(axis=0) + view.corners.max(axis=0)
+        turned = corners[of]
+        turned[:, :, :2] = middle - turned[:, :, :2]
+        D = np.stack([boards(view.lens, each)[:, :3, :3] for each in (corners[of], turned)])
+        chosen = np.zeros(len(of), dtype=int)
+        n = 1
+        while n < len(of):  # each picture by those before it, twice as many at a time
+            new, known = np.arange(n, min(2 * n, len(of))), np.arange(n)[-REFERENCES:]
+            by_flange = _angles(R[of[known]], R[of[new]])
+            off = [np.abs(_angles(D[chosen[known], known], D[k, new]) - by_flange).sum(axis=0) for k in (0, 1)]
+            chosen[new] = off[1] < off[0]
+            n += len(new)
+        corners[of] = np.where(chosen[:, None, None] == 1, turned, corners[of])
+    return replace(rows, corners=corners)
+
+
+def _angles(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Angles between rotations, (len(A), len(B)), radians."""
+    trace = np.einsum("aij,bij->ab", A, B)
+    return np.asarray(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)))
+
+
 FOCAL_U95, MIDDLE_U95, DISTORTION_U95 = 0.02, 0.02, 0.1
 """How well fitted numbers of a lens are known before: shares of the focal length; k1."""
 
@@ -231,8 +278,8 @@ class Image(Kind):
 
     def scale_of(self, feature: Feature) -> str:
         """The board's squares."""
-        square = _view(feature).square
-        return f"squares of {square / MM:.6g} mm" if square else "places of the corners on the board"
+        board = _view(feature).board
+        return f"squares of {board.pitch / MM:.6g} mm" if board else "places of the corners on the board"
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """What corners miss, image by image; see the module."""

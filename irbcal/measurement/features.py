@@ -30,7 +30,7 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, imaging
+from irbcal.measurement import columns, imaging, lens_formats
 from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, InputTable, TableLike
 from irbcal.measurement.imaging import Imaging
 from irbcal.measurement.table import MeasurementSet
@@ -46,7 +46,7 @@ TARGET = "ball"
 DISTANCE = "distance"
 """The kind of what is known between two features."""
 
-TEXT = ("feature", "kind", "target", "first", "second", imaging.FIT, imaging.DICTIONARY)
+TEXT = ("feature", "kind", "target", "first", "second", *imaging.TEXT)
 LENGTHS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
 LENGTH_U95 = 0.05 * MM
 """How well a known length is known unless that is said, metres."""
@@ -112,6 +112,27 @@ def given_rows(features: TableLike) -> list[dict[str, str]]:
     return _rows_of(InputTable.read(features, ["feature", "kind"]))
 
 
+def _with_lenses(rows: list[dict[str, str]]) -> list[dict[str, str]]:
+    """Rows whose ``lens`` is a file of another program, beside the features' file, with what that says."""
+    for row in rows:
+        if not row.get(imaging.LENS_FILE):
+            continue
+        path = Path(row["source"]).parent / row[imaging.LENS_FILE]
+        cameras = lens_formats.read(path)
+        camera = imaging.camera_and_board(row)[0] if row["kind"] in imaging.TARGETS else ""
+        if camera not in cameras and len(cameras) > 1:
+            raise MeasurementError(
+                f"{path.name} has no camera {camera}, but {', '.join(cameras)}",
+                file=row["source"],
+                row=int(row["row"]),
+                column=imaging.LENS_FILE,
+            )
+        numbers, size = cameras.get(camera) or next(iter(cameras.values()))
+        given = dict(zip(imaging.LENS, numbers.tolist(), strict=True)) | dict(zip(imaging.SIZE, size, strict=True))
+        row |= {name: repr(value) for name, value in given.items() if not row.get(name)}
+    return rows
+
+
 def _rows_of(table: InputTable) -> list[dict[str, str]]:
     known = (*TEXT, *LENGTHS, *imaging.NUMBERS)
     columns.check_header(table.names, ["feature", "kind"], table.source, known)
@@ -121,10 +142,11 @@ def _rows_of(table: InputTable) -> list[dict[str, str]]:
             table.texts(name)
         else:
             cells = cells.assign(**{name: cells[name].mask(np.isnan(table.numbers(name, lost=True)), "")})
-    return [
+    rows = [
         {str(k): str(v).strip() for k, v in record.items()} | {"row": str(row), "source": table.source}
         for row, record in zip(table.rows, cells.to_dict("records"), strict=True)
     ]
+    return _with_lenses(rows)
 
 
 def filled(pattern: str, table: InputTable, row: Mapping[str, str]) -> NameArray:
@@ -241,6 +263,8 @@ class FeatureSet(Result):
         The point that is looked at, in a carrier that is neither flange nor base, metres; its origin unless given.
     flange : ndarray, shape (m, 4, 4), or None
         The flange in the robot base, metres, where it is measured and joints do not matter.
+    outside : int
+        Corners that were left out because they are beyond their image.
     """
 
     q: FloatArray
@@ -270,6 +294,7 @@ class FeatureSet(Result):
     carrier: NameArray | None = None
     point: FloatArray | None = None
     flange: FloatArray | None = None
+    outside: int = 0
 
     def __len__(self) -> int:
         return len(self.q)
@@ -382,6 +407,7 @@ class FeatureSet(Result):
         lengths = f", {len(self.lengths)} known lengths" if self.lengths else ""
         if self.corners is not None:
             rows += f", {int(np.isfinite(self.corners[:, :, 2]).sum())} corners in all"
+            rows += f", {self.outside} beyond their image left out" if self.outside else ""
         prefix = "SIMULATED " if self.simulated else ""
         return [f"{prefix}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{lengths}"]
 
@@ -466,6 +492,7 @@ def _with_images(rows: FeatureSet, features: Mapping[str, Feature]) -> FeatureSe
     return replace(
         selected,
         corners=images.corners,
+        outside=images.outside,
         u95=np.where(is_image, imaging.u95_of(images.corners), selected.u95),
         xyz=np.where(is_image[:, None], np.nan, selected.xyz),
     )

@@ -3,25 +3,26 @@
 Features of the kinds in `TARGETS` may have more columns::
 
     fx_px,fy_px,cx_px,cy_px[,k1,k2,p1,p2,k3,width_px,height_px,fit]      the camera
-    squares_x,squares_y,square_mm[,marker_mm,dictionary]                 the board
+    squares_x,squares_y,square_mm[,pattern,marker_mm,dictionary,first_marker]      the board
 
 What one feature says of a camera or a board, all of that camera or board have. ``fit`` names numbers of the camera
 (`FITTED`, with spaces between them) that are uncertain and fitted. A row is one corner in one image: ``u_px``, ``v_px``
 (OpenCV's convention: the middle of the first pixel is 0, 0), and ``corner``, its number on the board, or ``x_mm``,
-``y_mm`` in the board's axes. Inner corners of a board are numbered as OpenCV's ChArUco boards do: along x first, the
-first one a square's side from both edges.
+``y_mm`` in the board's axes. Corners of a board are numbered along x first; boards are those of
+`irbcal.measurement.boards`, ChArUco boards unless ``pattern`` names another. Corners beyond the image are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
+from irbcal.measurement.boards import MARKER, PATTERNS, Board
 from irbcal.units import MM
 
 TARGETS: Mapping[str, str] = {"image": "board", "image-on-tool": "camera"}
@@ -30,9 +31,12 @@ TARGETS: Mapping[str, str] = {"image": "board", "image-on-tool": "camera"}
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 BOARD = ("squares_x", "squares_y", "square_mm")
 SIZE = ("width_px", "height_px")
-MARKER = "marker_mm"
-NUMBERS = (*LENS, *SIZE, *BOARD, MARKER, "u95_px")
-FIT, DICTIONARY = "fit", "dictionary"
+PATTERN, MARKER_SIDE, DICTIONARY, FIRST = "pattern", "marker_mm", "dictionary", "first_marker"
+NUMBERS = (*LENS, *SIZE, *BOARD, MARKER_SIDE, FIRST, "u95_px")
+FIT = "fit"
+LENS_FILE = "lens"
+TEXT = (FIT, PATTERN, DICTIONARY, LENS_FILE)
+"""Columns that are no numbers."""
 FITTED = ("fx", "fy", "cx", "cy", "k1")
 """Numbers of a camera that may be fitted, in the order of `LENS`."""
 
@@ -42,11 +46,17 @@ PIXEL_U95 = 0.2
 MOST_SQUARES = 200
 """Of a board along one side: its corners are looked for one by one."""
 
+MOST_MARKERS = 100_000
+"""Numbers of markers are below."""
+
 FEWEST = 4
 """Corners that an image needs: fewer do not tell where the board is."""
 
 OUTSIDE = 1.0
 """Pixels that a corner may lie beyond the image."""
+
+MOST_OUTSIDE = 0.1
+"""Share of corners beyond the image, above which the image's size is not what was said of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +69,7 @@ class Imaging(Locked):
         Pinhole with Brown's distortion as `LENS` names it: pixels, and numbers of normalised coordinates.
     fit : tuple of str
         Which of `FITTED` are uncertain.
-    squares : (int, int) or None
-        Along x and y.
-    square : float or None
-        Side, metres.
+    board : Board or None
     size : (float, float) or None
         Width and height of images, pixels.
     u95 : float
@@ -71,18 +78,14 @@ class Imaging(Locked):
 
     lens: FloatArray
     fit: tuple[str, ...] = ()
-    squares: tuple[int, int] | None = None
-    square: float | None = None
+    board: Board | None = None
     size: tuple[float, float] | None = None
     u95: float = PIXEL_U95
 
     @property
     def corners(self) -> FloatArray:
-        """Inner corners of the board in its axes, shape (n, 2), metres."""
-        if self.squares is None or self.square is None:
-            return np.zeros((0, 2))
-        y, x = np.mgrid[1 : self.squares[1], 1 : self.squares[0]]
-        return self.square * np.column_stack([x.ravel(), y.ravel()]).astype(float)
+        """Corners of the board in its axes, shape (n, 2), metres."""
+        return np.zeros((0, 2)) if self.board is None else self.board.corners
 
     def columns(self) -> dict[str, str]:
         """As the columns of a features' file."""
@@ -91,15 +94,18 @@ class Imaging(Locked):
         }
         if self.size is not None:
             out |= {name: repr(float(value)) for name, value in zip(SIZE, self.size, strict=True)}
-        if self.squares is not None and self.square is not None:
-            out |= {"squares_x": str(self.squares[0]), "squares_y": str(self.squares[1])}
-            out |= {"square_mm": repr(round(self.square / MM, 9))}
+        if self.board is not None:
+            out |= {"squares_x": str(self.board.across), "squares_y": str(self.board.along)}
+            out |= {"square_mm": repr(round(self.board.pitch / MM, 9)), PATTERN: self.board.pattern}
+            if PATTERNS[self.board.pattern].markers:
+                out |= {MARKER_SIDE: repr(round(self.board.marker / MM, 9)), DICTIONARY: self.board.dictionary}
+                out |= {FIRST: str(self.board.first)}
         return out | {"u95_px": repr(self.u95)}
 
 
 def camera_and_board(row: Mapping[str, str]) -> tuple[str, str]:
     """Names of camera and board of a feature: one is the target, the other the feature."""
-    pair = row["target"], row["feature"]
+    pair = row.get("target") or TARGETS[row["kind"]], row["feature"]
     return pair if TARGETS[row["kind"]] == "camera" else pair[::-1]
 
 
@@ -118,7 +124,7 @@ def shared(rows: Sequence[dict[str, str]]) -> None:
             one["target"] = one.get("target") or TARGETS[one["kind"]]
             camera, board = camera_and_board(one)
             owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [
-                ("board", board, n) for n in (*BOARD, MARKER, DICTIONARY)
+                ("board", board, n) for n in (*BOARD, PATTERN, MARKER_SIDE, DICTIONARY, FIRST)
             ]
             for key in owner:
                 value = one.get(key[2], "")
@@ -153,28 +159,65 @@ def imaging_of(row: Mapping[str, str]) -> Imaging:
                 f"nothing is known of the lens of {camera}: a camera needs fx_px, fy_px, cx_px and cy_px", name
             )
     value.setdefault("fy_px", value["fx_px"])
-    for name in ("fx_px", "fy_px", *SIZE, *BOARD, "u95_px"):
+    for name in ("fx_px", "fy_px", *SIZE, "u95_px"):
         if name in value and value[name] <= 0.0:
             raise refuse(f"expected a number above zero, found {value[name]:g}", name)
-    for names in (SIZE, BOARD):
-        missing = [name for name in names if name not in value]
-        if 0 < len(missing) < len(names):
-            raise refuse(f"expected {', '.join(names)}, all or none", missing[0])
+    missing = [name for name in SIZE if name not in value]
+    if len(missing) == 1:
+        raise refuse(f"expected {', '.join(SIZE)}, all or none", missing[0])
     fit = tuple(row.get(FIT, "").split())
     strange = [name for name in fit if name not in FITTED]
     if strange:
         raise refuse(f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted", FIT)
-    for name in BOARD[:2]:
-        if name in value and not (3 <= value[name] <= MOST_SQUARES and value[name] == int(value[name])):
-            raise refuse(f"a board has 3 to {MOST_SQUARES} squares along each side, found {value[name]:g}", name)
     return Imaging(
         np.array([value.get(name, 0.0) for name in LENS]),
         tuple(name for name in FITTED if name in fit),
-        (int(value["squares_x"]), int(value["squares_y"])) if "squares_x" in value else None,
-        value["square_mm"] * MM if "square_mm" in value else None,
+        board_of(row),
         (value["width_px"], value["height_px"]) if "width_px" in value else None,
         value.get("u95_px", PIXEL_U95),
     )
+
+
+def board_of(row: Mapping[str, str]) -> Board | None:
+    """The board of a row of the features' file; None where nothing is said of one.
+
+    Raises
+    ------
+    MeasurementError
+        If something is missing or cannot be.
+    """
+
+    def refuse(message: str, column: str) -> MeasurementError:
+        return MeasurementError(message, file=row["source"], row=int(row["row"]), column=column)
+
+    value = {name: float(row[name]) for name in (*BOARD, MARKER_SIDE, FIRST) if row.get(name)}
+    pattern = row.get(PATTERN) or next(iter(PATTERNS))
+    if pattern not in PATTERNS:
+        raise refuse(f"expected a pattern, one of {', '.join(PATTERNS)}, found {pattern}", PATTERN)
+    missing = [name for name in BOARD if name not in value]
+    if len(missing) == len(BOARD):
+        return None
+    if missing:
+        raise refuse(f"expected {', '.join(BOARD)}, all or none", missing[0])
+    for name in BOARD[:2]:
+        fewest = PATTERNS[pattern].fewest
+        if not (fewest <= value[name] <= MOST_SQUARES and value[name] == int(value[name])):
+            raise refuse(f"a board has {fewest} to {MOST_SQUARES} squares along each side, found {value[name]:g}", name)
+    if value["square_mm"] <= 0.0:
+        raise refuse(f"expected a number above zero, found {value['square_mm']:g}", "square_mm")
+    marker, first = value.get(MARKER_SIDE, MARKER * value["square_mm"]), value.get(FIRST, 0.0)
+    alone = pattern == "markers" and value["squares_x"] == value["squares_y"] == 1  # nothing is beside it
+    if not (0.0 < marker < value["square_mm"] or (alone and marker > 0.0)):
+        raise refuse(f"expected a marker smaller than its square, found {marker:g} mm", MARKER_SIDE)
+    if not (0.0 <= first < MOST_MARKERS and first == int(first)):
+        raise refuse(f"expected the number of a marker, found {first:g}", FIRST)
+    dictionary = (row.get(DICTIONARY) or "").upper()
+    dictionary = dictionary if dictionary.startswith("DICT_") or not dictionary else f"DICT_{dictionary}"
+    across, along = int(value["squares_x"]), int(value["squares_y"])
+    board = Board(pattern, across, along, value["square_mm"] * MM, marker * MM, dictionary, int(first))
+    if board.turnable and across == along:
+        raise refuse(f"{across} × {along} look the same after a quarter turn: take a board that is no square", BOARD[0])
+    return board
 
 
 def per_pixel(corners: FloatArray) -> FloatArray:
@@ -217,10 +260,13 @@ class Images:
         Rows of the file that stay: the first of each image, and those that are no corners.
     corners : ndarray, shape (kept, n, 5)
         x and y on the board in metres, u, v and the uncertainty in pixels; NaN beyond an image's corners.
+    outside : int
+        Corners that were left out because they are beyond the image.
     """
 
     keep: BoolArray
     corners: FloatArray
+    outside: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,6 +332,7 @@ def gathered(
         name = "u_px" if not np.isfinite(corners.u[k]) else "v_px"
         raise refuse(k, f"a row of kind {corners.kind[k]} needs u_px and v_px, where the corner is in the image", name)
     xy, u95 = corners.xyz[:, :2].copy(), corners.u95.copy()
+    beyond = np.zeros(len(corners.u), dtype=bool)
     for name in dict.fromkeys(corners.feature[rows]):
         rows_of_feature = rows[corners.feature[rows] == name]
         imaging = imagings.get(str(name))
@@ -308,11 +355,20 @@ def gathered(
             ]
             for value, limit, column in far:
                 out = rows_of_feature[(value < -OUTSIDE) | (value > limit + OUTSIDE)]
-                if len(out):
+                beyond[out] = True
+                if len(out) > MOST_OUTSIDE * len(rows_of_feature):
                     k = int(out[0])
-                    found = (corners.u if column == "u_px" else corners.v)[k]
-                    raise refuse(k, f"expected a place within the image of {limit:g} pixels, found {found:g}", column)
-    return _by_image(corners, rows, np.column_stack([xy, corners.u, corners.v, u95]), is_corner, refuse)
+                    at = (corners.u if column == "u_px" else corners.v)[k]
+                    raise refuse(
+                        k,
+                        f"expected a place within the image of {limit:g} pixels, found {at:g}, as {len(out)} of "
+                        f"{len(rows_of_feature)} corners",
+                        column,
+                    )
+    images = _by_image(
+        corners, rows[~beyond[rows]], np.column_stack([xy, corners.u, corners.v, u95]), is_corner, refuse
+    )
+    return replace(images, outside=int(beyond.sum()))
 
 
 def _on_board(
@@ -332,11 +388,11 @@ def _on_board(
         off = numbered & ((number < 0) | (number >= len(board_corners)) | (number != np.floor(number)))
         if off.any():
             k = int(rows[off][0])
-            assert imaging.squares is not None
+            assert imaging.board is not None
             raise refuse(
                 k,
-                f"corner {corners.number[k]:g} is not on the board: {corners.feature[k]} has {imaging.squares[0]} × "
-                f"{imaging.squares[1]} squares, so corners 0 to {len(board_corners) - 1}",
+                f"corner {corners.number[k]:g} is not on the board: {corners.feature[k]} has {imaging.board.across} × "
+                f"{imaging.board.along} squares, so corners 0 to {len(board_corners) - 1}",
                 "corner",
             )
         out[numbered] = board_corners[number[numbered].astype(int)]

@@ -29,6 +29,7 @@ from irbcal.identification import images
 from irbcal.identification.observation_kind import Observed, with_third
 from irbcal.identification.observations import KINDS
 from irbcal.measurement import imaging
+from irbcal.measurement.boards import MARKER, Board
 from irbcal.measurement.columns import PAYLOAD_CENTRE
 from irbcal.measurement.features import TARGET, Feature, FeatureSet
 from irbcal.measurement.features import read as read_features
@@ -66,10 +67,10 @@ MARGIN = 25.0
 
 def camera_imaging(reach: float, noise: float) -> Imaging:
     """Camera and board for an arm; ``noise`` (metres) is that of an image as a whole."""
-    imaging = Imaging(np.array(LENS), (), SQUARES, max(round(SQUARE * reach / MM), 2.0) * MM, SIZE)
-    return Imaging(
-        imaging.lens, (), SQUARES, imaging.square, SIZE, round(1.96 * pixel_noise(imaging, reach, noise), 4) or 1e-3
-    )
+    square = max(round(SQUARE * reach / MM), 2.0) * MM
+    board = Board("charuco", *SQUARES, square, MARKER * square, "DICT_5X5_100")
+    imaging = Imaging(np.array(LENS), (), board, SIZE)
+    return Imaging(imaging.lens, (), board, SIZE, round(1.96 * pixel_noise(imaging, reach, noise), 4) or 1e-3)
 
 
 def pixel_noise(imaging: Imaging, reach: float, noise: float) -> float:
@@ -81,9 +82,8 @@ def pixel_noise(imaging: Imaging, reach: float, noise: float) -> float:
 def board(imaging: Imaging, middle: FloatArray, normal: FloatArray) -> dict[str, FloatArray]:
     """Unknowns of a board with its middle at a place; as OpenCV has it, z goes into the board."""
     Q = with_third(-np.asarray(normal))
-    assert imaging.squares is not None
-    assert imaging.square is not None
-    edges = imaging.square * np.array([*imaging.squares, 0.0])
+    assert imaging.board is not None
+    edges = imaging.board.pitch * np.array([imaging.board.across, imaging.board.along, 0.0])
     return {"centre": middle - Q @ (0.5 * edges), "attitude": Q}
 
 
@@ -320,7 +320,6 @@ class Placed(Locked):
         columns: dict[str, object] = {"offset_mm": 0.0} if self.device.bar else {}
         if self.imaging is not None:
             columns |= {name: value for name, value in self.imaging.columns().items() if value}
-            columns |= {imaging.DICTIONARY: "DICT_5X5_100"}
         rows: list[dict[str, object]] = [
             {"feature": name, "kind": self.device.kind, "target": self.device.target, **columns} for name in self.own
         ]

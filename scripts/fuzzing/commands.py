@@ -288,13 +288,13 @@ def _circles(random: Random) -> list[str]:
 
 def _hand_eye(random: Random) -> list[str]:
     words = ["hand-eye", "@pictures.csv", "--images", "@pictures", "--features", "@board.csv"]
-    more = _some(random, ["--out", ">hand_eye.json"], ["--json"], ["--legacy"])
+    more = _some(random, ["--out", ">hand_eye.json"], ["--json"])
     return [*words, *random.choice(([], ["--robot", _robot(random)])), *more]
 
 
 def _corners(random: Random) -> list[str]:
     words = ["corners", "@pictures", "--joints", "@pictures.csv", "--features", "@board.csv", "--out", ">corners.csv"]
-    return [*words, *_some(random, ["--json"], ["--legacy"])]
+    return [*words, *_some(random, ["--json"])]
 
 
 def _samples(random: Random) -> list[str]:

@@ -65,6 +65,19 @@ def test_without_noise_the_truth_comes_back(kind, tmp_path):
     np.testing.assert_allclose([on_flange[f"{axis}_mm"] for axis in "xyz"], truth[0][:3, 3] / MM, rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("kind", KIND.values(), ids=KIND)
+def test_a_board_that_looks_the_same_from_both_ends_is_numbered_alike(kind):
+    """Of a chessboard of 8 × 6 squares a picture does not show which end is the first: as of the first picture."""
+    rows, known, truth, T = simulated(kind, 12, 5, NOISE_PX)
+    rng = np.random.default_rng(1)
+    turned = np.r_[False, rng.random(11) < 0.5][pd.factorize(rows["pose"])[0]]
+    rows["corner"] = np.where(turned, 34 - rows["corner"], rows["corner"])
+    result = hand_eye(as_flange_poses(rows, T), known.assign(pattern="chessboard"))
+    assert result.rms_pixels < 1.5 * NOISE_PX
+    for frame, expected in zip(result_frames(result), truth, strict=True):
+        assert_same_poses(frame.T, expected, 1.0 * MM, 1e-3)
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.3 * MM], ids=["noise of corners", "a robot that errs"])
 def test_intervals_hold(shift):
     """Widths are those of the largest of three coordinates, and of the larger of two ways to compute them: not too wide."""
@@ -145,7 +158,7 @@ def test_real_pictures_give_what_an_independent_calculation_gave(
     if not folder.is_dir():
         pytest.skip("no charuco_hand_eye among the measured data")
     (tmp_path / "camera.csv").write_text(f"{HEADS},dictionary\n{BOARD.format(fit)}\n")
-    call = ["hand-eye", folder / "poses.csv", "--features", tmp_path / "camera.csv", "--images", folder, "--legacy"]
+    call = ["hand-eye", folder / "poses.csv", "--features", tmp_path / "camera.csv", "--images", folder]
     result = program(*call, "--json")
     assert abs(result["rms_px"] - pixels[0]) < pixels[1]
     assert abs(result["heldout_px"] - heldout[0]) < heldout[1]

@@ -66,7 +66,7 @@ def test_what_one_row_says_of_a_camera_holds_for_all():
     seen = features.read(table, pd.DataFrame([first, second]).astype(object).fillna(""), cases.arm())
     two = seen.features["two"].imaging
     np.testing.assert_array_equal(two.lens, cases.LENS_OF)
-    assert two.square == 0.015
+    assert two.board.pitch == 0.015
     assert two.fit == ("fx", "k1")
     second["fx_px"] = 1500
     with pytest.raises(MeasurementError, match=r"row 2.*camera camera has fx_px 1400.0 in one row and 1500"):
@@ -79,7 +79,11 @@ def test_what_one_row_says_of_a_camera_holds_for_all():
         (corners().drop(columns="u_px"), known(), "row 1.*a row of kind image-on-tool needs u_px and v_px"),
         (changed("v_px", 3, ""), known(), "row 4, column v_px.*needs u_px and v_px"),
         (changed("u_px", 3, "nan"), known(), "row 4, column u_px"),
-        (changed("u_px", 3, "3000"), known(), "expected a place within the image of 1920 pixels, found 3000"),
+        (
+            changed("u_px", [3, 9], "3000"),
+            known(),
+            "expected a place within the image of 1920 pixels, found 3000, as 2 of 12 corners",
+        ),
         (
             changed("corner", 2, "35"),
             known(),

@@ -198,7 +198,7 @@ def test_a_camera_sees_boards_from_where_the_real_robot_stands():
     """The oracle is a projection written out by hand, with the cell's own truth of where the tip stood."""
     exact, noisy = (simulate_device("irb1600", "camera", 9, seed=2, noise=noise) for noise in (0.0, 1e-5))
     T, own = exact.cell.measure(exact.q).T_base_tip[0], exact.found.own["board 1"]
-    square = exact.found.imaging.square
+    square = exact.found.imaging.board.pitch
     corner = own["centre"] + own["attitude"] @ [3 * square, 2 * square, 0.0]  # number 9 of 7 a row
     x, y, z = (T[:3, :3] @ AXES).T @ (corner - T[:3, 3] - T[:3, :3] @ np.array(BALL))
     r2 = (x / z) ** 2 + (y / z) ** 2

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement import features
+from irbcal.measurement import features, imaging
 
 SIZE, SQUARES, SQUARE, SCALE = (640, 480), (8, 6), 0.03, 60  # pixels of a square as drawn
 KNOWN = {
@@ -67,6 +67,74 @@ def test_corners_are_found_where_the_board_was_put(pictures):
         miss = mine[["u_px", "v_px"]].to_numpy(dtype=float) - there[:, :2] / there[:, 2:]
         assert np.abs(miss).max() < 0.25
         assert np.sqrt(np.mean(miss**2)) < 0.1
+
+
+def drawn_by_hand(cv2, pattern):
+    """A board as its description has it, with a margin of a square; its size in squares."""
+    across, along = {"chessboard": (8, 5), "circles": (7, 5), "rings": (7, 5)}.get(pattern, (4, 9))
+    margin = 2 * SCALE
+    if pattern == "circles-staggered":
+        size = (along * SCALE // 2, across * SCALE)
+        middles = [(SCALE * (i + 0.5 * (j % 2)), SCALE * 0.5 * j) for j in range(along) for i in range(across)]
+    else:
+        size = (along * SCALE, across * SCALE)
+        middles = [(SCALE * i, SCALE * j) for j in range(along) for i in range(across)]
+    drawn = np.full((size[0] + 2 * margin, size[1] + 2 * margin), 255, dtype=np.uint8)
+    for k, (x, y) in enumerate(middles):
+        if pattern == "chessboard" and (k % across + k // across) % 2 == 0:
+            drawn[margin + y : margin + y + SCALE, margin + x : margin + x + SCALE] = 0
+        elif pattern != "chessboard":
+            at = (round(16 * (margin + x)), round(16 * (margin + y)))
+            cv2.circle(drawn, at, 16 * 12, 0, 6 if pattern == "rings" else -1, cv2.LINE_AA, 4)
+    if pattern == "chessboard":  # inner corners, between pixels
+        middles = [(SCALE * (i + 1), SCALE * (j + 1)) for j in range(along - 1) for i in range(across - 1)]
+    at = np.array(middles) + margin - (0.5 if pattern == "chessboard" else 0.0)
+    return drawn, (across, along), at
+
+
+def of_markers(cv2, words, across, along, first):
+    board = cv2.aruco.GridBoard((across, along), 0.02, 0.01, words, first + np.arange(across * along))
+    size = (across * 60 - 20 + 80, along * 60 - 20 + 80)
+    drawn = board.generateImage(size, marginSize=40)
+    middles = [(60 * i + 40 * a, 60 * j + 40 * b) for j in range(along) for i in range(across) for a, b in CORNERS]
+    return drawn, (across, along), np.array(middles) + 39.5
+
+
+CORNERS = [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+
+@pytest.mark.parametrize(
+    "pattern", ["chessboard", "circles", "rings", "circles-staggered", "markers", "a marker", "AprilTags"]
+)
+@pytest.mark.parametrize("turned", [False, True], ids=["level", "turned"])
+def test_boards_of_all_patterns(pattern, turned, tmp_path):
+    H = np.array([[0.5, -0.4, 260.0], [0.4, 0.5, 20.0], [-1e-4, 3e-4, 1.0]]) if turned else HOMOGRAPHIES[0]
+    cv2 = pytest.importorskip("cv2")
+    more = {"dictionary": "", "marker_mm": "", "pattern": "circles" if pattern == "rings" else pattern}
+    if pattern in ("markers", "a marker", "AprilTags"):
+        name = "DICT_APRILTAG_36h11" if pattern == "AprilTags" else "DICT_5X5_100"
+        words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+        drawn, size, at = of_markers(cv2, words, *((1, 1) if pattern == "a marker" else (4, 3)), 17)
+        more = {"dictionary": name, "marker_mm": 20, "pattern": "markers", "first_marker": 17}
+    else:
+        drawn, size, at = drawn_by_hand(cv2, pattern)
+    shown = cv2.warpPerspective(drawn, H, SIZE, flags=cv2.INTER_AREA, borderValue=255)
+    cv2.imwrite(str(tmp_path / "0.png"), cv2.GaussianBlur(shown, (3, 3), 0.7))
+    joints = pd.DataFrame({f"q{k}_deg": [1.0] for k in range(1, 7)}).assign(image="0.png")
+    known = KNOWN | {"squares_x": size[0], "squares_y": size[1], "square_mm": 30} | more
+    table = irbcal.corners(tmp_path, joints, pd.DataFrame([known])).to_frame()
+    there = np.column_stack([at, np.ones(len(at))]) @ H.T
+    there = there[:, :2] / there[:, 2:]
+    uv = table[["u_px", "v_px"]].to_numpy(dtype=float)
+    number = table.corner.to_numpy(dtype=int)
+    assert len(uv) == len(at)
+    # circles are numbered from either end, chessboards from the end with the light square
+    ways = [there[number], there[::-1]] if pattern in ("circles", "rings", "chessboard") else [there[number]]
+    miss = min(np.sqrt(np.mean((uv - way) ** 2)) for way in ways)
+    assert miss < (0.6 if more.get("dictionary") else 0.35)  # blur moves a marker's corners inwards
+    board = imaging.board_of({key: str(value) for key, value in known.items()} | {"row": "1", "source": ""})
+    on_board = board.corners / 0.03 * SCALE
+    np.testing.assert_allclose(on_board - on_board[0], at - at[0], rtol=0, atol=1e-9)
 
 
 def test_a_file_for_a_calibration_comes_out(pictures, tmp_path):

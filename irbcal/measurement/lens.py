@@ -1,0 +1,312 @@
+"""Lens calibration: the numbers of cameras from pictures of boards alone, proven on pictures that were left out.
+
+The adjustment is OpenCV's `calibrateCamera` (Zhang 2000), of all pictures of a camera at once. How many numbers of
+distortion a lens gets is decided by pictures that were left out of the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import FloatArray, Locked, NameArray, plain
+from irbcal.errors import MeasurementError
+from irbcal.measurement import columns, imaging, lens_formats
+from irbcal.measurement.boards import opencv
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.features import given_rows
+from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
+from irbcal.safe_files import refuse_overwriting
+from irbcal.summary import Paragraph, Result, Table
+
+LEAST = 5
+"""Pictures that a lens needs; twenty or more with the board tilted, near and far, are better."""
+PARTS = 5
+"""Pictures are left out in as many parts at most."""
+DISTORTIONS = ("", "k1", "k1 k2", "k1 k2 p1 p2", "k1 k2 p1 p2 k3")
+"""Numbers of distortion that are tried, from the fewest on."""
+BETTER = 0.98
+"""What more numbers must leave of the error in pictures that were left out, to be taken."""
+ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
+
+Corners: TypeAlias = "tuple[FloatArray, FloatArray]"
+"""Of a picture: places on the board (n, 2), metres, and in the picture (n, 2), pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lens(Locked):
+    """The lens of a camera.
+
+    Attributes
+    ----------
+    camera : str
+    size : (int, int)
+        Width and height of pictures, pixels.
+    numbers, u95 : ndarray, shape (9,)
+        As `irbcal.measurement.imaging.LENS` names them, with half-widths that hold 95 %; 0 where not fitted.
+    pictures : ndarray of str, shape (m,)
+    corners : ndarray of int, shape (m,)
+    pixels, heldout_pixels : ndarray, shape (m,)
+        Root mean square distance of a picture's corners, in the fit and while the picture was left out; there only the
+        board's place is fitted to it, which is counted.
+    """
+
+    camera: str
+    size: tuple[int, int]
+    numbers: FloatArray
+    u95: FloatArray
+    pictures: NameArray
+    corners: FloatArray
+    pixels: FloatArray
+    heldout_pixels: FloatArray
+
+    @property
+    def rms_pixels(self) -> float:
+        """Root mean square distance of all corners, pixels."""
+        return _rms(self.pixels, self.corners)
+
+    @property
+    def heldout_rms_pixels(self) -> float:
+        """The same of pictures while they were left out."""
+        return _rms(self.heldout_pixels, self.corners)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LensCalibration(Result):
+    """Lenses of cameras.
+
+    Attributes
+    ----------
+    lenses : tuple of Lens
+    table : DataFrame
+        The features' file with these lenses.
+    missed : tuple of str
+        Pictures that are left out, with too few corners.
+    """
+
+    lenses: tuple[Lens, ...]
+    table: pd.DataFrame = field(repr=False)
+    missed: tuple[str, ...] = ()
+
+    CONTENT = "lenses left_out=missed"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        lenses = [
+            {"camera": lens.camera, "width_px": lens.size[0], "height_px": lens.size[1], "pictures": len(lens.pictures)}
+            | {"rms_px": lens.rms_pixels, "heldout_px": lens.heldout_rms_pixels}
+            | {
+                name: {"value": value, "u95": u95}
+                for name, value, u95 in zip(imaging.LENS, lens.numbers, lens.u95, strict=True)
+            }
+            for lens in self.lenses
+        ]
+        return dict(plain({"lenses": lenses, "left_out": list(self.missed)}))
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a picture."""
+        tables = [
+            pd.DataFrame(
+                {"camera": lens.camera, "picture": lens.pictures, "corners": lens.corners.astype(int)}
+                | {"rms_px": lens.pixels, "heldout_px": lens.heldout_pixels}
+            )
+            for lens in self.lenses
+        ]
+        return pd.concat(tables, ignore_index=True)
+
+    def save(self, out: str | PathLike[str], as_: str = "features") -> Path:
+        """Write the lenses: into a copy of the features' file, or as another program reads them.
+
+        Parameters
+        ----------
+        out : str or Path
+        as_ : str
+            ``features``, or a name of `irbcal.measurement.lens_formats.FORMATS`.
+
+        Raises
+        ------
+        OptionError
+            If the format is not known, or has one camera and there are several.
+        CalibrationError
+            If it cannot be written.
+        """
+        cameras = {lens.camera: (lens.numbers, lens.size) for lens in self.lenses}
+        return lens_formats.save(Path(out), as_, cameras, self.table)
+
+    def report(self) -> Sequence[Paragraph]:
+        """Numbers with their intervals, and how well pictures agree."""
+        told: list[Paragraph] = []
+        for lens in self.lenses:
+            told.append(
+                f"{lens.camera}: {int(lens.corners.sum())} corners in {len(lens.pictures)} pictures agree within "
+                f"{lens.rms_pixels:.3f} px (rms), {lens.heldout_rms_pixels:.3f} px in pictures that were left out"
+            )
+            rows = tuple(
+                (name, f"{value:.6g}", f"{u95:.2g}" if u95 else "not fitted")
+                for name, value, u95 in zip(imaging.LENS, lens.numbers, lens.u95, strict=True)
+            )
+            told.append(Table(f"Lens of {lens.camera}", ("number", "value", "± 95 %"), rows))
+        missed = ", ".join(self.missed[:10]) + (f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else "")
+        return [*told, *([f"Note: left out, with fewer than {imaging.FEWEST} corners: {missed}"] if missed else [])]
+
+
+def lens(
+    images: str | Path,
+    features: TableLike,
+    out: str | PathLike[str] | None = None,
+    *,
+    as_: Literal["features", "ros", "opencv", "kalibr"] = "features",
+) -> LensCalibration:
+    """Calibrate the lenses of cameras from pictures of boards alone.
+
+    Parameters
+    ----------
+    images : str or Path
+        Folder of the pictures; of several boards or cameras, a folder for each feature in it.
+    features : str, Path or DataFrame
+        Cameras and boards as for corners; nothing needs to be known of the lens.
+    out : str or Path, optional
+        File to write, such as camera.csv.
+    as_ : str
+        What to write: the features with these lenses, ROS camera_info, OpenCV's FileStorage, or Kalibr's camchain.
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not keep its format, or the pictures are too few.
+    OptionError
+        If OpenCV is not installed.
+    CalibrationError
+        If the file cannot be written.
+    """
+    refuse_overwriting({"out": out}, [features] if isinstance(features, (str, PathLike)) else [])
+    lens_formats.check(as_)
+    cv2 = opencv()
+    name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
+    rows = given_rows(features)
+    boards = boards_of(rows, name_of)
+    folder = Path(images)
+    shown: dict[str, dict[str, Corners]] = {}
+    sizes: dict[str, tuple[int, int]] = {}
+    missed: list[str] = []
+    for name, board in boards.items():
+        of_board = folder if len(boards) == 1 and not (folder / name).is_dir() else folder / name
+        for path in _pictures(of_board):
+            grey = read_picture(path)
+            label = str(path.relative_to(folder))
+            if grey is None:
+                raise MeasurementError(f"there is no picture {label} that OpenCV reads", file=str(folder))
+            size = sizes.setdefault(board.camera, board.size or grey.shape[::-1])
+            if grey.shape[::-1] != size:
+                raise MeasurementError(
+                    f"{label} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}",
+                    file=str(folder),
+                )
+            number, uv = board.find(grey)
+            if len(number) < imaging.FEWEST:
+                missed.append(label)
+                continue
+            shown.setdefault(board.camera, {})[label] = board.board.corners[number], uv
+    if not shown:
+        raise no_board(name_of)
+    lenses = tuple(calibrated(cv2, camera, sizes[camera], shown[camera], str(folder)) for camera in shown)
+    result = LensCalibration(lenses, _features(rows, boards, lenses), tuple(missed))
+    if out is not None:
+        result.save(out, as_)
+    return result
+
+
+def _pictures(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        raise MeasurementError("there is no such folder of pictures", file=str(folder))
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
+
+
+def _features(rows: list[dict[str, str]], boards: Mapping[str, Seen], lenses: Sequence[Lens]) -> pd.DataFrame:
+    """The features with these lenses."""
+    of = {lens.camera: lens for lens in lenses}
+    out = []
+    for row in rows:
+        cells = {name: value for name, value in row.items() if name not in ("row", "source")}
+        if row["feature"] in boards and boards[row["feature"]].camera in of:
+            lens = of[boards[row["feature"]].camera]
+            cells |= {name: repr(float(value)) for name, value in zip(imaging.LENS, lens.numbers, strict=True)}
+            cells |= dict(zip(imaging.SIZE, map(str, lens.size), strict=True))
+        out.append(cells)
+    return pd.DataFrame(out).fillna("")
+
+
+def calibrated(cv2: Any, camera: str, size: tuple[int, int], shown: Mapping[str, Corners], source: str) -> Lens:
+    """A camera's lens from corners by their pictures, with each part of the pictures left out in turn.
+
+    Raises
+    ------
+    MeasurementError
+        If the pictures are too few or do not tell the lens.
+    """
+    names, views = list(shown), list(shown.values())
+    if len(views) < LEAST:
+        raise MeasurementError(
+            f"{len(views)} pictures show a board to {camera}: {LEAST} are needed, twenty or more with the board "
+            "tilted, near and far, are better",
+            file=source,
+        )
+    count = np.array([len(uv) for _, uv in views], dtype=float)
+    part = np.arange(len(views)) % PARTS
+    best: tuple[str, FloatArray] | None = None
+    for distortion in DISTORTIONS:
+        heldout = np.zeros(len(views))
+        for k in np.unique(part):
+            numbers, _, _ = _fit(cv2, [views[i] for i in np.flatnonzero(part != k)], size, distortion, source)
+            for i in np.flatnonzero(part == k):
+                heldout[i] = _missed(cv2, numbers, *views[i])
+        if best is None or _rms(heldout, count) < BETTER * _rms(best[1], count):
+            best = distortion, heldout
+    assert best is not None
+    numbers, u95, pixels = _fit(cv2, views, size, best[0], source)
+    return Lens(camera, size, numbers, u95, np.array(names, dtype=object), count, pixels, best[1])
+
+
+def _rms(pixels: FloatArray, count: FloatArray) -> float:
+    return float(np.sqrt(np.average(pixels**2, weights=count)))
+
+
+def _fit(
+    cv2: Any, views: Sequence[Corners], size: tuple[int, int], distortion: str, source: str
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Numbers (9,), their half-widths, and what each picture misses; pixels."""
+    free = distortion.split()
+    flags = 0 if "p1" in free else cv2.CALIB_ZERO_TANGENT_DIST
+    for name in ("k1", "k2", "k3"):
+        flags |= 0 if name in free else getattr(cv2, f"CALIB_FIX_{name.upper()}")
+    on_board = [np.column_stack([xy, np.zeros(len(xy))]).astype(np.float32) for xy, _ in views]
+    in_picture = [uv.astype(np.float32) for _, uv in views]
+    try:
+        _, K, d, _, _, deviations, _, each = cv2.calibrateCameraExtended(
+            on_board, in_picture, size, None, None, flags=flags
+        )
+    except cv2.error:
+        raise MeasurementError("the pictures do not tell the lens: tilt the board more", file=source) from None
+    numbers = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *np.ravel(d)[:5]], dtype=float)
+    u95 = 1.96 * np.ravel(deviations)[:9].astype(float)
+    if not (np.isfinite(numbers).all() and np.isfinite(u95).all()):
+        raise MeasurementError("the pictures do not tell the lens: tilt the board more", file=source)
+    return numbers, u95, np.ravel(each).astype(float)
+
+
+def _missed(cv2: Any, numbers: FloatArray, xy: FloatArray, uv: FloatArray) -> float:
+    """What a picture that was left out misses with the board where it fits best, which six numbers tell; pixels."""
+    K = np.array([[numbers[0], 0.0, numbers[2]], [0.0, numbers[1], numbers[3]], [0.0, 0.0, 1.0]])
+    points = np.column_stack([xy, np.zeros(len(xy))])
+    known, turn, shift = cv2.solvePnP(points, uv, K, numbers[4:], flags=cv2.SOLVEPNP_IPPE)
+    if not known:
+        return float("inf")
+    turn, shift = cv2.solvePnPRefineLM(points, uv, K, numbers[4:], turn, shift)
+    off = cv2.projectPoints(points, turn, shift, K, numbers[4:])[0][:, 0] - uv
+    return float(np.sqrt((off**2).sum() / len(uv) * 2 * len(uv) / max(2 * len(uv) - 6, 1)))

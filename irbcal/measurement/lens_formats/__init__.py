@@ -1,0 +1,103 @@
+"""Lenses in the files of other programs: one module a format.
+
+A module has ``WHAT``; ``read(content)``, which gives the numbers of each camera, or None where the content is another
+format's; and ``write(cameras)``, which gives text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.names import csv_bytes
+from irbcal.safe_files import read_bytes, write_set
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FORMATS = ("ros", "opencv", "kalibr")
+FEATURES = "features"
+ALONE = ("ros", "opencv")
+"""Formats of one camera."""
+
+Cameras: TypeAlias = "Mapping[str, tuple[FloatArray, tuple[int, int]]]"
+"""By name: nine numbers as `irbcal.measurement.imaging.LENS` names them, and width and height, pixels."""
+
+
+def check(name: str) -> None:
+    """Refuse a format that is not known.
+
+    Raises
+    ------
+    OptionError
+        If it is not.
+    """
+    if name not in (FEATURES, *FORMATS):
+        raise OptionError(f"as_: expected one of {', '.join((FEATURES, *FORMATS))}, found {name}", parameter="as_")
+
+
+def save(out: Path, name: str, cameras: Cameras, table: pd.DataFrame) -> Path:
+    """Write lenses as a format has them, or the features with them; see `irbcal.measurement.lens.LensCalibration`."""
+    check(name)
+    if name in ALONE and len(cameras) > 1:
+        raise OptionError(f"as_: a file of {name} has one camera, here are {', '.join(cameras)}", parameter="as_")
+    data = csv_bytes(table) if name == FEATURES else _module(name).write(cameras).encode()
+    write_set({out: data})
+    return out
+
+
+def read(path: Path) -> dict[str, tuple[FloatArray, tuple[int, int]]]:
+    """Lenses of a file.
+
+    Raises
+    ------
+    MeasurementError
+        If it is of no known format, or of a lens that is no pinhole with Brown's distortion.
+    """
+    import yaml
+
+    try:
+        text = read_bytes(path, MeasurementError).decode("utf-8")
+        text = text.replace("%YAML:1.0", "", 1).replace("!!opencv-matrix", "")  # OpenCV's header is no YAML
+        content: Any = yaml.safe_load(text)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise MeasurementError(f"expected YAML, found {str(error).splitlines()[0]}", file=str(path)) from None
+    for name in FORMATS:
+        try:
+            cameras: dict[str, tuple[FloatArray, tuple[int, int]]] | None = _module(name).read(content)
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            raise MeasurementError(f"this is no lens as {_module(name).WHAT} has it: {error}", file=str(path)) from None
+        if cameras is not None:
+            for numbers, size in cameras.values():
+                if numbers.shape != (9,) or not np.isfinite(numbers).all() or min(*numbers[:2], *size) <= 0:
+                    raise MeasurementError(
+                        "expected a pinhole with at most five numbers of distortion (k1 k2 p1 p2 k3)", file=str(path)
+                    )
+            return cameras
+    known = ", ".join(_module(name).WHAT for name in FORMATS)
+    raise MeasurementError(f"expected a lens: {known}", file=str(path))
+
+
+def brown(K: Any, distortion: Any) -> FloatArray:
+    """The nine numbers of a camera matrix and up to five of distortion.
+
+    Raises
+    ------
+    ValueError
+        If there are more that are not zero.
+    """
+    K = np.asarray(K, dtype=float).reshape(3, 3)
+    d = np.ravel(np.asarray(distortion, dtype=float))
+    if np.any(d[5:] != 0.0):
+        raise ValueError(f"{len(d)} numbers of distortion, expected at most 5 (k1 k2 p1 p2 k3)")
+    return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *d[:5], *np.zeros(max(5 - len(d), 0))])
+
+
+def _module(name: str) -> Any:
+    return import_module(f"irbcal.measurement.lens_formats.{name}")

@@ -1,0 +1,222 @@
+"""Corners of boards found in pictures: a folder of pictures and a table of joints become rows.
+
+The finding is OpenCV's; it is not installed with irbcal but with its extra ``camera``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from irbcal import safe_files
+from irbcal.errors import MeasurementError
+from irbcal.measurement import columns, imaging
+from irbcal.measurement.boards import PATTERNS, Board, Finder, opencv
+from irbcal.measurement.columns import InputTable, TableLike
+from irbcal.measurement.features import filled, given_rows
+from irbcal.names import csv_bytes
+from irbcal.safe_files import libraries_silent
+from irbcal.summary import Paragraph, Result
+from irbcal.units import MM
+
+IMAGE = "image"
+"""The column of the joints' table that names a picture."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FoundCorners(Result):
+    """Corners found in images.
+
+    Attributes
+    ----------
+    table : DataFrame
+        A row a corner: the columns of the joints' table, ``feature``, ``corner``, ``u_px``, ``v_px``.
+    images : int
+        Images with a board.
+    missed : tuple of (str, int)
+        Images that are left out, and how many corners were found in them.
+    """
+
+    table: pd.DataFrame
+    images: int
+    missed: tuple[tuple[str, int], ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows as the first file of ``irbcal calibrate --features``."""
+        return self.table.copy()
+
+    @property
+    def left_out(self) -> list[str]:
+        """Names of the images that are left out."""
+        return [name for name, _ in self.missed]
+
+    CONTENT = "images corners=table.__len__ left_out"
+
+    def report(self) -> Sequence[Paragraph]:
+        """How many corners in how many images, and which images were left out."""
+        return [f"{len(self.table)} corners in {self.images} images", *(f"Note: {note}" for note in self.notes())]
+
+    def notes(self) -> list[str]:
+        """Which images were left out."""
+        if not self.missed:
+            return []
+        names = ", ".join(f"{name} ({count})" for name, count in self.missed[:10])
+        more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
+        return [f"left out, with fewer than {imaging.FEWEST} corners: {names}{more}"]
+
+    def save(self, out: str | Path) -> Path:
+        """Write the rows as CSV.
+
+        Raises
+        ------
+        CalibrationError
+            If they cannot be written.
+        """
+        out = Path(out)
+        data = csv_bytes(self.table)
+        safe_files.write_together(out.parent, {out.name: data})
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A board that pictures may show.
+
+    Attributes
+    ----------
+    camera : str
+        That sees it.
+    board : Board
+    find : callable
+    size : (int, int) or None
+        Of the camera's pictures, pixels.
+    row : dict
+        Of the features' file.
+    """
+
+    camera: str
+    board: Board
+    find: Finder
+    size: tuple[int, int] | None
+    row: dict[str, str]
+
+
+def corners(images: str | Path, joints: TableLike, features: TableLike) -> FoundCorners:
+    """Find the corners of boards in pictures.
+
+    Parameters
+    ----------
+    images : str or Path
+        Folder of the pictures (PNG, JPEG, TIFF, ...).
+    joints : str, Path or DataFrame
+        A row a picture: ``image`` (its file's name), joints (``q1_deg`` ...), and what the rows shall have besides:
+        ``pose`` (the picture's name unless given), ``feature``, and what names of features are made of, as ``place``.
+    features : str, Path or DataFrame
+        The features' file of the calibration (`irbcal.measurement.imaging`); boards with markers have ``dictionary``
+        (OpenCV's name, such as ``DICT_5X5_100``) and ``marker_mm`` (three quarters of the square unless given), too.
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not keep its format, a picture cannot be read, or there is no board in any.
+    OptionError
+        If OpenCV is not installed.
+    """
+    listed = InputTable.read(joints, [IMAGE])
+    for name in columns.joint_columns(listed.names):
+        listed.numbers(name)
+    name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
+    rows = given_rows(features)
+    boards = boards_of(rows, name_of)
+    names = {name: filled(name, listed, board.row) for name, board in boards.items()}
+    for board in boards.values():
+        imaging.imaging_of(board.row)
+    folder = Path(images)
+    tables, missed = [], []
+    for k, cell in enumerate(listed.cells.to_dict("records")):
+        picture = str(cell[IMAGE]).strip()
+        feature = str(cell.get("feature", "")).strip() or (next(iter(boards)) if len(boards) == 1 else "")
+        name = next((name for name in boards if feature in (name, names[name][k])), "")
+        if not name:
+            sentence = f"expected the board in this picture, one of {', '.join(boards)}; found {feature or 'nothing'}"
+            raise listed.fault(sentence, k, "feature")
+        size = boards[name].size
+        grey = read_picture(folder / picture)
+        if grey is None:
+            message = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
+            raise listed.fault(message, k, IMAGE)
+        if size is not None and grey.shape[::-1] != size:
+            message = f"{picture} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}"
+            raise listed.fault(message, k, IMAGE)
+        number, uv = boards[name].find(grey)
+        if len(number) < imaging.FEWEST:
+            missed.append((picture, len(number)))
+            continue
+        more = {"corner": number} | dict(zip(("u_px", "v_px"), uv.T, strict=True))
+        tables.append(pd.DataFrame({"pose": picture} | cell | {"feature": names[name][k]} | more))
+    if not tables:
+        raise no_board(name_of)
+    table = pd.concat(tables, ignore_index=True)
+    table[["u_px", "v_px"]] = table[["u_px", "v_px"]].astype(float).round(4)
+    return FoundCorners(table, len(tables), tuple(missed))
+
+
+def no_board(name_of: str) -> MeasurementError:
+    """That there is no board in any picture."""
+    return MeasurementError(
+        f"no picture shows {imaging.FEWEST} corners of its board: are squares_x, squares_y, dictionary and pattern "
+        f"right (one of {', '.join(PATTERNS)}; charuco-old was drawn before OpenCV 4.6)?",
+        file=name_of,
+    )
+
+
+def read_picture(path: Path) -> Any:
+    """A picture in grey, shape (height, width); None where OpenCV reads none."""
+    cv2 = opencv()
+    with libraries_silent():
+        return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None  # a pipe would wait for ever
+
+
+def boards_of(rows: list[dict[str, str]], name_of: str) -> dict[str, Seen]:
+    """Boards by the names of their features, with what finds them.
+
+    Raises
+    ------
+    MeasurementError
+        If there is none, or nothing finds one.
+    """
+    cv2 = opencv()
+    imaging.shared(rows)
+    out: dict[str, Seen] = {}
+    for row in [row for row in rows if row["kind"] in imaging.TARGETS]:
+
+        def fault(message: str, column: str, row: dict[str, str] = row) -> MeasurementError:
+            return MeasurementError(message, file=name_of, row=int(row["row"]), column=column)
+
+        board = imaging.board_of(row)
+        if board is None:
+            raise fault(f"expected {', '.join(imaging.BOARD)} of the board", imaging.BOARD[0])
+        if PATTERNS[board.pattern].markers and not hasattr(cv2.aruco, board.dictionary or "nothing"):
+            raise fault(
+                "expected one of OpenCV's dictionaries of markers, such as DICT_5X5_100, found "
+                f"{row.get(imaging.DICTIONARY) or 'nothing'}",
+                imaging.DICTIONARY,
+            )
+        try:
+            find = board.finder()
+        except ValueError as error:
+            raise fault(
+                f"OpenCV makes no board of {error} squares of {board.pitch / MM:g} mm with markers of "
+                f"{board.marker / MM:g} mm",
+                imaging.BOARD[0],
+            ) from None
+        width, height = (float(row[name]) if row.get(name) else 0.0 for name in imaging.SIZE)
+        size = (int(width), int(height)) if width and height else None
+        out[row["feature"]] = Seen(imaging.camera_and_board(row)[0], board, find, size, row)
+    if not out:
+        raise MeasurementError(f"there is no feature of kind {' or '.join(imaging.TARGETS)}", file=name_of)
+    return out
