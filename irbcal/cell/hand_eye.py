@@ -28,6 +28,7 @@ from irbcal.io.schema import PoseSection
 from irbcal.measurement import features, imaging, pictures
 from irbcal.measurement.columns import POSE, InputTable, TableLike
 from irbcal.measurement.features import FeatureSet
+from irbcal.measurement.lens import with_lenses
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import COVERAGE
@@ -211,7 +212,8 @@ def hand_eye(
         or the flange in the robot base as the controller shows it (``flange_x_mm`` … ``flange_qz``; a row a picture
         also ``x_mm`` … ``qz``).
     features : str, Path or DataFrame
-        Cameras and boards, as for corners.
+        Cameras and boards, as for corners. Where nothing is known of a lens but the size of its pictures, the lens is
+        calibrated from the corners alone.
     out : str or Path, optional
         File to write, such as hand_eye.json.
     robot : str, Path, Record or a result that holds one, optional
@@ -238,6 +240,12 @@ def hand_eye(
         cells = cells.rename(columns=dict(zip(POSE, FLANGE, strict=True)) if set(POSE) <= set(cells.columns) else {})
         shown = pictures.corners(images, cells, features)
         cells, notes = shown.to_frame(), shown.notes()
+    features, lenses = with_lenses(cells, features)
+    notes += [
+        f"lens of {lens.camera} from these pictures alone: {lens.rms_pixels:.2f} px, {lens.heldout_rms_pixels:.2f} px "
+        "in pictures that were left out"
+        for lens in lenses
+    ]
     posed = set(FLANGE) <= set(map(str, cells.columns))
     if posed and robot is not None:
         raise OptionError(

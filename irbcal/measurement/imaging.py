@@ -220,6 +220,12 @@ def board_of(row: Mapping[str, str]) -> Board | None:
     return board
 
 
+def size_of(row: Mapping[str, str]) -> tuple[int, int] | None:
+    """Width and height of a camera's pictures, pixels; None where a row of the features' file does not say both."""
+    width, height = (float(row[name]) if row.get(name) else 0.0 for name in SIZE)
+    return (int(width), int(height)) if width >= 1.0 and height >= 1.0 else None
+
+
 def per_pixel(corners: FloatArray) -> FloatArray:
     """What a pixel is at the board, about: spread of corners on the board by that in the image, (m,), metres.
 

@@ -19,9 +19,9 @@ from irbcal.arrays import FloatArray, Locked, NameArray, plain
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, imaging, lens_formats
 from irbcal.measurement.boards import opencv
-from irbcal.measurement.columns import TableLike
-from irbcal.measurement.features import given_rows
-from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
+from irbcal.measurement.columns import InputTable, TableLike
+from irbcal.measurement.features import filled, given_rows
+from irbcal.measurement.pictures import boards_of, no_board, read_picture
 from irbcal.safe_files import refuse_overwriting
 from irbcal.summary import Paragraph, Result, Table
 
@@ -216,10 +216,57 @@ def lens(
     if not shown:
         raise no_board(name_of)
     lenses = tuple(calibrated(cv2, camera, sizes[camera], shown[camera], str(folder)) for camera in shown)
-    result = LensCalibration(lenses, _features(rows, boards, lenses), tuple(missed))
+    result = LensCalibration(lenses, _features(rows, lenses), tuple(missed))
     if out is not None:
         result.save(out, as_)
     return result
+
+
+def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, tuple[Lens, ...]]:
+    """The features with lenses from corners, of cameras of which nothing else is known.
+
+    Parameters
+    ----------
+    corners : DataFrame
+        Rows of corners as ``irbcal corners`` writes them.
+    features : str, Path or DataFrame
+
+    Raises
+    ------
+    MeasurementError
+        If the pictures are too few, or the size of a camera's pictures is not known.
+    OptionError
+        If OpenCV is not installed.
+    """
+    rows = given_rows(features)
+    imaging.shared(rows)
+    unknown = [row for row in rows if row["kind"] in imaging.TARGETS and not row.get("fx_px")]
+    if not unknown:
+        return features, ()
+    table = InputTable(corners, unknown[0]["source"])
+    uv = np.column_stack([table.numbers("u_px"), table.numbers("v_px")])
+    number = table.numbers("corner").astype(int)
+    pose, shown_at = table.texts("pose"), table.texts("feature")
+    shown: dict[str, dict[str, Corners]] = {}
+    sizes: dict[str, tuple[int, int]] = {}
+    for row in unknown:
+        board, size, camera = imaging.board_of(row), imaging.size_of(row), imaging.camera_and_board(row)[0]
+        if board is None or size is None:
+            raise MeasurementError(
+                f"nothing is known of the lens of {camera}: give fx_px, fy_px, cx_px and cy_px, or its board, width_px "
+                "and height_px, for a lens from these pictures",
+                file=row["source"],
+                row=int(row["row"]),
+                column="fx_px",
+            )
+        sizes[camera] = size
+        of_board = (shown_at == filled(row["feature"], table, row)) & (number >= 0) & (number < len(board.corners))
+        for picture in dict.fromkeys(pose[of_board]):
+            of = of_board & (pose == picture)
+            shown.setdefault(camera, {})[f"{picture} {row['feature']}"] = board.corners[number[of]], uv[of]
+    cv2, source = opencv(), unknown[0]["source"]
+    lenses = tuple(calibrated(cv2, camera, sizes[camera], shown.get(camera, {}), source) for camera in sizes)
+    return _features(rows, lenses), lenses
 
 
 def _pictures(folder: Path) -> list[Path]:
@@ -228,14 +275,14 @@ def _pictures(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
 
 
-def _features(rows: list[dict[str, str]], boards: Mapping[str, Seen], lenses: Sequence[Lens]) -> pd.DataFrame:
+def _features(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataFrame:
     """The features with these lenses."""
     of = {lens.camera: lens for lens in lenses}
     out = []
     for row in rows:
         cells = {name: value for name, value in row.items() if name not in ("row", "source")}
-        if row["feature"] in boards and boards[row["feature"]].camera in of:
-            lens = of[boards[row["feature"]].camera]
+        lens = of.get(imaging.camera_and_board(row)[0]) if row["kind"] in imaging.TARGETS else None
+        if lens is not None:
             cells |= {name: repr(float(value)) for name, value in zip(imaging.LENS, lens.numbers, strict=True)}
             cells |= dict(zip(imaging.SIZE, map(str, lens.size), strict=True))
         out.append(cells)

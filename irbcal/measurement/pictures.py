@@ -133,8 +133,6 @@ def corners(images: str | Path, joints: TableLike, features: TableLike) -> Found
     rows = given_rows(features)
     boards = boards_of(rows, name_of)
     names = {name: filled(name, listed, board.row) for name, board in boards.items()}
-    for board in boards.values():
-        imaging.imaging_of(board.row)
     folder = Path(images)
     tables, missed = [], []
     for k, cell in enumerate(listed.cells.to_dict("records")):
@@ -214,9 +212,7 @@ def boards_of(rows: list[dict[str, str]], name_of: str) -> dict[str, Seen]:
                 f"{board.marker / MM:g} mm",
                 imaging.BOARD[0],
             ) from None
-        width, height = (float(row[name]) if row.get(name) else 0.0 for name in imaging.SIZE)
-        size = (int(width), int(height)) if width and height else None
-        out[row["feature"]] = Seen(imaging.camera_and_board(row)[0], board, find, size, row)
+        out[row["feature"]] = Seen(imaging.camera_and_board(row)[0], board, find, imaging.size_of(row), row)
     if not out:
         raise MeasurementError(f"there is no feature of kind {' or '.join(imaging.TARGETS)}", file=name_of)
     return out

@@ -10,6 +10,7 @@ from support import assert_same_poses
 
 from irbcal.cell.hand_eye import FLANGE, hand_eye
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.measurement import imaging
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
 
@@ -63,6 +64,19 @@ def test_without_noise_the_truth_comes_back(kind, tmp_path):
     written = json.loads((tmp_path / "hand_eye.json").read_text())
     on_flange = next(frame for frame in written["frames"] if frame["on"] == "flange")
     np.testing.assert_allclose([on_flange[f"{axis}_mm"] for axis in "xyz"], truth[0][:3, 3] / MM, rtol=0, atol=1e-5)
+
+
+def test_a_lens_of_which_nothing_is_known_comes_from_the_pictures():
+    pytest.importorskip("cv2")
+    rows, known, truth, T = simulated("image-on-tool", 15, 4, NOISE_PX)
+    unknown = known.drop(columns=[name for name in known if name in imaging.LENS])
+    result = hand_eye(as_flange_poses(rows, T), unknown)
+    assert result.rms_pixels < 1.5 * NOISE_PX
+    assert any("lens of held from these pictures alone" in note for note in result.notes)
+    for frame, expected in zip(result_frames(result), truth, strict=True):
+        assert_same_poses(frame.T, expected, 3.0 * MM, 5e-3)
+    with pytest.raises(MeasurementError, match="nothing is known of the lens of held: give fx_px"):
+        hand_eye(as_flange_poses(rows, T), unknown.drop(columns="width_px").drop(columns="height_px"))
 
 
 @pytest.mark.parametrize("kind", KIND.values(), ids=KIND)
