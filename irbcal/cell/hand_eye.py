@@ -213,7 +213,7 @@ def hand_eye(
         also ``x_mm`` … ``qz``).
     features : str, Path or DataFrame
         Cameras and boards, as for corners. Where nothing is known of a lens but the size of its pictures, the lens is
-        calibrated from the corners alone.
+        calibrated from the corners alone, and fitted from there.
     out : str or Path, optional
         File to write, such as hand_eye.json.
     robot : str, Path, Record or a result that holds one, optional

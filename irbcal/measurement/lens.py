@@ -223,7 +223,7 @@ def lens(
 
 
 def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, tuple[Lens, ...]]:
-    """The features with lenses from corners, of cameras of which nothing else is known.
+    """The features with lenses from corners, of cameras of which nothing else is known; they may still be fitted.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
     unknown = [row for row in rows if row["kind"] in imaging.TARGETS and not row.get("fx_px")]
     if not unknown:
         return features, ()
-    table = InputTable(corners, unknown[0]["source"])
+    table = InputTable.read(corners, ["pose", "feature", "corner", "u_px", "v_px"])
     uv = np.column_stack([table.numbers("u_px"), table.numbers("v_px")])
     number = table.numbers("corner").astype(int)
     pose, shown_at = table.texts("pose"), table.texts("feature")
@@ -266,6 +266,8 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
             shown.setdefault(camera, {})[f"{picture} {row['feature']}"] = board.corners[number[of]], uv[of]
     cv2, source = opencv(), unknown[0]["source"]
     lenses = tuple(calibrated(cv2, camera, sizes[camera], shown.get(camera, {}), source) for camera in sizes)
+    for row in unknown:
+        row[imaging.FIT] = row.get(imaging.FIT) or " ".join(imaging.FITTED)
     return _features(rows, lenses), lenses
 
 

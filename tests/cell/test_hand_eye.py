@@ -71,7 +71,7 @@ def test_a_lens_of_which_nothing_is_known_comes_from_the_pictures():
     rows, known, truth, T = simulated("image-on-tool", 15, 4, NOISE_PX)
     unknown = known.drop(columns=[name for name in known if name in imaging.LENS])
     result = hand_eye(as_flange_poses(rows, T), unknown)
-    assert result.rms_pixels < 1.5 * NOISE_PX
+    assert result.rms_pixels < 2.0 * NOISE_PX
     assert any("lens of held from these pictures alone" in note for note in result.notes)
     for frame, expected in zip(result_frames(result), truth, strict=True):
         assert_same_poses(frame.T, expected, 3.0 * MM, 5e-3)
