@@ -16,12 +16,12 @@ from irbcal.errors import RobotError
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.exporting.urdf_with_meshes import UrdfWithMeshes, beside, urdf_with_meshes
+from irbcal.io.meshes import as_obj
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
 
 WHAT = "MuJoCo: MJCF with meshes in a folder, joint ranges and reflectors"
 NEXT = "python -m mujoco.viewer --mjcf {folder}/{word}.xml     # its joints are effective joints"
-READS = (".stl", ".obj")
 HINGES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 SHAPES = ("box", "sphere", "cylinder", "capsule")
 LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-12
@@ -31,7 +31,7 @@ LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-12
 def files(source: Source) -> ExportFiles:
     """The model, its meshes and the joint map."""
     package = urdf_with_meshes(
-        source, lambda path: (path.suffix.lower(), path.read_bytes()) if path.suffix.lower() in READS else None
+        source, lambda path: (".stl", path.read_bytes()) if path.suffix.lower() == ".stl" else as_obj(path)
     )
     made = {f"{source.parts.identifier}.xml": mjcf(source, package)}
     return ExportFiles(made | package.meshes | beside(source), package.notes)

@@ -11,7 +11,7 @@ from irbcal.errors import CalibrationError, RobotError
 from irbcal.exporting import python
 from irbcal.exporting.source import Source
 from irbcal.io import robots, urdf_xml
-from irbcal.io.urdf_xml import MESH_ENDINGS, MeshFolders, MeshProblem, XmlElement, XmlTree
+from irbcal.io.urdf_xml import MESH_ENDINGS, MeshFolders, MeshProblem, MissingMesh, XmlElement, XmlTree
 
 FOLDER = "meshes"
 Convert = Callable[[Path], tuple[str, bytes] | None]
@@ -32,12 +32,15 @@ class UrdfWithMeshes(Locked):
         Mesh files that are not taken: their shapes are gone from the document.
     textures : tuple of str
         Images that surfaces were drawn with: none is taken.
+    missing : tuple of str
+        Mesh files that were not found: their shapes are gone, too.
     """
 
     tree: XmlTree
     meshes: dict[str, bytes]
     left_out: tuple[str, ...]
     textures: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -46,7 +49,13 @@ class UrdfWithMeshes(Locked):
         if self.left_out:
             which = f"{len(self.left_out)} meshes are" if len(self.left_out) > 1 else "one mesh is"
             names = ", ".join(self.left_out)
-            told.append(f"{which} left out with the shapes made of them, for only STL and OBJ are taken: {names}")
+            told.append(f"{which} left out with the shapes made of them, for no reader takes them: {names}")
+        if self.missing:
+            names = ", ".join(dict.fromkeys(self.missing))
+            told.append(
+                f"meshes that are not on this computer are left out with the shapes made of them: {names} "
+                "(ROS_PACKAGE_PATH leads to packages)"
+            )
         if self.textures:
             told.append(f"textures are left out: {', '.join(self.textures)}")
         return tuple(told)
@@ -73,17 +82,21 @@ def urdf_with_meshes(source: Source, convert: Convert) -> UrdfWithMeshes:
     CalibrationError
         If the URDF is not known.
     RobotError
-        If a mesh file is not found, or lies where the URDF may not look.
+        If a mesh file lies where the URDF may not look.
     """
     tree = urdf_xml.parse(urdf_of(source), "calibrated.urdf")
     root = tree.getroot()
     finder = MeshFolders(source.folder, robots.package_dirs())
     taken: dict[Path, str | None] = {}
     meshes: dict[str, bytes] = {}
-    left_out = []
+    left_out, missing = [], []
     for mesh in list(root.iter("mesh")):
         try:
             path = finder.find(mesh.get("filename", ""), MESH_ENDINGS)
+        except MissingMesh as problem:
+            missing.append(problem.which)
+            _without_shape(mesh)
+            continue
         except MeshProblem as problem:
             raise RobotError(f"{problem.which}: {problem.reason}", file="calibrated.urdf", parameter="as") from None
         if path not in taken:
@@ -96,15 +109,19 @@ def urdf_with_meshes(source: Source, convert: Convert) -> UrdfWithMeshes:
                 meshes[str(taken[path])] = converted[1]
         name = taken[path]
         if name is None:
-            shape = mesh.getparent().getparent()
-            shape.getparent().remove(shape)
+            _without_shape(mesh)
         else:
             mesh.set("filename", name)
     textures = list(root.iter("texture"))
     for texture in textures:
         texture.getparent().remove(texture)
     names = dict.fromkeys(PurePosixPath(texture.get("filename", "unnamed")).name for texture in textures)
-    return UrdfWithMeshes(tree, meshes, tuple(left_out), tuple(names))
+    return UrdfWithMeshes(tree, meshes, tuple(left_out), tuple(names), tuple(missing))
+
+
+def _without_shape(mesh: XmlElement) -> None:
+    shape = mesh.getparent().getparent()
+    shape.getparent().remove(shape)
 
 
 def urdf_of(source: Source) -> bytes:

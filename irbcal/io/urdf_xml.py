@@ -187,6 +187,10 @@ class MeshProblem(Exception):
         self.reason, self.which = reason, which
 
 
+class MissingMesh(MeshProblem):
+    """A file that a URDF names and that is not on this computer."""
+
+
 class MeshFolders:
     """Finds files that a URDF names, inside the folders that it may name.
 
@@ -248,7 +252,7 @@ class MeshFolders:
             outside = True
         if outside:
             raise MeshProblem("it lies outside the URDF's folder and the package folders", shown)
-        raise MeshProblem("the file was not found", shown)
+        raise MissingMesh("the file was not found", shown)
 
 
 def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: MeshFolders, source: str) -> bytes:

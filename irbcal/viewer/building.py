@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from io import BytesIO
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -18,6 +16,7 @@ from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, cell_of
 from irbcal.errors import CalibrationError, MeasurementError, OptionError, RobotError
 from irbcal.io import robots
+from irbcal.io.meshes import GREY, read_mesh
 from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.io.urdf import UrdfArm
 from irbcal.io.urdf_xml import MeshFolders, MeshProblem, XmlElement
@@ -37,8 +36,6 @@ from irbcal.viewer.shapes import Link, links, origin, reach, vector
 MAX_MESH_BYTES = 100_000_000
 MAX_TRIANGLES = 2_000_000
 """Triangles of a whole robot beyond which further visuals are left out."""
-
-GREY = (0.78, 0.79, 0.80)
 
 
 class MeshFinder(MeshFolders):
@@ -72,63 +69,7 @@ class MeshFinder(MeshFolders):
             raise MeshProblem(f"it cannot be read: {error.strerror}", path.name) from None
         if data is None:
             raise MeshProblem(f"it is larger than {MAX_MESH_BYTES // 1_000_000} MB", path.name)
-        return _read_mesh(data, path.suffix.lower()[1:], path.name, budget)
-
-
-def _read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatArray, FloatArray | None]:
-    try:
-        import trimesh
-
-        if ending == "dae":
-            import collada  # noqa: F401
-    except ImportError as error:
-        raise MeshProblem(f"reading {ending} meshes needs the package {error.name}", name) from None
-    unit = 1.0
-    if ending == "dae":
-        if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-            raise MeshProblem("document types and entities are refused", name)
-        unit_text = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([\d.eE+-]+)[\"']", data[:100_000])
-        unit = float(unit_text[1]) if unit_text else 1.0
-    try:
-        # without a resolver nothing but these bytes is read: no textures, no material files
-        scene = trimesh.load_scene(BytesIO(data), file_type=ending, process=False)
-        link_meshes = list(_scene_parts(scene, budget))
-    except MeshProblem:
-        raise
-    except Exception as error:  # whatever a parser raises on a damaged file
-        raise MeshProblem(f"it is not a readable mesh ({type(error).__name__})", name) from None
-    if not link_meshes:
-        raise MeshProblem("there are no triangles in it", name)
-    triangles = np.concatenate([mesh for mesh, _ in link_meshes]) * unit
-    good = np.isfinite(triangles).all(axis=(1, 2))
-    coloured = any(colour is not None for _, colour in link_meshes)
-    colours = np.concatenate([np.broadcast_to(GREY if c is None else c, (len(t), 3)) for t, c in link_meshes])
-    return triangles[good], colours[good] if coloured else None
-
-
-def _scene_parts(scene: Any, budget: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
-    for node in scene.graph.nodes_geometry:
-        T, name = scene.graph[node]
-        mesh = scene.geometry[name]
-        if not hasattr(mesh, "faces") or not len(mesh.faces):
-            continue
-        budget -= len(mesh.faces)
-        if budget < 0:
-            raise MeshProblem(f"the robot has more than {MAX_TRIANGLES:,} triangles", name)
-        triangles = mesh.triangles @ np.asarray(T)[:3, :3].T + np.asarray(T)[:3, 3]
-        yield triangles, _part_colours(mesh)
-
-
-def _part_colours(mesh: Any) -> FloatArray | None:
-    visual = mesh.visual
-    if not visual.defined:
-        return None
-    if visual.kind == "texture":
-        material = visual.material
-        if getattr(material, "image", None) is not None:
-            return None
-        return np.asarray(material.main_color[:3], dtype=float) / 255
-    return np.asarray(visual.face_colors[:, :3], dtype=float) / 255
+        return read_mesh(data, path.suffix.lower()[1:], path.name, budget)
 
 
 Painted: TypeAlias = tuple[FloatArray, FloatArray]
