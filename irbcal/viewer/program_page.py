@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from irbcal.correction.filtered import Filtered
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import chain
+from irbcal.units import DEG
 from irbcal.viewer.building import default_magnification, scale_top
 from irbcal.viewer.scene import Model, Points
 from irbcal.viewer.view import View, view
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
     from irbcal.io.opening import CalibrationLike
 
 MOST_LEFT = 200
-"""Targets that are left and named on the page, each with its reason."""
+"""Targets that are left, and remarks on moves, that the page names."""
 MODELS: tuple[Model, Model] = ("nominal", "calibrated")
 """As the page names what is before and after a correction."""
 HOW_TO_READ = (
@@ -25,6 +28,50 @@ HOW_TO_READ = (
     "the program as it was (before) and as it is now (after). The line joins the targets in the order of the program; "
     "moves between them are not computed."
 )
+
+
+SINGULAR = 10.0
+"""Degrees that joints turn for one degree of the tool (or of a point at the arm's reach), next to a singularity."""
+LONGER, LONGER_SHARE = 1.0 * DEG, 0.05
+"""By how much, and by which share, the largest turn of a joint in a move changes before it is named."""
+
+
+def singularities(arm: Arm, filtered: Filtered, reach: float, names: list[str]) -> list[str]:
+    """Sentences on corrected targets next to a singularity: the correction, and moves there, turn joints far.
+
+    Parameters
+    ----------
+    arm : Arm
+    filtered : Filtered
+    reach : float
+        Metres: translations count by it.
+    names : list of str
+        Of the targets.
+    """
+    walk = chain.walk(arm, filtered.q)
+    slides = arm.table.prismatic[:, None, None]
+    linear = np.where(slides, walk.z, np.cross(walk.z, walk.tip[3] - walk.o, axis=1)) / reach
+    J = np.concatenate([linear, np.where(slides, 0.0, walk.z)], axis=1).transpose(2, 1, 0)
+    _, size, V = np.linalg.svd(J)
+    gain = 1.0 / np.maximum(size[:, -1], 1e-9)
+    joint = np.abs(V[:, len(size[0]) - 1]).argmax(axis=1)
+    return [
+        f"next to a singularity: {names[k]}: joint {joint[k] + 1} turns by {min(gain[k], 9999.0):.0f} degrees for one "
+        "degree of the tool; straight moves through it are slow or stop"
+        for k in np.flatnonzero(gain > SINGULAR)
+    ]
+
+
+def changed_moves(arm: Arm, filtered: Filtered, names: list[str]) -> list[str]:
+    """Sentences on moves in which a joint turns farther, or less far, than before: they take another time."""
+    way, turning = filtered.way, ~arm.table.prismatic
+    before, after = (np.abs(np.diff(q[way][:, turning], axis=0)).max(axis=1) for q in (filtered.q_before, filtered.q))
+    changed = np.abs(after - before) > np.maximum(LONGER, LONGER_SHARE * before)
+    return [
+        f"another speed: from {names[way[k]]} to {names[way[k + 1]]} a joint turns by {after[k] / DEG:.1f} degrees, "
+        f"{before[k] / DEG:.1f} before"
+        for k in np.flatnonzero(changed)
+    ]
 
 
 def program_view(calibration: CalibrationLike, filtered: Filtered) -> View:
@@ -58,6 +105,10 @@ def program_view(calibration: CalibrationLike, filtered: Filtered) -> View:
         f"{name} ({PurePath(place).name}{', ' if place else ''}line {line})"
         for (name, _, place), line in zip(split, filtered.lines, strict=True)
     ]
+    arm = scene.robot.arm
+    motion = [*singularities(arm, filtered, size, names), *changed_moves(arm, filtered, names)]
+    if len(motion) > MOST_LEFT:
+        motion = [*motion[:MOST_LEFT], f"{len(motion) - MOST_LEFT} more targets and moves like these"]
     source = PurePath(programs[0]).name if len(programs) == 1 else f"{len(programs)} programs"
     return View(
         replace(
@@ -75,6 +126,6 @@ def program_view(calibration: CalibrationLike, filtered: Filtered) -> View:
             tracker=False,
             cube=None,
             references={},
-            notes=(HOW_TO_READ, *left, *filtered.cautions, *notes, *scene.notes),
+            notes=(HOW_TO_READ, *left, *motion, *filtered.cautions, *notes, *scene.notes),
         )
     )

@@ -1,6 +1,7 @@
 """The page of a corrected program: where the tool goes before and after, by joints from an independent reading."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import irbcal
 from irbcal.cli.main import app
 from irbcal.correction.filter import correct
 from irbcal.io.opening import open_calibration
-from irbcal.viewer.program_page import program_view
+from irbcal.viewer.program_page import changed_moves, program_view, singularities
 
 FAR = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 Q = np.array([[10, -14, 14, 0, 30, 0], [-20, 5, 10, 20, 40, 10], [30, -10, 25, 10, 35, 60.0]])
@@ -62,6 +63,34 @@ def test_places_are_those_of_the_tool_centre_point(calibration, program):
     assert scene.title == "job.mod: 3 targets corrected, 1 left"
     assert scene.pose_ids[0] == "j2 (line 3)"
     assert any("left as it was" in note and "(line 11)" in note for note in scene.notes)
+
+
+def test_singularities_and_changed_moves_are_named(calibration, program, tmp_path):
+    found = correct(calibration, program)
+    robot = open_calibration(calibration).robot_calibrated()
+    nominal, names = robot.arm, ["a", "b", "c"]
+    q = found.q.copy()
+    q[1, 4] = np.radians(1.0)
+    # central differences of the tip's pose: degrees of joint 4 or 6 for one degree of the tool
+    step, columns = 1e-6, []
+    for k in range(6):
+        low, high = nominal.forward(np.stack([q[1] - step * np.eye(6)[k], q[1] + step * np.eye(6)[k]]))
+        turn = (high[:3, :3] - low[:3, :3]) @ low[:3, :3].T / (2 * step)
+        moved = (high[:3, 3] - low[:3, 3]) / (2 * step)
+        columns.append([*moved / 1.5, turn[2, 1], turn[0, 2], turn[1, 0]])
+    gain = 1 / np.linalg.svd(np.array(columns).T)[1][-1]
+    (sentence,) = singularities(nominal, replace(found, q=q), 1.5, names)
+    assert sentence.startswith("next to a singularity: b: joint ")
+    assert float(re.search(r"turns by (\d+) degrees", sentence)[1]) == pytest.approx(gain, abs=0.6)
+    assert gain > 30
+    # what the correction itself changes is a tenth of a degree
+    assert changed_moves(nominal, found, names) == []
+    q = found.q_before.copy()
+    q[found.way[0], 0] += np.radians(3.0)
+    # joint 1 turns from 10 to -20 degrees, then from 13; from j2 joint 6 turns farther than it
+    assert changed_moves(nominal, replace(found, q=q), names) == [
+        "another speed: from b to c a joint turns by 33.0 degrees, 30.0 before"
+    ]
 
 
 def run(*words):
