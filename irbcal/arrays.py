@@ -112,8 +112,9 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, (str, int)):
         return value
     if isinstance(value, np.ndarray):
-        finite = value.dtype.kind != "f" or np.isfinite(value).all()
-        return value.tolist() if finite else plain(value.tolist())
+        if value.dtype.kind != "f" or np.isfinite(value).all():
+            return value.tolist()
+        return np.where(np.isfinite(value), value.astype(object), None).tolist()
     if hasattr(value, "itertuples"):
         return plain(value.to_dict(orient="records"))
     for speaks in ("to_dict", "model_dump", "_asdict"):

@@ -1,7 +1,8 @@
 """The calibration folder: calibrated URDF, joint origins, ``calibration.json``, report; and signatures of it.
 
-Points and poses of a large calibration are Parquet files beside ``calibration.json``, which has their hashes: many
-points as JSON are large and slow. What is read is the same: one schema, sections `points` and `poses`.
+Points and poses of a large calibration are NumPy's files (npz) beside ``calibration.json``, which has their hashes: many
+points as JSON are large and slow. What is read is the same: one schema, sections `points` and `poses`. Such a file is
+numbers and text alone: objects (pickle) and compressed members, which could grow without bound, are refused.
 
 A seal says that nothing was changed by accident; whoever may write a folder can renew it. A signature (Ed25519, RFC
 8032, by the package cryptography) is made with a private key, and checked by anybody with the public one. That of a
@@ -15,7 +16,7 @@ import base64
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from io import BytesIO
@@ -23,8 +24,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any, Literal
+from zipfile import ZIP_STORED, ZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from irbcal.errors import CalibrationError, OptionError
@@ -35,12 +38,14 @@ from irbcal.names import comment
 from irbcal.safe_files import read_bytes, recover, write_set, write_together
 from irbcal.section import Base64, Section, Sha256
 
-MOST_POINTS = 30_000
-"""Points that stand in ``calibration.json`` at most."""
+FEWEST_POSES = 2_000
+"""Poses from which on they and their points stand beside ``calibration.json``."""
 SCHEMA = "irbcal-calibration-1"
-TABLE_FILES = {"points": "calibration.points.parquet", "poses": "calibration.poses.parquet"}
+TABLE_FILES = {"points": "calibration.points.npz", "poses": "calibration.poses.npz"}
 SIGN_COLUMN = "came_from"
 """A column of characters."""
+NAMES_ENDING = ".names"
+"""Of the array that has the words of a column of names."""
 
 
 def without_tables(record: Record) -> tuple[dict[str, Any], dict[str, bytes]]:
@@ -51,11 +56,11 @@ def without_tables(record: Record) -> tuple[dict[str, Any], dict[str, bytes]]:
     document : dict
         For JSON, without its seal.
     files : dict of str to bytes
-        Empty where there are few points, or pyarrow is not installed.
+        Empty where there are few poses.
     """
-    if len(record.points.pose) <= MOST_POINTS or not _pyarrow():
+    if len(record.poses.pose) < FEWEST_POSES:
         return record.model_dump(mode="json"), {}
-    files = {file: _parquet(getattr(record, name)) for name, file in TABLE_FILES.items()}
+    files = {file: _columns_as_bytes(getattr(record, name)) for name, file in TABLE_FILES.items()}
     references = {name: _reference(file, files[file]) for name, file in TABLE_FILES.items()}
     document = record.model_dump(mode="json", exclude=set(TABLE_FILES)) | references
     return document, files
@@ -90,27 +95,33 @@ def _reference(name: str, content: bytes) -> dict[str, str]:
     return {"file": name, "sha256": hashlib.sha256(content).hexdigest()}
 
 
-def _pyarrow() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("pyarrow") is not None
-
-
-def _parquet(table: Section) -> bytes:
-    """A section of columns as Parquet; columns for each joint are numbered."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    columns: dict[str, Any] = {}
+def _columns_as_bytes(table: Section) -> bytes:
+    """A section of columns as npz; columns for each joint are numbered."""
+    columns: dict[str, NDArray[Any]] = {}
     for name, values in table:
         if name == SIGN_COLUMN or (values and isinstance(values[0], list)):
-            columns |= {f"{name}.{k}": pa.array(list(column)) for k, column in enumerate(values)}
+            columns |= {key: array for k, column in enumerate(values) for key, array in _arrays(f"{name}.{k}", column)}
         elif values:
-            columns[name] = pa.array(values)
+            columns |= dict(_arrays(name, values))
     buffer = BytesIO()
-    names = [name for name, column in columns.items() if not pa.types.is_floating(column.type)]
-    parquet.write_table(pa.table(columns), buffer, compression="zstd", use_dictionary=names)
+    np.savez(buffer, allow_pickle=False, **columns)
     return buffer.getvalue()
+
+
+def _arrays(name: str, column: Sequence[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """A column as arrays without objects: of numbers (not-a-number for None), of names their words and numbers of these.
+
+    A text is a column of characters.
+    """
+    if isinstance(column, str):
+        yield name, np.frombuffer(column.encode("ascii"), dtype="S1")
+    elif isinstance(column[0], str):
+        number_of = {word: k for k, word in enumerate(dict.fromkeys(column))}
+        yield f"{name}{NAMES_ENDING}", np.array(list(number_of), dtype=np.str_)
+        yield name, np.array([number_of[word] for word in column], dtype=np.int64)
+    else:
+        kind = type(next((value for value in column if value is not None), 0.0))
+        yield name, np.array(column, dtype=kind)
 
 
 def _read_table(reference: Any, folder: Path, name: str) -> dict[str, list[Any]]:
@@ -118,37 +129,44 @@ def _read_table(reference: Any, folder: Path, name: str) -> dict[str, list[Any]]
     content = read_bytes(folder / name, CalibrationError)
     if reference != _reference(name, content):
         raise CalibrationError("this is not the table that calibration.json was written with", file=folder / name)
-    try:
-        from pyarrow import parquet
-    except ImportError:
-        raise CalibrationError(
-            "reading Parquet needs the package pyarrow, which is absent", file=folder / name
-        ) from None
-    try:
-        table = parquet.read_table(BytesIO(content))
-    except Exception as error:  # whatever pyarrow raises on a damaged file
-        raise CalibrationError(f"this is no Parquet file: {error}", file=folder / name) from None
-    del content
     columns: dict[str, list[Any]] = {}
-    for label in table.column_names:
-        column_name, dot, _ = label.partition(".")
-        values = _values(table.column(label))
-        if not dot:
-            columns[column_name] = values
-        else:
-            columns.setdefault(column_name, []).append("".join(values) if column_name == SIGN_COLUMN else values)
+    try:
+        with ZipFile(BytesIO(content)) as archive:
+            if any(member.compress_type != ZIP_STORED for member in archive.infolist()):
+                raise ValueError("a member is compressed")
+        with np.load(BytesIO(content), allow_pickle=False) as arrays:
+            for label in arrays.files:
+                if label.endswith(NAMES_ENDING):
+                    continue
+                column_name, dot, _ = label.partition(".")
+                values = _values(arrays, label)
+                if not dot:
+                    columns[column_name] = values
+                else:
+                    columns.setdefault(column_name, []).append(values)
+    except Exception as error:  # whatever zipfile and numpy raise on a damaged file
+        raise CalibrationError(f"this is no table of a calibration: {error}", file=folder / name) from None
     return columns
 
 
-def _values(column: Any) -> list[Any]:
-    """The values of a column; those of text share their words, of which a long table has few."""
-    import pyarrow as pa
-
-    if not pa.types.is_string(column.type):
-        return column.to_pylist()
-    coded = column.combine_chunks().dictionary_encode()
-    values = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-    return values[coded.indices.fill_null(len(values) - 1).to_numpy()].tolist()
+def _values(arrays: Mapping[str, NDArray[Any]], label: str) -> Any:
+    """A column as JSON has it; names share their words, of which a long table has few."""
+    column = arrays[label]
+    if column.ndim != 1 or column.dtype.kind not in "bifS":
+        raise ValueError(f"column {label} is not of numbers or characters")
+    if column.dtype.kind == "S":
+        return column.tobytes().decode("ascii")
+    names = f"{label}{NAMES_ENDING}"
+    if names in arrays:
+        if column.dtype.kind != "i" or (column < 0).any():
+            raise ValueError(f"column {label} has a name that is not among its names")
+        return arrays[names].astype(object)[column].tolist()
+    absent = np.isnan(column) if column.dtype.kind == "f" else np.zeros(len(column), dtype=bool)
+    if not absent.any():
+        return column.tolist()
+    values = column.astype(object)
+    values[absent] = None
+    return values.tolist()
 
 
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"

@@ -1,5 +1,7 @@
 """A calibration folder is written whole or not at all, and read as it was written."""
 
+import hashlib
+import io
 import json
 
 import numpy as np
@@ -7,14 +9,14 @@ import pytest
 
 import irbcal
 from irbcal.errors import CalibrationError
-from irbcal.io import calibration_folder
+from irbcal.io import calibration_folder, integrity
 from irbcal.io.opening import open_calibration
 
 
 @pytest.fixture
 def large(folder, tmp_path, monkeypatch):
     saved = calibration_folder.read(folder)
-    monkeypatch.setattr(calibration_folder, "MOST_POINTS", 50)
+    monkeypatch.setattr(calibration_folder, "FEWEST_POSES", 10)
     calibration_folder.write(tmp_path / "large", saved.record, saved.urdf, "report")
     return saved, tmp_path / "large"
 
@@ -31,13 +33,13 @@ def test_what_is_read_is_what_was_written(large):
 
 def test_a_table_that_was_changed_or_lost_is_refused(large):
     _, folder = large
-    table = folder / "calibration.points.parquet"
+    table = folder / "calibration.points.npz"
     content = table.read_bytes()
     table.write_bytes(content[:-1] + b"!")
-    with pytest.raises(CalibrationError, match=r"calibration\.points\.parquet: this is not the table"):
+    with pytest.raises(CalibrationError, match=r"calibration\.points\.npz: this is not the table"):
         calibration_folder.read(folder)
     table.unlink()
-    with pytest.raises(CalibrationError, match=r"calibration\.points\.parquet"):
+    with pytest.raises(CalibrationError, match=r"calibration\.points\.npz"):
         calibration_folder.read(folder)
     document = json.loads((folder / "calibration.json").read_text())
     table.write_bytes(content)
@@ -49,25 +51,53 @@ def test_a_table_that_was_changed_or_lost_is_refused(large):
 
 def test_tables_of_a_calibration_that_was_here_before_go(large, monkeypatch):
     saved, folder = large
-    monkeypatch.setattr(calibration_folder, "MOST_POINTS", 10**6)
+    monkeypatch.setattr(calibration_folder, "FEWEST_POSES", 10**6)
     calibration_folder.write(folder, saved.record, saved.urdf, "report")
-    assert not list(folder.glob("*.parquet"))
+    assert not list(folder.glob("*.npz"))
     assert calibration_folder.read(folder).record.points == saved.record.points
 
 
-def test_without_pyarrow_all_stands_in_the_json_file(large, tmp_path, monkeypatch):
-    saved, _ = large
-    monkeypatch.setattr(calibration_folder, "_pyarrow", lambda: False)
-    calibration_folder.write(tmp_path / "plain", saved.record, saved.urdf, "report")
-    assert json.loads((tmp_path / "plain" / "calibration.json").read_text())["schema_name"] == "irbcal-calibration-1"
+def _exchanged(folder, content):
+    """Put another table beside a calibration.json whose hashes fit it, as somebody who means harm would."""
+    (folder / "calibration.points.npz").write_bytes(content)
+    document = json.loads((folder / "calibration.json").read_text())
+    document["points"]["sha256"] = hashlib.sha256(content).hexdigest()
+    files = document["seal"]["files"] | {"calibration.points.npz": document["points"]["sha256"]}
+    (folder / "calibration.json").write_text(json.dumps(integrity.sealed(document, files)))
 
 
-@pytest.mark.parametrize("chunks", [[], [["a", None], ["b", "a"]], [["x"]], [[1.5, None]], [[True, False]]])
-def test_values_of_a_column_are_those_of_pyarrow(chunks):
-    import pyarrow as pa
+class Harmful:
+    def __reduce__(self):
+        return (open, ("harm", "w"))
 
-    column = pa.chunked_array(chunks, type=None if chunks else pa.string())
-    assert calibration_folder._values(column) == column.to_pylist()
+
+def test_a_table_that_holds_objects_or_unpacks_is_refused_and_runs_nothing(large, tmp_path, monkeypatch):
+    _, folder = large
+    monkeypatch.chdir(tmp_path)
+    whole = (folder / "calibration.points.npz").read_bytes()
+    with np.load(io.BytesIO(whole)) as arrays:
+        columns = dict(arrays)
+    changes = {
+        "pickle": columns | {"x_mm": np.array([Harmful()] * len(columns["x_mm"]), dtype=object)},
+        "names": columns | {"target": np.full_like(columns["target"], 10**6)},
+        "not of numbers": columns | {"x_mm": columns["x_mm"].astype(str)},
+        "values for": columns | {"x_mm": columns["x_mm"][1:]},
+    }
+    for changed in changes.values():
+        buffer = io.BytesIO()
+        np.savez(buffer, **changed)
+        _exchanged(folder, buffer.getvalue())
+        with pytest.raises(CalibrationError):
+            calibration_folder.read(folder)
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **columns)
+    for content in (packed.getvalue(), whole[:-10], whole[: len(whole) // 2], b"", whole.replace(b"<f8", b"|O8", 1)):
+        _exchanged(folder, content)
+        with pytest.raises(CalibrationError, match=r"calibration\.points\.npz: this is no table of a calibration"):
+            calibration_folder.read(folder)
+    assert not (tmp_path / "harm").exists()
+    _exchanged(folder, whole)
+    calibration_folder.read(folder)
 
 
 def test_urdf_with_world_and_target_links_needs_no_other_file_than_the_joint_map(proven, folder):
