@@ -114,7 +114,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         if value.dtype.kind != "f" or np.isfinite(value).all():
             return value.tolist()
-        return np.where(np.isfinite(value), value.astype(object), None).tolist()
+        values = value.astype(object)
+        values[~np.isfinite(value)] = None
+        return values.tolist()
     if hasattr(value, "itertuples"):
         return plain(value.to_dict(orient="records"))
     for speaks in ("to_dict", "model_dump", "_asdict"):

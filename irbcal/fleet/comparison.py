@@ -9,7 +9,7 @@ motor changes few.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
 
@@ -183,8 +183,8 @@ class Change:
         return out
 
 
-def change(first: Stored, second: Stored, fleet: Sequence[Stored] = ()) -> Change:
-    """Compare two calibrations of a robot, by the level that both have; where it changed, also with other robots.
+def change(first: Stored, second: Stored) -> Change:
+    """Compare two calibrations of a robot, by the level that both have.
 
     Averages of many error models cannot be compared parameter by parameter: what one of them explains by a wave
     another explains by weight. The arm's own level, fitted to the points of both, has the same parameters in both.
@@ -192,8 +192,6 @@ def change(first: Stored, second: Stored, fleet: Sequence[Stored] = ()) -> Chang
     Parameters
     ----------
     first, second : Stored
-    fleet : sequence of Stored
-        Calibrations among which those of other robots of the type are looked for.
     """
     dates = first.measured, second.measured
     if first.level is None or second.level is None:
@@ -205,18 +203,56 @@ def change(first: Stored, second: Stored, fleet: Sequence[Stored] = ()) -> Chang
     if p < CHANCE:
         causes, remaining = _explained(d, W, names, first.level)
         left_p = _beyond(remaining, max(directions - len(causes), 1))
-    return Change(
-        *dates, chi2, directions, p, tuple(causes), left_p, _like_sisters(second, fleet) if p < CHANCE else ()
-    )
+    return Change(*dates, chi2, directions, p, tuple(causes), left_p)
 
 
-def _like_sisters(second: Stored, fleet: Sequence[Stored]) -> tuple[str, ...]:
-    """Other robots of the type with a calibration that agrees with a later one."""
-    robot, names = second.robot, dict[str, None]()
-    for stored in fleet:
-        if stored.robot["id"] == robot["id"] or stored.robot["type"] != robot["type"] or stored.level is None:
-            continue
+SURELY_ANOTHER = 4.0
+"""Chi-square of a single parameter, in that of `CHANCE` on all of them, beyond which a robot is surely another."""
+
+
+def perhaps_of(second: Stored, fleet: Sequence[Stored]) -> list[Stored]:
+    """Calibrations of other robots of a type that may agree with one, by each of their parameters alone.
+
+    What one of the two holds has no say, as in `agreeing`, which needs covariances.
+
+    Parameters
+    ----------
+    second : Stored
+    fleet : sequence of Stored
+        Their levels may be without covariances.
+    """
+    from scipy.special import chdtri
+
+    robot, level = second.robot, second.level
+    assert level is not None
+    limit = SURELY_ANOTHER * float(chdtri(max(len(level.names), 1), CHANCE))
+    others = [
+        (stored, stored.level)
+        for stored in fleet
+        if stored.robot["type"] == robot["type"] and stored.robot["id"] != robot["id"] and stored.level is not None
+    ]
+    by_names: dict[tuple[str, ...], list[tuple[Stored, Estimate]]] = {}
+    for stored, estimate in others:
+        by_names.setdefault(estimate.names, []).append((stored, estimate))
+    out = []
+    for names, entries in by_names.items():
+        common = [name for name in names if name in level.place]
+        mine, theirs = ([place[name] for name in common] for place in (level.place, entries[0][1].place))
+        d = np.array([estimate.values[theirs] for _, estimate in entries]) - level.values[mine]
+        variances = np.array([estimate.std[theirs] for _, estimate in entries]) ** 2
+        own = level.std[mine] ** 2
+        both = np.minimum(variances, own) > ONE_SIDED * np.maximum(variances, own)
+        chi2 = np.divide(d**2, variances + own, out=np.zeros_like(d), where=both)
+        out += [entries[k][0] for k in np.flatnonzero(chi2.max(axis=1, initial=0.0) <= limit)]
+    return out
+
+
+def agreeing(second: Stored, others: Iterable[Stored]) -> tuple[str, ...]:
+    """Ids of robots with a calibration that agrees with that of another robot."""
+    names = dict[str, None]()
+    for stored in others:
         assert second.level is not None
+        assert stored.level is not None
         common = [name for name in stored.level.names if name in second.level.place]
         *_, directions, p = _difference(stored.level, second.level, common)
         if directions >= FEWEST_DIRECTIONS and p >= CHANCE:
@@ -327,11 +363,6 @@ class StandsOut:
     words: str
 
 
-def latest(calibrations: Sequence[Stored]) -> list[Stored]:
-    """The last calibration of each robot, robots by their ids."""
-    return list({stored.robot["id"]: stored for stored in calibrations}.values())
-
-
 def standing_out(sisters: Sequence[Stored]) -> list[StandsOut]:
     """Robots of one type that stand out of it, the farthest first; none of fewer than `FEWEST_SISTERS` sisters.
 
@@ -349,7 +380,7 @@ def standing_out(sisters: Sequence[Stored]) -> list[StandsOut]:
         if len(having) < FEWEST_SISTERS:
             continue
         values = np.array([level.values[k] for _, level, k in having])
-        stds = np.sqrt([max(level.covariance[k, k], 0.0) for _, level, k in having])
+        stds = np.array([level.std[k] for _, level, k in having])
         middle, spread = _middle(values)
         deviation = values - middle
         total = np.sqrt(spread**2 + stds**2)

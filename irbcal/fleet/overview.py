@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import date, datetime, timezone
-from itertools import chain, pairwise
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,8 @@ import numpy as np
 from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, OptionError
 from irbcal.fleet import batch
 from irbcal.fleet.batch import STORE
-from irbcal.fleet.comparison import Change, StandsOut, change, high_wave, latest, standing_out
-from irbcal.fleet.store import Estimate, Stored, opened
+from irbcal.fleet.comparison import Change, StandsOut, agreeing, change, high_wave, perhaps_of, standing_out
+from irbcal.fleet.store import Estimate, Store, Stored, opened
 from irbcal.identification.evidence import check_averaging, type_terms
 from irbcal.identification.fit import certainty_of, identify
 from irbcal.identification.term_sets import WIDE, name_of
@@ -289,50 +289,47 @@ class Overview(Result):
 
     Attributes
     ----------
-    calibrations : tuple of Stored
-        Robots by their ids, each in the order of its dates.
+    latest : tuple of Stored
+        The last calibration of each robot, robots by their ids; covariances left out.
+    times : dict of str to int
+        How many calibrations each robot has.
+    simulated : bool
+        Whether any calibration is from simulated measurements.
     changes : dict of str to Change
         What changed between the last two calibrations of each robot that has two.
     outstanding : dict of str to tuple of StandsOut
         Robots that stand out of their type.
     """
 
-    calibrations: tuple[Stored, ...]
+    latest: tuple[Stored, ...]
+    times: dict[str, int]
+    simulated: bool
     changes: dict[str, Change]
     outstanding: dict[str, tuple[StandsOut, ...]]
-
-    @property
-    def simulated(self) -> bool:
-        """Whether any calibration is from simulated measurements."""
-        return any(stored.calibration["simulated"] for stored in self.calibrations)
 
     def report(self) -> Sequence[Paragraph]:
         """How many; a row a robot; what changed; which stand out."""
         kind = "SIMULATED: " if self.simulated else ""
-        robots = {stored.robot["id"] for stored in self.calibrations}
-        types = {stored.robot["type"] for stored in self.calibrations}
+        types = {stored.robot["type"] for stored in self.latest}
         changed = sum(step.real for step in self.changes.values())
         out = sum(map(len, self.outstanding.values()))
         headline = (
-            f"{kind}{len(self.calibrations)} calibrations of {len(robots)} robots of {len(types)} "
+            f"{kind}{sum(self.times.values())} calibrations of {len(self.latest)} robots of {len(types)} "
             f"type{'s' if len(types) != 1 else ''}; {changed} changed since the calibration before, {out} stand out"
         )
-        times: dict[str, int] = {}
-        for stored in self.calibrations:
-            times[stored.robot["id"]] = times.get(stored.robot["id"], 0) + 1
         rows = tuple(
             (
                 stored.robot["id"],
                 stored.robot["serial"],
                 stored.robot["type"],
                 str(stored.measured),
-                times[stored.robot["id"]],
+                self.times[stored.robot["id"]],
                 stored.calibration["model"],
                 stored.calibration["nominal_mean_mm"],
                 stored.calibration["heldout_mean_mm"],
                 stored.calibration["heldout_max_mm"],
             )
-            for stored in latest(self.calibrations)
+            for stored in self.latest
         )
         columns = ("id", "serial", "type", "last", "times", "model", "nominal mm", "calibrated mm", "largest mm")
         changes = [
@@ -345,10 +342,12 @@ class Overview(Result):
         ]
         return [headline, Table("Robots, by their last calibration", columns, rows), *changes, *outstanding]
 
-    CONTENT = "simulated calibrations=_listed changed outstanding"
+    CONTENT = "simulated robots=_listed changed outstanding"
 
     def _listed(self) -> list[dict[str, Any]]:
-        return [{**stored.robot, **stored.calibration} for stored in self.calibrations]
+        return [
+            {**stored.robot, "times": self.times[stored.robot["id"]], **stored.calibration} for stored in self.latest
+        ]
 
     @property
     def changed(self) -> dict[str, list[str]]:
@@ -374,23 +373,49 @@ def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: st
         If the store cannot be read, or has no such robots.
     """
     with opened(store) as database:
-        calibrations = database.calibrations(type=type)
-    if not calibrations:
-        raise CalibrationError(f"the store has no calibrations{f' of type {type}' if type else ''}")
-    by_robot: dict[str, list[Stored]] = {}
+        counts = database.counts(type)
+        if not counts:
+            raise CalibrationError(f"the store has no calibrations{f' of type {type}' if type else ''}")
+        changes: dict[str, Change] = {}
+        changed: list[Stored] = []
+        fleet: list[Stored] = []
+        for _, history in groupby(_levels(database, type=type), key=lambda stored: stored.robot["id"]):
+            calibrations = list(history)
+            if len(calibrations) > 1:
+                step = changes[calibrations[-1].robot["id"]] = change(*calibrations)
+                changed += calibrations[1:] if step.real else []
+            fleet += map(_light, calibrations)
+        for stored in changed:
+            robot = stored.robot["id"]
+            changes[robot] = _with_sisters(changes[robot], stored, fleet, database)
+    latest = {stored.robot["id"]: stored for stored in fleet}
     by_type: dict[str, list[Stored]] = {}
-    for stored in calibrations:
-        by_robot.setdefault(stored.robot["id"], []).append(stored)
-    for stored in latest(calibrations):
+    for stored in latest.values():
         by_type.setdefault(stored.robot["type"], []).append(stored)
-    changes = {
-        robot: change(history[-2], history[-1], calibrations) for robot, history in by_robot.items() if len(history) > 1
-    }
-    outstanding = {kind: tuple(history) for kind, sisters in by_type.items() if (history := standing_out(sisters))}
-    overview = Overview(tuple(calibrations), changes, outstanding)
+    outstanding = {kind: tuple(robots) for kind, sisters in by_type.items() if (robots := standing_out(sisters))}
+    times = {robot: count for robot, (count, _) in counts.items()}
+    simulated = any(of_simulated for _, of_simulated in counts.values())
+    overview = Overview(tuple(latest.values()), times, simulated, changes, outstanding)
     if report is not None:
         write_together(Path(report).parent, {Path(report).name: render_store(overview).encode()})
     return overview
+
+
+def _levels(database: Store, robot: str | None = None, type: str | None = None) -> Iterator[Stored]:
+    """The last two calibrations of robots, or all of one, with their levels."""
+    return database.calibrations(robot, type, last=2 if robot is None else None, parts=("level",))
+
+
+def _light(stored: Stored) -> Stored:
+    return stored if stored.level is None else replace(stored, level=stored.level.without_covariance())
+
+
+def _with_sisters(step: Change, second: Stored, fleet: Sequence[Stored], database: Store) -> Change:
+    """A change, with the other robots whose last two calibrations agree with the later one."""
+    numbers = {stored.calibration["number"] for stored in perhaps_of(second, fleet)}
+    robots = {stored.robot["id"] for stored in fleet if stored.calibration["number"] in numbers}
+    others = (stored for robot in sorted(robots) for stored in _levels(database, robot))
+    return replace(step, sisters=agreeing(second, (one for one in others if one.calibration["number"] in numbers)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -441,15 +466,21 @@ def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:
         If the store has fewer than two calibrations of it.
     """
     with opened(store) as database:
-        calibrations = database.calibrations(robot=robot)
-        every = database.calibrations(type=calibrations[-1].robot["type"]) if calibrations else []
+        calibrations = list(_levels(database, robot))
         if len(calibrations) < 2:
             ids = [row["id"] for row in database.robots()]
             count_text = "1 calibration" if calibrations else f"none of the {len(ids)} robots is it, and no calibration"
             raise CalibrationError(
                 f"{robot}: two calibrations are needed to see a change, found {count_text}", file=str(store)
             )
-    return Drift(robot, tuple(calibrations), tuple(change(*pair, every) for pair in pairwise(calibrations)))
+        changes = [change(*pair) for pair in pairwise(calibrations)]
+        if any(step.real for step in changes):
+            fleet = [_light(stored) for stored in _levels(database, type=calibrations[-1].robot["type"])]
+            changes = [
+                _with_sisters(step, second, fleet, database) if step.real else step
+                for step, second in zip(changes, calibrations[1:], strict=True)
+            ]
+    return Drift(robot, tuple(calibrations), tuple(changes))
 
 
 def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "parameters") -> int:

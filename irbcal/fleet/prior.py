@@ -19,7 +19,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError
 from irbcal.fleet.batch import STORE
-from irbcal.fleet.comparison import FEWEST_SISTERS, latest
+from irbcal.fleet.comparison import FEWEST_SISTERS
 from irbcal.fleet.store import Estimate, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.term_sets import WIDE, TypePrior
@@ -86,10 +86,10 @@ def fleet_prior(
         If the store has too few sisters, or they began from different nominal robots.
     """
     with opened(store) as database:
-        calibrations = database.calibrations(type=type)
-    if not calibrations:
+        latest = list(database.calibrations(type=type, last=1, parts=("terms",)))
+    if not latest:
         raise CalibrationError(f"the store has no calibrations of type {type}", file=str(store))
-    sisters = [stored for stored in latest(calibrations) if stored.terms is not None and stored.robot["id"] != without]
+    sisters = [stored for stored in latest if stored.terms is not None and stored.robot["id"] != without]
     if len(sisters) < FEWEST_SISTERS:
         raise CalibrationError(
             f"expected {FEWEST_SISTERS} or more calibrated robots of type {type} with their points, found "

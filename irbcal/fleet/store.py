@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -97,6 +98,8 @@ files = sql.Table(
 )
 
 
+TOGETHER = 200
+"""Calibrations that are read at a time."""
 PARTS = ("fit", "level", "terms")
 """Of the parameters: those of the calibration, those of a level fitted to its points, and those terms that robots of a
 type are compared by; ``other``: base, targets, what is held."""
@@ -113,6 +116,9 @@ class Estimate:
         Their values, what was expected of them before (standard deviation; infinite for levels, which expect nothing)
         and what is natural on an industrial arm, SI units.
     covariance : ndarray, shape (k, k)
+        Shape (0, 0) in what `without_covariance` gives.
+    std : ndarray, shape (k,)
+        Standard deviations.
     """
 
     names: tuple[str, ...]
@@ -121,21 +127,31 @@ class Estimate:
     prior: FloatArray
     natural: FloatArray
     covariance: FloatArray
-    place: Mapping[str, int] = field(init=False)
+    std: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "place", {name: k for k, name in enumerate(self.names)})
+        object.__setattr__(self, "std", np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
+
+    @property
+    def place(self) -> Mapping[str, int]:
+        """Positions of the parameters by their names."""
+        return _places(self.names)
+
+    def without_covariance(self) -> Estimate:
+        """The same with its standard deviations alone: a fleet's covariances need much memory."""
+        light = replace(self, covariance=np.zeros((0, 0)))
+        object.__setattr__(light, "std", self.std)
+        return light
 
     def rows(self, part: str) -> list[dict[str, Any]]:
         """As rows of the table ``parameters``."""
-        std = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
         return [
             {
                 "part": part,
                 "position": k,
                 "name": name,
                 "value": float(self.values[k]),
-                "std": float(std[k]),
+                "std": float(self.std[k]),
                 "prior": float(self.prior[k]) if np.isfinite(self.prior[k]) else None,
                 "natural": float(self.natural[k]),
                 "unit": self.units[k],
@@ -152,8 +168,8 @@ class Estimate:
         if not np.isfinite(L).all():
             raise ValueError("a covariance has numbers that are not finite")
         return Estimate(
-            tuple(row["name"] for row in rows),
-            tuple(row["unit"] for row in rows),
+            _shared(tuple(row["name"] for row in rows)),
+            _shared(tuple(row["unit"] for row in rows)),
             np.array([row["value"] for row in rows]),
             np.array([np.inf if row["prior"] is None else row["prior"] for row in rows]),
             np.array([row["natural"] for row in rows]),
@@ -167,6 +183,17 @@ class Estimate:
         return bytes(R.T[np.tril_indices(len(self.names))].astype("<f8").tobytes())
 
 
+@lru_cache(maxsize=1000)
+def _places(names: tuple[str, ...]) -> Mapping[str, int]:
+    return {name: k for k, name in enumerate(names)}
+
+
+@lru_cache(maxsize=1000)
+def _shared(texts: tuple[str, ...]) -> tuple[str, ...]:
+    """The same tuple for equal ones: robots of a type have the same parameters."""
+    return texts
+
+
 @dataclass(frozen=True, eq=False)
 class Stored:
     """A calibration as the store has it.
@@ -177,8 +204,8 @@ class Stored:
         ``id``, ``serial`` and ``type``.
     calibration : dict
         The columns of the table ``calibrations``, covariances left out.
-    fit : Estimate
-        Error parameters and terms of the calibration.
+    fit : Estimate or None
+        Error parameters and terms of the calibration; None, as the next two, where it was not asked for.
     level : Estimate or None
         Those of the arm's own level, fitted to the calibration's points: the same parameters in every calibration;
         None where the calibration was saved without its points.
@@ -192,7 +219,7 @@ class Stored:
 
     robot: Mapping[str, str]
     calibration: Mapping[str, Any]
-    fit: Estimate
+    fit: Estimate | None
     level: Estimate | None
     terms: Estimate | None = None
     other: tuple[Mapping[str, Any], ...] = ()
@@ -269,48 +296,106 @@ class Store:
 
         return insert_here(table)
 
-    def calibrations(self, robot: str | None = None, type: str | None = None) -> list[Stored]:
-        """All calibrations, of one robot or of one type, robots by their ids, each in the order of its dates."""
-        chosen = sql.select(robots.c.serial, robots.c.type, calibrations).join_from(calibrations, robots)
+    def calibrations(
+        self,
+        robot: str | None = None,
+        type: str | None = None,
+        *,
+        last: int | None = None,
+        parts: Sequence[str] = PARTS,
+    ) -> Iterator[Stored]:
+        """Calibrations, robots by their ids, each in the order of its dates; read while they are asked for.
+
+        Parameters
+        ----------
+        robot, type : str, optional
+            Of one robot, of one type.
+        last : int, optional
+            So many of each robot; all unless given.
+        parts : sequence of str
+            The estimates that are read, of `PARTS`; other rows of parameters and the files come with all of them.
+        """
+        rank = sql.func.row_number().over(
+            partition_by=calibrations.c.robot,
+            order_by=(calibrations.c.measured.desc(), calibrations.c.created.desc(), calibrations.c.number.desc()),
+        )
+        chosen = sql.select(calibrations.c.number, rank.label("rank")).join_from(calibrations, robots)
         if robot is not None:
             chosen = chosen.where(robots.c.id == robot)
         if type is not None:
             chosen = chosen.where(robots.c.type == type)
+        ranked = chosen.subquery()
+        numbered = sql.select(ranked.c.number).join(calibrations, calibrations.c.number == ranked.c.number)
+        if last is not None:
+            numbered = numbered.where(ranked.c.rank <= last)
+        order = calibrations.c.robot, calibrations.c.measured, calibrations.c.created, calibrations.c.number
         with self.engine.connect() as link:
-            rows = _checked(
-                link, chosen.order_by(calibrations.c.robot, calibrations.c.measured, calibrations.c.created)
-            )
-            numbers = [row["number"] for row in rows]
-            of_parameters = self._by_calibration(link, parameters, numbers)
-            of_files = self._by_calibration(link, files, numbers)
-        return [
-            self._stored(row, of_parameters.get(row["number"], []), of_files.get(row["number"], [])) for row in rows
-        ]
+            try:
+                numbers = list(link.execute(numbered.order_by(*order)).scalars())
+            except (ValueError, TypeError) as error:  # a date that is none
+                raise _Damaged(str(error)) from None
+            for k in range(0, len(numbers), TOGETHER):
+                yield from self._of_numbers(link, numbers[k : k + TOGETHER], parts)
 
     @staticmethod
-    def _by_calibration(link: Connection, table: sql.Table, numbers: Sequence[int]) -> dict[int, list[dict[str, Any]]]:
+    def _of_numbers(link: Connection, numbers: Sequence[int], parts: Sequence[str]) -> Iterator[Stored]:
+        """Some calibrations, in this order."""
+        absent = {f"{section}_covariance" for section in PARTS if section not in parts}
+        heads = [column for column in calibrations.c if column.name not in absent]
+        rows = _checked(
+            link,
+            sql.select(robots.c.serial, robots.c.type, *heads)
+            .join_from(calibrations, robots)
+            .where(calibrations.c.number.in_(numbers)),
+        )
+        everything = set(parts) == set(PARTS)
+        of_parts = parameters.c.part.in_((*parts, "other") if everything else parts)
+        of_parameters = Store._by_calibration(link, sql.select(parameters).where(of_parts), numbers) if parts else {}
+        of_files = Store._by_calibration(link, sql.select(files), numbers) if everything else {}
+        by_number = {row["number"]: row for row in rows}
+        for number in numbers:
+            if number in by_number:
+                data = of_files.get(number, [])
+                yield Store._stored(by_number[number], of_parameters.get(number, []), data, parts)
+
+    @staticmethod
+    def _by_calibration(
+        link: Connection, chosen: sql.Select[Any], numbers: Sequence[int]
+    ) -> dict[int, list[dict[str, Any]]]:
+        """Rows of a table that belong to calibrations, by their numbers."""
+        columns = chosen.selected_columns
+        wanted = chosen.where(columns.calibration.in_(numbers)).order_by(columns.calibration, columns.position)
         out: dict[int, list[dict[str, Any]]] = {}
-        for k in range(0, len(numbers), 500):
-            chosen = sql.select(table).where(table.c.calibration.in_(numbers[k : k + 500]))
-            for row in _checked(link, chosen.order_by(table.c.calibration, table.c.position)):
-                out.setdefault(row["calibration"], []).append(row)
+        for row in _checked(link, wanted):
+            out.setdefault(row["calibration"], []).append(row)
         return out
 
     @staticmethod
-    def _stored(head: dict[str, Any], rows: list[dict[str, Any]], data: list[dict[str, Any]]) -> Stored:
+    def _stored(
+        head: dict[str, Any], rows: list[dict[str, Any]], data: list[dict[str, Any]], parts: Sequence[str]
+    ) -> Stored:
         robot = {"id": head["robot"], "serial": head.pop("serial"), "type": head.pop("type")}
-        factors = {section: head.pop(f"{section}_covariance") for section in PARTS}
         rows_of = {section: [row for row in rows if row["part"] == section] for section in (*PARTS, "other")}
-        try:
-            fit, level, terms = (
-                None if factors[section] is None else Estimate.of(rows_of[section], factors[section])
-                for section in PARTS
-            )
-        except ValueError:
-            raise _Damaged(f"calibration {head['number']} has not the parameters of its covariance") from None
-        assert fit is not None
+        estimates: dict[str, Estimate | None] = dict.fromkeys(PARTS)
+        for section in parts:
+            factor = head.pop(f"{section}_covariance")
+            try:
+                estimates[section] = None if factor is None else Estimate.of(rows_of[section], factor)
+            except ValueError:
+                raise _Damaged(f"calibration {head['number']} has not the parameters of its covariance") from None
         files_of = tuple((row["name"], row["sha256"]) for row in data)
+        fit, level, terms = (estimates[section] for section in PARTS)
         return Stored(robot, head, fit, level, terms, tuple(rows_of["other"]), files_of)
+
+    def counts(self, type: str | None = None) -> dict[str, tuple[int, int]]:
+        """How many calibrations each robot (of a type) has, and how many of them are from simulated measurements."""
+        simulated = sql.func.sum(sql.case((calibrations.c.simulated, 1), else_=0))
+        chosen = sql.select(calibrations.c.robot, sql.func.count(), simulated).join_from(calibrations, robots)
+        if type is not None:
+            chosen = chosen.where(robots.c.type == type)
+        with self.engine.connect() as link:
+            rows = link.execute(chosen.group_by(calibrations.c.robot)).all()
+        return {str(robot): (int(count), int(of_simulated)) for robot, count, of_simulated in rows}
 
     def robots(self) -> list[dict[str, str]]:
         """All robots by their ids."""

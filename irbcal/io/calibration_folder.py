@@ -1,8 +1,8 @@
 """The calibration folder: calibrated URDF, joint origins, ``calibration.json``, report; and signatures of it.
 
-Points and poses of a large calibration are NumPy's files (npz) beside ``calibration.json``, which has their hashes: many
-points as JSON are large and slow. What is read is the same: one schema, sections `points` and `poses`. Such a file is
-numbers and text alone: objects (pickle) and compressed members, which could grow without bound, are refused.
+Points and poses of a large calibration are NumPy's files (npz) beside ``calibration.json``, which has their hashes:
+many points as JSON are large and slow. What is read is the same: one schema, sections `points` and `poses`. Such a
+file is numbers and text alone: objects (pickle) and compressed arrays, which could grow without bound, are refused.
 
 A seal says that nothing was changed by accident; whoever may write a folder can renew it. A signature (Ed25519, RFC
 8032, by the package cryptography) is made with a private key, and checked by anybody with the public one. That of a
@@ -109,7 +109,7 @@ def _columns_as_bytes(table: Section) -> bytes:
 
 
 def _arrays(name: str, column: Sequence[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """A column as arrays without objects: of numbers (not-a-number for None), of names their words and numbers of these.
+    """A column as arrays without objects: numbers (not-a-number for None); words of names, and numbers of these words.
 
     A text is a column of characters.
     """

@@ -135,7 +135,7 @@ class _Additions:
         before = 0
         try:
             with opened(self.place) as store:
-                found = store.calibrations()
+                found = list(store.calibrations())
         except IrbcalError as error:
             if NOT_THERE not in str(error):
                 raise
@@ -148,8 +148,8 @@ class _Additions:
         if (len(again.there), len(again.added)) != (before, len(ADDED) - before):
             raise ValueError(f"{before} were there, then {len(again.there)} were found and {len(again.added)} added")
         with opened(self.place) as store:
-            if len(store.calibrations()) != len(ADDED):
-                raise ValueError(f"{len(store.calibrations())} in place of {len(ADDED)} at the end")
+            if len(list(store.calibrations())) != len(ADDED):
+                raise ValueError(f"{len(list(store.calibrations()))} in place of {len(ADDED)} at the end")
         return before
 
     def _whole(self, one: Stored) -> bool:

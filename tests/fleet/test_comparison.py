@@ -10,7 +10,7 @@ from fleet_support import measured
 import irbcal
 from irbcal.fleet import comparison, overview
 from irbcal.fleet.comparison import change
-from irbcal.fleet.store import Estimate
+from irbcal.fleet.store import Estimate, opened
 
 
 def test_parameters_have_names_that_people_know():
@@ -103,13 +103,22 @@ def swapped(tmp_path_factory):
     return out
 
 
-def test_the_sister_that_fits_is_named(swapped):
-    for before, after, sister in ((0, 2, "B"), (1, 3, "A")):
-        found = change(swapped[before], swapped[after], swapped)
-        assert found.real
-        assert found.sisters == (sister,)
-        assert found.in_words()[1:] == [f"The later one agrees with {sister}: were the files of two robots exchanged?"]
-    assert change(swapped[0], swapped[3], swapped).sisters == (), "nothing changed"
+def test_the_sister_that_fits_is_named(swapped, place):
+    with opened(place, create=True) as store:
+        for one in swapped:
+            store.add(one)
+    changes = overview.fleet_list(place).changes
+    for robot, sister in (("A", "B"), ("B", "A")):
+        (drift,) = overview.fleet_drift(robot, place).changes
+        for step in (changes[robot], drift):
+            assert step.real
+            assert step.sisters == (sister,)
+            assert step.in_words()[1:] == [
+                f"The later one agrees with {sister}: were the files of two robots exchanged?"
+            ]
+    assert comparison.perhaps_of(swapped[3], swapped) == [swapped[0]], "the robot itself, under another name"
+    assert comparison.agreeing(swapped[3], swapped[:3:2]) == ("A",)
+    assert comparison.agreeing(swapped[3], swapped[2:3]) == ()
 
 
 def test_what_the_poses_do_not_show_explains_no_change(swapped):
@@ -162,8 +171,3 @@ def test_a_robot_unlike_its_sisters_is_named(many):
     assert found.robot == "R07"
     assert found.words.startswith("joint 2's zero is 0.17")
     assert comparison.standing_out(robots[5:9]) == []
-
-
-def test_the_last_calibration_of_each_robot_counts(stored):
-    again = replace(stored[0], calibration={**stored[0].calibration, "model": "later"})
-    assert comparison.latest([stored[0], again, stored[1]]) == [again, stored[1]]

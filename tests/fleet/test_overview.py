@@ -77,7 +77,10 @@ def test_the_list_tells_what_changed(store, tmp_path):
     page = (tmp_path / "page.html").read_text()
     assert "<strong>Simulated.</strong>" in page
     assert "R2: 2026-03-02 to 2026-07-01: CHANGED" in page
-    assert len(json.loads(run("list", "--store", store, "--json"))["calibrations"]) == 6
+    listed = json.loads(run("list", "--store", store, "--json"))["robots"]
+    assert [(row["id"], row["times"], row["measured"]) for row in listed] == [
+        (f"R{k}", 2, "2026-07-01") for k in range(3)
+    ]
 
 
 def test_drift_names_the_zero_that_moved(store):

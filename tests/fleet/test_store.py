@@ -10,6 +10,7 @@ import threading
 import time
 from contextlib import closing, suppress
 from dataclasses import replace
+from datetime import date
 
 import numpy as np
 import pandas as pd
@@ -39,15 +40,36 @@ def test_what_is_added_comes_back_and_once(place, stored):
         assert [store.add(one) for one in stored] == [True] * len(stored)
         assert [store.add(one) for one in stored] == [False] * len(stored)
     with opened(place) as store:
-        found = store.calibrations()
-        assert len(store.calibrations(robot="R1")) == 1
-        assert store.calibrations(type="another") == []
+        found = list(store.calibrations())
+        assert len(list(store.calibrations(robot="R1"))) == 1
+        assert list(store.calibrations(type="another")) == []
         assert [row["id"] for row in store.robots()] == [one.robot["id"] for one in stored]
         assert len(store.table("parameters")) == sum(
             len(one.fit.names) + len(one.level.names) + len(one.terms.names) + len(one.other) for one in stored
         )
     for one, back in zip(stored, found, strict=True):
         same(one, back)
+
+
+def test_the_last_of_each_robot_and_what_is_asked_for_of_them(place, stored):
+    days = [date(2026, 5, 1), date(2026, 1, 1), date(2026, 9, 1)]
+    with opened(place, create=True) as store:
+        for one in stored:
+            for k, day in enumerate(days):
+                store.add(replace(one, calibration={**one.calibration, "fingerprint": f"{k}", "measured": day}))
+        levels = list(store.calibrations(last=2, parts=("level",)))
+        heads = list(store.calibrations(last=1, parts=()))
+        assert store.counts() == {one.robot["id"]: (3, 3) for one in stored}
+        assert store.counts(type="another") == {}
+    assert [(one.robot["id"], one.measured) for one in levels] == [
+        (one.robot["id"], day) for one in stored for day in (days[0], days[2])
+    ]
+    assert [one.measured for one in heads] == [days[2]] * len(stored)
+    for back, one in zip(levels[::2], stored, strict=True):
+        assert (back.fit, back.terms, back.other, back.files) == (None, None, (), ())
+        np.testing.assert_allclose(back.level.covariance, one.level.covariance, rtol=1e-9, atol=1e-20)
+        np.testing.assert_array_equal(back.level.without_covariance().std, back.level.std)
+    assert all((one.fit, one.level, one.terms) == (None, None, None) for one in heads)
 
 
 def test_an_addition_that_is_cut_off_leaves_nothing(place, stored, monkeypatch):
@@ -81,7 +103,7 @@ def test_a_writer_that_is_killed_leaves_the_store_consistent(place, stored):
     os.kill(writer.pid, signal.SIGKILL)
     writer.join()
     with opened(place) as store:
-        found = store.calibrations()
+        found = list(store.calibrations())
         assert len(found) >= len(stored)
         by_id = {one.robot["id"]: one for one in stored}
         assert len({(one.robot["id"], one.calibration["fingerprint"]) for one in found}) == len(found)
@@ -192,7 +214,7 @@ def whole(stored, tmp_path_factory):
 def read(path):
     """All that is read of a store."""
     with opened(path) as store:
-        read = (store.calibrations(), store.robots())
+        read = (list(store.calibrations()), store.robots())
     for name in EXPORTED:
         fleet_export(path.with_name(f"{name}.csv"), path, what=name)
     return read
@@ -221,7 +243,7 @@ def test_a_file_that_was_cut_off_is_refused(size, whole, tmp_path):
     path.write_bytes(whole[:size])
     for create in (False, True):
         with pytest.raises(CalibrationError, match=r"the store (failed|is damaged)"), opened(path, create) as store:
-            store.calibrations()
+            list(store.calibrations())
     assert path.read_bytes() == whole[:size]
 
 
