@@ -39,7 +39,7 @@ def test_a_second_simulator_says_the_same():
     """Of the page's other table: exact touches make the part right within 0.02 mm, noisy ones as right as they allow."""
     text = (ROOT / "docs" / "cell.md").read_text(encoding="utf-8").split("<!-- second simulator -->")[1]
     rows = [re.findall(r"\d+\.\d+", line) for line in text.split("<!-- end -->")[0].splitlines() if "|" in line]
-    as_it_is, taught, cell, touches, shares = (
+    as_it_is, taught, cell, touches, shares, axes_before, axes, robots = (
         np.array(row, dtype=float) for row in rows if len(row) and row != ["0.05"]
     )
     assert (taught[::2] > 3 * as_it_is[::2]).all()
@@ -48,3 +48,5 @@ def test_a_second_simulator_says_the_same():
     assert (shares[:2] > 92).all()
     assert (shares[:2] < 98).all()
     assert shares[2] > 92
+    assert axes[0] < min(0.05, axes_before[0] / 3)
+    assert robots[0] < 0.05

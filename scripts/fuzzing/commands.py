@@ -297,6 +297,24 @@ def _corners(random: Random) -> list[str]:
     return [*words, *_some(random, ["--json"])]
 
 
+def _lens(random: Random) -> list[str]:
+    form = random.choice(("features", "ros", "opencv", "kalibr"))
+    return [
+        "lens",
+        "@pictures",
+        "--features",
+        "@board.csv",
+        "--as",
+        form,
+        *_some(random, ["--out", ">lens"], ["--json"]),
+    ]
+
+
+def _app(random: Random) -> list[str]:
+    """A port that cannot be, so that none serves for ever."""
+    return ["app", random.choice(("@cal", "@m.csv", ">project")), "--no-open", "--port", "70000"]
+
+
 def _samples(random: Random) -> list[str]:
     return ["samples", random.choice((">samples", "@m.csv", "@cal")), *_some(random, ["--json"])]
 
@@ -313,7 +331,8 @@ MAKERS: list[tuple[Maker, int]] = [
     (_fk, 10), (_ik, 5), (_filter, 34), (_verify, 10), (_evaluate, 8), (_calibrate, 1), (_view, 3), (_report, 1),
     (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1),
     (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2), (_export, 4), (_stream, 6), (_fleet, 8),
-    (_circles, 2), (_corners, 2), (_hand_eye, 2), (_samples, 1), (_demo, 1), (_cell, 5), (_sign, 1),
+    (_circles, 2), (_corners, 2), (_lens, 2), (_hand_eye, 2), (_samples, 1), (_demo, 1), (_cell, 5), (_sign, 1),
+    (_app, 1),
 ]  # fmt: skip
 NAMES = (
     "-",
