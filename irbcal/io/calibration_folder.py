@@ -438,8 +438,8 @@ def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
     json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
     try:
         data = read_bytes(json_path, CalibrationError, prefix=NOT_ONE)
-        content, large = _content(data)
-        record = Record.model_validate(with_tables(content, folder)) if large else Record.model_validate_json(data)
+        content = _content(data)
+        record = Record.model_validate(with_tables(content, folder)) if content else Record.model_validate_json(data)
         urdf_bytes = read_bytes(urdf_path, CalibrationError, prefix=NOT_ONE)
     except ValidationError as error:
         first = error.errors()[0]
@@ -450,13 +450,13 @@ def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
     return Saved(folder, record, urdf_bytes), content
 
 
-def _content(data: bytes) -> tuple[dict[str, Any], bool]:
-    """A ``calibration.json`` as JSON has it, and whether it has tables beside it."""
+def _content(data: bytes) -> dict[str, Any]:
+    """A ``calibration.json`` as JSON has it; empty where it is no JSON, of which pydantic says where it is broken."""
     try:
         content = json.loads(data)
     except (ValueError, RecursionError):
-        return {}, False
-    return content, _beside(content)
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 SIGNATURE_SCHEMA = "irbcal-signature-1"

@@ -1051,11 +1051,15 @@ class Record(Section):
         known_by = (self.parameters, self.covariance, self.certainty)
         return self._computed.get_or_make("robot", (*moved_by, *known_by), self._robot_calibrated)
 
+    def errors_of_joints(self) -> JointMap:
+        """The joint map that section `joint_map` describes."""
+        parts = (self.robot, self.joint_map)
+        return self._computed.get_or_make("joint_map", parts, lambda: parts[1].joint_map(self.arm(calibrated=False)))
+
     def _robot_calibrated(self) -> Robot:
         nominal = self.arm(calibrated=False)
         frame_terms = None if self.frame_terms is None else self.frame_terms.term_map(nominal)
-        joint_map = self.joint_map.joint_map(nominal)
-        robot = Robot(self.arm(), joint_map, *self.placement.parts(), frame_terms=frame_terms)
+        robot = Robot(self.arm(), self.errors_of_joints(), *self.placement.parts(), frame_terms=frame_terms)
         return robot.replace(certainty=self._certainty(robot))
 
     def with_urdf(self, data: bytes) -> Record:

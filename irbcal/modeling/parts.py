@@ -19,10 +19,10 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import QUARTER, Row
-from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.term import AXES, Term
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.waves import expanded_lever
 
 SERIES = 128
 """Highest order of a wave that is summed with its neighbours by a recurrence; others are computed one by one."""
@@ -131,13 +131,13 @@ def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
         if term.basis == "decay" or coefficient == 0.0:
             continue  # the arm is warm
         if term.basis == "gravity":
-            bend = _bend(term, coefficient, terms)
+            link = int(str(term.parameters["link"])) - 1
+            bend = _bend(term, link, coefficient, terms)
             if bend is not None:
                 bends.append(bend)
                 continue
             key = (term.joint, (term.joint, *term.also))
             vectors = levers.setdefault(key, {})
-            link = int(str(term.parameters["link"])) - 1
             vectors[link] = vectors.get(link, np.zeros(3)) + coefficient * _vector(term)
             continue
         if term.also:
@@ -176,10 +176,10 @@ def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
     }
 
 
-def _bend(term: Term, coefficient: float, terms: TermMap) -> Bend | None:
+def _bend(term: Term, link: int, coefficient: float, terms: TermMap) -> Bend | None:
     """A lever that is one sine of a sum of joints, as that; None for others."""
-    expansion = bases()[term.basis].expansion(term, terms.arm, terms.gravity)
-    if expansion is None or len(expansion) != 1:
+    expansion = expanded_lever(terms.arm, term.joint, link, _vector(term), terms.gravity, most=1)
+    if not expansion:
         return None
     ((turns, weight),) = expansion.items()
     if set(turns) != {0.0, 1.0}:

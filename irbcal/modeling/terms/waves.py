@@ -10,6 +10,7 @@ P_- exp(-i q)`` for every joint between the axis and the link: `expanded_lever`.
 
 from __future__ import annotations
 
+import cmath
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -299,31 +300,32 @@ def canonical(weights: Mapping[Turns, complex]) -> dict[Turns, complex]:
     return out
 
 
-Vectors: TypeAlias = dict[Turns, ComplexArray]
-"""A vector as a sum of waves: its amplitude (3,) by turns."""
-
-_AHEAD = 0.5 * np.array([[1.0, 1.0j, 0.0], [-1.0j, 1.0, 0.0], [0.0, 0.0, 0.0]])
-"""Part of ``R_z(q)`` that goes with ``exp(i q)``; its conjugate with ``exp(-i q)``."""
-_STILL = np.diag([0.0, 0.0, 1.0]).astype(complex)
+Vectors: TypeAlias = dict[Turns, tuple[complex, complex, complex]]
+"""A vector as a sum of waves: its amplitude by turns; numbers of Python, which are quicker for three than an array."""
 
 
 def _turned(vectors: Vectors, joint: int, offset: float, forward: bool) -> Vectors:
     """Vectors turned about z by a joint's angle and its offset, or back."""
     out: Vectors = {}
-    ahead, behind = (_AHEAD, _AHEAD.conj()) if forward else (_AHEAD.conj(), _AHEAD)
-    phase = np.exp(1j * offset)
-    for turns, vector in vectors.items():
-        for step, matrix in ((0.0, _STILL), (1.0, ahead * phase), (-1.0, behind / phase)):
-            turned = matrix @ vector
-            if np.abs(turned).max() > NOTHING:
+    i, phase = (1j if forward else -1j), cmath.exp(1j * offset)
+    for turns, (x, y, z) in vectors.items():
+        ahead, behind = 0.5 * (x + i * y) * phase, 0.5 * (x - i * y) / phase
+        parts = ((0.0, (0j, 0j, z)), (1.0, (ahead, -i * ahead, 0j)), (-1.0, (behind, i * behind, 0j)))
+        for step, turned in parts:
+            if max(map(abs, turned)) > NOTHING:
                 key = (*turns[:joint], turns[joint] + step, *turns[joint + 1 :])
-                out[key] = out.get(key, 0.0) + turned
-    return {turns: vector for turns, vector in out.items() if np.abs(vector).max() > 1e-16}
+                u, v, w = out.get(key, (0j, 0j, 0j))
+                out[key] = (u + turned[0], v + turned[1], w + turned[2])
+    return {turns: vector for turns, vector in out.items() if max(map(abs, vector)) > 1e-16}
 
 
 def _constant(vectors: Vectors, R: FloatArray) -> Vectors:
     """Vectors in another frame, in which those of theirs is ``R`` (3, 3)."""
-    return {turns: R @ vector for turns, vector in vectors.items()}
+    (a, b, c), (d, e, f), (g, h, k) = R.tolist()
+    return {
+        turns: (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + k * z)
+        for turns, (x, y, z) in vectors.items()
+    }
 
 
 def _frame(arm: Arm, joint: int) -> FloatArray:
@@ -334,7 +336,9 @@ def _frame(arm: Arm, joint: int) -> FloatArray:
     return arm.T_base_0[:3, :3] @ R if joint == 0 else R
 
 
-def expanded_lever(arm: Arm, joint: int, link: int, vector: ArrayLike, gravity: ArrayLike) -> Expansion | None:
+def expanded_lever(
+    arm: Arm, joint: int, link: int, vector: ArrayLike, gravity: ArrayLike, most: int = MOST
+) -> Expansion | None:
     """The lever ``z_j . (R_k v x g)`` of a vector fixed to a link about a joint's axis, as waves.
 
     Parameters
@@ -347,20 +351,21 @@ def expanded_lever(arm: Arm, joint: int, link: int, vector: ArrayLike, gravity: 
         In the link's frame.
     gravity : array_like, shape (3,)
         In the base link.
+    most : int
+        Waves that it may have.
 
     Returns
     -------
     Expansion or None
-        None where there would be more than `MOST` waves.
+        None where there would be more waves, or many more on the way.
     """
     table, none = arm.table, (0.0,) * len(arm.joint_names)
-    lever: Vectors = {none: np.asarray(vector, dtype=complex)}
-    down: Vectors = {none: np.asarray(gravity, dtype=complex)}
+    lever, down = (_still(none, values) for values in (vector, gravity))
     for k in range(link, joint - 1, -1):
         turns = 0.0 if table.prismatic[k] else 1.0
         lever = _turned(lever, k, table.theta[k], True) if turns else _constant(lever, _about_z(table.theta[k]))
         lever = _constant(lever, _frame(arm, k)) if k > joint else lever
-        if len(lever) > 2 * MOST:
+        if len(lever) > 2 * most + 1:
             return None
     for k in range(joint):
         down = _constant(down, _frame(arm, k).T)
@@ -373,7 +378,12 @@ def expanded_lever(arm: Arm, joint: int, link: int, vector: ArrayLike, gravity: 
             turns_of = tuple(x + y for x, y in zip(a, b, strict=True))
             out[turns_of] = out.get(turns_of, 0.0) + complex(w[0] * g[1] - w[1] * g[0])
     waves = {turns: weight for turns, weight in canonical(out).items() if abs(weight) > NOTHING}
-    return waves if len(waves) <= MOST else None
+    return waves if len(waves) <= most else None
+
+
+def _still(none: Turns, values: ArrayLike) -> Vectors:
+    x, y, z = np.asarray(values, dtype=complex).tolist()
+    return {none: (x, y, z)}
 
 
 def _about_z(angle: float) -> FloatArray:
