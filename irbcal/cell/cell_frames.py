@@ -78,6 +78,7 @@ from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.cell_graph import FLANGE, WORLD, Edge
 from irbcal.modeling.certainty import COVERAGE, Certainty
+from irbcal.modeling.lost_zeros import lost_joints, zeros_in_words
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.modeling.terms import chain
 from irbcal.safe_files import refuse_overwriting
@@ -118,11 +119,17 @@ class Adjusted:
     state : FeatureState
     root : str
         The frame that stands still.
+    touches : sequence of Touch
+        With joints as they would be shown with the zeros that were adjusted.
+    zeros : tuple of int
+        Joints, from 1, whose zeros were adjusted, too: the last unknowns, radians (metres) that each shows too little.
     """
 
     problem: FeatureProblem
     state: FeatureState
     root: str = cell_graph.BASE
+    touches: Sequence[Touch] = ()
+    zeros: tuple[int, ...] = ()
 
     @cached_property
     def by_group(self) -> list[GroupResiduals]:
@@ -144,7 +151,27 @@ class Adjusted:
         blocks = list(self.problem.dense(self.state, np.zeros(0, dtype=int)))
         unit = COVERAGE * MM / self.problem.typical
         A = np.concatenate([block.J for block in blocks], axis=1).T / self.problem.sizes * unit
+        A = np.hstack([A, self._stacked([self._by_zeros(of_group) for of_group in self.by_group], len(A))])
         return A, -unit * np.concatenate([block.y for block in blocks]), np.concatenate([block.row for block in blocks])
+
+    def _by_zeros(self, of_group: GroupResiduals) -> FloatArray:
+        """Derivative of a group's residuals by the zeros, shape (zeros, m, k)."""
+        path, p, slides = of_group.path, of_group.p.T, self.problem.arm.table.prismatic
+        moves = np.zeros((len(self.zeros), *p.shape))
+        for k, joint in enumerate(np.array(self.zeros, dtype=int) - 1):
+            z, o = path.z[joint], path.o[joint]
+            moves[k] = z if slides[joint] else np.cross(z, p - o, axis=0)
+        return self.problem.by_arm(of_group, moves, None)
+
+    def _stacked(self, by_group: Sequence[FloatArray], equations: int) -> FloatArray:
+        """Derivatives of the groups' residuals (count, m, k) as rows of equations, shape (equations, count)."""
+        unit = COVERAGE / self.problem.typical
+        rows = [
+            (J * self.problem.weights[of_group.group.rows][:, None] * unit).reshape(len(J), J[0].size if len(J) else 0).T
+            for J, of_group in zip(by_group, self.by_group, strict=True)
+        ]
+        derivative = np.concatenate(rows)
+        return np.vstack([derivative, np.zeros((equations - len(derivative), derivative.shape[1]))])
 
     @property
     def redundancy(self) -> int:
@@ -173,7 +200,7 @@ class Adjusted:
 
         Of an external axis the change of its screw; ``name`` is the frame that it moves.
         """
-        out = np.zeros((6, self.problem.flat))
+        out = np.zeros((6, self.problem.flat + len(self.zeros)))
         if self._tip(kind, name) in self.problem.layout:
             at = self.problem.layout[self._tip(kind, name)][1]
             out[3:, at : at + 3] = R.T
@@ -204,7 +231,6 @@ class Adjusted:
             last move, m^2.
         """
         parts, variance = [], np.zeros(len(self.problem.rows))
-        unit = COVERAGE / self.problem.typical
         for of_group in self.by_group:
             group = of_group.group
             motion = self.problem.motion.select(group.rows)
@@ -214,9 +240,8 @@ class Adjusted:
             out = self.problem.by_arm(of_group, J, None)
             if self.root in of_group.view.signs and group.frame == WORLD:
                 out[:6] += self.problem.by_edge(of_group, self.root)
-            parts.append((out * self.problem.weights[group.rows][:, None] * unit).reshape(len(out), -1).T)
-        derivative = np.concatenate(parts)
-        return np.vstack([derivative, np.zeros((len(self.rows[0]) - len(derivative), derivative.shape[1]))]), variance
+            parts.append(out)
+        return self._stacked(parts, len(self.rows[0])), variance
 
 
 def frame_name(kind: str, name: str) -> str:
@@ -231,8 +256,9 @@ def adjust(
     source: str,
     axes: Sequence[ExternalAxis] = (),
     nominal: bool = False,
+    zeros: Sequence[int] = (),
 ) -> Adjusted:
-    """Adjust tools and work objects to touches.
+    """Adjust tools and work objects to touches, and zeros of joints that were lost.
 
     Parameters
     ----------
@@ -246,12 +272,31 @@ def adjust(
     axes : sequence of ExternalAxis, optional
     nominal : bool
         Whether the axes are as the controller has them; else they are adjusted, too.
+    zeros : sequence of int
+        Joints, from 1, that do not show what they did.
 
     Raises
     ------
     MeasurementError
-        If the touches do not determine a tool or a work object: the sentence says what is missing.
+        If the touches do not determine a tool, a work object or a zero: the sentence says what is missing.
     """
+    for _ in range(STEPS if zeros else 0):
+        adjusted = replace(adjust(touches, robot, sigma, source, axes, nominal), zeros=tuple(zeros))
+        A, r, _ = adjusted.rows
+        of_frames, of_zeros = A[:, : -len(zeros)], A[:, -len(zeros) :]
+        left = of_zeros - of_frames @ np.linalg.lstsq(of_frames, of_zeros, rcond=None)[0]
+        if np.linalg.svd(left / np.linalg.norm(of_zeros, axis=0), compute_uv=False)[-1] < SHOWN:
+            raise MeasurementError(
+                f"the touches do not show the zeros of joints {', '.join(map(str, zeros))}: touch from more sides with "
+                "the arm folded and stretched. Touches of what is sought itself never show the first joint's, nor the "
+                "last joint's without known axes of the tool",
+                file=source,
+            )
+        step = np.zeros(len(robot.arm.joint_names))
+        step[np.array(zeros) - 1] = np.linalg.lstsq(left, -r, rcond=None)[0]
+        touches = [replace(touch, q=touch.q + step) for touch in touches]
+        if np.abs(step).max() < SMALL:
+            break
     framed = {frame_name(t.frame, t.name) for t in touches if _shows_axes(t)}
     root = external_axes.root(axes)
     rows = _feature_rows(touches, framed, COVERAGE * sigma, robot.arm, source, root)
@@ -276,7 +321,7 @@ def adjust(
             key = (FRAME if frame_name(kind, name) in framed else "centre"), frame_name(kind, name)
             if kind == HELD_PART or key[0] == "centre":
                 starts[key] = T if key[0] == FRAME else T[:3, 3]
-        adjusted = Adjusted(problem, feature_problem.start(problem, starts), root)
+        adjusted = Adjusted(problem, feature_problem.start(problem, starts), root, touches, tuple(zeros))
     except IdentificationError as error:
         raise MeasurementError(str(error), file=source) from None
     for of_group in adjusted.by_group:
@@ -598,8 +643,10 @@ DOUBTFUL = 1e-3
 """Chance of touches that scatter so much with the uncertainty that they are said to have."""
 MOST_OUTLIERS = 5
 """One touch of so many may be left out."""
+STEPS, SMALL = 20, 1e-12
+"""Of the iteration for zeros of joints, and its last, radians and metres."""
 SHOWN = 1e-3
-"""Share of a touch's variance below which its residual shows nothing."""
+"""Share of a touch's variance below which its residual shows nothing, and of what a zero moves."""
 
 
 def cell_frames(
@@ -614,6 +661,7 @@ def cell_frames(
     other_cell: CellFile | str | Path | None = None,
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
+    refit_zeros: Sequence[int] = (),
 ) -> CellFile:
     """Tools and work objects by the calibrated robot, from touches.
 
@@ -637,11 +685,14 @@ def cell_frames(
         Mass carried at the touches, kg.
     payload_place : array_like, shape (3,), optional
         Its centre in the tip link, metres.
+    refit_zeros : sequence of int
+        Joints, from 1, whose zeros were lost (a crash, another motor): they are found with the frames, all else of the
+        robot stays, and a note tells them with their intervals.
 
     Raises
     ------
     MeasurementError
-        If the table cannot be read, or does not determine a tool or a work object.
+        If the table cannot be read, or does not determine a tool, a work object or a zero.
     CalibrationError
         If the calibration is not whole, or the file cannot be written.
     OptionError
@@ -674,7 +725,9 @@ def cell_frames(
         kind: _of_controller(frames_given, parameter, kind, all_rows)
         for kind, frames_given, parameter in ((TOOL, tool, "tool"), (WORK_OBJECT, wobj, "wobj"))
     }
-    rows, sigma, adjusted, left_out = _without_outliers(all_rows, robot, certainty, source, axes_before)
+    zeros = lost_joints(refit_zeros, robot.arm)
+    adjusted, sigma, left_out = _without_outliers(all_rows, robot, certainty, source, axes_before, zeros)
+    rows = adjusted.touches
     by_nominal = adjust(rows, record.robot_nominal(), sigma, source, axes_before, nominal=True)
     if contacts is not None:
         contacts = replace(contacts, rows=np.array([all_rows[k].row for k in contacts.rows]))
@@ -698,6 +751,7 @@ def cell_frames(
         M.append(adjusted.motions(AXIS, edge.child, np.eye(3)))
     motions = np.concatenate(M)
     touching, gain = motions @ C @ motions.T, motions @ G
+    sentences = [doubt, *_zeros_in_words(adjusted, robot.arm, all_rows, C + G @ certainty.covariance @ G.T)]
     cell = CellFile(
         record.fingerprint,
         record.robot.name,
@@ -713,7 +767,7 @@ def cell_frames(
             for k, touch in enumerate(rows)
         ),
         left_out=tuple(left_out),
-        notes=tuple(filter(None, (doubt, *_notes(record.robot, rows, of_cell, certainty)))),
+        notes=tuple(filter(None, (*sentences, *_notes(record.robot, rows, of_cell, certainty)))),
     )
     if out is not None:
         cell.save(out)
@@ -734,19 +788,24 @@ def _of_controller(
 
 
 def _without_outliers(
-    rows: list[Touch], robot: Robot, certainty: Certainty, source: str, axes: Sequence[ExternalAxis]
-) -> tuple[list[Touch], FloatArray, Adjusted, list[str]]:
+    rows: Sequence[Touch],
+    robot: Robot,
+    certainty: Certainty,
+    source: str,
+    axes: Sequence[ExternalAxis],
+    zeros: Sequence[int],
+) -> tuple[Adjusted, FloatArray, list[str]]:
     """Adjust, leave out the worst touch, and again, as long as one is far out and the others are enough without it."""
     left_out: list[str] = []
     u95 = np.array([touch.u95 for touch in rows])
-    variance = adjust(rows, robot, u95 / COVERAGE, source, axes).by_robot(certainty)[1]
+    variance = adjust(rows, robot, u95 / COVERAGE, source, axes, zeros=zeros).by_robot(certainty)[1]
     sigma = np.sqrt((u95 / COVERAGE) ** 2 + variance)
     most = len(rows) // MOST_OUTLIERS
-    adjusted = adjust(rows, robot, sigma, source, axes)
+    adjusted = adjust(rows, robot, sigma, source, axes, zeros=zeros)
     while True:
         worst, chance, distance = _worst(adjusted, sigma)
         if chance > OUTLIER:
-            return rows, sigma, adjusted, left_out
+            return adjusted, sigma, left_out
         touch, keep = rows[worst], np.arange(len(rows)) != worst
         words = (
             f"row {touch.row} ({frame_name(touch.frame, touch.name)}, {touch.point}) is {distance / MM:.2f} mm beside "
@@ -756,14 +815,27 @@ def _without_outliers(
         if len(left_out) >= most:
             break
         try:
-            again = adjust(rest, robot, sigma[keep], source, axes)
+            again = adjust(rest, robot, sigma[keep], source, axes, zeros=zeros)
         except MeasurementError:
             break
         if not again.redundancy:
             break
         left_out.append(f"{words}: it is left out")
         rows, sigma, adjusted = rest, sigma[keep], again
-    return rows, sigma, adjusted, [*left_out, f"{words}; there are too few touches to leave it out: touch again"]
+    return adjusted, sigma, [*left_out, f"{words}; there are too few touches to leave it out: touch again"]
+
+
+def _zeros_in_words(adjusted: Adjusted, arm: Arm, before: Sequence[Touch], C: FloatArray) -> list[str]:
+    """What the touches say of zeros that were lost; C: covariance of the unknowns, the last are the zeros."""
+    if not adjusted.zeros:
+        return []
+    row = {touch.row: touch for touch in before}[adjusted.touches[0].row]
+    moved = (adjusted.touches[0].q - row.q)[np.array(adjusted.zeros) - 1]
+    half = COVERAGE * np.sqrt(np.diagonal(C)[-len(adjusted.zeros) :])
+    return [
+        *zeros_in_words(arm, adjusted.zeros, moved, half),
+        "tools and work objects here are those after mastering, and so are the joints of the touches in this file",
+    ]
 
 
 def _worst(adjusted: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:

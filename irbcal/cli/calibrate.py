@@ -9,6 +9,7 @@ import typer
 
 from irbcal.cli import show
 from irbcal.cli.signature import (
+    LOST_JOINTS,
     MM,
     NAMES,
     PLACE,
@@ -162,13 +163,6 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
     return points
 
 
-def _joints(text: str, option: str) -> list[int]:
-    try:
-        return [int(joint) for joint in text.split(",")]
-    except ValueError:
-        raise typer.BadParameter(f"expected numbers of joints such as 3,5, found {text!r}", param_hint=option) from None
-
-
 @command(
     "evaluate",
     arguments=("calibration", "measurements"),
@@ -177,7 +171,7 @@ def _joints(text: str, option: str) -> list[int]:
         "tolerance": MM,
         "tracker_u95": MM,
         "info": Typed(list[str], "KEY=VALUE", _pairs),
-        "refit_zeros": Typed(str, "JOINT,JOINT,…", _joints),
+        "refit_zeros": LOST_JOINTS,
         "frame_points": Typed(str, "POSE/TARGET,…", _frame_points),
     },
     flags={"tracker_u95": "--tracker-u95-mm"},

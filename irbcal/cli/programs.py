@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.signature import MM, PLACE, Json, Typed, command, numbers, public
+from irbcal.cli.signature import LOST_JOINTS, MM, PLACE, Json, Typed, command, numbers, public
 from irbcal.units import DEG
 
 if TYPE_CHECKING:
@@ -225,7 +225,8 @@ TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
 @command(
     "cell_frames program_touches",
     arguments=("calibration", "touches"),
-    typed=PROGRAM_TYPED | {"payload_place": PLACE, "program": Typed(list[Path], "PATH")},
+    typed=PROGRAM_TYPED
+    | {"payload_place": PLACE, "program": Typed(list[Path], "PATH"), "refit_zeros": LOST_JOINTS},
     flags=PROGRAM_FLAGS,
     without=("out",),
     optional=("touches", "program"),

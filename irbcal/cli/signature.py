@@ -110,6 +110,16 @@ def numbers_in(text: str, counts: Sequence[int], option: str, names: Sequence[st
 PLACE = numbers("X,Y,Z", 3, units=[MM_PER_M])
 
 
+def _joints(text: str, option: str) -> list[int]:
+    try:
+        return [int(joint) for joint in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"expected numbers of joints such as 3,5, found {text!r}", param_hint=option) from None
+
+
+LOST_JOINTS = Typed(str, "JOINT,JOINT,…", _joints)
+
+
 @dataclass(frozen=True)
 class ApiParameter:
     """A parameter as the source declares it."""

@@ -21,6 +21,7 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.lost_zeros import lost_joints
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
@@ -421,7 +422,7 @@ def evaluate(
     judged_by, stated = check_options(tolerance, rule, tracker_u95, region_only), checked_info(info)
     measurements = carrying(table.read(measurements), payload)
     refit = Refit(
-        refit_base, refit_tool, refit_from, seed, _joints(refit_zeros, len(record.arm(calibrated=False).joint_names))
+        refit_base, refit_tool, refit_from, seed, lost_joints(refit_zeros, record.arm(calibrated=False))
     )
     cleaned, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
     cleaned = without_fitted(cleaned.without_copies(), record, include_fitted)
@@ -504,15 +505,6 @@ def evaluate(
             seed=seed,
         ),
     )
-
-
-def _joints(joints: Sequence[int], count: int) -> tuple[int, ...]:
-    """Joints from the caller."""
-    for joint in joints:
-        number("refit_zeros", joint, 1, count, whole=True)
-    if len(set(joints)) < len(joints):
-        raise OptionError("refit_zeros: a joint is named twice", parameter="refit_zeros")
-    return tuple(joints)
 
 
 def in_frame_of_calibration(

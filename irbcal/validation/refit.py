@@ -7,7 +7,7 @@ the zeros of some joints are others, and all else of the robot is as it was cali
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,17 +16,13 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
+from irbcal.modeling.lost_zeros import MANY, WELL, enough_in_words, with_zeros, zeros_in_words
 from irbcal.modeling.robot import Robot
 from irbcal.options import number
-from irbcal.units import DEG, MM
 
 HALF = 0.5
 """Share of the poses that place a tool anew unless a number is given."""
 
-WELL = 0.01 * DEG
-"""Half of an interval of a zero with which a robot is as good as before; its controller shows so much, too."""
-MANY = 200
-"""Poses at most of which it is said that they are enough."""
 STEPS = 20
 SMALL = 1e-12
 """Last step of the iteration, metres and radians."""
@@ -128,7 +124,7 @@ class Refit:
                 base = base @ frames.transform(frames.rotation_from_vector(step[:3]), step[3:6])
             local = local + step[6 : 6 + local.size].reshape(-1, 3)
             if self.zeros:
-                robot = _turned(robot, self.zeros, step[6 + local.size :])
+                robot = with_zeros(robot, self.zeros, step[6 + local.size :])
                 R, p = _tips(robot, points)
             if np.abs(step).max() < SMALL:
                 break
@@ -163,19 +159,10 @@ class Refit:
         poses = np.arange((A.shape[1] + 3) // 3, MANY)
         half_by_poses = t.ppf(0.975, 3 * poses - A.shape[1]) * std.max() * np.sqrt(points.poses / poses)
         enough = int(poses[np.argmax(half_by_poses <= WELL)]) if half_by_poses[-1] <= WELL else 0
-        out = []
-        for joint, half in zip(self.zeros, u95, strict=True):
-            table, slides = placed.arm.table, bool(placed.arm.table.prismatic[joint - 1])
-            column, unit, name = ("d", MM, "mm") if slides else ("theta", DEG, "degrees")
-            moved = (getattr(table, column) - getattr(robot.arm.table, column))[joint - 1] / unit
-            out.append(
-                f"Joint {joint} stands {moved:+.4f} ± {half / unit:.4f} {name} (95 %) beside what it shows: let it "
-                f"show {moved:+.4f} {name} more there (mastering), then the calibration holds again"
-            )
-        if not placed.arm.table.prismatic[[joint - 1 for joint in self.zeros]].any():
-            words = f"{enough} poses like these are enough" if enough else f"{MANY} poses like these are not enough"
-            out.append(f"{words} for zeros within {WELL / DEG:g} degrees (95 %)")
-        return out
+        before, after = robot.arm.table, placed.arm.table
+        moved = np.where(after.prismatic, after.d - before.d, after.theta - before.theta)
+        words = zeros_in_words(placed.arm, self.zeros, moved[np.array(self.zeros) - 1], u95)
+        return words + enough_in_words(placed.arm, self.zeros, enough)
 
     def _equations(
         self, robot: Robot, base: FloatArray, local: FloatArray, R: FloatArray, p: FloatArray, points: PointSet
@@ -195,7 +182,7 @@ class Refit:
             mask = points.target == k
             J[mask, :, 6 + 3 * k : 9 + 3 * k] = R[mask]
         for k, joint in enumerate(self.zeros, 6 + 3 * len(local)):
-            R_off, p_off = _tips(_turned(robot, (joint,), np.array([STEP])), points)
+            R_off, p_off = _tips(with_zeros(robot, (joint,), np.array([STEP])), points)
             J[:, :, k] = (p_off + np.einsum("mij,mj->mi", R_off, local[points.target]) - at) / STEP
         free = np.r_[np.full(6, self.base), np.full(3 * len(local), self.tool), np.full(len(self.zeros), True)]
         return free, J.reshape(-1, count)[:, free], miss.ravel()
@@ -210,15 +197,6 @@ class Refit:
                 f"directions{more if self.zeros else ''}",
                 file=source,
             )
-
-
-def _turned(robot: Robot, joints: tuple[int, ...], by: FloatArray) -> Robot:
-    """The robot with zeros of joints (from 1) moved, radians (metres)."""
-    table = robot.arm.table
-    theta, d = np.array(table.theta), np.array(table.d)
-    for joint, amount in zip(joints, by, strict=True):
-        (d if table.prismatic[joint - 1] else theta)[joint - 1] += amount
-    return robot.replace(arm=robot.arm.with_table(replace(table, theta=theta, d=d)))
 
 
 def _cross(p: FloatArray) -> FloatArray:

@@ -403,3 +403,67 @@ def test_the_example_has_its_check_values(shared_data, tmp_path, program):
         numbers = krl.MAKER.numbers(T[None], np.zeros((1, 6)))[0]
         np.testing.assert_allclose(numbers[:3], expected[:3], rtol=0, atol=tolerance)
         np.testing.assert_allclose(numbers[3:], expected[3:], rtol=0, atol=0.001)
+
+
+LOST = {3: 0.4 * DEG, 5: -0.7 * DEG}
+"""How much more joints stand at than they show."""
+
+
+def crashed(rows):
+    """The touches as a robot shows them whose zeros were lost after it was calibrated."""
+    shift = np.zeros(6)
+    shift[[joint - 1 for joint in LOST]] = list(LOST.values())
+    return [replace(touch, q=touch.q - shift) for touch in rows]
+
+
+def test_lost_zeros_are_found_with_the_frames(robot, rows):
+    adjusted = adjust(crashed(rows), robot, np.full(len(rows), 1e-4), "", zeros=tuple(LOST))
+    np.testing.assert_allclose(joints(adjusted.touches), joints(rows), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(adjusted.frame(WORK_OBJECT, "cast"), T_OBJECT, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(adjusted.frame(TOOL, "grip")[:3, 3], TIP, rtol=0, atol=1e-9)
+
+    def residuals(step):
+        turned = [replace(touch, q=touch.q + np.array([0, 0, step[0], 0, step[1], 0])) for touch in rows]
+        problem = adjust(turned, robot, np.full(len(rows), 1e-4), "").problem
+        return Adjusted(problem, adjusted.state).rows[1]
+
+    # of thousands; how the joint map itself follows the joints is left out
+    assert_derivative(residuals, np.zeros(2), adjusted.rows[0][:, -2:], 5.0, 1e-3)
+
+
+def test_intervals_of_lost_zeros_hold(robot, rows):
+    """Touches and parameters of the robot drawn again and again, as for the frames above."""
+    rng = np.random.default_rng(7)
+    sigma, certainty, lost = np.full(len(rows), 1e-4), robot.certainty, crashed(rows)
+    C, G, _ = _covariance(adjust(lost, robot, sigma, "", zeros=tuple(LOST)), certainty)
+    std = np.sqrt(np.diagonal(C + G @ certainty.covariance @ G.T)[-2:])
+    J = point_derivatives(robot, certainty, joints(rows), np.tile(TIP, (len(rows), 1)))[1]
+    L = np.linalg.cholesky(certainty.covariance + 1e-24 * np.eye(len(certainty.covariance)))
+    errors = []
+    for _ in range(150):
+        shift = J @ (L @ rng.normal(size=J.shape[2])) + rng.normal(scale=1e-4, size=(len(rows), 3))
+        noisy = reached_anew(robot, rows, shift)
+        adjusted = adjust(crashed(noisy), robot, sigma, "", zeros=tuple(LOST))
+        errors.append((adjusted.touches[0].q - noisy[0].q)[[2, 4]])
+    assert np.mean(np.abs(errors) < 1.96 * std) == pytest.approx(0.95, abs=0.04)
+
+
+def reached_anew(robot, rows, shift):
+    """Touches with the joints that bring the tip beside its place, metres in the base link, by first order."""
+    q, step = joints(rows), 1e-6
+    T = robot.poses(q)
+    tip = T[:, :3, 3] + T[:, :3, :3] @ TIP
+    J = np.empty((len(q), 6, 6))
+    for k in range(6):
+        moved = robot.poses(q + step * np.eye(6)[k])
+        J[:, :3, k] = (moved[:, :3, 3] + moved[:, :3, :3] @ TIP - tip) / step
+        turn = moved[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)
+        J[:, 3:, k] = [frames.vector_from_rotation(R) / step for R in turn]
+    step_q = np.linalg.solve(J, np.concatenate([-shift, np.zeros_like(shift)], axis=1)[..., None])[..., 0]
+    return [replace(touch, q=touch.q + by) for touch, by in zip(rows, step_q, strict=True)]
+
+
+@pytest.mark.parametrize("zeros", [(1,), (6, 3)])
+def test_zeros_that_what_is_sought_hides_are_refused(record, rows, zeros):
+    with pytest.raises(MeasurementError, match="the touches do not show the zeros of joints"):
+        cell_frames(record, table_of(rows), refit_zeros=zeros)
