@@ -11,7 +11,20 @@ import typer
 
 from irbcal.cli import programs, show
 from irbcal.cli.programs import PROGRAM_FLAGS, PROGRAM_TEXTS, PROGRAM_TYPED
-from irbcal.cli.signature import DEG, MM, PLACE, Json, OutFile, Typed, command, for_function, numbers, public, scaled
+from irbcal.cli.signature import (
+    DEG,
+    LOST_JOINTS,
+    MM,
+    PLACE,
+    Json,
+    OutFile,
+    Typed,
+    command,
+    for_function,
+    numbers,
+    public,
+    scaled,
+)
 from irbcal.safe_files import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
@@ -59,10 +72,11 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
         "prior": MM,
         "pulses": numbers("P1,…,P6", 6),
         "package_dirs": Typed(list[Path], "FOLDER"),
+        "refit_zeros": LOST_JOINTS,
     },
     flags={"package_dirs": "--package-dir"},
     panels={
-        "Everyday": ("robot", "out", "targets", "tracker", "payload", "language", "pulses", "json"),
+        "Everyday": ("robot", "out", "targets", "tracker", "refit_zeros", "payload", "language", "pulses", "json"),
         "Poses": ("axis", "cube", "all_range", "optimal", "candidates", "criterion", "volume", "level", "seed"),
         "A device in place of a tracker": ("device", "poses", "approach", "prior", "compare_devices"),
         "Conditions": ("margin", "acceptance", "min_height", "cube_centre", "cube_edge", "without", "package_dirs"),

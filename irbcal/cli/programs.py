@@ -225,8 +225,7 @@ TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
 @command(
     "cell_frames program_touches",
     arguments=("calibration", "touches"),
-    typed=PROGRAM_TYPED
-    | {"payload_place": PLACE, "program": Typed(list[Path], "PATH"), "refit_zeros": LOST_JOINTS},
+    typed=PROGRAM_TYPED | {"payload_place": PLACE, "program": Typed(list[Path], "PATH"), "refit_zeros": LOST_JOINTS},
     flags=PROGRAM_FLAGS,
     without=("out",),
     optional=("touches", "program"),

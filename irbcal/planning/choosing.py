@@ -265,6 +265,8 @@ class PlanRequest:
         Of the program, see `irbcal.correction.languages.by_name`; that of the robot's maker unless given.
     pulses : tuple of float
         Pulses per degree of the six joints, for programs that hold pulses.
+    zeros : tuple of int
+        Joints, from 1, whose zeros the plan is to find, see `irbcal.planning.lost_zeros_plan`.
     """
 
     axis: int = FEW
@@ -285,6 +287,7 @@ class PlanRequest:
     must: bool = True
     language: str | None = None
     pulses: tuple[float, ...] = ()
+    zeros: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.axis not in (0, FEW, MANY):
@@ -292,7 +295,7 @@ class PlanRequest:
         for name, choices in (("criterion", CRITERIA), ("volume", VOLUMES)):
             if getattr(self, name) not in choices:
                 raise OptionError.unknown(name, getattr(self, name), choices)
-        if not (self.axis or self.cube or self.all_range or self.optimal):
+        if not (self.axis or self.cube or self.all_range or self.optimal or self.zeros):
             raise OptionError("the plan has no poses: ask for axis moves, cube, all-range or optimal poses")
         for name, smallest in (("cube", 0), ("all_range", 0), ("optimal", 0), ("candidates", 2), ("references", 0)):
             number(name, getattr(self, name), whole=True)

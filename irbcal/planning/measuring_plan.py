@@ -44,6 +44,7 @@ from irbcal.planning.choosing import (
     random_poses,
 )
 from irbcal.planning.conditions import CONDITIONS, TargetsLike
+from irbcal.planning.lost_zeros_plan import enough_poses, model_of_zeros, zeros_of_plan_in_words
 from irbcal.planning.optimal_design import IMAGINED_SIZE, NOISE, DesignComparison, Model
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation.instruments import ACCEPTANCE, FRONT
@@ -144,6 +145,11 @@ def predict(model: Model, q: FloatArray, visible: BoolArray) -> PlanPrediction:
         name = "held" if share > HELD else "tied" if share > TIED else "identified"
         out.append(Predicted(parameter.name, unit, float(value / factor) if name == "identified" else None, name))
     return PlanPrediction(model, tuple(out), covariance)
+
+
+def _measured(poses: Poses) -> tuple[FloatArray, BoolArray]:
+    """Joints of poses and the reflectors that are measured in them."""
+    return poses.q, first_seen(poses.seen, MOST_REFLECTORS)
 
 
 def stops(
@@ -656,6 +662,7 @@ def plan(
     seed: int = 0,
     language: str | None = None,
     pulses: Sequence[float] | None = None,
+    refit_zeros: Sequence[int] = (),
     package_dirs: Sequence[str | Path] = (),
     base_link: str | None = None,
     tip_link: str | None = None,
@@ -722,6 +729,9 @@ def plan(
         Of the robot program, ``csv`` for none: that of the robot's maker unless given, as far as its name tells it.
     pulses : sequence of float, optional
         Pulses per degree of the six joints, for Yaskawa jobs.
+    refit_zeros : sequence of int
+        Joints, from 1, whose zeros were lost: as many poses of a calibrated robot as find them within 0.01 degrees, or
+        ``optimal``, and no others unless asked for.
     package_dirs : sequence of str or Path
         Folders in which package:// names of meshes are looked up.
     base_link, tip_link, coupling : str, optional
@@ -748,14 +758,14 @@ def plan(
             parameter="acceptance",
         )
     number("optimal", optimal, 0, whole=True)
-    usual = {"axis": FEW, "cube": 52, "all_range": 50} if not optimal else {}
+    usual = {"axis": FEW, "cube": 52, "all_range": 50} if not (optimal or refit_zeros) else {}
     counts_given = {"axis": axis, "cube": cube, "all_range": all_range}
     counts = {name: usual.get(name, 0) if value is None else value for name, value in counts_given.items()}
     request = PlanRequest(
         **counts,
         optimal=optimal,
         candidates=candidates,
-        criterion=criterion,
+        criterion="D" if refit_zeros else criterion,
         volume=volume,
         level=None if level is None else str(level),
         noise=noise,
@@ -768,6 +778,7 @@ def plan(
         must=axis is not None,
         language=language,
         pulses=pulses_per_degree(pulses),
+        zeros=tuple(refit_zeros),
     )
     scene = open_scene(
         robot,
@@ -805,6 +816,9 @@ def make(scene: Scene, request: PlanRequest, step: Step | None = None) -> Plan:
     setting = scene.setting
     _, no_program = language_of(setting.arm, request)
     model = Model(scene.nominal, setting.targets, request.level or default_level(scene.nominal), request.noise)
+    if request.zeros:
+        model = model_of_zeros(scene, request.zeros)
+        request = replace(request, noise=model.noise)
     seeds = [int(k) for k in np.random.SeedSequence(request.seed).generate_state(6)]
     axis: list[Poses] = []
     movable: list[Poses] = []
@@ -829,16 +843,25 @@ def make(scene: Scene, request: PlanRequest, step: Step | None = None) -> Plan:
             movable.append(random_poses(setting, count, group, seed, region))
             tallies[group] = movable[-1].tally
     samples, comparison = choosing.samples(scene, seeds[4:], step), None
+    fixed_poses = [*axis, *movable]
+
+    def chosen(request: PlanRequest) -> tuple[Poses, DesignComparison, dict[str, Tally]]:
+        return choosing.optimal(scene, request, model, fixed_poses, samples, seeds[2:4], step)
+
+    if request.zeros and not (request.optimal or fixed_poses):
+        request = enough_poses(request, lambda request: predict(model, *_measured(chosen(request)[0])))
     if request.optimal:
-        chosen, comparison, more = choosing.optimal(scene, request, model, [*axis, *movable], samples, seeds[2:4], step)
-        movable.append(chosen)
+        poses_chosen, comparison, more = chosen(request)
+        movable.append(poses_chosen)
         tallies |= more
     step("order")
     start = home_joints(setting.arm)
     poses, over_home, notes = choosing.in_order(scene, axis, movable, start)
-    measured = first_seen(poses.seen, MOST_REFLECTORS)
+    measured = _measured(poses)[1]
     step("prediction")
     prediction = predict(model, poses.q, measured)
+    if request.zeros:
+        notes += zeros_of_plan_in_words(request, prediction, len(poses.q))
     first = prediction.model.targets.names[0]
     std = {name: prediction.position_std(q_samples, first) for name, q_samples in samples.items()}
     times = stops(scene, request, poses.q, measured, start, over_home)

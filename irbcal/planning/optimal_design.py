@@ -32,7 +32,7 @@ from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import METRES_PER_DEGREE
-from irbcal.modeling.parameters import level_parameters, parameter
+from irbcal.modeling.parameters import Parameter, level_parameters, parameter
 from irbcal.planning.conditions import Targets
 from irbcal.units import DEG, MM
 
@@ -56,11 +56,20 @@ class Model:
         See `irbcal.modeling.parameters`.
     noise : float
         Standard deviation of one coordinate, metres.
+    parameters : sequence of Parameter, optional
+        Those of the level unless given; ``level`` is then their name.
     """
 
-    def __init__(self, arm: Arm, targets: Targets, level: str, noise: float = NOISE) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        targets: Targets,
+        level: str,
+        noise: float = NOISE,
+        parameters: Sequence[Parameter] | None = None,
+    ) -> None:
         self.arm, self.targets, self.level, self.noise = arm, targets, level, float(noise)
-        self.parameters = level_parameters(level, arm)
+        self.parameters = level_parameters(level, arm) if parameters is None else tuple(parameters)
         self.outer = 6 + 3 * len(targets.names)
         self.scale = np.concatenate([np.ones(self.outer), [p.scale for p in self.parameters]])
 
@@ -168,7 +177,8 @@ class Model:
         """The model with only the reflectors that a mask (n, k) has anywhere, and the mask for it."""
         used = np.any(visible, axis=0)
         names = tuple(name for name, have in zip(self.targets.names, used, strict=True) if have)
-        return Model(self.arm, Targets(names, self.targets.places[used]), self.level, self.noise), visible[:, used]
+        targets = Targets(names, self.targets.places[used])
+        return Model(self.arm, targets, self.level, self.noise, self.parameters), visible[:, used]
 
 
 def flat(blocks: FloatArray) -> FloatArray:

@@ -421,9 +421,7 @@ def evaluate(
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
     judged_by, stated = check_options(tolerance, rule, tracker_u95, region_only), checked_info(info)
     measurements = carrying(table.read(measurements), payload)
-    refit = Refit(
-        refit_base, refit_tool, refit_from, seed, lost_joints(refit_zeros, record.arm(calibrated=False))
-    )
+    refit = Refit(refit_base, refit_tool, refit_from, seed, lost_joints(refit_zeros, record.arm(calibrated=False)))
     cleaned, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
     cleaned = without_fitted(cleaned.without_copies(), record, include_fitted)
     against = doubts_of(cleaned.points, robots["calibrated"], record)

@@ -1,0 +1,117 @@
+"""Measuring plans that find the zeros of joints after a crash or a change of a motor: which poses, and how many.
+
+Base, reflectors and these zeros are the unknowns, all else is as it was calibrated. What the calibration leaves over at
+poses that it was not fitted to is the error of a pose, which its reflectors share (`irbcal.validation.refit`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.modeling.lost_zeros import MANY, WELL, lost_joints
+from irbcal.modeling.parameters import parameter
+from irbcal.planning.choosing import MOST_REFLECTORS, PlanRequest
+from irbcal.planning.optimal_design import Model
+from irbcal.planning.scene import Scene
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    from irbcal.planning.measuring_plan import PlanPrediction
+
+TRIAL = 12
+"""Poses of the first plan that says how many are enough."""
+TRIALS = 4
+
+
+def model_of_zeros(scene: Scene, joints: tuple[int, ...]) -> Model:
+    """Base, reflectors and zeros as unknowns, and the error of a pose as the noise of its points.
+
+    Raises
+    ------
+    OptionError
+        If the robot is not a calibrated one, or has no such joints.
+    """
+    arm = scene.nominal
+    lost_joints(joints, arm)
+    if scene.certainty is None:
+        raise OptionError(
+            "refit_zeros: how many poses zeros take depends on what a calibration left over: give a calibration folder "
+            "for the robot",
+            parameter="refit_zeros",
+        )
+    if arm.table.prismatic[np.array(joints) - 1].any():
+        raise OptionError("refit_zeros: plans are for joints that turn", parameter="refit_zeros")
+    reflectors = min(len(scene.setting.targets.names), MOST_REFLECTORS)
+    noise = scene.certainty.determined_left_out(None) * float(np.sqrt(reflectors / 3.0))
+    zeros = tuple(parameter(f"delta_theta{joint}") for joint in joints)
+    return Model(arm, scene.setting.targets, f"zeros of joints {', '.join(map(str, joints))}", noise, zeros)
+
+
+def half_widths(std: FloatArray, poses: IntArray | int, unknowns: int) -> FloatArray:
+    """Halves of the 95 % intervals of zeros, with the scatter estimated from three coordinates of each pose."""
+    from scipy.stats import t
+
+    return np.asarray(t.ppf(0.975, np.maximum(3 * np.asarray(poses) - unknowns, 1)) * std)
+
+
+def std_of_zeros(prediction: PlanPrediction, joints: tuple[int, ...]) -> FloatArray:
+    """Predicted standard deviations of zeros, radians.
+
+    Raises
+    ------
+    MeasurementError
+        If the poses do not show one by itself.
+    """
+    parameters = prediction.parameters
+    if hidden := [str(joint) for joint, p in zip(joints, parameters, strict=True) if p.std is None]:
+        raise MeasurementError(
+            f"no poses show the zero of joint {', '.join(hidden)} where base and tool are placed anew: the first joint's "
+            "zero cannot be told from the base, nor the last joint's from the tool"
+        )
+    return np.array([p.std for p in parameters], dtype=float) * DEG
+
+
+def enough_poses(request: PlanRequest, predicted: Callable[[PlanRequest], PlanPrediction]) -> PlanRequest:
+    """The request with as many poses as give each zero within `WELL`, `MANY` at most, and one to judge them.
+
+    Parameters
+    ----------
+    request : PlanRequest
+    predicted : callable
+        What the poses that are chosen for a request promise.
+    """
+    counts, best = np.arange(1, MANY + 1), TRIAL
+    for _ in range(TRIALS):
+        request = replace(request, optimal=best)
+        prediction = predicted(request)
+        unknowns = prediction.model.outer + len(request.zeros)
+        std = std_of_zeros(prediction, request.zeros).max() * np.sqrt(request.optimal / counts)
+        good = half_widths(std, counts, unknowns) <= WELL
+        best = int(counts[np.argmax(good)]) if good.any() else MANY
+        if best == request.optimal:
+            break
+    return replace(request, optimal=max(best, request.optimal) + 1)
+
+
+def zeros_of_plan_in_words(request: PlanRequest, prediction: PlanPrediction, poses: int) -> list[str]:
+    """What a plan promises of the zeros."""
+    unknowns, placing = prediction.model.outer + len(request.zeros), poses - 1
+    std = std_of_zeros(prediction, request.zeros) * np.sqrt(poses / placing)
+    half = half_widths(std, placing, unknowns)
+    of_joints = ", ".join(
+        f"joint {joint} ± {value / DEG:.4f} degrees" for joint, value in zip(request.zeros, half, strict=True)
+    )
+    enough = "enough" if half.max() <= WELL else "not enough"
+    return [
+        f"{placing} poses, and another to judge them: zero of {of_joints} (95 %), {enough} for {WELL / DEG:g} degrees. "
+        f"Base and reflectors are placed anew, and points err by {prediction.model.noise / MM:.3f} mm a coordinate, what "
+        "the calibration left over of a pose",
+        "Then: irbcal evaluate CALIBRATION MEASURED.csv --refit-base --refit-tool --refit-zeros "
+        f"{','.join(map(str, request.zeros))} --refit-from {placing}",
+    ]
