@@ -226,7 +226,7 @@ class FeatureProblem:
             units.append(size)
         self.flat = int(sum(map(len, units)))
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
-        self._walked: tuple[FloatArray | None, dict[bytes, chain.Walk]] = None, {}
+        self._walked: tuple[FloatArray | None, dict[int, chain.Walk]] = None, {}
         self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
         self.others = TermMap(
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
@@ -292,21 +292,19 @@ class FeatureProblem:
 
     def walk(self, state: FeatureState, group: Group) -> chain.Walk:
         """The chain at a group's rows."""
+        if len(self.rows) > REMEMBERED:
+            return self._walk(state, self.motion.select(group.rows))
         if self._walked[0] is not state.coefficients:
-            self._walked = state.coefficients, {}
-        walks, key = self._walked[1], group.rows.tobytes()
-        if key not in walks:
-            motion = self.motion.select(group.rows)
-            if self.robot is not None:
-                path = self.robot.walk(motion)
-            elif not self.others.terms or not state.coefficients[~self.geometry].any():
-                path = chain.walk(self.arm_of(state), motion.q)
-            else:
-                path = chain.walk(self.arm_of(state), *self.term_map(state).split(motion))
-            if len(self.rows) > REMEMBERED:
-                return path
-            walks[key] = path
-        return walks[key]
+            path = self._walk(state, self.motion)
+            self._walked = state.coefficients, {int(each.rows[0]): path.select(each.rows) for each in self.groups}
+        return self._walked[1][int(group.rows[0])]
+
+    def _walk(self, state: FeatureState, motion: Motion) -> chain.Walk:
+        if self.robot is not None:
+            return self.robot.walk(motion)
+        if not self.others.terms or not state.coefficients[~self.geometry].any():
+            return chain.walk(self.arm_of(state), motion.q)
+        return chain.walk(self.arm_of(state), *self.term_map(state).split(motion))
 
     def view(self, state: FeatureState, group: Group, path: chain.Walk) -> RelativeFrame:
         """A group's carrier in the axes of its frame, on a chain."""

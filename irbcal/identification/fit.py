@@ -374,6 +374,7 @@ def identify(
     level: Level = "34",
     known_targets: Mapping[str, ArrayLike] | None = None,
     parameters: Sequence[Parameter] | None = None,
+    start: State | None = None,
 ) -> Fit:
     """Identify base, targets and the error parameters of a level by least squares.
 
@@ -392,6 +393,8 @@ def identify(
         Targets whose places in the tip link are known (from a CMM), metres.
     parameters : sequence of Parameter, optional
         Error parameters in place of the level's own.
+    start : State, optional
+        Of a fit to nearly the same points, which spares the first guess.
 
     Raises
     ------
@@ -401,7 +404,7 @@ def identify(
         If there is no such level.
     """
     problem, guess = make_problem(arm, points, level, known_targets, parameters)
-    solution = least_squares.solve(problem, first_state(problem))
+    solution = least_squares.solve(problem, first_state(problem) if start is None else start)
     return fit_of(problem, solution, level, guess)
 
 

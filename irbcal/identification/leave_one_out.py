@@ -4,7 +4,8 @@ With ``a = t / s2`` and the posterior covariance C, leaving out the rows J_n wit
 
     u_n = (I - a J_n C J_n')^-1 e_n
 
-at the same variances. For a whole block of poses the same is solved among the columns, with ``C = L L'``:
+at the same variances. For a block of poses with more rows than columns the same is solved among the columns, with
+``C = L L'``:
 ``u = e + a J' L (I - a L' J J' L)^-1 L' J e``.
 
 A direction that the other poses do not determine is *open*: what depends on it cannot be predicted from them, so its
@@ -203,6 +204,9 @@ def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, bloc
     a = fit.temper / fit.s2
     number = block_numbers(linear.place, linear.session, blocks)
     k = len(columns)
+    if 3 * len(linear.target) <= k * blocks:  # solved among the rows, of which there are fewer
+        parts = [(block.J, block.y - fit.c @ block.J, number[block.pose]) for block in linear.blocks(columns)]
+        return _together([part[:2] for part in parts], np.concatenate([part[2] for part in parts]), fit)
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):
         e = block.y - fit.c @ block.J

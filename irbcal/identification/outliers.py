@@ -11,6 +11,7 @@ from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
+from irbcal.identification.problem import State
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
@@ -173,6 +174,7 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
         If the data do not allow it.
     """
     of_all = None
+    state: State | None = None
     if distance is None:
         of_all = identify(arm, points, level).robot
         distance = distances(of_all, points)
@@ -183,9 +185,10 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
             break
         core = new
         try:
-            robot = identify(arm, points.take(core).without_empty_poses().with_seen_targets(), level).robot
+            fit = identify(arm, points.take(core).without_empty_poses().with_seen_targets(), level, start=state)
         except IdentificationError:  # too few for a part of them: all are needed
             return of_all or identify(arm, points, level).robot
+        robot, state = fit.robot, fit.solution.state
         if set(robot.targets) != set(points.target_names):
             return of_all or identify(arm, points, level).robot
         distance = distances(robot, points)

@@ -169,6 +169,7 @@ def analyse_residuals(
     joint: int | None = None,
     order: int = 2,
     frequency: float | None = 1.0,
+    cleaned: bool = False,
 ) -> ResidualAnalysis:
     """Which terms each joint needs, from any poses.
 
@@ -185,6 +186,8 @@ def analyse_residuals(
         Of the Fourier series.
     frequency : float or None
         Periods per turn; None: free.
+    cleaned : bool
+        Gross errors were left out before.
 
     Raises
     ------
@@ -193,7 +196,7 @@ def analyse_residuals(
     """
     if joint is not None and joint > len(arm.joint_names):
         raise IdentificationError(f"there is no joint {joint}: {arm.name} has {len(arm.joint_names)}")
-    points, step, excluded = _usable(arm, points, step)
+    points, step, excluded = _usable(arm, points, step, cleaned)
     motion = Motion(points.q, np.nan_to_num(step))
     geometry = geometry_terms.FAMILY.terms(arm)
     problem = linear_model.geometry_problem(arm, points, geometry, None)
@@ -220,12 +223,13 @@ def analyse_residuals(
 
 
 def _usable(
-    arm: Arm, points: PointSet, step: FloatArray
+    arm: Arm, points: PointSet, step: FloatArray, cleaned: bool
 ) -> tuple[PointSet, FloatArray, tuple[tuple[str, str, float], ...]]:
     """Points that a robot of this kind could have reached, of `COMPARED` poses at most, and those that it could not."""
     step = step[np.isin(np.arange(points.poses), points.pose)]
     points = points.without_empty_poses()
-    if points.poses >= FEWEST_POSES:
+    excluded: tuple[tuple[str, str, float], ...] = ()
+    if points.poses >= FEWEST_POSES and not cleaned:
         gross, names = outliers.find_gross_errors(arm, points), points.names()
         far = np.flatnonzero(~gross.keep)
         excluded = tuple((str(points.pose_ids[points.pose[k]]), names[k], float(gross.distance[k])) for k in far)

@@ -192,7 +192,7 @@ def _joints(c: Record) -> tuple[ResidualAnalysis | None, str]:
     if points.previous is None or not came_from.any():
         return None, "the order in which these poses were run is not known"
     try:
-        return analyse_residuals(c.arm(calibrated=False), points, points.q - points.previous), ""
+        return analyse_residuals(c.arm(calibrated=False), points, points.q - points.previous, cleaned=True), ""
     except IrbcalError as error:
         return None, str(error)
 

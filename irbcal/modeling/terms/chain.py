@@ -11,7 +11,7 @@ terms about the joint's own axis are in it. Batches of poses, no loop over them;
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -53,6 +53,10 @@ class Walk:
     z: FloatArray
     o: FloatArray
     tip: FloatArray
+
+    def select(self, pose: IntArray) -> Walk:
+        """The chain at some of the poses."""
+        return Walk(*(getattr(self, part.name)[..., pose] for part in fields(self)))
 
 
 def walk(arm: Arm, effective: FloatArray, xi: FloatArray | None = None) -> Walk:
@@ -150,7 +154,9 @@ def point_columns(path: Walk, p: FloatArray, pose: IntArray, constant: bool = Fa
     for k in range(6):
         axis, origin = _axis(path, k, constant)
         if k < 3:
-            out[:, k] = np.cross(axis[..., pose], p - origin[..., pose], axis=1)
+            a, r = axis[..., pose], p - origin[..., pose]
+            for i in range(3):  # their cross product, which numpy's function takes long to prepare
+                out[:, k, i] = a[:, i - 2] * r[:, i - 1] - a[:, i - 1] * r[:, i - 2]
         else:
             out[:, k] = axis[..., pose]
     return out
