@@ -167,9 +167,7 @@ class Adjusted:
         """Derivatives of the groups' residuals (count, m, k) as rows of equations, shape (equations, count)."""
         unit = COVERAGE / self.problem.typical
         rows = [
-            (J * self.problem.weights[of_group.group.rows][:, None] * unit)
-            .reshape(len(J), J[0].size if len(J) else 0)
-            .T
+            (J * self.problem.weights[of_group.group.rows][:, None] * unit).reshape(len(J), np.prod(J.shape[1:])).T
             for J, of_group in zip(by_group, self.by_group, strict=True)
         ]
         derivative = np.concatenate(rows)

@@ -63,13 +63,3 @@ def zeros_in_words(arm: Arm, joints: Sequence[int], moved: FloatArray, half: Flo
             f"show {shift / unit:+.4f} {name} more there (mastering), then the calibration holds again"
         )
     return out
-
-
-def enough_in_words(arm: Arm, joints: Sequence[int], enough: int, what: str = "poses") -> list[str]:
-    """How many poses (touches) like those measured give zeros within `WELL`; nothing for joints that slide."""
-    if arm.table.prismatic[[joint - 1 for joint in joints]].any():
-        return []
-    words = (
-        f"{enough} {what} like these are enough" if 0 < enough <= MANY else f"{MANY} {what} like these are not enough"
-    )
-    return [f"{words} for zeros within {WELL / DEG:g} degrees (95 %)"]

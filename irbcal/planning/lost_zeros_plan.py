@@ -71,8 +71,8 @@ def std_of_zeros(prediction: PlanPrediction, joints: tuple[int, ...]) -> FloatAr
     parameters = prediction.parameters
     if hidden := [str(joint) for joint, p in zip(joints, parameters, strict=True) if p.std is None]:
         raise MeasurementError(
-            f"no poses show the zero of joint {', '.join(hidden)} where base and tool are placed anew: the first joint's "
-            "zero cannot be told from the base, nor the last joint's from the tool"
+            f"no poses show the zero of joint {', '.join(hidden)} where base and tool are placed anew: the first "
+            "joint's zero cannot be told from the base, nor the last joint's from the tool"
         )
     return np.array([p.std for p in parameters], dtype=float) * DEG
 
@@ -110,8 +110,8 @@ def zeros_of_plan_in_words(request: PlanRequest, prediction: PlanPrediction, pos
     enough = "enough" if half.max() <= WELL else "not enough"
     return [
         f"{placing} poses, and another to judge them: zero of {of_joints} (95 %), {enough} for {WELL / DEG:g} degrees. "
-        f"Base and reflectors are placed anew, and points err by {prediction.model.noise / MM:.3f} mm a coordinate, what "
-        "the calibration left over of a pose",
+        f"Base and reflectors are placed anew, and points err by {prediction.model.noise / MM:.3f} mm a coordinate, "
+        "what the calibration left over of a pose",
         "Then: irbcal evaluate CALIBRATION MEASURED.csv --refit-base --refit-tool --refit-zeros "
         f"{','.join(map(str, request.zeros))} --refit-from {placing}",
     ]

@@ -16,9 +16,10 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
-from irbcal.modeling.lost_zeros import MANY, WELL, enough_in_words, with_zeros, zeros_in_words
+from irbcal.modeling.lost_zeros import MANY, WELL, with_zeros, zeros_in_words
 from irbcal.modeling.robot import Robot
 from irbcal.options import number
+from irbcal.units import DEG
 
 HALF = 0.5
 """Share of the poses that place a tool anew unless a number is given."""
@@ -162,7 +163,10 @@ class Refit:
         before, after = robot.arm.table, placed.arm.table
         moved = np.where(after.prismatic, after.d - before.d, after.theta - before.theta)
         words = zeros_in_words(placed.arm, self.zeros, moved[np.array(self.zeros) - 1], u95)
-        return words + enough_in_words(placed.arm, self.zeros, enough)
+        if not after.prismatic[np.array(self.zeros) - 1].any():
+            few = f"{enough} poses like these are enough" if enough else f"{MANY} poses like these are not enough"
+            words.append(f"{few} for zeros within {WELL / DEG:g} degrees (95 %)")
+        return words
 
     def _equations(
         self, robot: Robot, base: FloatArray, local: FloatArray, R: FloatArray, p: FloatArray, points: PointSet
