@@ -21,12 +21,12 @@ import stat
 import sys
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TypeAlias
+from typing import BinaryIO, TypeAlias
 
 from irbcal.errors import CalibrationError, IrbcalError, OptionError
 
@@ -306,20 +306,24 @@ NEW, OLD, JOURNAL, ELSEWHERE = ".new", ".old", ".journal", ".elsewhere"
 _OURS = re.compile(r"\.irbcal-[0-9a-f]{12}(-\d+)?\.(new|old|journal|elsewhere)")
 
 
-def write_together(folder: str | Path, contents: Mapping[str, bytes]) -> None:
+Content: TypeAlias = "bytes | Callable[[BinaryIO], object]"
+"""Of a file: itself, or what writes it, for one that is larger than memory."""
+
+
+def write_together(folder: str | Path, contents: Mapping[str, Content]) -> None:
     """Write files into a folder so that either all are new or all are as before; as `write_set`."""
     write_set({Path(folder) / name: content for name, content in contents.items()})
 
 
-def write_set(contents: Mapping[Path, bytes]) -> None:
+def write_set(contents: Mapping[Path, Content]) -> None:
     """Write files, of several folders if need be, so that either all are new or all are as before.
 
     Symbolic links stay and their files are replaced; permissions of files that are replaced stay.
 
     Parameters
     ----------
-    contents : dict of Path to bytes
-        Folders are made if absent.
+    contents : dict of Path to bytes or callable
+        Folders are made if absent. What is to be called gets a file to write to.
 
     Raises
     ------
@@ -434,7 +438,7 @@ def _with_journals(folders: Sequence[Path]) -> list[Path]:
     return sorted(real)
 
 
-def _write(targets: Mapping[Path, bytes], folders: Sequence[Path]) -> None:
+def _write(targets: Mapping[Path, Content], folders: Sequence[Path]) -> None:
     word = f"{PREFIX}{secrets.token_hex(6)}"
     rows = [
         _Row(path, path.parent / f"{word}-{number}{NEW}", path.parent / f"{word}-{number}{OLD}", path.exists())
@@ -544,9 +548,12 @@ def _belongs(row: _Row, journal: Path) -> bool:
         return False
 
 
-def _put(path: Path, content: bytes, mode: int | None = None) -> None:
+def _put(path: Path, content: Content, mode: int | None = None) -> None:
     with open(path, "xb") as stream:
-        stream.write(content)
+        if isinstance(content, bytes):
+            stream.write(content)
+        else:
+            content(stream)
         stream.flush()
         if mode is not None:
             os.chmod(path, mode)

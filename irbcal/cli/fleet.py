@@ -41,7 +41,7 @@ def calibrate(options: dict[str, Any], json: Json = False) -> None:
 
 @command("fleet_add", arguments=("calibrations",), typed={"calibrations": Typed(list[Path], "PATH"), "store": STORE})
 def add(options: dict[str, Any], json: Json = False) -> None:
-    """Add calibrations to a store, each whole or not at all, and once."""
+    """Add calibrations to a store, each whole or not at all, and once; goes on where it was stopped."""
     with show.progress(len(options["calibrations"]), quiet=json) as step:
         result = public("fleet_add")(**options, progress=step)
     show.result(result, json)
@@ -55,7 +55,7 @@ def list_(options: dict[str, Any], json: Json = False) -> None:
 
 @command("fleet_drift", arguments=("robot",), typed={"store": STORE})
 def drift(options: dict[str, Any], json: Json = False) -> None:
-    """What changed in a robot between its calibrations by more than their uncertainty."""
+    """What changed in a robot, or in all, between their calibrations by more than their uncertainty."""
     show.result(public("fleet_drift")(**options), json)
 
 

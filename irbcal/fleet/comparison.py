@@ -9,14 +9,15 @@ motor changes few.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from typing import TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
-from irbcal.fleet.store import Estimate, Stored
+from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.fleet.store import Dated, ParameterList, covariances
 from irbcal.units import DEG, MM
 
 DHM = {
@@ -138,6 +139,7 @@ class Change:
 
     Attributes
     ----------
+    robot : str
     before, after : date
     chi2 : float
     directions : int
@@ -152,6 +154,7 @@ class Change:
         Other robots whose calibrations agree with the later one: it may be theirs.
     """
 
+    robot: str
     before: date
     after: date
     chi2: float
@@ -183,81 +186,124 @@ class Change:
         return out
 
 
-def change(first: Stored, second: Stored) -> Change:
-    """Compare two calibrations of a robot, by the level that both have.
+Pair: TypeAlias = "tuple[Dated, Dated]"
+"""The same estimate of two calibrations."""
+
+
+def change(first: Dated, second: Dated) -> Change:
+    """Compare two calibrations of a robot, see `changes`."""
+    return changes([(first, second)])[0]
+
+
+def changes(pairs: Sequence[Pair]) -> list[Change]:
+    """Compare two calibrations each of many robots, by the level that both have.
 
     Averages of many error models cannot be compared parameter by parameter: what one of them explains by a wave
     another explains by weight. The arm's own level, fitted to the points of both, has the same parameters in both.
 
     Parameters
     ----------
-    first, second : Stored
+    pairs : sequence of (Dated, Dated)
+        Some hundred at most: their covariances need memory.
     """
-    dates = first.measured, second.measured
-    if first.level is None or second.level is None:
-        return Change(*dates, 0.0, 0, 1.0, (), 1.0)
-    names = [name for name in first.level.names if name in second.level.place]
-    d, W, chi2, directions, p = _difference(first.level, second.level, names)
-    causes: list[ParameterChange] = []
-    remaining, left_p = chi2, p
-    if p < CHANCE:
-        causes, remaining = _explained(d, W, names, first.level)
-        left_p = _beyond(remaining, max(directions - len(causes), 1))
-    return Change(*dates, chi2, directions, p, tuple(causes), left_p)
+    out: list[Change | None] = [None] * len(pairs)
+    for rows, difference in _differences(pairs):
+        for k, row in enumerate(rows):
+            first, second = pairs[row]
+            chi2, directions, p = float(difference.chi2[k]), int(difference.directions[k]), float(difference.p[k])
+            causes: list[ParameterChange] = []
+            left_p = p
+            if p < CHANCE:
+                parameters, W = first.packed.parameters, difference.weight(k)
+                causes, remaining = _explained(difference.d[k], W, difference.names, parameters)
+                left_p = _beyond(remaining, max(directions - len(causes), 1))
+            out[row] = Change(second.robot, first.measured, second.measured, chi2, directions, p, tuple(causes), left_p)
+    return [step for step in out if step is not None]
 
 
 SURELY_ANOTHER = 4.0
 """Chi-square of a single parameter, in that of `CHANCE` on all of them, beyond which a robot is surely another."""
 
 
-def perhaps_of(second: Stored, fleet: Sequence[Stored]) -> list[Stored]:
-    """Calibrations of other robots of a type that may agree with one, by each of their parameters alone.
-
-    What one of the two holds has no say, as in `agreeing`, which needs covariances.
+class Sisters:
+    """Levels of a fleet, in which a calibration is looked for that is like another's.
 
     Parameters
     ----------
-    second : Stored
-    fleet : sequence of Stored
-        Their levels may be without covariances.
+    levels : iterable of Dated
+        They may be without their factors.
     """
-    from scipy.special import chdtri
 
-    robot, level = second.robot, second.level
-    assert level is not None
-    limit = SURELY_ANOTHER * float(chdtri(max(len(level.names), 1), CHANCE))
-    others = [
-        (stored, stored.level)
-        for stored in fleet
-        if stored.robot["type"] == robot["type"] and stored.robot["id"] != robot["id"] and stored.level is not None
-    ]
-    by_names: dict[tuple[str, ...], list[tuple[Stored, Estimate]]] = {}
-    for stored, estimate in others:
-        by_names.setdefault(estimate.names, []).append((stored, estimate))
-    out = []
-    for names, entries in by_names.items():
-        common = [name for name in names if name in level.place]
-        mine, theirs = ([place[name] for name in common] for place in (level.place, entries[0][1].place))
-        d = np.array([estimate.values[theirs] for _, estimate in entries]) - level.values[mine]
-        variances = np.array([estimate.std[theirs] for _, estimate in entries]) ** 2
-        own = level.std[mine] ** 2
-        both = np.minimum(variances, own) > ONE_SIDED * np.maximum(variances, own)
-        chi2 = np.divide(d**2, variances + own, out=np.zeros_like(d), where=both)
-        out += [entries[k][0] for k in np.flatnonzero(chi2.max(axis=1, initial=0.0) <= limit)]
-    return out
+    def __init__(self, levels: Iterable[Dated]) -> None:
+        groups: dict[tuple[str, ParameterList], list[Dated]] = {}
+        for level in levels:
+            groups.setdefault((level.type, level.packed.parameters), []).append(level)
+        self._groups = {key: _Group(group) for key, group in groups.items()}
+
+    def perhaps_of(self, second: Dated) -> list[Dated]:
+        """Calibrations of other robots of the type that may agree with one, by each of their parameters alone.
+
+        What one of the two holds has no say, as in `agreeing`, which needs covariances.
+        """
+        from scipy.special import chdtri
+
+        level = second.packed
+        value, variance = level.numbers("value"), level.numbers("std") ** 2
+        limit = SURELY_ANOTHER * float(chdtri(max(len(value), 1), CHANCE))
+        out = []
+        for (type, parameters), group in self._groups.items():
+            if type == second.type:
+                places = [level.parameters.place.get(name, -1) for name in parameters.names]
+                out += group.like(np.append(value, np.nan)[places], np.append(variance, np.nan)[places], limit)
+        return [dated for dated in out if dated.robot != second.robot]
 
 
-def agreeing(second: Stored, others: Iterable[Stored]) -> tuple[str, ...]:
+class _Group:
+    """Levels with the same parameters: those that scatter most, in their deviations, are looked at first."""
+
+    def __init__(self, levels: Sequence[Dated]) -> None:
+        self.levels = levels
+        self.values = np.ascontiguousarray(_values(levels).T)
+        self.variances = np.ascontiguousarray(_std(levels).T ** 2)
+        self.least, self.most = self.variances.min(axis=1), self.variances.max(axis=1)
+        spread = np.divide(self.values.var(axis=1), self.most, out=np.zeros(len(self.most)), where=self.most > 0.0)
+        self.order = np.argsort(-spread).tolist()
+        self.sorted = {k: np.argsort(self.values[k]) for k in self.order[:1]}
+
+    def like(self, value: FloatArray, variance: FloatArray, limit: float) -> list[Dated]:
+        """Those of which no parameter is farther away than a chi-square; not a number where there is none."""
+        rows = np.arange(len(self.levels))
+        for k, in_order in self.sorted.items():
+            if min(self.least[k], variance[k]) > ONE_SIDED * max(self.most[k], variance[k]):  # all of them have a say
+                far = np.sqrt(limit * (self.most[k] + variance[k]))
+                ends = np.searchsorted(self.values[k], [value[k] - far, value[k] + far], sorter=in_order)
+                rows = np.sort(in_order[slice(*ends)])
+        for k in self.order:
+            theirs = self.variances[k, rows]
+            both = np.minimum(theirs, variance[k]) > ONE_SIDED * np.maximum(theirs, variance[k])
+            rows = rows[~(both & ((self.values[k, rows] - value[k]) ** 2 > limit * (theirs + variance[k])))]
+            if not len(rows):
+                break
+        return [self.levels[row] for row in rows.tolist()]
+
+
+def _values(group: Sequence[Dated]) -> FloatArray:
+    """Values of estimates with the same parameters, shape (n, k)."""
+    return np.frombuffer(b"".join(level.packed.value for level in group), "<f8").reshape(len(group), -1)
+
+
+def _std(group: Sequence[Dated]) -> FloatArray:
+    """Their deviations, shape (n, k)."""
+    return np.frombuffer(b"".join(level.packed.std for level in group), "<f4").reshape(len(group), -1).astype(float)
+
+
+def agreeing(second: Dated, others: Sequence[Dated]) -> tuple[str, ...]:
     """Ids of robots with a calibration that agrees with that of another robot."""
-    names = dict[str, None]()
-    for stored in others:
-        assert second.level is not None
-        assert stored.level is not None
-        common = [name for name in stored.level.names if name in second.level.place]
-        *_, directions, p = _difference(stored.level, second.level, common)
-        if directions >= FEWEST_DIRECTIONS and p >= CHANCE:
-            names[str(stored.robot["id"])] = None
-    return tuple(names)
+    agree = set()
+    for rows, difference in _differences([(level, second) for level in others]):
+        like = (difference.directions >= FEWEST_DIRECTIONS) & (difference.p >= CHANCE)
+        agree |= {int(row) for row in rows[like]}
+    return tuple(dict.fromkeys(others[row].robot for row in sorted(agree)))
 
 
 def _beyond(chi2: float, directions: int) -> float:
@@ -267,30 +313,75 @@ def _beyond(chi2: float, directions: int) -> float:
     return float(chdtrc(directions, chi2)) if directions else 1.0
 
 
-def _difference(
-    first: Estimate, second: Estimate, names: list[str]
-) -> tuple[FloatArray, FloatArray, float, int, float]:
-    """Differences in natural sizes, their weight, chi-square, its degrees of freedom, and its probability by chance.
+@dataclass(frozen=True, eq=False)
+class _Differences:
+    """Differences of pairs of estimates: n pairs, k parameters that both have, in natural sizes.
 
-    What counts are the directions that both have seen.
+    Attributes
+    ----------
+    names : tuple of str
+    d : ndarray, shape (n, k)
+    chi2, directions, p : ndarray, shape (n,)
+        Of the directions that both have seen; and the probability of so large a chi-square by chance.
+    variances, vectors : ndarray, shape (n, k) and (n, k, k)
+        Of the sum of the covariances, along its principal directions.
+    keep : ndarray of bool, shape (n, k)
+        The directions that both have seen.
     """
-    rows = [[estimate.place[name] for name in names] for estimate in (first, second)]
-    size = first.natural[rows[0]]
-    d = (second.values[rows[1]] - first.values[rows[0]]) / size
+
+    names: tuple[str, ...]
+    d: FloatArray
+    chi2: FloatArray
+    directions: IntArray
+    p: FloatArray
+    variances: FloatArray
+    vectors: FloatArray
+    keep: BoolArray
+
+    def weight(self, k: int) -> FloatArray:
+        """Weight of a pair's differences."""
+        U = self.vectors[k][:, self.keep[k]]
+        return (U / self.variances[k][self.keep[k]]) @ U.T
+
+
+def _differences(pairs: Sequence[Pair]) -> Iterator[tuple[IntArray, _Differences]]:
+    """Differences of pairs, those with the same parameters together; and which pairs they are."""
+    groups: dict[tuple[ParameterList, ParameterList], list[int]] = {}
+    for row, pair in enumerate(pairs):
+        groups.setdefault((pair[0].packed.parameters, pair[1].packed.parameters), []).append(row)
+    for lists, rows in groups.items():
+        sides = [[pairs[row][side] for row in rows] for side in range(2)]
+        yield np.array(rows), _differences_of(lists, sides)
+
+
+def _differences_of(lists: tuple[ParameterList, ParameterList], sides: Sequence[Sequence[Dated]]) -> _Differences:
+    """Differences of n pairs with the same parameters."""
+    from scipy.special import chdtrc
+
+    names = tuple(name for name in lists[0].names if name in lists[1].place)
+    places = [[parameters.place[name] for name in names] for parameters in lists]
+    size = np.array([lists[0].natural[k] for k in places[0]], dtype=float)
+    first, second = (_values(side)[:, place] for side, place in zip(sides, places, strict=True))
+    d = (second - first) / size
     C = [
-        estimate.covariance[np.ix_(r, r)] / np.outer(size, size)
-        for estimate, r in zip((first, second), rows, strict=True)
+        covariances([level.packed.factor for level in side], len(parameters.names))[:, place][:, :, place]
+        / np.outer(size, size)
+        for side, parameters, place in zip(sides, lists, places, strict=True)
     ]
     values, vectors = np.linalg.eigh(C[0] + C[1])
-    variances = np.array([np.einsum("ik,ij,jk->k", vectors, matrix, vectors) for matrix in C])
-    keep = (variances.min(axis=0) > ONE_SIDED * variances.max(axis=0)) & (values > HELD * values.max(initial=0.0))
-    U = vectors[:, keep]
-    W, directions = (U / values[keep]) @ U.T, int(keep.sum())
-    chi2 = float(d @ W @ d)
-    return d, W, chi2, directions, _beyond(chi2, directions)
+    variances = np.array([np.einsum("nik,nik->nk", vectors, matrix @ vectors) for matrix in C])
+    largest = values.max(axis=1, initial=0.0, keepdims=True)
+    keep = (variances.min(axis=0) > ONE_SIDED * variances.max(axis=0)) & (values > HELD * largest)
+    along = np.einsum("nik,ni->nk", vectors, d)
+    chi2 = np.divide(along**2, values, out=np.zeros_like(along), where=keep).sum(axis=1)
+    directions = keep.sum(axis=1)
+    p = np.where(directions > 0, chdtrc(np.maximum(directions, 1), chi2), 1.0)
+    return _Differences(names, d, chi2, directions, p, values, vectors, keep)
 
 
-def _explained(d: FloatArray, W: FloatArray, names: list[str], first: Estimate) -> tuple[list[ParameterChange], float]:
+def _explained(
+    d: FloatArray, W: FloatArray, names: Sequence[str], parameters: ParameterList
+) -> tuple[list[ParameterChange], float]:
     """Parameters whose change explains a difference, one after the other, and the chi-square that is left."""
     from scipy.special import chdtri
 
@@ -299,10 +390,9 @@ def _explained(d: FloatArray, W: FloatArray, names: list[str], first: Estimate) 
     remaining = float(d @ W @ d)
     values, stds, gains, ties = np.zeros(0), np.zeros(0), list[float](), list[tuple[str, ...]]()
     while len(chosen) < MOST_CAUSES:
-        rests = {}
-        for k in range(len(names)):
-            if k not in chosen and W[k, k] > 0.0 and (fit_left := _left(d, W, [*chosen, k])) is not None:
-                rests[k] = fit_left[0]
+        candidates = [k for k in range(len(names)) if k not in chosen and W[k, k] > 0.0]
+        solutions = dict(zip(candidates, _left(d, W, [[*chosen, k] for k in candidates]), strict=True))
+        rests = {k: solution[0] for k, solution in solutions.items() if solution is not None}
         best = min(rests, key=lambda k: rests[k], default=-1)
         if best < 0 or remaining - rests[best] < limit:
             break
@@ -312,30 +402,43 @@ def _explained(d: FloatArray, W: FloatArray, names: list[str], first: Estimate) 
         chosen.append(best)
         ties.append(tuple(names[k] for k in sorted(equal, key=lambda k: rests[k]) if k != best))
         gains.append(remaining - rests[best])
-        solution = _left(d, W, chosen)
+        solution = solutions[best]
         assert solution is not None
         remaining, values, stds = solution
     out = []
     for k, value, std, gain, tied in zip(chosen, values, stds, gains, ties, strict=True):
-        row = first.place[names[k]]
-        size = first.natural[row]
-        out.append(ParameterChange(names[k], first.units[row], float(value * size), float(std * size), gain, tied))
+        row = parameters.place[names[k]]
+        size = parameters.natural[row]
+        assert size is not None
+        changed, unsure = float(value * size), float(std * size)
+        out.append(ParameterChange(names[k], parameters.units[row], changed, unsure, gain, tied))
     return out, remaining
 
 
-def _left(d: FloatArray, W: FloatArray, chosen: list[int]) -> tuple[float, FloatArray, FloatArray] | None:
+def _left(
+    d: FloatArray, W: FloatArray, choices: Sequence[Sequence[int]]
+) -> list[tuple[float, FloatArray, FloatArray] | None]:
     """Chi-square that is left where some parameters changed, by how much they did, and its standard deviations.
 
-    None where these are not known, or cannot be told apart.
+    Of each of n choices of m parameters; None where these are not known, or cannot be told apart.
     """
-    N = W[np.ix_(chosen, chosen)]
-    scale = np.sqrt(np.diagonal(N))
-    scaled = N / np.outer(scale, scale)
-    if np.linalg.cond(scaled) > 1e6:  # cannot be told apart
-        return None
-    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    values, stds = inverse @ (W[chosen] @ d), np.sqrt(np.diagonal(inverse))
-    return None if stds.max() > VAGUE else (float(d @ W @ d - (W[chosen] @ d) @ values), values, stds)
+    if not choices:
+        return []
+    chosen = np.array(choices)
+    N = W[chosen[:, :, None], chosen[:, None, :]]
+    scale = np.sqrt(np.diagonal(N, axis1=1, axis2=2))
+    sizes = scale[:, :, None] * scale[:, None, :]
+    scaled = N / sizes
+    singular = np.linalg.svd(scaled, compute_uv=False)
+    apart = singular[:, 0] <= 1e6 * singular[:, -1]
+    scaled[~apart] = np.eye(chosen.shape[1])
+    inverse = np.linalg.inv(scaled) / sizes
+    b = (W @ d)[chosen]
+    values = np.einsum("nij,nj->ni", inverse, b)
+    stds = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
+    rests = d @ W @ d - np.einsum("ni,ni->n", b, values)
+    known = apart & (stds.max(axis=1) <= VAGUE)
+    return [(float(rests[k]), values[k], stds[k]) if known[k] else None for k in range(len(chosen))]
 
 
 FEWEST_SISTERS = 5
@@ -363,34 +466,41 @@ class StandsOut:
     words: str
 
 
-def standing_out(sisters: Sequence[Stored]) -> list[StandsOut]:
+def standing_out(levels: Sequence[Dated], errors: Mapping[str, float | None]) -> list[StandsOut]:
     """Robots of one type that stand out of it, the farthest first; none of fewer than `FEWEST_SISTERS` sisters.
 
     Parameters
     ----------
-    sisters : sequence of Stored
+    levels : sequence of Dated
         One calibration of each robot.
+    errors : dict of str to float or None
+        Held-out mean error of each robot, mm.
     """
-    if len(sisters) < FEWEST_SISTERS:
+    if len(levels) < FEWEST_SISTERS:
         return []
     reasons_of: dict[str, list[tuple[float, str]]] = {}
-    levels = [(stored, stored.level) for stored in sisters if stored.level is not None]
-    for name in sorted({name for _, level in levels for name in level.names}):
-        having = [(stored, level, level.place[name]) for stored, level in levels if name in level.place]
-        if len(having) < FEWEST_SISTERS:
+    groups: dict[ParameterList, list[Dated]] = {}
+    for level in levels:
+        groups.setdefault(level.packed.parameters, []).append(level)
+    arrays = {parameters: (_values(group), _std(group)) for parameters, group in groups.items()}
+    for name in sorted({name for parameters in groups for name in parameters.names}):
+        having = [(parameters, parameters.place[name]) for parameters in groups if name in parameters.place]
+        values = np.concatenate([arrays[parameters][0][:, k] for parameters, k in having])
+        if len(values) < FEWEST_SISTERS:
             continue
-        values = np.array([level.values[k] for _, level, k in having])
-        stds = np.array([level.std[k] for _, level, k in having])
+        stds = np.concatenate([arrays[parameters][1][:, k] for parameters, k in having])
+        units = np.concatenate([np.full(len(groups[p]), p.units[k], dtype=object) for p, k in having])
+        sisters = [level.robot for parameters, _ in having for level in groups[parameters]]
         middle, spread = _middle(values)
         deviation = values - middle
         total = np.sqrt(spread**2 + stds**2)
         far = np.divide(np.abs(deviation), total, out=np.zeros_like(total), where=total > 0.0)
-        for (one, level, k), value, std, z in zip(having, deviation, total, far, strict=True):
-            if z > STANDS_OUT:
-                text = f"{called(name)[0]} is {amount(value, std, level.units[k])} from the middle of its sisters"
-                reasons_of.setdefault(one.robot["id"], []).append((float(z), text))
-    for one, z, text in _errors(sisters):
-        reasons_of.setdefault(one.robot["id"], []).append((z, text))
+        for row in np.flatnonzero(far > STANDS_OUT):
+            text = f"{called(name)[0]} is {amount(deviation[row], total[row], units[row])}"
+            reason = float(far[row]), f"{text} from the middle of its sisters"
+            reasons_of.setdefault(sisters[row], []).append(reason)
+    for robot, z, text in _errors({level.robot: errors.get(level.robot) for level in levels}):
+        reasons_of.setdefault(robot, []).append((z, text))
     out = []
     for robot, reasons in reasons_of.items():
         reasons.sort(reverse=True)
@@ -399,18 +509,18 @@ def standing_out(sisters: Sequence[Stored]) -> list[StandsOut]:
     return sorted(out, key=lambda robot_out: -robot_out.deviations)
 
 
-def _errors(sisters: Sequence[Stored]) -> list[tuple[Stored, float, str]]:
+def _errors(errors: Mapping[str, float | None]) -> list[tuple[str, float, str]]:
     """Robots whose calibrated error is far larger than their sisters'."""
-    with_errors = [stored for stored in sisters if stored.calibration["heldout_mean_mm"]]
-    if len(with_errors) < FEWEST_SISTERS:
+    known = {robot: error for robot, error in errors.items() if error}
+    if len(known) < FEWEST_SISTERS:
         return []
-    errors = np.array([stored.calibration["heldout_mean_mm"] for stored in with_errors])
-    middle, spread = _middle(np.log(errors))
-    far = (np.log(errors) - middle) / max(spread, 0.05)
+    values = np.array(list(known.values()))
+    middle, spread = _middle(np.log(values))
+    far = (np.log(values) - middle) / max(spread, 0.05)
     usual = float(np.exp(middle))
     return [
-        (stored, float(z), f"its held-out mean error is {error:.3f} mm, that of its sisters {usual:.3f} mm")
-        for stored, error, z in zip(with_errors, errors, far, strict=True)
+        (robot, float(z), f"its held-out mean error is {error:.3f} mm, that of its sisters {usual:.3f} mm")
+        for (robot, error), z in zip(known.items(), far, strict=True)
         if z > STANDS_OUT
     ]
 

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime, timezone
-from itertools import chain, groupby, pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from irbcal import parallel
 from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, OptionError
 from irbcal.fleet import batch
 from irbcal.fleet.batch import STORE
-from irbcal.fleet.comparison import Change, StandsOut, agreeing, change, high_wave, perhaps_of, standing_out
-from irbcal.fleet.store import Estimate, Store, Stored, opened
+from irbcal.fleet.comparison import Change, Pair, Sisters, StandsOut, agreeing, changes, high_wave, standing_out
+from irbcal.fleet.store import TOGETHER, Dated, Estimate, Store, Stored, opened
 from irbcal.identification.evidence import check_averaging, type_terms
 from irbcal.identification.fit import certainty_of, identify
 from irbcal.identification.term_sets import WIDE, name_of
@@ -31,6 +33,9 @@ from irbcal.sessions import earlier_of
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.verdict import verdict_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def stored(
@@ -164,14 +169,8 @@ def _other(record: Record, names: set[str]) -> list[dict[str, Any]]:
             continue
         unit, size = factor.get(parameter.unit, (parameter.unit, 1.0))
         std = None if parameter.std is None else parameter.std * size
-        row = {
-            "part": "other",
-            "position": len(out),
-            "name": parameter.name,
-            "value": parameter.value * size,
-            "std": std,
-        }
-        out.append(row | {"prior": None, "natural": None, "unit": unit, "state": parameter.state})
+        value = parameter.value * size
+        out.append({"name": parameter.name, "value": value, "std": std, "unit": unit, "state": parameter.state})
     return out
 
 
@@ -220,6 +219,7 @@ class Added(Result):
     CONTENT = "store added there"
 
 
+@parallel.on_workers
 def fleet_add(
     calibrations: Sequence[str | Path] | str | Path,
     store: str | Path = STORE,
@@ -227,6 +227,7 @@ def fleet_add(
     id: str | None = None,
     serial: str | None = None,
     date: str | None = None,
+    jobs: int | None = None,
     progress: Callable[[str], Any] | None = None,
 ) -> Added:
     """Add calibrations to a store; what it has already is found, not added again.
@@ -240,13 +241,17 @@ def fleet_add(
     id, serial, date : str, optional
         Of a single calibration: which robot it is, its serial number, and when it was measured (2026-03-17). Folders of
         a fleet know that; else they are the folder's name, the same, and when it was calibrated.
+    jobs : int, optional
+        Processes that fit levels and terms to the calibrations' points; as many as there are cores unless given.
     progress : callable, optional
-        Called with a short text after each.
+        Called with a short text as they are added.
 
     Raises
     ------
     CalibrationError
         If one is no calibration, contradicts the store, or the store fails: those before it stay added.
+    Interrupted
+        After those under way were added.
     OptionError
         If ``id``, ``serial`` or ``date`` are given for several.
     """
@@ -258,17 +263,50 @@ def fleet_add(
     for folder in folders:  # before anything is added
         if not (folder / JSON_NAME).is_file():
             raise CalibrationError("not a calibration folder", file=folder)
-    added: list[str] = []
-    known_before: list[str] = []
-    first = [stored(folder, id, serial, date) for folder in folders[:1]]  # no store is made for what is none
-    rest_stored = (stored(folder, id, serial, date) for folder in folders[1:])
+    new: dict[int, bool] = {}
+    if not folders:
+        raise OptionError("calibrations: expected one or more folders, found none", parameter="calibrations")
+    first = stored(folders[0], id, serial, date)  # no store is made for what is none
     with opened(store, create=True) as database:
-        for folder, calibration in zip(folders, chain(first, rest_stored), strict=True):
-            (added if database.add(calibration) else known_before).append(str(folder))
+        waiting = {0: first}
+        written = time.monotonic()
+
+        def write() -> None:
+            nonlocal written
+            if not waiting:
+                return
+            new.update(zip(waiting, database.add_all(list(waiting.values())), strict=True))
+            waiting.clear()
+            written = time.monotonic()
             if progress is not None:
-                progress(f"{len(added) + len(known_before)} of {len(folders)} calibrations")
-        name = database.engine.url.render_as_string(hide_password=True) if "://" in str(store) else str(store)
-    return Added(name, tuple(added), tuple(known_before))
+                progress(f"{len(new)} of {len(folders)} calibrations")
+
+        try:
+            for index, calibration in parallel.each(_stored, None, folders[1:], seconds=ADDITION_S):
+                waiting[index + 1] = calibration
+                if len(waiting) >= BATCH or time.monotonic() - written > BATCH_S:
+                    write()
+        except KeyboardInterrupt:
+            write()
+            raise parallel.Interrupted(len(folders) - len(new), "calibrations to add") from None
+        except IrbcalError:
+            write()  # those before it stay
+            raise
+        write()
+    name = database.engine.url.render_as_string(hide_password=True) if "://" in str(store) else str(store)
+    added, known_before = (tuple(str(folders[k]) for k in sorted(new) if new[k] is is_new) for is_new in (True, False))
+    return Added(name, added, known_before)
+
+
+ADDITION_S = 0.12
+"""Seconds that refitting a calibration for the store takes, about."""
+BATCH, BATCH_S = 200, 1.0
+"""Calibrations that are added in one transaction at most, and seconds after which those that are ready are added."""
+
+
+def _stored(_: None, folder: Path) -> Stored:
+    """In a worker: a calibration folder as the store takes it."""
+    return stored(folder)
 
 
 def _folders(path: Path) -> list[Path]:
@@ -281,6 +319,10 @@ def _folders(path: Path) -> list[Path]:
             raise CalibrationError("a fleet without a calibrated robot", file=path)
         return folders
     return [path]
+
+
+LISTED = 1_000
+"""Robots that are listed for people."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -329,7 +371,7 @@ class Overview(Result):
                 stored.calibration["heldout_mean_mm"],
                 stored.calibration["heldout_max_mm"],
             )
-            for stored in self.latest
+            for stored in self.latest[:LISTED]
         )
         columns = ("id", "serial", "type", "last", "times", "model", "nominal mm", "calibrated mm", "largest mm")
         changes = [
@@ -340,7 +382,9 @@ class Overview(Result):
             for type, entries in self.outstanding.items()
             for entry in entries
         ]
-        return [headline, Table("Robots, by their last calibration", columns, rows), *changes, *outstanding]
+        more = len(self.latest) - LISTED
+        others = [f"and {more} more robots: --json, --type or irbcal fleet export name them"] if more > 0 else []
+        return [headline, Table("Robots, by their last calibration", columns, rows), *others, *changes, *outstanding]
 
     CONTENT = "simulated robots=_listed changed outstanding"
 
@@ -376,111 +420,127 @@ def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: st
         counts = database.counts(type)
         if not counts:
             raise CalibrationError(f"the store has no calibrations{f' of type {type}' if type else ''}")
-        changes: dict[str, Change] = {}
-        changed: list[Stored] = []
-        fleet: list[Stored] = []
-        for _, history in groupby(_levels(database, type=type), key=lambda stored: stored.robot["id"]):
-            calibrations = list(history)
-            if len(calibrations) > 1:
-                step = changes[calibrations[-1].robot["id"]] = change(*calibrations)
-                changed += calibrations[1:] if step.real else []
-            fleet += map(_light, calibrations)
-        for stored in changed:
-            robot = stored.robot["id"]
-            changes[robot] = _with_sisters(changes[robot], stored, fleet, database)
-    latest = {stored.robot["id"]: stored for stored in fleet}
-    by_type: dict[str, list[Stored]] = {}
-    for stored in latest.values():
-        by_type.setdefault(stored.robot["type"], []).append(stored)
-    outstanding = {kind: tuple(robots) for kind, sisters in by_type.items() if (robots := standing_out(sisters))}
+        steps, fleet = _steps(database, type=type, last=2)
+        fleet = list({level.robot: level for level in fleet}.values())
+        latest = tuple(database.of_numbers([level.number for level in fleet], ()))
+    by_type: dict[str, list[Dated]] = {}
+    for level in fleet:
+        by_type.setdefault(level.type, []).append(level)
+    errors = {stored.robot["id"]: stored.calibration["heldout_mean_mm"] for stored in latest}
+    outstanding = {kind: tuple(robots) for kind, some in by_type.items() if (robots := standing_out(some, errors))}
     times = {robot: count for robot, (count, _) in counts.items()}
     simulated = any(of_simulated for _, of_simulated in counts.values())
-    overview = Overview(tuple(latest.values()), times, simulated, changes, outstanding)
+    overview = Overview(latest, times, simulated, {step.robot: step for step in steps}, outstanding)
     if report is not None:
         write_together(Path(report).parent, {Path(report).name: render_store(overview).encode()})
     return overview
 
 
-def _levels(database: Store, robot: str | None = None, type: str | None = None) -> Iterator[Stored]:
-    """The last two calibrations of robots, or all of one, with their levels."""
-    return database.calibrations(robot, type, last=2 if robot is None else None, parts=("level",))
+def _steps(
+    database: Store, robot: str | None = None, type: str | None = None, last: int | None = None
+) -> tuple[list[Change], list[Dated]]:
+    """Changes of robots from calibration to calibration; the last two levels of each, without factors."""
+    steps: list[Change] = []
+    fleet: list[Dated] = []
+    changed: list[tuple[int, Dated]] = []
+    pairs: list[Pair] = []
 
+    def compare() -> None:
+        for step, (_, second) in zip(changes(pairs), pairs, strict=True):
+            if step.real:
+                changed.append((len(steps), second))
+            steps.append(step)
+        pairs.clear()
 
-def _light(stored: Stored) -> Stored:
-    return stored if stored.level is None else replace(stored, level=stored.level.without_covariance())
-
-
-def _with_sisters(step: Change, second: Stored, fleet: Sequence[Stored], database: Store) -> Change:
-    """A change, with the other robots whose last two calibrations agree with the later one."""
-    numbers = {stored.calibration["number"] for stored in perhaps_of(second, fleet)}
-    robots = {stored.robot["id"] for stored in fleet if stored.calibration["number"] in numbers}
-    others = (stored for robot in sorted(robots) for stored in _levels(database, robot))
-    return replace(step, sisters=agreeing(second, (one for one in others if one.calibration["number"] in numbers)))
+    levels = database.estimates("level", robot, type, last=last)
+    for _, history in groupby(levels, key=lambda level: level.robot):
+        calibrations = list(history)
+        fleet += [level.light() for level in calibrations[-2:]]
+        pairs += pairwise(calibrations)
+        if len(pairs) >= TOGETHER:
+            compare()
+    compare()
+    if not changed:
+        return steps, fleet
+    about = fleet
+    if robot is not None:
+        about = list(database.estimates("level", type=changed[0][1].type, last=2, factors=False))
+    sisters = Sisters(about)
+    for k, second in changed:
+        others = database.with_factors("level", sisters.perhaps_of(second))
+        steps[k] = replace(steps[k], sisters=agreeing(second, others))
+    return steps, fleet
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Drift(Result):
-    """What changed in a robot from calibration to calibration.
+    """What changed in robots from calibration to calibration.
 
     Attributes
     ----------
-    robot : str
-    calibrations : tuple of Stored
-        In the order of their dates.
+    what : str
+        The robot, with its serial number and type; or how many.
+    simulated : bool
+        Whether any calibration is from simulated measurements.
     changes : tuple of Change
-        From each to the next.
+        Robots by their ids, from each calibration to the next.
     """
 
-    robot: str
-    calibrations: tuple[Stored, ...]
+    what: str
+    simulated: bool
     changes: tuple[Change, ...]
 
     def report(self) -> Sequence[Paragraph]:
-        """A sentence or more for each step."""
-        kind = "SIMULATED: " if any(stored.calibration["simulated"] for stored in self.calibrations) else ""
-        head = self.calibrations[-1].robot
+        """A sentence or more for each step; for those that are a change, where there are many robots."""
+        kind = "SIMULATED: " if self.simulated else ""
         count = sum(step.real for step in self.changes)
         steps = f"{len(self.changes)} step{'s' if len(self.changes) != 1 else ''}"
+        several = len({step.robot for step in self.changes}) > 1
         return [
-            f"{kind}{self.robot} (serial {head['serial']}, {head['type']}): {count} of {steps} a change",
-            *(sentence for step in self.changes for sentence in step.in_words()),
+            f"{kind}{self.what}: {count} of {steps} a change",
+            *(
+                f"{step.robot}: {sentence}" if several else sentence
+                for step in self.changes
+                if step.real or not several
+                for sentence in step.in_words()
+            ),
         ]
 
-    CONTENT = "robot changes=to_frame"
-    ROWS, COLUMNS = "changes", "before after chi2 directions p changed=real sisters parameters words=in_words"
+    CONTENT = "what changes=to_frame"
+    ROWS = "changes"
+    COLUMNS = "robot before after chi2 directions p changed=real sisters parameters words=in_words"
 
 
-def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:
-    """What changed in a robot between its calibrations by more than their uncertainty.
+def fleet_drift(robot: str | None = None, store: str | Path = STORE) -> Drift:
+    """What changed in robots between their calibrations by more than their uncertainty.
 
     Parameters
     ----------
-    robot : str
-        Its id.
+    robot : str, optional
+        Its id; all robots of the store unless given.
     store : str or Path
         See `fleet_add`.
 
     Raises
     ------
     CalibrationError
-        If the store has fewer than two calibrations of it.
+        If the store has fewer than two calibrations of it, or of any.
     """
     with opened(store) as database:
-        calibrations = list(_levels(database, robot))
-        if len(calibrations) < 2:
-            ids = [row["id"] for row in database.robots()]
-            count_text = "1 calibration" if calibrations else f"none of the {len(ids)} robots is it, and no calibration"
+        counts = database.counts(robot=robot)
+        if max((count for count, _ in counts.values()), default=0) < 2:
+            count_text = "1 calibration" if counts else "no calibration"
+            if robot is not None and not counts:
+                count_text = f"none of the {len(database.robots())} robots is it, and no calibration"
             raise CalibrationError(
-                f"{robot}: two calibrations are needed to see a change, found {count_text}", file=str(store)
+                f"{robot or 'robots'}: two calibrations are needed to see a change, found {count_text}", file=str(store)
             )
-        changes = [change(*pair) for pair in pairwise(calibrations)]
-        if any(step.real for step in changes):
-            fleet = [_light(stored) for stored in _levels(database, type=calibrations[-1].robot["type"])]
-            changes = [
-                _with_sisters(step, second, fleet, database) if step.real else step
-                for step, second in zip(changes, calibrations[1:], strict=True)
-            ]
-    return Drift(robot, tuple(calibrations), tuple(changes))
+        steps, _ = _steps(database, robot)
+        what = f"{len(counts)} robots"
+        if robot is not None:
+            head = next(database.calibrations(robot, last=1, parts=())).robot
+            what = f"{robot} (serial {head['serial']}, {head['type']})"
+    return Drift(what, any(of_simulated for _, of_simulated in counts.values()), tuple(steps))
 
 
 def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "parameters") -> int:
@@ -512,28 +572,62 @@ def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "par
     path, name = Path(out), checked("what", what, EXPORTED)
     if path.suffix not in (".csv", ".parquet"):
         raise OptionError(f"out: expected a name that ends in .csv or .parquet, found {path.name!r}", parameter="out")
-    with opened(store) as database:
-        frame = database.table(name)
-        if "calibration" in frame:
-            heads = database.table("calibrations").set_index("number")[["robot", "measured"]]
-            absent = sorted(set(frame["calibration"]) - set(heads.index))
-            if absent:
-                raise CalibrationError(
-                    f"this store is damaged: table {name} names calibration {absent[0]}, which is not there",
-                    file=str(store),
-                )
-            frame = heads.loc[frame["calibration"]].reset_index(drop=True).join(frame)
-    if path.suffix == ".csv":
-        from irbcal.names import csv_bytes
-
-        content = csv_bytes(frame)
-    else:
+    if path.suffix == ".parquet":
         try:
-            content = frame.to_parquet(index=False, engine="pyarrow")
+            import pyarrow  # noqa: F401
         except ImportError:
             raise OptionError("out: Parquet needs pyarrow: pip install 'irbcal[parquet]'", parameter="out") from None
-    write_together(path.parent, {path.name: content})
-    return len(frame)
+    rows = 0
+
+    def write(stream: BinaryIO) -> None:
+        nonlocal rows
+        with opened(store) as database:
+            write_frames = _csv if path.suffix == ".csv" else _parquet
+            rows = write_frames(database.frames(name), stream)
+
+    write_together(path.parent, {path.name: write})
+    return rows
+
+
+def _csv(frames: Iterable[pd.DataFrame], stream: BinaryIO) -> int:
+    """Write frames one below the other; how many rows they have."""
+    from irbcal.names import csv_bytes
+
+    rows = 0
+    for k, frame in enumerate(frames):
+        content = csv_bytes(frame)
+        stream.write(content if k == 0 else content.partition(b"\n")[2])
+        rows += len(frame)
+    return rows
+
+
+def _parquet(frames: Iterable[pd.DataFrame], stream: BinaryIO) -> int:
+    """Write frames as row groups; how many rows they have."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    rows, writer = 0, None
+    for frame in frames:
+        table = pa.Table.from_pandas(frame, schema=_schema(frame), preserve_index=False)
+        writer = writer or parquet.ParquetWriter(stream, table.schema, compression="zstd")
+        writer.write_table(table)
+        rows += len(frame)
+    if writer is not None:
+        writer.close()
+    return rows
+
+
+def _schema(frame: pd.DataFrame) -> Any:
+    """Types of a table's columns, which do not depend on its rows."""
+    import pyarrow as pa
+
+    types = {"i": pa.int64(), "f": pa.float64(), "b": pa.bool_()}
+    dates = {"measured": pa.date32()}
+    floats = dict.fromkeys([name for name in frame if str(name).endswith("_mm")], pa.float64())
+    known = {**dates, **floats}
+    return pa.schema(
+        [(name, known.get(str(name), types.get(column.dtype.kind, pa.string()))) for name, column in frame.items()]
+    )
 
 
 def render_store(overview: Overview) -> str:

@@ -5,16 +5,20 @@ A calibration is added in one transaction, whole or not at all, and once: a seco
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import date
-from functools import lru_cache
+from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 try:
     import sqlalchemy as sql
@@ -31,10 +35,19 @@ if TYPE_CHECKING:
     import pandas as pd
     from sqlalchemy.engine import Connection, Engine
 
-VERSION = 2
+VERSION = 3
 """Of the tables."""
 NOT_THERE = "no store of a fleet"
 DIALECTS = ("sqlite", "postgresql")
+PARTS = ("fit", "level", "terms")
+"""Estimates: of the calibration, of a level fitted to its points, and of those terms that robots of a type are compared
+by."""
+OTHER = "other"
+"""Base, targets and what is held."""
+TOGETHER = 500
+"""Calibrations that are read at a time: their covariances take up to 50 kB each."""
+ROWS = 10_000
+"""Rows of other tables that are read at a time."""
 
 tables = sql.MetaData()
 about = sql.Table("irbcal_fleet", tables, sql.Column("version", sql.Integer, primary_key=True))
@@ -49,7 +62,7 @@ calibrations = sql.Table(
     "calibrations",
     tables,
     sql.Column("number", sql.Integer, primary_key=True),
-    sql.Column("robot", sql.ForeignKey("robots.id"), nullable=False, index=True),
+    sql.Column("robot", sql.ForeignKey("robots.id"), nullable=False),
     sql.Column("fingerprint", sql.String(64), nullable=False),
     sql.Column("measured", sql.Date, nullable=False),
     sql.Column("created", sql.String(40), nullable=False),
@@ -69,24 +82,15 @@ calibrations = sql.Table(
     sql.Column("json_sha256", sql.String(64), nullable=False),
     sql.Column("urdf_sha256", sql.String(64), nullable=False),
     sql.Column("nominal_urdf_sha256", sql.String(64), nullable=False),
-    sql.Column("fit_covariance", sql.LargeBinary, nullable=False),
-    sql.Column("level_covariance", sql.LargeBinary),
-    sql.Column("terms_covariance", sql.LargeBinary),
     sql.UniqueConstraint("robot", "fingerprint", "measured"),
+    sql.Index("calibrations_in_order", "robot", "measured", "created", "number"),
 )
-parameters = sql.Table(
-    "parameters",
+parameter_lists = sql.Table(
+    "parameter_lists",
     tables,
-    sql.Column("calibration", sql.ForeignKey("calibrations.number"), primary_key=True),
-    sql.Column("part", sql.String(10), primary_key=True),
-    sql.Column("position", sql.Integer, primary_key=True),
-    sql.Column("name", sql.String(200), nullable=False, index=True),
-    sql.Column("value", sql.Float(53), nullable=False),
-    sql.Column("std", sql.Float(53)),
-    sql.Column("prior", sql.Float(53)),
-    sql.Column("natural", sql.Float(53)),
-    sql.Column("unit", sql.String(20), nullable=False),
-    sql.Column("state", sql.String(20), nullable=False),
+    sql.Column("number", sql.Integer, primary_key=True),
+    sql.Column("sha256", sql.String(64), nullable=False, unique=True),
+    sql.Column("content", sql.Text, nullable=False),
 )
 files = sql.Table(
     "files",
@@ -98,11 +102,75 @@ files = sql.Table(
 )
 
 
-TOGETHER = 200
-"""Calibrations that are read at a time."""
-PARTS = ("fit", "level", "terms")
-"""Of the parameters: those of the calibration, those of a level fitted to its points, and those terms that robots of a
-type are compared by; ``other``: base, targets, what is held."""
+def _estimates(name: str) -> sql.Table:
+    """A table of estimates: little-endian numbers of all parameters of a list, in its order.
+
+    Values have eight bytes, deviations four. The factor L of the covariance ``L L'`` is the lower triangle row by row:
+    rounded to four bytes it keeps each variance to 1e-7 of itself, and the covariance without negative directions.
+    """
+    columns = [sql.Column("factor", sql.LargeBinary, nullable=False)] if name in PARTS else []
+    return sql.Table(
+        f"estimates_{name}",
+        tables,
+        sql.Column("calibration", sql.ForeignKey("calibrations.number"), primary_key=True, autoincrement=False),
+        sql.Column("list", sql.ForeignKey("parameter_lists.number"), nullable=False),
+        sql.Column("value", sql.LargeBinary, nullable=False),
+        sql.Column("std", sql.LargeBinary, nullable=False),
+        sql.Column("prior", sql.LargeBinary, nullable=False),
+        *columns,
+    )
+
+
+estimates = {name: _estimates(name) for name in (*PARTS, OTHER)}
+
+
+@dataclass(frozen=True)
+class ParameterList:
+    """Parameters that many estimates have in common.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+    natural : tuple of float or None
+        What is natural on an industrial arm, SI units.
+    states : tuple of str
+        How each was identified, or that it was held.
+    """
+
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    natural: tuple[float | None, ...] = ()
+    states: tuple[str, ...] = ()
+
+    @cached_property
+    def place(self) -> Mapping[str, int]:
+        """Positions of the parameters by their names."""
+        return {name: k for k, name in enumerate(self.names)}
+
+    @cached_property
+    def content(self) -> str:
+        """As the store has it."""
+        rows = zip(self.names, self.units, self.natural, self.states, strict=True)
+        return json.dumps(list(rows), ensure_ascii=False, separators=(",", ":"))
+
+    @cached_property
+    def sha256(self) -> str:
+        """Of the content."""
+        return hashlib.sha256(self.content.encode()).hexdigest()
+
+    @staticmethod
+    def of(content: str) -> ParameterList:
+        """From what the store has."""
+        try:
+            rows = json.loads(content)
+            for name, unit, natural, state in rows:
+                texts = isinstance(name, str) and isinstance(unit, str) and isinstance(state, str)
+                if not texts or not (natural is None or (isinstance(natural, float) and math.isfinite(natural))):
+                    raise ValueError
+            columns = [tuple(column) for column in zip(*rows, strict=True)] or [()] * 4
+        except (ValueError, TypeError, RecursionError):
+            raise _Damaged(f"table parameter_lists, column content: {ascii(content)[:50]}") from None
+        return ParameterList(*columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +184,6 @@ class Estimate:
         Their values, what was expected of them before (standard deviation; infinite for levels, which expect nothing)
         and what is natural on an industrial arm, SI units.
     covariance : ndarray, shape (k, k)
-        Shape (0, 0) in what `without_covariance` gives.
     std : ndarray, shape (k,)
         Standard deviations.
     """
@@ -135,63 +202,94 @@ class Estimate:
     @property
     def place(self) -> Mapping[str, int]:
         """Positions of the parameters by their names."""
-        return _places(self.names)
+        return {name: k for k, name in enumerate(self.names)}
 
-    def without_covariance(self) -> Estimate:
-        """The same with its standard deviations alone: a fleet's covariances need much memory."""
-        light = replace(self, covariance=np.zeros((0, 0)))
-        object.__setattr__(light, "std", self.std)
-        return light
-
-    def rows(self, part: str) -> list[dict[str, Any]]:
-        """As rows of the table ``parameters``."""
-        return [
-            {
-                "part": part,
-                "position": k,
-                "name": name,
-                "value": float(self.values[k]),
-                "std": float(self.std[k]),
-                "prior": float(self.prior[k]) if np.isfinite(self.prior[k]) else None,
-                "natural": float(self.natural[k]),
-                "unit": self.units[k],
-                "state": "identified",
-            }
-            for k, name in enumerate(self.names)
-        ]
-
-    @staticmethod
-    def of(rows: Sequence[Mapping[str, Any]], factor: bytes) -> Estimate:
-        """From rows and the covariance as `packed` gave it."""
-        L = np.zeros((len(rows), len(rows)))
-        L[np.tril_indices(len(rows))] = np.frombuffer(factor, "<f8")
-        if not np.isfinite(L).all():
-            raise ValueError("a covariance has numbers that are not finite")
-        return Estimate(
-            _shared(tuple(row["name"] for row in rows)),
-            _shared(tuple(row["unit"] for row in rows)),
-            np.array([row["value"] for row in rows]),
-            np.array([np.inf if row["prior"] is None else row["prior"] for row in rows]),
-            np.array([row["natural"] for row in rows]),
-            L @ L.T,
+    def packed(self) -> PackedEstimate:
+        """As the store has it."""
+        parameters = ParameterList(
+            self.names, self.units, tuple(map(float, self.natural)), ("identified",) * len(self.names)
         )
+        L = factor_of(self.covariance, self.std)[np.tril_indices(len(self.names))]
+        return PackedEstimate(parameters, *map(_bytes, (self.values, self.std, self.prior, L), ("<f8", *3 * ("<f4",))))
 
-    def packed(self) -> bytes:
-        """A factor L of the covariance ``L L'``, lower triangle row by row, little-endian floats of eight bytes."""
-        values, vectors = np.linalg.eigh(self.covariance)
+
+def _bytes(numbers: ArrayLike, kind: str) -> bytes:
+    return np.asarray(numbers, dtype=kind).tobytes()
+
+
+def factor_of(covariance: FloatArray, std: FloatArray) -> FloatArray:
+    """A lower triangle L with ``L L'`` the covariance, which may have directions that are known exactly."""
+    try:
+        return np.asarray(np.linalg.cholesky(covariance), dtype=float)
+    except np.linalg.LinAlgError:
+        size = np.where(std > 0.0, std, 1.0)
+        values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
         R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]
-        return bytes(R.T[np.tril_indices(len(self.names))].astype("<f8").tobytes())
+        return size[:, None] * R.T
 
 
-@lru_cache(maxsize=1000)
-def _places(names: tuple[str, ...]) -> Mapping[str, int]:
-    return {name: k for k, name in enumerate(names)}
+@dataclass(frozen=True, eq=False, slots=True)
+class PackedEstimate:
+    """An estimate in bytes, see `_estimates`; the factor is empty where there is none, or none was asked for."""
+
+    parameters: ParameterList
+    value: bytes
+    std: bytes
+    prior: bytes
+    factor: bytes = b""
+
+    def numbers(self, name: str) -> FloatArray:
+        """Values, deviations or what was expected, shape (k,)."""
+        numbers = np.frombuffer(getattr(self, name), "<f8" if name == "value" else "<f4")
+        with np.errstate(invalid="ignore"):  # damaged bytes can be any number that is none
+            return numbers.astype(float)
+
+    def estimate(self) -> Estimate:
+        """With its covariance."""
+        names = self.parameters.names
+        (covariance,) = covariances([self.factor], len(names))
+        value, prior = self.numbers("value"), self.numbers("prior")
+        return Estimate(names, self.parameters.units, value, prior, np.array(self.parameters.natural), covariance)
 
 
-@lru_cache(maxsize=1000)
-def _shared(texts: tuple[str, ...]) -> tuple[str, ...]:
-    """The same tuple for equal ones: robots of a type have the same parameters."""
-    return texts
+def covariances(factors: Sequence[bytes], k: int) -> FloatArray:
+    """Covariances of n estimates of k parameters from their factors, shape (n, k, k)."""
+    L = np.zeros((len(factors), k, k))
+    rows, columns = np.tril_indices(k)
+    with np.errstate(invalid="ignore"):
+        L[:, rows, columns] = np.frombuffer(b"".join(factors), "<f4").reshape(len(factors), -1)
+    if not np.isfinite(L).all():
+        raise _Damaged("a covariance has numbers that are not finite")
+    return L @ L.transpose(0, 2, 1)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Dated:
+    """An estimate of a calibration, and whose and when.
+
+    Attributes
+    ----------
+    number : int
+        Of the calibration.
+    robot, type : str
+    measured : date
+    packed : PackedEstimate
+        Without parameters where the calibration has no such estimate.
+    """
+
+    number: int
+    robot: str
+    type: str
+    measured: date
+    packed: PackedEstimate
+
+    def light(self) -> Dated:
+        """The same, values and deviations alone: a fleet's covariances need much memory."""
+        packed = PackedEstimate(self.packed.parameters, self.packed.value, self.packed.std, b"")
+        return Dated(self.number, self.robot, self.type, self.measured, packed)
+
+
+NONE = PackedEstimate(ParameterList(), b"", b"", b"")
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +301,7 @@ class Stored:
     robot : dict
         ``id``, ``serial`` and ``type``.
     calibration : dict
-        The columns of the table ``calibrations``, covariances left out.
+        The columns of the table ``calibrations``.
     fit : Estimate or None
         Error parameters and terms of the calibration; None, as the next two, where it was not asked for.
     level : Estimate or None
@@ -212,7 +310,7 @@ class Stored:
     terms : Estimate or None
         What its measurements show of the terms by which a type's prior is made (`irbcal.identification.term_sets`).
     other : tuple of dict
-        Base, targets and what is held: rows of the table ``parameters``.
+        Base, targets and what is held: ``name``, ``value``, ``std`` (or None), ``unit`` and ``state`` of each.
     files : tuple of (str, str)
         Names and hashes of the data.
     """
@@ -230,61 +328,157 @@ class Stored:
         """When it was measured; when it was calibrated, where that was not told."""
         return cast(date, self.calibration["measured"])
 
+    def dated(self, part: str = "level") -> Dated:
+        """One of its estimates."""
+        estimate: Estimate | None = getattr(self, part)
+        packed = NONE if estimate is None else estimate.packed()
+        number = self.calibration.get("number", 0)
+        return Dated(number, self.robot["id"], self.robot["type"], self.measured, packed)
+
+    def packed(self) -> dict[str, PackedEstimate]:
+        """All its estimates, and what else is listed, by the names of `estimates`."""
+        out = {name: estimate.packed() for name in PARTS if (estimate := getattr(self, name)) is not None}
+        if self.other:
+            out[OTHER] = _packed_other(self.other)
+        return out
+
+    @property
+    def key(self) -> tuple[str, str, date]:
+        """By what the store knows it again."""
+        return self.robot["id"], self.calibration["fingerprint"], self.measured
+
+
+def _packed_other(rows: Sequence[Mapping[str, Any]]) -> PackedEstimate:
+    """What else is listed, as the store has it."""
+    names, units, states = (tuple(row[key] for row in rows) for key in ("name", "unit", "state"))
+    std = [np.nan if row["std"] is None else row["std"] for row in rows]
+    parameters = ParameterList(names, units, (None,) * len(names), states)
+    return PackedEstimate(parameters, _bytes([row["value"] for row in rows], "<f8"), _bytes(std, "<f4"), b"")
+
+
+def _other(packed: PackedEstimate) -> tuple[Mapping[str, Any], ...]:
+    """Rows of what else is listed."""
+    p = packed.parameters
+    numbers = packed.numbers("value").tolist(), packed.numbers("std").tolist()
+    return tuple(
+        {"name": name, "value": value, "std": None if math.isnan(std) else std, "unit": unit, "state": state}
+        for name, value, std, unit, state in zip(p.names, *numbers, p.units, p.states, strict=True)
+    )
+
 
 class Store:
     """A store that is open."""
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
+        self._lists: dict[int, ParameterList] = {}
 
     def add(self, stored: Stored) -> bool:
-        """Add a calibration, whole or not at all.
+        """Add a calibration, whole or not at all; whether it was not there yet. See `add_all`."""
+        return self.add_all([stored])[0]
+
+    def add_all(self, batch: Sequence[Stored]) -> list[bool]:
+        """Add calibrations in one transaction: all of them, or none.
 
         Returns
         -------
-        bool
-            Whether it was not there yet.
+        list of bool
+            Of each, whether it was not there yet.
 
         Raises
         ------
         CalibrationError
-            If its robot is there with another serial number or of another type.
+            If a robot is there with another serial number or of another type: then those before it are added.
         """
-        estimates: dict[str, Estimate | None] = {part_name: getattr(stored, part_name) for part_name in PARTS}
-        with self.engine.execution_options(writes=True).begin() as link:
-            link.execute(self._insert(robots).values(**stored.robot).on_conflict_do_nothing())
-            head = link.execute(sql.select(robots).where(robots.c.id == stored.robot["id"])).mappings().one()
-            for column in ("serial", "type"):
-                if head[column] != stored.robot[column]:
-                    raise CalibrationError(
-                        f"robot {head['id']} is in the store with {column} {head[column]}, not {stored.robot[column]}",
-                        file=stored.calibration["folder"],
-                    )
-            number = link.execute(
-                self._insert(calibrations)
-                .values(
-                    **stored.calibration,
-                    **{
-                        f"{section}_covariance": None if estimate is None else estimate.packed()
-                        for section, estimate in estimates.items()
-                    },
-                )
-                .on_conflict_do_nothing()
-                .returning(calibrations.c.number)
-            ).scalar_one_or_none()
-            if number is None:
-                return False
-            rows = [
-                row for section, estimate in estimates.items() if estimate is not None for row in estimate.rows(section)
-            ]
-            link.execute(sql.insert(parameters), [{"calibration": number, **row} for row in (*rows, *stored.other)])
-            if stored.files:
-                file_rows = [
-                    {"calibration": number, "position": k, "name": name, "sha256": sha256}
-                    for k, (name, sha256) in enumerate(stored.files)
-                ]
-                link.execute(sql.insert(files), file_rows)
-            return True
+        parts = [stored.packed() for stored in batch]  # outside: who writes keeps others waiting
+        before = len(batch)
+        try:
+            with self.engine.execution_options(writes=True).begin() as link:
+                before = self._add_robots(link, batch)
+                if before < len(batch):
+                    raise self._contradiction(link, batch[before])
+                lists = self._add_lists(link, {p.parameters for packed in parts for p in packed.values()})
+                numbers = self._add_heads(link, batch)
+                out = [number is not None for number in numbers]
+                new = [(number, s, p) for number, s, p in zip(numbers, batch, parts, strict=True) if number is not None]
+                for name, table in estimates.items():
+                    rows = [
+                        (number, lists[p.parameters], p.value, p.std, p.prior, p.factor)[: len(table.c)]
+                        for number, _, packed in new
+                        if (p := packed.get(name)) is not None
+                    ]
+                    self._fill(link, table, rows)
+                self._fill(link, files, [(n, k, *file) for n, stored, _ in new for k, file in enumerate(stored.files)])
+        except CalibrationError:
+            if before:
+                self.add_all(batch[:before])
+            raise
+        return out
+
+    def _add_robots(self, link: Connection, batch: Sequence[Stored]) -> int:
+        """Add robots that are not there; how many calibrations come before the first that contradicts the store."""
+        first: dict[str, Mapping[str, str]] = {}
+        for stored in batch:
+            first.setdefault(stored.robot["id"], stored.robot)
+        rows = [dict(first[id]) for id in sorted(first)]  # in order: no two writers wait for each other
+        if rows:
+            link.execute(self._insert(robots).on_conflict_do_nothing(), rows)
+        there = {row["id"]: row for row in _checked(link, sql.select(robots).where(robots.c.id.in_(first)))}
+        agree = (there[stored.robot["id"]] == stored.robot for stored in batch)
+        return next((k for k, same in enumerate(agree) if not same), len(batch))
+
+    @staticmethod
+    def _contradiction(link: Connection, stored: Stored) -> CalibrationError:
+        """What the store knows otherwise."""
+        robot = stored.robot
+        (known,) = _checked(link, sql.select(robots).where(robots.c.id == robot["id"]))
+        column = next(name for name in ("serial", "type") if known[name] != robot[name])
+        return CalibrationError(
+            f"robot {robot['id']} is in the store with {column} {known[column]}, not {robot[column]}",
+            file=stored.calibration["folder"],
+        )
+
+    def _add_lists(self, link: Connection, wanted: set[ParameterList]) -> dict[ParameterList, int]:
+        """Numbers of lists of parameters, which are added where they are not there."""
+        by_sha256 = {parameters.sha256: parameters for parameters in wanted}
+        if not by_sha256:
+            return {}
+        chosen = sql.select(parameter_lists.c.sha256, parameter_lists.c.number).where(
+            parameter_lists.c.sha256.in_(by_sha256)
+        )
+        there = {row[0]: row[1] for row in link.execute(chosen)}
+        absent = sorted(set(by_sha256) - set(there))
+        if absent:
+            rows = [{"sha256": sha256, "content": by_sha256[sha256].content} for sha256 in absent]
+            link.execute(self._insert(parameter_lists).on_conflict_do_nothing(), rows)
+            there = {row[0]: row[1] for row in link.execute(chosen)}
+        return {by_sha256[sha256]: number for sha256, number in there.items()}
+
+    def _add_heads(self, link: Connection, batch: Sequence[Stored]) -> list[int | None]:
+        """Numbers of calibrations; None of those that were there."""
+        c = calibrations.c
+        rows = [dict(stored.calibration) for stored in sorted(batch, key=lambda stored: stored.key)]
+        added = self._insert(calibrations).on_conflict_do_nothing()
+        returned = link.execute(added.returning(c.number, c.robot, c.fingerprint, c.measured), rows) if rows else ()
+        numbers = {tuple(key): number for number, *key in returned}
+        return [numbers.pop(stored.key, None) for stored in batch]
+
+    def _fill(self, link: Connection, table: sql.Table, rows: Sequence[tuple[Any, ...]]) -> None:
+        """Rows that are new, in the order of the table's columns: PostgreSQL takes them as a stream."""
+        if not rows:
+            return
+        names = [column.name for column in table.c]
+        if self.engine.dialect.name != "postgresql":
+            link.exec_driver_sql(
+                f"insert into {table.name} ({', '.join(names)}) values ({', '.join('?' * len(names))})", list(rows)
+            )
+            return
+        kinds = {sql.Integer: "int4", sql.LargeBinary: "bytea", sql.Text: "text", sql.String: "varchar"}
+        cursor: Any = link.connection.cursor()
+        with cursor, cursor.copy(f"copy {table.name} ({', '.join(names)}) from stdin (format binary)") as stream:
+            stream.set_types([kinds[type(column.type)] for column in table.c])
+            for row in rows:
+                stream.write_row(row)
 
     def _insert(self, table: sql.Table) -> Any:
         """An insertion that may find its row there already, in words of this database."""
@@ -296,6 +490,38 @@ class Store:
 
         return insert_here(table)
 
+    def numbers(self, robot: str | None = None, type: str | None = None, *, last: int | None = None) -> list[int]:
+        """Numbers of calibrations, robots by their ids, each in the order of its dates.
+
+        Parameters
+        ----------
+        robot, type : str, optional
+            Of one robot, of one type.
+        last : int, optional
+            So many of each robot; all unless given.
+        """
+        with self.engine.connect() as link:
+            return [number for number, *_ in self._in_order(link, robot, type, last)]
+
+    @staticmethod
+    def _in_order(
+        link: Connection, robot: str | None, type: str | None, last: int | None
+    ) -> list[tuple[int, str, str, date]]:
+        """Number, robot, type and date of calibrations, see `numbers`."""
+        c = calibrations.c
+        chosen = sql.select(c.number, c.robot, robots.c.type, c.measured).join_from(calibrations, robots)
+        if robot is not None:
+            chosen = chosen.where(robots.c.id == robot)
+        if type is not None:
+            chosen = chosen.where(robots.c.type == type)
+        if last is not None:
+            latest_first = c.measured.desc(), c.created.desc(), c.number.desc()
+            rank = sql.func.row_number().over(partition_by=c.robot, order_by=latest_first)
+            of_robots = sql.select(c.number, rank.label("rank"))
+            ranked = (of_robots if robot is None else of_robots.where(c.robot == robot)).subquery()
+            chosen = chosen.join(ranked, ranked.c.number == c.number).where(ranked.c.rank <= last)
+        return list(map(tuple, _rows(link, chosen.order_by(c.robot, c.measured, c.created, c.number))))
+
     def calibrations(
         self,
         robot: str | None = None,
@@ -304,95 +530,129 @@ class Store:
         last: int | None = None,
         parts: Sequence[str] = PARTS,
     ) -> Iterator[Stored]:
-        """Calibrations, robots by their ids, each in the order of its dates; read while they are asked for.
+        """Calibrations in the order of `numbers`; read while they are asked for.
 
         Parameters
         ----------
-        robot, type : str, optional
-            Of one robot, of one type.
-        last : int, optional
-            So many of each robot; all unless given.
+        robot, type, last
+            See `numbers`.
         parts : sequence of str
-            The estimates that are read, of `PARTS`; other rows of parameters and the files come with all of them.
+            The estimates that are read, of `PARTS`; what else is listed and the files come with all of them.
         """
-        rank = sql.func.row_number().over(
-            partition_by=calibrations.c.robot,
-            order_by=(calibrations.c.measured.desc(), calibrations.c.created.desc(), calibrations.c.number.desc()),
-        )
-        chosen = sql.select(calibrations.c.number, rank.label("rank")).join_from(calibrations, robots)
-        if robot is not None:
-            chosen = chosen.where(robots.c.id == robot)
-        if type is not None:
-            chosen = chosen.where(robots.c.type == type)
-        ranked = chosen.subquery()
-        numbered = sql.select(ranked.c.number).join(calibrations, calibrations.c.number == ranked.c.number)
-        if last is not None:
-            numbered = numbered.where(ranked.c.rank <= last)
-        order = calibrations.c.robot, calibrations.c.measured, calibrations.c.created, calibrations.c.number
-        with self.engine.connect() as link:
-            try:
-                numbers = list(link.execute(numbered.order_by(*order)).scalars())
-            except (ValueError, TypeError) as error:  # a date that is none
-                raise _Damaged(str(error)) from None
-            for k in range(0, len(numbers), TOGETHER):
-                yield from self._of_numbers(link, numbers[k : k + TOGETHER], parts)
+        return self.of_numbers(self.numbers(robot, type, last=last), parts)
 
-    @staticmethod
-    def _of_numbers(link: Connection, numbers: Sequence[int], parts: Sequence[str]) -> Iterator[Stored]:
-        """Some calibrations, in this order."""
-        absent = {f"{section}_covariance" for section in PARTS if section not in parts}
-        heads = [column for column in calibrations.c if column.name not in absent]
-        rows = _checked(
-            link,
-            sql.select(robots.c.serial, robots.c.type, *heads)
-            .join_from(calibrations, robots)
-            .where(calibrations.c.number.in_(numbers)),
-        )
+    def of_numbers(self, numbers: Sequence[int], parts: Sequence[str] = PARTS) -> Iterator[Stored]:
+        """Calibrations by their numbers, in this order; see `calibrations`."""
         everything = set(parts) == set(PARTS)
-        of_parts = parameters.c.part.in_((*parts, "other") if everything else parts)
-        of_parameters = Store._by_calibration(link, sql.select(parameters).where(of_parts), numbers) if parts else {}
-        of_files = Store._by_calibration(link, sql.select(files), numbers) if everything else {}
-        by_number = {row["number"]: row for row in rows}
-        for number in numbers:
-            if number in by_number:
-                data = of_files.get(number, [])
-                yield Store._stored(by_number[number], of_parameters.get(number, []), data, parts)
+        with self.engine.connect() as link:
+            for k in range(0, len(numbers), TOGETHER):
+                some = numbers[k : k + TOGETHER]
+                chosen = sql.select(robots.c.serial, robots.c.type, *calibrations.c).join_from(calibrations, robots)
+                heads = {row["number"]: row for row in _checked(link, chosen.where(calibrations.c.number.in_(some)))}
+                packed = {name: self._packed(link, name, some) for name in (*parts, *([OTHER] if everything else []))}
+                of_files = self._files(link, some) if everything else {}
+                for number in some:
+                    if number not in heads:
+                        continue
+                    if "fit" in parts and number not in packed["fit"]:
+                        raise _Damaged(f"calibration {number} has no parameters")
+                    head = heads[number]
+                    about = {"id": head["robot"], "serial": head.pop("serial"), "type": head.pop("type")}
+                    fit, level, terms = (
+                        p.estimate() if (p := packed.get(name, {}).get(number)) is not None else None for name in PARTS
+                    )
+                    other = packed.get(OTHER, {}).get(number, NONE)
+                    yield Stored(about, head, fit, level, terms, _other(other), tuple(of_files.get(number, ())))
 
-    @staticmethod
-    def _by_calibration(
-        link: Connection, chosen: sql.Select[Any], numbers: Sequence[int]
-    ) -> dict[int, list[dict[str, Any]]]:
-        """Rows of a table that belong to calibrations, by their numbers."""
-        columns = chosen.selected_columns
-        wanted = chosen.where(columns.calibration.in_(numbers)).order_by(columns.calibration, columns.position)
-        out: dict[int, list[dict[str, Any]]] = {}
-        for row in _checked(link, wanted):
-            out.setdefault(row["calibration"], []).append(row)
+    def estimates(
+        self,
+        part: str,
+        robot: str | None = None,
+        type: str | None = None,
+        *,
+        last: int | None = None,
+        factors: bool = True,
+    ) -> Iterator[Dated]:
+        """The same estimate of many calibrations, in the order of `numbers`; read while they are asked for.
+
+        Parameters
+        ----------
+        part : str
+            Of `PARTS`.
+        robot, type, last
+            See `numbers`.
+        factors : bool
+            Whether covariances are read.
+        """
+        with self.engine.connect() as link:
+            rows = self._in_order(link, robot, type, last)
+            for k in range(0, len(rows), TOGETHER):
+                some = rows[k : k + TOGETHER]
+                packed = self._packed(link, part, [row[0] for row in some], factors)
+                for row in some:
+                    yield Dated(*row, packed.get(row[0], NONE))
+
+    def with_factors(self, part: str, light: Sequence[Dated]) -> list[Dated]:
+        """Estimates that were read without their factors, with them."""
+        out = []
+        with self.engine.connect() as link:
+            for k in range(0, len(light), TOGETHER):
+                some = light[k : k + TOGETHER]
+                packed = self._packed(link, part, [dated.number for dated in some])
+                out += [replace(dated, packed=packed.get(dated.number, NONE)) for dated in some]
         return out
 
-    @staticmethod
-    def _stored(
-        head: dict[str, Any], rows: list[dict[str, Any]], data: list[dict[str, Any]], parts: Sequence[str]
-    ) -> Stored:
-        robot = {"id": head["robot"], "serial": head.pop("serial"), "type": head.pop("type")}
-        rows_of = {section: [row for row in rows if row["part"] == section] for section in (*PARTS, "other")}
-        estimates: dict[str, Estimate | None] = dict.fromkeys(PARTS)
-        for section in parts:
-            factor = head.pop(f"{section}_covariance")
-            try:
-                estimates[section] = None if factor is None else Estimate.of(rows_of[section], factor)
-            except ValueError:
-                raise _Damaged(f"calibration {head['number']} has not the parameters of its covariance") from None
-        files_of = tuple((row["name"], row["sha256"]) for row in data)
-        fit, level, terms = (estimates[section] for section in PARTS)
-        return Stored(robot, head, fit, level, terms, tuple(rows_of["other"]), files_of)
+    def _packed(
+        self, link: Connection, part: str, numbers: Sequence[int], factors: bool = True
+    ) -> dict[int, PackedEstimate]:
+        """Estimates of some calibrations."""
+        table = estimates[part]
+        columns = [column for column in table.c if factors or column.name not in ("prior", "factor")]
+        out: dict[int, PackedEstimate] = {}
+        sizes: dict[int, tuple[int, ...]] = {}
+        for number, of_list, *blobs in _rows(link, sql.select(*columns).where(table.c.calibration.in_(numbers))):
+            parameters = self._list(link, of_list)
+            if of_list not in sizes:
+                k = len(parameters.names)
+                sizes[of_list] = (8 * k, 4 * k, 4 * k if part in PARTS else 0, 2 * k * (k + 1))[: len(blobs)]
+                if part in PARTS and None in parameters.natural:
+                    raise _Damaged(f"calibration {number} has parameters without a natural size")
+            if tuple(map(len, blobs)) != sizes[of_list]:
+                raise _Damaged(f"calibration {number} has not the parameters of its covariance")
+            out[number] = PackedEstimate(parameters, *(*blobs, b"", b"")[:4])
+        for name, kind in (("value", "<f8"), ("std", "<f4"), ("prior", "<f4"))[: 3 if part in PARTS else 1]:
+            numbers_of = np.frombuffer(b"".join([getattr(packed, name) for packed in out.values()]), kind)
+            if np.isnan(numbers_of).any() or (name != "prior" and np.isinf(numbers_of).any()):
+                raise _Damaged(f"table {table.name}, column {name}: numbers that are none")
+        return out
 
-    def counts(self, type: str | None = None) -> dict[str, tuple[int, int]]:
-        """How many calibrations each robot (of a type) has, and how many of them are from simulated measurements."""
+    def _list(self, link: Connection, number: int) -> ParameterList:
+        """A list of parameters, read once."""
+        if number not in self._lists:
+            chosen = sql.select(parameter_lists.c.content, parameter_lists.c.sha256)
+            rows = list(_rows(link, chosen.where(parameter_lists.c.number == number)))
+            if not rows or hashlib.sha256(rows[0][0].encode()).hexdigest() != rows[0][1]:
+                raise _Damaged(f"list of parameters {number} is not there, or not what it was")
+            self._lists[number] = ParameterList.of(rows[0][0])
+        return self._lists[number]
+
+    @staticmethod
+    def _files(link: Connection, numbers: Sequence[int]) -> dict[int, list[tuple[str, str]]]:
+        """Names and hashes of the data of some calibrations."""
+        out: dict[int, list[tuple[str, str]]] = {}
+        chosen = sql.select(files).where(files.c.calibration.in_(numbers))
+        for number, _, name, sha256 in _rows(link, chosen.order_by(files.c.calibration, files.c.position)):
+            out.setdefault(number, []).append((name, sha256))
+        return out
+
+    def counts(self, type: str | None = None, robot: str | None = None) -> dict[str, tuple[int, int]]:
+        """How many calibrations each robot (of a type; or one) has, and how many are from simulated measurements."""
         simulated = sql.func.sum(sql.case((calibrations.c.simulated, 1), else_=0))
         chosen = sql.select(calibrations.c.robot, sql.func.count(), simulated).join_from(calibrations, robots)
         if type is not None:
             chosen = chosen.where(robots.c.type == type)
+        if robot is not None:
+            chosen = chosen.where(robots.c.id == robot)
         with self.engine.connect() as link:
             rows = link.execute(chosen.group_by(calibrations.c.robot)).all()
         return {str(robot): (int(count), int(of_simulated)) for robot, count, of_simulated in rows}
@@ -402,35 +662,104 @@ class Store:
         with self.engine.connect() as link:
             return _checked(link, sql.select(robots).order_by(robots.c.id))
 
-    def table(self, name: str) -> pd.DataFrame:
-        """A table as it is: ``robots``, ``calibrations`` (without covariances), ``parameters`` or ``files``."""
+    def frames(self, name: str) -> Iterator[pd.DataFrame]:
+        """Rows of ``robots``, ``calibrations``, ``parameters`` or ``files``, some thousands at a time; one at least.
+
+        Parameters are in rows, with robot and date, those of a calibration together; files have robot and date, too.
+        """
         import pandas as pd
 
-        chosen = [column for column in tables.tables[name].c if not column.name.endswith("_covariance")]
+        if name == "parameters":
+            yield from self._parameter_frames()
+            return
+        table = tables.tables[name]
+        chosen = sql.select(*table.c).order_by(*table.primary_key.columns)
+        if name == "files":
+            about = calibrations.c.robot, calibrations.c.measured
+            chosen = sql.select(*about, *table.c).join_from(files, calibrations, isouter=True)
+            chosen = chosen.order_by(*table.primary_key.columns)  # a file of no calibration is a damage
+        columns = [column.name for column in chosen.selected_columns]
         with self.engine.connect() as link:
-            rows = _checked(link, sql.select(*chosen).order_by(*tables.tables[name].primary_key.columns))
-        return pd.DataFrame(rows, columns=[column.name for column in chosen])
+            rows = _rows(link, chosen)
+            some = list(islice(rows, ROWS))
+            yield pd.DataFrame(some, columns=columns)
+            while some := list(islice(rows, ROWS)):
+                yield pd.DataFrame(some, columns=columns)
+
+    def _parameter_frames(self) -> Iterator[pd.DataFrame]:
+        """Parameters of some hundred calibrations at a time."""
+        import pandas as pd
+
+        with self.engine.connect() as link:
+            heads = self._in_order(link, None, None, None)
+            for table in estimates.values():
+                of_none = sql.select(table.c.calibration).join_from(table, calibrations, isouter=True)
+                for number in link.execute(of_none.where(calibrations.c.number.is_(None)).limit(1)).scalars():
+                    raise _Damaged(f"table {table.name} names calibration {number!a}, which is not there")
+            for k in range(0, max(len(heads), 1), TOGETHER):
+                some = heads[k : k + TOGETHER]
+                columns: dict[str, list[Any]] = {name: [] for name in PARAMETER_COLUMNS}
+                for part in (*PARTS, OTHER):
+                    packed = self._packed(link, part, [row[0] for row in some], factors=False)
+                    for number, robot, type, measured in some:
+                        if number in packed:
+                            _append(columns, packed[number], (robot, type, measured, number, part))
+                yield pd.DataFrame({name: np.concatenate(parts or [[]]) for name, parts in columns.items()})
+
+
+PARAMETER_COLUMNS = (
+    *("robot", "type", "measured", "calibration", "part"),
+    *("position", "name", "value", "std", "prior", "natural", "unit", "state"),
+)
+
+
+def _append(columns: Mapping[str, list[Any]], packed: PackedEstimate, head: tuple[Any, ...]) -> None:
+    """Rows of parameters of an estimate, column by column; what is not there or infinite is not a number."""
+    p, k = packed.parameters, len(packed.parameters.names)
+    prior = packed.numbers("prior") if packed.prior else np.full(k, np.nan)
+    for name, value in zip(PARAMETER_COLUMNS, head, strict=False):
+        columns[name].append(np.repeat(np.array([value], dtype=np.int64 if name == "calibration" else object), k))
+    columns["position"].append(np.arange(k))
+    for name, texts in (("name", p.names), ("unit", p.units), ("state", p.states)):
+        columns[name].append(np.array(texts, dtype=object))
+    columns["value"].append(packed.numbers("value"))
+    columns["std"].append(packed.numbers("std"))
+    columns["prior"].append(np.where(np.isfinite(prior), prior, np.nan))
+    columns["natural"].append(np.array(p.natural, dtype=float))
 
 
 class _Damaged(Exception):
     """What stands in a store cannot have been written by irbcal."""
 
 
-def _checked(link: Connection, chosen: sql.Select[Any]) -> list[dict[str, Any]]:
+def _rows(link: Connection, chosen: sql.Select[Any]) -> Iterator[Any]:
     """Rows whose values are of their columns' types: SQLite keeps anything anywhere."""
     columns = [cast("sql.Column[Any]", column) for column in chosen.exported_columns]
-    kinds = [(int, float) if column.type.python_type is float else column.type.python_type for column in columns]
-    out = []
+    kinds = [_kinds(column) for column in columns]
+    floats = [k for k, column in enumerate(columns) if column.type.python_type is float]
+    good: set[tuple[type, ...]] = set()
     try:
-        for row in link.execute(chosen):
-            for column, kind, value in zip(columns, kinds, row, strict=True):
-                infinite = isinstance(value, float) and not math.isfinite(value)
-                if infinite or not (isinstance(value, kind) or (value is None and column.nullable)):
-                    raise _Damaged(f"table {column.table.name}, column {column.name}: {ascii(value)[:50]}")
-            out.append(dict(row._mapping))
+        for row in link.execute(chosen, execution_options={"yield_per": ROWS}):
+            types = tuple(map(type, row))
+            wrong = () if types in good else [k for k, kind in enumerate(types) if not issubclass(kind, kinds[k])]
+            for k in (*wrong, *(k for k in floats if row[k] is not None and not math.isfinite(row[k]))):
+                column = columns[k]
+                raise _Damaged(f"table {column.table.name}, column {column.name}: {ascii(row[k])[:50]}")
+            good.add(types)
+            yield row
     except (ValueError, TypeError) as error:  # a date that is none
         raise _Damaged(str(error)) from None
-    return out
+
+
+def _kinds(column: sql.Column[Any]) -> tuple[type, ...]:
+    """Types that a value of a column may have."""
+    kind = column.type.python_type
+    return (kind, *((int,) if kind is float else ()), *((type(None),) if column.nullable else ()))
+
+
+def _checked(link: Connection, chosen: sql.Select[Any]) -> list[dict[str, Any]]:
+    """The same as dicts."""
+    return [dict(row._mapping) for row in _rows(link, chosen)]
 
 
 @contextmanager
@@ -527,7 +856,7 @@ def _begin_sqlite(link: sql.Connection) -> None:
 
 
 def _check(engine: Engine, name: str, create: bool) -> None:
-    """See that it is a store of this version; make it where that is wanted."""
+    """See that it is a store of this version; make it, or bring it to this version, where it is to be added to."""
     if create:
         with engine.execution_options(writes=True).begin() as link:
             if engine.dialect.name == "postgresql":  # two that make it at a time wait for each other
@@ -539,12 +868,72 @@ def _check(engine: Engine, name: str, create: bool) -> None:
                     raise CalibrationError(f"{NOT_THERE}, but it has a table {strangers[0]}", file=name)
                 tables.create_all(link)
                 link.execute(sql.insert(about).values(version=VERSION))
+            elif _versions(link) == [2]:
+                _from_version_2(link, Store(engine))
     with engine.connect() as link:
         if about.name not in sql.inspect(link).get_table_names():
             raise CalibrationError(f"{NOT_THERE}: irbcal fleet add makes one", file=name)
-        versions = link.execute(sql.select(about.c.version)).scalars().all()
+        versions = _versions(link)
     if len(versions) != 1 or not isinstance(versions[0], int):
         raise CalibrationError(f"{NOT_THERE}: its table {about.name} does not say its version", file=name)
     version = versions[0]
     if version != VERSION:
-        raise CalibrationError(f"a store of version {version}, this irbcal reads {VERSION}", file=name)
+        way = "" if version != 2 else ": irbcal fleet add of any calibration, also of one that it has, brings it there"
+        raise CalibrationError(f"a store of version {version}, this irbcal reads {VERSION}{way}", file=name)
+
+
+def _versions(link: Connection) -> Sequence[Any]:
+    return link.execute(sql.select(about.c.version)).scalars().all()
+
+
+def _from_version_2(link: Connection, store: Store) -> None:
+    """Bring a store of version 2 to version 3: it had a row for each parameter, and factors of eight bytes a number."""
+    for table in (parameter_lists, *estimates.values()):
+        table.create(link)
+    for index in calibrations.indexes:
+        index.create(link)
+    factors = {part: sql.literal_column(f"{part}_covariance", sql.LargeBinary) for part in PARTS}
+    rows_before = sql.text(
+        'select part, name, value, std, prior, "natural", unit, state from parameters where calibration = :number '
+        "order by part, position"
+    )
+    for number in link.execute(sql.select(calibrations.c.number)).scalars().all():
+        chosen = sql.select(*factors.values()).select_from(calibrations).where(calibrations.c.number == number)
+        blobs = dict(zip(factors, link.execute(chosen).one(), strict=True))
+        rows = [dict(row._mapping) for row in link.execute(rows_before, {"number": number})]
+        try:
+            packed = _packed_of_version_2(rows, blobs)
+        except (ValueError, TypeError) as error:
+            raise _Damaged(f"calibration {number}: {error}") from None
+        lists = store._add_lists(link, {estimate.parameters for estimate in packed.values()})
+        for name, p in packed.items():
+            row = (number, lists[p.parameters], p.value, p.std, p.prior, p.factor)
+            store._fill(link, estimates[name], [row[: len(estimates[name].c)]])
+    link.execute(sql.text("drop table parameters"))
+    for part in PARTS:
+        link.execute(sql.text(f"alter table calibrations drop column {part}_covariance"))
+    link.execute(sql.update(about).values(version=VERSION))
+
+
+def _packed_of_version_2(
+    rows: Sequence[Mapping[str, Any]], blobs: Mapping[str, bytes | None]
+) -> dict[str, PackedEstimate]:
+    """Estimates from rows of parameters and factors of eight bytes a number."""
+    out = {}
+    for part, blob in blobs.items():
+        if blob is None:
+            continue
+        of_part = [row for row in rows if row["part"] == part]
+        L = np.zeros((len(of_part), len(of_part)))
+        L[np.tril_indices(len(of_part))] = np.frombuffer(blob, "<f8")
+        out[part] = Estimate(
+            tuple(row["name"] for row in of_part),
+            tuple(row["unit"] for row in of_part),
+            np.array([row["value"] for row in of_part], dtype=float),
+            np.array([np.inf if row["prior"] is None else row["prior"] for row in of_part], dtype=float),
+            np.array([row["natural"] for row in of_part], dtype=float),
+            L @ L.T,
+        ).packed()
+    if other := [row for row in rows if row["part"] == OTHER]:
+        out[OTHER] = _packed_other(other)
+    return out

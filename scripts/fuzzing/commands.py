@@ -268,15 +268,19 @@ def _fleet(random: Random) -> list[str]:
                 "--store",
                 ">new.db",
                 *json,
-                *_some(random, ["--id", "a"], ["--date", "2026-03-02"]),
+                *_some(random, ["--id", "a"], ["--date", "2026-03-02"], ["--jobs", "1"]),
             ],
             ["fleet", "list", "--store", "@fleet.db", *json, *_some(random, ["--report", ">fleet.html"])],
-            ["fleet", "drift", "a", "--store", "@fleet.db", *json],
-            ["fleet", "export", "--store", "@fleet.db", "--out", ">parameters.csv"],
+            ["fleet", "drift", *_some(random, ["a"]), "--store", "@sisters.db", *json],
+            ["fleet", "export", "--store", "@fleet.db", "--out", ">parameters.csv", *_what(random)],
             ["fleet", "prior", "--type", "irb1600_6_145", "--store", "@sisters.db", "--out", ">prior.json", *json],
             ["calibrate", "@m.csv", "--robot", "irb1600", "--prior", "@prior.json", "--out", ">typed", *json],
         )
     )
+
+
+def _what(random: Random) -> list[str]:
+    return _some(random, ["--what", random.choice(("robots", "calibrations", "files"))])
 
 
 def _circles(random: Random) -> list[str]:

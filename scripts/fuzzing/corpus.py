@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import date
 from functools import cache
 from pathlib import Path
 
@@ -227,6 +228,7 @@ def _sisters(folder: Path) -> None:
             head = {**one.calibration, "robot": robot, "folder": robot}
             about = {**one.robot, "id": robot, "serial": robot}
             store.add(replace(one, robot=about, calibration=head, terms=replace(one.terms, values=drawn)))
+            store.add(replace(one, robot=about, calibration={**head, "measured": date(2025, 1, 1)}))
     irbcal.fleet_prior(one.robot["type"], folder / "prior.json", folder / "sisters.db")
 
 

@@ -9,7 +9,7 @@ from fleet_support import measured
 
 import irbcal
 from irbcal.fleet import comparison, overview
-from irbcal.fleet.comparison import change
+from irbcal.fleet.comparison import Sisters
 from irbcal.fleet.store import Estimate, opened
 
 
@@ -43,6 +43,10 @@ def three(tmp_path_factory):
         irbcal.calibrate(folder / f"{k}.csv", "irb1600", "34").save(folder / str(k))
         out.append(overview.stored(folder / str(k), "R", "SN", f"2026-0{k + 1}-01"))
     return out
+
+
+def change(first, second):
+    return comparison.change(first.dated(), second.dated())
 
 
 def test_nothing_changed(three):
@@ -116,9 +120,30 @@ def test_the_sister_that_fits_is_named(swapped, place):
             assert step.in_words()[1:] == [
                 f"The later one agrees with {sister}: were the files of two robots exchanged?"
             ]
-    assert comparison.perhaps_of(swapped[3], swapped) == [swapped[0]], "the robot itself, under another name"
-    assert comparison.agreeing(swapped[3], swapped[:3:2]) == ("A",)
-    assert comparison.agreeing(swapped[3], swapped[2:3]) == ()
+    levels = [one.dated() for one in swapped]
+    assert Sisters(levels).perhaps_of(levels[3]) == [levels[0]], "the robot itself, under another name"
+    assert comparison.agreeing(levels[3], levels[:3:2]) == ("A",)
+    assert comparison.agreeing(levels[3], levels[2:3]) == ()
+
+
+def test_many_steps_at_once_are_those_compared_by_hand(swapped):
+    """By each pair alone, with the inverse of the sum of its covariances on the directions that both have seen."""
+    other_names = tuple(f"{name} x" if k < 3 else name for k, name in enumerate(swapped[0].level.names))
+    levels = [*swapped, replace(swapped[0], level=replace(swapped[0].level, names=other_names))]
+    pairs = [(a, b) for a in levels for b in levels if a is not b]
+    found = comparison.changes([(a.dated(), b.dated()) for a, b in pairs])
+    for (a, b), step in zip(pairs, found, strict=True):
+        names = [name for name in a.level.names if name in b.level.names]
+        rows = [[one.level.names.index(name) for name in names] for one in (a, b)]
+        size = a.level.natural[rows[0]]
+        d = (b.level.values[rows[1]] - a.level.values[rows[0]]) / size
+        A, B = (one.level.covariance[np.ix_(r, r)] / np.outer(size, size) for one, r in zip((a, b), rows, strict=True))
+        variances, U = np.linalg.eigh(A + B)
+        of_both = np.array([[u @ C @ u for u in U.T] for C in (A, B)])
+        seen = (of_both.min(axis=0) > 1e-4 * of_both.max(axis=0)) & (variances > 1e-10 * variances.max())
+        assert step.directions == seen.sum()
+        assert step.chi2 == pytest.approx(sum((U.T @ d)[seen] ** 2 / variances[seen]), rel=1e-3)
+        assert (step.robot, step.before, step.after) == (b.robot["id"], a.measured, b.measured)
 
 
 def test_what_the_poses_do_not_show_explains_no_change(swapped):
@@ -162,12 +187,22 @@ def many(stored):
 
 
 def test_a_robot_unlike_its_sisters_is_named(many):
+    def standing_out(robots):
+        return comparison.standing_out(
+            [one.dated() for one in robots],
+            {one.robot["id"]: one.calibration["heldout_mean_mm"] for one in robots},
+        )
+
     robots = many
-    assert comparison.standing_out(robots) == []
+    assert standing_out(robots) == []
     values = np.array(robots[7].level.values)
     values[1] += 3e-3
     robots[7] = replace(robots[7], level=replace(robots[7].level, values=values))
-    (found,) = comparison.standing_out(robots)
+    (found,) = standing_out(robots)
     assert found.robot == "R07"
     assert found.words.startswith("joint 2's zero is 0.17")
-    assert comparison.standing_out(robots[5:9]) == []
+    assert standing_out(robots[5:9]) == []
+    worse = {**robots[3].calibration, "heldout_mean_mm": 5.0}
+    (found,) = standing_out([*robots[:3], replace(robots[3], calibration=worse), *robots[4:7]])
+    assert found.robot == "R03"
+    assert found.words.startswith("its held-out mean error is 5.000 mm")

@@ -91,6 +91,11 @@ def test_drift_names_the_zero_that_moved(store):
     assert found["name"] == "delta_theta3"
     assert found["value"] == pytest.approx(np.radians(0.2), abs=4 * found["std"])
     assert "no change beyond the uncertainty" in run("drift", "R0", "--store", store)
+    every = run("drift", "--store", store)
+    assert every.startswith("SIMULATED: 3 robots: 1 of 3 steps a change\nR2: 2026-03-02 to 2026-07-01: CHANGED")
+    assert "R2: Joint 3's zero moved by 0." in every
+    rows = json.loads(run("drift", "--store", store, "--json"))["changes"]
+    assert [(row["robot"], row["changed"]) for row in rows] == [("R0", False), ("R1", False), ("R2", True)]
     with pytest.raises(CalibrationError, match="R7: two calibrations are needed to see a change, found none of the 3"):
         irbcal.fleet_drift("R7", store)
 

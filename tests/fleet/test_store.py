@@ -1,5 +1,6 @@
 """A store takes a calibration once and whole, and refuses what is damaged."""
 
+import hashlib
 import multiprocessing
 import os
 import signal
@@ -30,8 +31,13 @@ def same(a, b):
     for one, other in ((a.fit, b.fit), (a.level, b.level), (a.terms, b.terms)):
         assert one.names == other.names
         np.testing.assert_array_equal(one.values, other.values)
-        np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9, atol=1e-9 * one.covariance.max())
-    assert list(map(dict, a.other)) == [{k: v for k, v in row.items() if k != "calibration"} for row in b.other]
+        std = np.outer(one.std, one.std)
+        np.testing.assert_allclose(other.covariance / std, one.covariance / std, atol=1e-6)
+        np.testing.assert_array_equal((one.natural, one.units), (other.natural, other.units))
+        np.testing.assert_allclose(one.prior, other.prior, rtol=1e-7)
+    for row, other_row in zip(a.other, b.other, strict=True):
+        assert {**other_row, "std": None} == {**row, "std": None}
+        assert other_row["std"] == (None if row["std"] is None else pytest.approx(row["std"], rel=1e-7))
     assert a.files == b.files
 
 
@@ -44,7 +50,7 @@ def test_what_is_added_comes_back_and_once(place, stored):
         assert len(list(store.calibrations(robot="R1"))) == 1
         assert list(store.calibrations(type="another")) == []
         assert [row["id"] for row in store.robots()] == [one.robot["id"] for one in stored]
-        assert len(store.table("parameters")) == sum(
+        assert sum(map(len, store.frames("parameters"))) == sum(
             len(one.fit.names) + len(one.level.names) + len(one.terms.names) + len(one.other) for one in stored
         )
     for one, back in zip(stored, found, strict=True):
@@ -67,15 +73,200 @@ def test_the_last_of_each_robot_and_what_is_asked_for_of_them(place, stored):
     assert [one.measured for one in heads] == [days[2]] * len(stored)
     for back, one in zip(levels[::2], stored, strict=True):
         assert (back.fit, back.terms, back.other, back.files) == (None, None, (), ())
-        np.testing.assert_allclose(back.level.covariance, one.level.covariance, rtol=1e-9, atol=1e-20)
-        np.testing.assert_array_equal(back.level.without_covariance().std, back.level.std)
+        std = np.outer(one.level.std, one.level.std)
+        np.testing.assert_allclose(back.level.covariance / std, one.level.covariance / std, atol=1e-6)
     assert all((one.fit, one.level, one.terms) == (None, None, None) for one in heads)
+
+
+def test_levels_are_read_light_and_with_their_factors(place, stored):
+    with opened(place, create=True) as store:
+        store.add_all([*stored[1:], replace(stored[0], level=None)])
+        light = list(store.estimates("level", factors=False))
+        whole = store.with_factors("level", light)
+        assert [one.packed.factor for one in light] == [b""] * len(stored)
+        assert [(one.robot, one.type, one.measured) for one in whole] == [
+            (one.robot["id"], one.robot["type"], one.measured) for one in stored
+        ]
+        assert whole[0].packed.parameters.names == ()
+        for one, back in zip(stored[1:], whole[1:], strict=True):
+            assert back.packed.factor == one.level.packed().factor
+            np.testing.assert_allclose(back.packed.estimate().std, one.level.std, rtol=1e-6)
+
+
+@pytest.mark.parametrize("rank", [0, 1, 3, 4])
+def test_factors_keep_covariances_that_hold_directions(rank):
+    """Of some rank, in units that differ by eight orders of magnitude; what is known exactly stays so."""
+    rng = np.random.default_rng(rank)
+    size = np.array([1e-6, 1.0, 1e2, 1e-3])
+    A = rng.standard_normal((4, rank)) * size[:, None]
+    one = Estimate(tuple("abcd"), ("m",) * 4, np.zeros(4), np.full(4, np.inf), np.ones(4), A @ A.T)
+    back = one.packed().estimate()
+    np.testing.assert_allclose(back.covariance / np.outer(size, size), (A @ A.T) / np.outer(size, size), atol=2e-6)
+    assert np.linalg.eigvalsh(back.covariance / np.outer(size, size)).min() > -1e-12
+    np.testing.assert_array_equal(back.prior, one.prior)
+
+
+def test_a_batch_is_added_up_to_the_first_that_contradicts(place, stored):
+    wrong = replace(stored[1], robot={**stored[1].robot, "serial": "SN-X"})
+    with opened(place, create=True) as store:
+        store.add(stored[1])
+        with pytest.raises(CalibrationError, match="robot R1 is in the store with serial SN-1, not SN-X"):
+            store.add_all([stored[0], stored[0], wrong, stored[2]])
+        assert [one.robot["id"] for one in store.calibrations(parts=())] == ["R0", "R1"]
+        assert [row["id"] for row in store.robots()] == ["R0", "R1"]
+        assert store.add_all([stored[2], stored[0], stored[2]]) == [True, False, False]
+        assert store.add_all([]) == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_order_of_additions_gives_the_same_lists(seed, place, stored):
+    """A dict is the oracle: batches of random sizes, calibrations again and again, dates in any order."""
+    rng = np.random.default_rng(seed)
+    known = {}
+    with opened(place, create=True) as store:
+        for _ in range(12):
+            batch = []
+            for _ in range(rng.integers(1, 6)):
+                one, day, mark = stored[rng.integers(3)], date(2026, 1, int(rng.integers(1, 28))), f"{rng.integers(4)}"
+                changed = {**one.calibration, "measured": day, "fingerprint": mark, "created": f"2026-{mark}"}
+                parts = {"level": one.level if rng.random() < 0.8 else None}
+                batch.append(replace(one, calibration=changed, **parts))
+            news = []
+            for one in batch:
+                news.append(one.key not in known)
+                known.setdefault(one.key, one)
+            assert store.add_all(batch) == news
+        order = sorted(known, key=lambda key: (key[0], key[2], known[key].calibration["created"]))
+        read = list(store.calibrations())
+        assert [one.key for one in read] == order
+        for one in read:
+            assert (one.level is None) == (known[one.key].level is None)
+        last = [key for robot in ("R0", "R1", "R2") for key in [key for key in order if key[0] == robot][-2:]]
+        assert [(one.robot, one.measured) for one in store.estimates("level", last=2)] == [(k[0], k[2]) for k in last]
+        counts = {robot: sum(key[0] == robot for key in known) for robot in ("R0", "R1", "R2")}
+        assert {robot: count for robot, (count, _) in store.counts().items()} == {k: n for k, n in counts.items() if n}
+
+
+VERSION_2 = """
+create table irbcal_fleet (version integer primary key);
+create table robots (id varchar(200) primary key, serial varchar(200) not null, type varchar(200) not null);
+create index ix_robots_type on robots (type);
+create table calibrations (
+    number NUMBER primary key, robot varchar(200) not null references robots (id), fingerprint varchar(64) not null,
+    measured date not null, created varchar(40) not null, added varchar(40) not null, folder text not null,
+    model varchar(40) not null, method varchar(40) not null, simulated boolean not null, poses_fit integer not null,
+    poses_heldout integer not null, nominal_mean_mm float, heldout_mean_mm float, heldout_sigma_mm float,
+    heldout_max_mm float, trusted boolean not null, verdict text not null, json_sha256 varchar(64) not null,
+    urdf_sha256 varchar(64) not null, nominal_urdf_sha256 varchar(64) not null, fit_covariance BLOB not null,
+    level_covariance BLOB, terms_covariance BLOB, unique (robot, fingerprint, measured)
+);
+create index ix_calibrations_robot on calibrations (robot);
+create table parameters (
+    calibration integer not null references calibrations (number), part varchar(10) not null, position integer not null,
+    name varchar(200) not null, value FLOAT8 not null, std FLOAT8, prior FLOAT8, "natural" FLOAT8,
+    unit varchar(20) not null, state varchar(20) not null, primary key (calibration, part, position)
+);
+create index ix_parameters_name on parameters (name);
+create table files (
+    calibration integer not null references calibrations (number), position integer not null, name text not null,
+    sha256 varchar(64) not null, primary key (calibration, position)
+);
+insert into irbcal_fleet values (2)
+"""
+
+
+def of_version_2(place, stored):
+    """A store as version 2 had it, without the last calibration's level."""
+    url = place if "://" in place else f"sqlite:///{place}"
+    words = ("bytea", "double precision", "serial") if "://" in place else ("blob", "float", "integer")
+    engine = sql.create_engine(url)
+    with engine.begin() as link:
+        made = VERSION_2
+        for word, of_database in zip(("BLOB", "FLOAT8", "NUMBER"), words, strict=True):
+            made = made.replace(word, of_database)
+        for statement in made.split(";"):
+            link.execute(sql.text(statement))
+        for number, one in enumerate(stored, start=1):
+            factors = {}
+            for part in ("fit", "level", "terms"):
+                size = getattr(one, part).std
+                values, vectors = np.linalg.eigh(getattr(one, part).covariance / np.outer(size, size))
+                R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]
+                L = size[:, None] * R.T
+                factors[f"{part}_covariance"] = L[np.tril_indices(len(values))].astype("<f8").tobytes()
+            if number == len(stored):
+                factors["level_covariance"] = None
+            insert(link, "robots", one.robot)
+            insert(link, "calibrations", {**one.calibration, **factors})
+            rows = []
+            for part in ("fit", "level", "terms"):
+                e = getattr(one, part)
+                columns = zip(e.names, e.values, e.std, e.prior, e.natural, e.units, strict=True)
+                for k, (name, value, std, prior, natural, unit) in enumerate(columns):
+                    prior = float(prior) if np.isfinite(prior) else None
+                    numbers = {"value": float(value), "std": float(std), "prior": prior, "natural": float(natural)}
+                    rows.append(
+                        {"part": part, "position": k, "name": name, **numbers, "unit": unit, "state": "identified"}
+                    )
+            rows += [
+                {"part": "other", "position": k, "prior": None, "natural": None, **row}
+                for k, row in enumerate(one.other)
+            ]
+            for row in rows:
+                if number < len(stored) or row["part"] != "level":
+                    insert(link, "parameters", {"calibration": number, **row})
+            for k, (name, sha256) in enumerate(one.files):
+                insert(link, "files", {"calibration": number, "position": k, "name": name, "sha256": sha256})
+    engine.dispose()
+
+
+def insert(link, table, row):
+    names, values = ", ".join(f'"{name}"' for name in row), ", ".join(f":{name}" for name in row)
+    link.execute(sql.text(f"insert into {table} ({names}) values ({values})"), dict(row))
+
+
+def test_a_store_of_version_2_is_brought_to_this_one_by_an_addition(place, stored):
+    of_version_2(place, stored[:2])
+    with (
+        pytest.raises(CalibrationError, match="a store of version 2, this irbcal reads 3: irbcal fleet add"),
+        opened(place),
+    ):
+        pass
+    with opened(place, create=True) as store:
+        assert store.add_all(stored) == [False, False, True]
+    with opened(place) as store:
+        read = list(store.calibrations())
+        assert read[1].level is None
+        for one, back in zip(stored, [read[0], replace(read[1], level=stored[1].level), read[2]], strict=True):
+            same(one, back)
+        names = set(sql.inspect(store.engine).get_table_names())
+        assert names == set(stores.tables.tables)
+        for table in stores.tables.tables.values():
+            assert {column["name"] for column in sql.inspect(store.engine).get_columns(table.name)} == set(
+                table.c.keys()
+            )
+
+
+def test_a_damaged_store_of_version_2_stays_as_it_was(tmp_path, stored):
+    path = tmp_path / "fleet.db"
+    of_version_2(str(path), stored[:2])
+    with closing(sqlite3.connect(path)) as link:
+        link.execute("update calibrations set level_covariance = x'00ff' where number = 1")
+        link.commit()
+        before = list(link.iterdump())
+    with pytest.raises(CalibrationError, match="the store is damaged: calibration 1"), opened(path, create=True):
+        pass
+    with closing(sqlite3.connect(path)) as link:
+        assert list(link.iterdump()) == before
 
 
 def test_an_addition_that_is_cut_off_leaves_nothing(place, stored, monkeypatch):
     with opened(place, create=True) as store:
         store.add(stored[0])
-        monkeypatch.setattr(Estimate, "rows", lambda *_: 1 / 0)
+        fill = store._fill
+        monkeypatch.setattr(
+            store, "_fill", lambda link, table, rows: fill(link, table, rows if table.name != "files" else 1 / 0)
+        )
         with pytest.raises(ZeroDivisionError):
             store.add(stored[1])
         monkeypatch.undo()
@@ -237,7 +428,51 @@ def test_damaged_rows_are_refused_or_read(table, column, whole, tmp_path):
     assert refused >= 1, "a blob where there is text is refused everywhere"
 
 
-@pytest.mark.parametrize("size", [100, 1000, 4096, 10000, -100])
+@pytest.mark.parametrize("table", [table.name for table in stores.tables.sorted_tables if table.name.startswith("est")])
+@pytest.mark.parametrize("seed", range(4))
+def test_damaged_bytes_of_estimates_are_refused_or_read(table, seed, whole, tmp_path):
+    """Bits that turned, numbers that are none, and other lengths, in every column of bytes."""
+    rng, path = np.random.default_rng(seed), tmp_path / "fleet.db"
+    columns = [column.name for column in stores.tables.tables[table].c if isinstance(column.type, sql.LargeBinary)]
+    for column in columns:
+        path.write_bytes(whole)
+        with closing(sqlite3.connect(path)) as link:
+            content = bytearray(link.execute(f"select {column} from {table}").fetchone()[0])
+            if not content:
+                continue
+            at = int(rng.integers(len(content)))
+            if seed == 0:
+                content[at] ^= 1 << int(rng.integers(8))
+            elif seed == 1:
+                content[at // 8 * 8 : at // 8 * 8 + 8] = b"\xff" * 8
+            else:
+                content = content[:at] if seed == 2 else content + content[:4]
+            link.execute(f"update {table} set {column} = ?", (bytes(content),))
+            link.commit()
+        expected = (
+            pytest.raises(CalibrationError, match="the store is damaged") if seed > 1 else suppress(CalibrationError)
+        )
+        with expected:
+            read(path)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[", "[[]]", "{}", "[1]", '[["a","m",1.0,"x"]]', '[["a","m",NaN,"x"]]', "[" * 9999]
+)
+def test_a_damaged_list_of_parameters_is_refused(content, whole, tmp_path):
+    path = tmp_path / "fleet.db"
+    path.write_bytes(whole)
+    with closing(sqlite3.connect(path)) as link:
+        for (number,) in link.execute("select number from parameter_lists").fetchall():
+            text = content + " " * number
+            row = text, hashlib.sha256(text.encode()).hexdigest(), number
+            link.execute("update parameter_lists set content = ?, sha256 = ? where number = ?", row)
+        link.commit()
+    with pytest.raises(CalibrationError, match="the store is damaged"):
+        read(path)
+
+
+@pytest.mark.parametrize("size", [100, 1000, 4096, 10000, -5000])
 def test_a_file_that_was_cut_off_is_refused(size, whole, tmp_path):
     path = tmp_path / "fleet.db"
     path.write_bytes(whole[:size])
