@@ -348,6 +348,7 @@ def calibrate(
     features: TableLike | None = None,
     leave_out: str | None = None,
     prior: str | Path | TypePrior | None = None,
+    package_dirs: Sequence[str | Path] = (),
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -381,6 +382,9 @@ def calibrate(
         Link names, see `irbcal.read_urdf`.
     coupling : str, optional
         How the controller counts joints, such as ``3+2``; see `irbcal.io.urdf.declared_coupling`.
+    package_dirs : sequence of str or Path
+        Folders in which packages of the robot's description are looked up first: of a xacro file, and of meshes, whose
+        folders the calibration remembers.
     method : {"least-squares", "circles", "nelder-mead", "axes"}
         How to identify, see `irbcal.identification.fit.identify_by`. With ``circles`` (or ``axes``) the fit sees the
         one-joint moves (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then
@@ -494,7 +498,7 @@ def save(
         targets = {name: xyz for name, xyz in targets.items() if target_links and not name.endswith(other_sessions)}
         data = urdf.with_links(calibration.urdf, calibration.arm(), T_world_base if world_link else None, targets)
         nominal = calibration.folder if calibration.proven is None else calibration.proven.robot_file.parent
-        meshes = paths.MeshFolders(nominal, robots.package_dirs())
+        meshes = paths.MeshFolders(nominal, robots.package_dirs(*(record.mesh_folders or ())))
         data = paths.with_mesh_paths(data, how, folder, meshes, record.robot.urdf)
         record = record.with_urdf(data)
         calibration_folder.write(folder, record, data, report_page.render(record, calibration.evidence))

@@ -44,7 +44,7 @@ from irbcal.identification.images import numbered_alike
 from irbcal.identification.observation_kind import SHOWN
 from irbcal.identification.problem import session_names
 from irbcal.identification.term_sets import TypePrior
-from irbcal.io import integrity, prior_file, robots, urdf, urdf_check
+from irbcal.io import integrity, prior_file, robots, urdf, urdf_check, urdf_xml
 from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
 from irbcal.io.importing import MeasurementFiles, measurements_of
 from irbcal.io.opening import CalibrationLike, calibration_at, open_nominal
@@ -161,6 +161,7 @@ class Options:
     features: TableLike | None = None
     leave_out: str | None = None
     prior: str | Path | TypePrior | None = None
+    package_dirs: Sequence[str | Path] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.model, int):
@@ -456,14 +457,18 @@ def read(measurements: MeasurementFiles, robot: str | Path | None, options: Opti
         saved = calibration_at(robot)
     if robot is None:
         raise OptionError("robot: expected a URDF or the name of a robot, see irbcal robots", parameter="robot")
-    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling)
+    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling, options.package_dirs)
     if earlier is not None:
         earlier.check(nominal.arm)
     targets = read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
     points = measurements_of(measurements, nominal.arm).of_arm(nominal.arm)
     file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
-    source = _source(robot) if saved is None else (saved.record.robot.urdf, saved.record.robot.urdf_sha256)
+    source = (
+        _source(robot, options.package_dirs)
+        if saved is None
+        else (saved.record.robot.urdf, saved.record.robot.urdf_sha256)
+    )
     return Inputs(
         options=options,
         urdf=nominal,
@@ -498,9 +503,9 @@ def _as_earlier(options: Options, record: Record) -> Options:
     return replace(options, **changes)
 
 
-def _source(robot: str | Path) -> tuple[str, str]:
+def _source(robot: str | Path, package_dirs: Sequence[str | Path]) -> tuple[str, str]:
     """Name of a nominal robot's file, and SHA-256 of its URDF."""
-    return robots.robot_file(robot).name, hashlib.sha256(urdf.source_bytes(robot)).hexdigest()
+    return robots.robot_file(robot).name, hashlib.sha256(urdf.source_bytes(robot, package_dirs)).hexdigest()
 
 
 def _robot_notes(file: Path, saved: Saved | None) -> list[str]:
@@ -944,7 +949,7 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
         raise OptionError(
             "robot: rows at features start from a URDF or a robot's name, not from a calibration", parameter="robot"
         )
-    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling)
+    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling, options.package_dirs)
     say("reading the measurements")
     if isinstance(measurements, (list, tuple)):
         raise MeasurementError(
@@ -975,7 +980,7 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
         options=options,
         urdf=nominal,
         robot_file=file,
-        nominal_source=_source(robot),
+        nominal_source=_source(robot, options.package_dirs),
         measurements=rows.as_measurements(),
         feature_rows=rows,
         notes=tuple(_robot_notes(file, None)),
@@ -1335,12 +1340,20 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         excluded=list(done.excluded),
         notes=list(done.notes),
         doubts=list(done.doubts),
+        mesh_folders=_mesh_folders(done, added_to) or None,
         urdf_witnesses=urdf_check.check(urdf_bytes, robot.arm),
         largest_link_shift_mm=urdf.largest_link_shift(done.urdf, robot.arm) / MM,
         software=software(),
         seconds=time.perf_counter() - started,
     )
     return content.model_copy(update={"doubts": list(verdict_of(content).doubts)}), urdf_bytes
+
+
+def _mesh_folders(done: Proven, added_to: Sequence[Record]) -> list[str]:
+    """Where the meshes of the robot's URDF lie, unless every reader looks there."""
+    folders = [*done.options.package_dirs, *(folder for record in added_to for folder in record.mesh_folders or ())]
+    finder = urdf_xml.MeshFolders(done.robot_file.parent, robots.package_dirs(*folders))
+    return urdf_xml.mesh_folders(done.urdf.tree.getroot(), finder, robots.package_dirs())
 
 
 def _evidence(done: Proven) -> EvidenceSection | None:

@@ -44,7 +44,7 @@ STEPS = 6
     panels={
         "Everyday": ("robot", "model", "holdout", "verify", "with_", "prior", "force", "verbose", "json"),
         "Measurements": ("features", "targets", "frame", "as_poses", "session_by", "payload_place", "same_tool"),
-        "URDF": ("base_link", "tip_link", "coupling", "world_link", "target_links", "mesh_paths"),
+        "URDF": ("base_link", "tip_link", "coupling", "world_link", "target_links", "mesh_paths", "package_dirs"),
     },
 )
 def calibrate(
@@ -267,7 +267,7 @@ def report(options: dict[str, Any], json: Json = False) -> None:
 @command(
     "view",
     arguments=("source", "measurements"),
-    typed={"source": Typed(str, None), "package_dir": Typed(list[Path], "FOLDER")},
+    typed={"source": Typed(str, None)},
     without=("cube",),
 )
 def view(

@@ -71,10 +71,8 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
         "approach": MM,
         "prior": MM,
         "pulses": numbers("P1,…,P6", 6),
-        "package_dirs": Typed(list[Path], "FOLDER"),
         "refit_zeros": LOST_JOINTS,
     },
-    flags={"package_dirs": "--package-dir"},
     panels={
         "Everyday": ("robot", "out", "targets", "tracker", "refit_zeros", "payload", "language", "pulses", "json"),
         "Poses": ("axis", "cube", "all_range", "optimal", "candidates", "criterion", "volume", "level", "seed"),

@@ -323,7 +323,8 @@ def command(
         Decorates a function of the API's options (a dict of those that were typed, in the API's units) and of the
         command's options, which typer knows by their annotations.
     """
-    settings = (api, arguments, typed or {}, flags or {}, panels or {}, without, optional, texts or {})
+    typed, flags = FOLDERS | dict(typed or {}), FOLDER_FLAGS | dict(flags or {})
+    settings = (api, arguments, typed, flags, panels or {}, without, optional, texts or {})
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         SETTINGS[function] = settings
@@ -332,6 +333,8 @@ def command(
     return decorate
 
 
+FOLDERS, FOLDER_FLAGS = {"package_dirs": Typed(list[Path], "FOLDER")}, {"package_dirs": "--package-dir"}
+"""Folders of packages, as every command takes them: one an option."""
 SETTINGS: dict[Callable[..., None], tuple[Any, ...]] = {}
 """Functions of commands, with what `command` says of them."""
 

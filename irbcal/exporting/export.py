@@ -104,6 +104,8 @@ def export(
     payload_place: ArrayLike | None = None,
     mesh_paths: MeshPaths = "relative",
     without_frame_terms: bool = False,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+    without_meshes: bool = False,
 ) -> Exported:
     """Write a calibrated robot as a self-contained part of other programs.
 
@@ -125,6 +127,11 @@ def export(
         How meshes stand in a URDF.
     without_frame_terms : bool
         Export URDF and joint map alone where the calibration has more.
+    package_dirs : sequence of str or Path
+        Folders in which meshes are looked up, beside those that the calibration remembers. Shapes of meshes that are
+        in none are left out, and a note names them.
+    without_meshes : bool
+        Leave out all shapes that are made of meshes.
 
     Raises
     ------
@@ -147,6 +154,8 @@ def export(
         Source.of(calibration, payload=payload, payload_place=payload_place, without_frame_terms=without_frame_terms),
         out=folder,
         mesh_paths=mesh_paths,
+        package_dirs=tuple(os.fspath(item) for item in package_dirs),
+        without_meshes=without_meshes,
     )
     module: ExportModule = import_module(f"irbcal.exporting.{target}")
     exported = module.files(source)

@@ -14,11 +14,11 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
 from irbcal.exporting.plain import Plain
-from irbcal.io import calibration_folder
+from irbcal.io import calibration_folder, robots
 from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
-from irbcal.io.urdf_xml import MeshPaths
+from irbcal.io.urdf_xml import MeshFolders, MeshPaths
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
 
@@ -47,6 +47,10 @@ class Source(Locked):
         Where the export will lie.
     mesh_paths : {"relative", "absolute", "package"}
         How meshes are to stand in a URDF.
+    package_dirs : tuple of str
+        Folders in which meshes are looked up, beside the URDF's own.
+    without_meshes : bool
+        Leave all meshes out.
     """
 
     robot: Robot
@@ -58,6 +62,14 @@ class Source(Locked):
     folder: Path | None = None
     out: Path = Path()
     mesh_paths: MeshPaths = "relative"
+    package_dirs: tuple[str, ...] = ()
+    without_meshes: bool = False
+
+    @property
+    def meshes(self) -> MeshFolders:
+        """Finds the URDF's meshes."""
+        remembered = () if self.record is None else self.record.mesh_folders or ()
+        return MeshFolders(self.folder, robots.package_dirs(*self.package_dirs, *remembered))
 
     @staticmethod
     def of(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
-from irbcal.exporting.urdf_with_meshes import beside, urdf_of
-from irbcal.io import joint_origins, robots
-from irbcal.io.urdf_xml import MeshFolders, with_mesh_paths
+from irbcal.exporting.urdf_with_meshes import beside, missing, urdf_of, urdf_with_meshes
+from irbcal.io import joint_origins, urdf_xml
+from irbcal.io.urdf_xml import with_mesh_paths
 
 WHAT = "the calibrated URDF with mesh paths of a kind, its joint origins, and the joint map as a Python module"
 NEXT = "check_urdf {folder}/{word}_calibrated.urdf     # its joints are effective joints"
@@ -14,9 +14,14 @@ NEXT = "check_urdf {folder}/{word}_calibrated.urdf     # its joints are effectiv
 
 def files(source: Source) -> ExportFiles:
     """The URDF, ``joint_origins.yaml`` and the joint map."""
-    finder = MeshFolders(source.folder, robots.package_dirs())
+    left_out: list[str] = []
+    data, notes = urdf_of(source), ()
+    if source.without_meshes:
+        package = urdf_with_meshes(source, lambda path: None)
+        data, notes = urdf_xml.serialised(package.tree), package.notes
+    data = with_mesh_paths(data, source.mesh_paths, source.out, source.meshes, "calibrated.urdf", left_out)
     name = f"{source.parts.identifier}_calibrated.urdf"
-    made = {name: with_mesh_paths(urdf_of(source), source.mesh_paths, source.out, finder, "calibrated.urdf")}
+    made = {name: data}
     if source.record is not None:
         made["joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
-    return ExportFiles(made | beside(source))
+    return ExportFiles(made | beside(source), (*notes, *missing(left_out)))

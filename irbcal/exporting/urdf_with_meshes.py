@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from irbcal.arrays import Locked
-from irbcal.errors import CalibrationError, RobotError
+from irbcal.errors import CalibrationError
 from irbcal.exporting import python
 from irbcal.exporting.source import Source
-from irbcal.io import robots, urdf_xml
-from irbcal.io.urdf_xml import MESH_ENDINGS, MeshFolders, MeshProblem, MissingMesh, XmlElement, XmlTree
+from irbcal.io import urdf_xml
+from irbcal.io.urdf_xml import MESH_ENDINGS, MeshProblem, MissingMesh, XmlElement, XmlTree, without_shape
 
 FOLDER = "meshes"
+MOST_NAMED = 5
+"""Files that a note names."""
 Convert = Callable[[Path], tuple[str, bytes] | None]
 """From a mesh file to an ending and content; None where the format is not taken."""
 
@@ -33,7 +35,9 @@ class UrdfWithMeshes(Locked):
     textures : tuple of str
         Images that surfaces were drawn with: none is taken.
     missing : tuple of str
-        Mesh files that were not found: their shapes are gone, too.
+        Mesh files that were not found, or that may not be read, with the reason: their shapes are gone, too.
+    without : int
+        Shapes that were left out on request.
     """
 
     tree: XmlTree
@@ -41,6 +45,7 @@ class UrdfWithMeshes(Locked):
     left_out: tuple[str, ...]
     textures: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    without: int = 0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -50,12 +55,9 @@ class UrdfWithMeshes(Locked):
             which = f"{len(self.left_out)} meshes are" if len(self.left_out) > 1 else "one mesh is"
             names = ", ".join(self.left_out)
             told.append(f"{which} left out with the shapes made of them, for no reader takes them: {names}")
-        if self.missing:
-            names = ", ".join(dict.fromkeys(self.missing))
-            told.append(
-                f"meshes that are not on this computer are left out with the shapes made of them: {names} "
-                "(ROS_PACKAGE_PATH leads to packages)"
-            )
+        if self.without:
+            told.append(f"{self.without} shapes made of meshes are left out, as --without-meshes says")
+        told += missing(self.missing)
         if self.textures:
             told.append(f"textures are left out: {', '.join(self.textures)}")
         return tuple(told)
@@ -66,6 +68,20 @@ class UrdfWithMeshes(Locked):
         for mesh in root.iter("mesh"):
             mesh.set("filename", f"package://{name}/{mesh.get('filename')}")
         return root
+
+
+def missing(names: Sequence[str]) -> tuple[str, ...]:
+    """A note on meshes that are not taken because they cannot be read; none without any."""
+    listed = list(dict.fromkeys(names))
+    more = f" and {len(listed) - MOST_NAMED} more" if len(listed) > MOST_NAMED else ""
+    return (
+        (
+            "meshes that cannot be read on this computer are left out with the shapes made of them: "
+            f"{', '.join(listed[:MOST_NAMED])}{more} (--package-dir names the folder that holds their package)",
+        )
+        if listed
+        else ()
+    )
 
 
 def urdf_with_meshes(source: Source, convert: Convert) -> UrdfWithMeshes:
@@ -81,24 +97,24 @@ def urdf_with_meshes(source: Source, convert: Convert) -> UrdfWithMeshes:
     ------
     CalibrationError
         If the URDF is not known.
-    RobotError
-        If a mesh file lies where the URDF may not look.
     """
     tree = urdf_xml.parse(urdf_of(source), "calibrated.urdf")
     root = tree.getroot()
-    finder = MeshFolders(source.folder, robots.package_dirs())
+    finder = source.meshes
     taken: dict[Path, str | None] = {}
     meshes: dict[str, bytes] = {}
-    left_out, missing = [], []
-    for mesh in list(root.iter("mesh")):
+    left_out, absent = [], []
+    listed = list(root.iter("mesh"))
+    for mesh in listed:
+        if source.without_meshes:
+            without_shape(mesh)
+            continue
         try:
             path = finder.find(mesh.get("filename", ""), MESH_ENDINGS)
-        except MissingMesh as problem:
-            missing.append(problem.which)
-            _without_shape(mesh)
-            continue
         except MeshProblem as problem:
-            raise RobotError(f"{problem.which}: {problem.reason}", file="calibrated.urdf", parameter="as") from None
+            absent.append(problem.which if isinstance(problem, MissingMesh) else f"{problem.which}: {problem.reason}")
+            without_shape(mesh)
+            continue
         if path not in taken:
             converted = convert(path)
             if converted is None:
@@ -109,19 +125,15 @@ def urdf_with_meshes(source: Source, convert: Convert) -> UrdfWithMeshes:
                 meshes[str(taken[path])] = converted[1]
         name = taken[path]
         if name is None:
-            _without_shape(mesh)
+            without_shape(mesh)
         else:
             mesh.set("filename", name)
+    without = len(listed) if source.without_meshes else 0
     textures = list(root.iter("texture"))
     for texture in textures:
         texture.getparent().remove(texture)
     names = dict.fromkeys(PurePosixPath(texture.get("filename", "unnamed")).name for texture in textures)
-    return UrdfWithMeshes(tree, meshes, tuple(left_out), tuple(names), tuple(missing))
-
-
-def _without_shape(mesh: XmlElement) -> None:
-    shape = mesh.getparent().getparent()
-    shape.getparent().remove(shape)
+    return UrdfWithMeshes(tree, meshes, tuple(left_out), tuple(names), tuple(absent), without)
 
 
 def urdf_of(source: Source) -> bytes:

@@ -46,6 +46,7 @@ def import_measurements(
     joints: str | PathLike[str] | None = None,
     set_: Changes = (),
     dry_run: bool = False,
+    package_dirs: Sequence[str | PathLike[str]] = (),
 ) -> Imported:
     """Turn files of other programs into measurements: ``irbcal import`` as a function.
 
@@ -67,6 +68,8 @@ def import_measurements(
         Changes of the map, such as units.lengths=mm.
     dry_run : bool
         Show the first rows as they would be understood; write nothing.
+    package_dirs : sequence of str or Path
+        Folders in which packages that a xacro file of the robot names are looked up first.
 
     Returns
     -------
@@ -87,7 +90,9 @@ def import_measurements(
         files = [*sources, *([] if joints is None else [joints]), *maps]
         refuse_sources(Path(out), [tables.file_of(path) for path in files])
     if as_ is None:
-        imported = recognised(sources, None if robot is None else open_nominal(robot).arm, joints, set_)
+        folders = [Path(folder) for folder in package_dirs]
+        arm = None if robot is None else open_nominal(robot, package_dirs=folders).arm
+        imported = recognised(sources, arm, joints, set_)
     else:
         if isinstance(as_, ImportMap) and set_:
             raise OptionError("set_: expected no changes beside an ImportMap: change the map itself", parameter="set_")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -82,7 +83,11 @@ def calibration_at(robot: object) -> Saved | None:
 
 
 def open_nominal(
-    robot: str | Path, base_link: str | None = None, tip_link: str | None = None, coupling: str | None = None
+    robot: str | Path,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    coupling: str | None = None,
+    package_dirs: Sequence[str | Path] = (),
 ) -> UrdfArm:
     """The nominal robot of a URDF, a robot's name, or a calibration, which has the one that it began from.
 
@@ -91,6 +96,8 @@ def open_nominal(
     robot : str or Path
     base_link, tip_link, coupling : str, optional
         As `irbcal.io.urdf.read` takes them; a calibration has its own.
+    package_dirs : sequence of str or Path
+        As `irbcal.io.urdf.read` takes them.
 
     Raises
     ------
@@ -101,7 +108,7 @@ def open_nominal(
     """
     saved = calibration_at(robot)
     if saved is None:
-        return urdf.read(robot, base_link, tip_link, coupling)
+        return urdf.read(robot, base_link, tip_link, coupling, package_dirs)
     section, arm = saved.record.robot, saved.record.arm(calibrated=False)
     for parameter, value, stored in (
         ("base_link", base_link, section.base_link),
@@ -163,6 +170,11 @@ class Opened(Locked):
     def __repr__(self) -> str:
         return f"<Opened {self.name}: {'URDF' if self.record is None else 'calibration'}, {self.robot!r}>"
 
+    @property
+    def mesh_folders(self) -> list[str]:
+        """Folders that a calibration remembers its meshes by."""
+        return [] if self.record is None else list(self.record.mesh_folders or ())
+
     @cached_property
     def nominal_urdf(self) -> UrdfArm | None:
         """The URDF with the geometry of `nominal`, None where there is no URDF."""
@@ -178,6 +190,7 @@ def open_robot(
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
+    package_dirs: Sequence[str | Path] = (),
 ) -> Opened:
     """The robot of a calibration, of a URDF or shipped with the package.
 
@@ -192,6 +205,8 @@ def open_robot(
         Links of a URDF; by default as `irbcal.io.urdf.read` chooses them.
     coupling : str, optional
         Of a URDF, see `irbcal.io.urdf.declared_coupling`.
+    package_dirs : sequence of str or Path
+        As `irbcal.io.urdf.read` takes them.
 
     Raises
     ------
@@ -206,9 +221,10 @@ def open_robot(
         return robot
     path = calibration_folder.folder_of(robot) if isinstance(robot, (str, PathLike)) else None
     if path is not None and not path.is_dir():
-        read = urdf.read(path, base_link, tip_link, coupling)
+        read = urdf.read(path, base_link, tip_link, coupling, package_dirs)
         file = robots.robot_file(path)
-        return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, urdf.source_bytes(path))
+        data = urdf.source_bytes(path, package_dirs)
+        return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, data)
     folder: Path | None
     text: bytes | None
     content = None if path is None else calibration_folder.contents(path)

@@ -949,10 +949,11 @@ class Record(Section):
     joint map are the whole truth. ``covariance`` is that of base (rotation vector and translation in the base link),
     unknown targets, target frames (rotation vectors in the tip link), bases of sessions before the last and error
     parameters, in the order of ``parameters``, in metres and radians: see `covariance_matrix`. ``sessions`` are empty
-    where there is one only; ``earlier`` is the fingerprint of the calibration that was added to. ``features`` are there
-    where rows at features were measured: errors are then distances from these, and poses count among the fitted and,
-    each with its place left out in turn, among the held-out ones. ``seal`` (`irbcal.io.integrity`) has the hashes
-    of all other parts and of all files beside it; null until it is written.
+    where there is one only; ``earlier`` is the fingerprint of the calibration that was added to. ``mesh_folders`` are
+    those in which meshes of the robot's URDF lay, where no reader looks of itself; null where there are none.
+    ``features`` are there where rows at features were measured: errors are then distances from these, and poses count
+    among the fitted and, each with its place left out in turn, among the held-out ones. ``seal``
+    (`irbcal.io.integrity`) has the hashes of all other parts and of all files beside it; null until it is written.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
@@ -998,6 +999,7 @@ class Record(Section):
     notes: list[Sentence]
     doubts: list[Sentence]
     data: list[DataFile]
+    mesh_folders: list[Sentence] | None = None
     urdf_witnesses: Check
     largest_link_shift_mm: float
     software: dict[Word, Version]

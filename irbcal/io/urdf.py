@@ -218,7 +218,13 @@ class _Joint:
     position: int
 
 
-def read(path: str | Path, base: str | None = None, tip: str | None = None, coupling: str | None = None) -> UrdfArm:
+def read(
+    path: str | Path,
+    base: str | None = None,
+    tip: str | None = None,
+    coupling: str | None = None,
+    package_dirs: Sequence[str | Path] = (),
+) -> UrdfArm:
     """Read a robot from a URDF or xacro file.
 
     Parameters
@@ -229,6 +235,8 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None, coup
         Link names; by default ``base_link`` (or the root) and ``tool0``, ``flange``, ``ee_link`` or the last link.
     coupling : str, optional
         As `irbcal.io.urdf.declared_coupling` takes it.
+    package_dirs : sequence of str or Path
+        Folders in which packages that a xacro file names are looked up first.
 
     Raises
     ------
@@ -239,7 +247,7 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None, coup
     if entry is not None:
         base, tip = base or entry.base_link, tip or entry.tip_link
     file = robots.robot_file(path)
-    robot_read = from_bytes(source_bytes(path), str(file), base, tip)
+    robot_read = from_bytes(source_bytes(path, package_dirs), str(file), base, tip)
     declared = declared_coupling(file, len(robot_read.arm.joint_names), coupling)
     return robot_read if declared is None else replace(robot_read, arm=replace(robot_read.arm, coupling=declared))
 
@@ -247,8 +255,8 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None, coup
 read_urdf = read
 
 
-def source_bytes(robot: str | Path) -> bytes:
-    """The URDF of a file or a robot's name; a xacro file is expanded.
+def source_bytes(robot: str | Path, package_dirs: Sequence[str | Path] = ()) -> bytes:
+    """The URDF of a file or a robot's name; a xacro file is expanded with packages of these folders, and others.
 
     Raises
     ------
@@ -258,7 +266,7 @@ def source_bytes(robot: str | Path) -> bytes:
     file, arguments = robots.robot_file(robot), robots.xacro_arguments(robot)[1]
     data = read_bytes(file, RobotError)
     if xacro_file.is_xacro(data):
-        return xacro_file.expanded(file, arguments)
+        return xacro_file.expanded(file, arguments, package_dirs)
     if arguments:
         raise RobotError(f"a URDF takes no arguments: leave out {next(iter(arguments))}:=", file=file)
     return data

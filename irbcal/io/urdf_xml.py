@@ -209,6 +209,12 @@ class MeshFolders:
             parent for top in self.own for parent in (top, *top.parents) if (parent / "package.xml").is_file()
         ]
 
+    def tops(self, uri: str) -> list[Path]:
+        """Folders in which a name may be looked up: those of the URDF, of packages, and that package beside them."""
+        name = uri.partition("://")[2].partition("/")[0]
+        beside = [top.parent / name for top in self.around if name.strip(".")]
+        return [*self.own, *self.packages, *self.around, *(top for top in beside if (top / "package.xml").is_file())]
+
     def find(self, uri: str, endings: Sequence[str] = MESH_ENDINGS) -> Path:
         """The file that a name stands for.
 
@@ -233,7 +239,7 @@ class MeshFolders:
         if separator and scheme != "file":
             name, _, rest = rest.partition("/")
             candidates = [top / name / rest for top in self.packages]
-            candidates += [top / rest for top in (*self.packages, *self.around) if top.name == name]
+            candidates += [top / rest for top in self.tops(uri) if top.name == name and top not in self.own]
         else:
             rest = rest if separator else uri
             candidates = [top / rest for top in (*self.own, *self.packages, *self.around)]
@@ -245,7 +251,7 @@ class MeshFolders:
                     continue
             except (OSError, RuntimeError):  # too long, or links in a circle
                 continue
-            if any(path.is_relative_to(top) for top in (*self.own, *self.packages, *self.around)):
+            if any(path.is_relative_to(top.resolve()) for top in self.tops(uri)):
                 if path.suffix.lower() not in endings:
                     raise MeshProblem(f"only {', '.join(endings)} files are read as meshes", shown)
                 return path
@@ -255,7 +261,48 @@ class MeshFolders:
         raise MissingMesh("the file was not found", shown)
 
 
-def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: MeshFolders, source: str) -> bytes:
+def mesh_folders(root: XmlElement, finder: MeshFolders, known: Sequence[str | PathLike[str]]) -> list[str]:
+    """Folders, besides those that are known, in which a URDF's meshes lie.
+
+    Parameters
+    ----------
+    root : XmlElement
+        Of the URDF.
+    finder : MeshFolders
+        Where meshes are looked for.
+    known : sequence of str
+        Folders of packages that any reader looks into.
+    """
+    without, needed = MeshFolders(None, known), dict[str, None]()
+    for uri in dict.fromkeys(mesh.get("filename", "") for mesh in root.iter("mesh")):
+        try:
+            without.find(uri)
+        except MeshProblem:
+            try:
+                path = finder.find(uri)
+            except MeshProblem:
+                continue
+            relative = [] if "://" in uri else finder.own
+            needed |= dict.fromkeys(str(top) for top in relative)
+            needed |= dict.fromkeys(str(top) for top in finder.tops(uri) if path.is_relative_to(top.resolve()))
+    return list(needed)
+
+
+def without_shape(mesh: XmlElement) -> None:
+    """Take a mesh out of its document, with the shape that is made of it."""
+    shape = next(mesh.iterancestors("visual", "collision"), mesh)
+    if shape.getparent() is not None:
+        shape.getparent().remove(shape)
+
+
+def with_mesh_paths(
+    data: bytes,
+    how: MeshPaths,
+    folder: str | Path,
+    meshes: MeshFolders,
+    source: str,
+    left_out: list[str] | None = None,
+) -> bytes:
     """A URDF whose meshes and textures are named by paths that MuJoCo, urchin and yourdfpy open; all else as it was.
 
     Names that begin with ``package://``, ``model://`` or ``file://``, and relative ones, are looked for. Absolute
@@ -274,11 +321,13 @@ def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: Mes
         Where files are looked for.
     source : str
         Its name, for messages.
+    left_out : list of str, optional
+        Files that cannot be named are left out with what is made of them, and are added to this list.
 
     Raises
     ------
     RobotError
-        If a file is not found, or lies where the URDF may not look.
+        If a file is not found, or lies where the URDF may not look, and none is to be left out.
     """
     if how == "package":
         return data
@@ -290,7 +339,13 @@ def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: Mes
         scheme, address, _ = name.partition("://")
         if name and not os.path.isabs(name) and (not address or scheme in ("package", "model", "file")):
             by_name.setdefault((name, element.tag), []).append(element)
-    problems = []
+    problems: list[MeshProblem] = []
+
+    def note(problem: MeshProblem, elements: Sequence[XmlElement]) -> None:
+        problems.append(problem)
+        for element in elements if left_out is not None else ():
+            without_shape(element) if element.tag == "mesh" else element.getparent().remove(element)
+
     for (name, kind), elements in list(by_name.items())[: MOST_FILES + 1]:
         try:
             path = meshes.find(name, ENDINGS[kind])
@@ -298,12 +353,14 @@ def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: Mes
             for element in elements:
                 element.set("filename", text)
         except MeshProblem as problem:
-            problems.append(problem)
+            note(problem, elements)
         except ValueError:  # bytes that are no text, control characters, another drive
-            problems.append(MeshProblem("its path cannot be written in a URDF", name))
+            note(MeshProblem("its path cannot be written in a URDF", name), elements)
     if len(by_name) > MOST_FILES:
-        problems = [MeshProblem(f"more than {MOST_FILES} files are too many", "its meshes")]
-    if problems:
+        problems, left_out = [MeshProblem(f"more than {MOST_FILES} files are too many", "its meshes")], None
+    if left_out is not None:
+        left_out += [problem.which for problem in problems]
+    elif problems:
         first, more = problems[0], f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         hint = "; packages are looked for in ROS_PACKAGE_PATH, too" if "not found" in first.reason else ""
         raise RobotError(

@@ -14,7 +14,7 @@ import operator
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr
 from io import StringIO
 from pathlib import Path
@@ -71,7 +71,7 @@ def is_xacro(data: bytes) -> bool:
     return _IS_XACRO.search(data) is not None
 
 
-def expanded(file: Path, arguments: Mapping[str, str]) -> bytes:
+def expanded(file: Path, arguments: Mapping[str, str], package_dirs: Sequence[str | Path] = ()) -> bytes:
     """The URDF of a xacro file.
 
     Parameters
@@ -79,6 +79,8 @@ def expanded(file: Path, arguments: Mapping[str, str]) -> bytes:
     file : Path
     arguments : dict of str to str
         Values of its ``xacro:arg``.
+    package_dirs : sequence of str or Path
+        Folders in which packages are looked up before all others.
 
     Raises
     ------
@@ -87,7 +89,7 @@ def expanded(file: Path, arguments: Mapping[str, str]) -> bytes:
     """
     import xacro
 
-    with _LOCK, _guarded(file), redirect_stderr(StringIO()):
+    with _LOCK, _guarded(file, package_dirs), redirect_stderr(StringIO()):
         try:
             xacro.init_stacks(str(file))
             document = xacro.parse(None, str(file))
@@ -116,12 +118,12 @@ def _refusal(file: Path | str, reason: str) -> RobotError:
 
 
 @contextmanager
-def _guarded(file: Path) -> Iterator[None]:
+def _guarded(file: Path, package_dirs: Sequence[str | Path]) -> Iterator[None]:
     """Xacro with our own expressions, files and packages in place of its own."""
     import xacro
     from xacro import substitution_args
 
-    evaluation = _Expression(file)
+    evaluation = _Expression(file, package_dirs)
     replaced: list[tuple[Any, str, Any]] = [
         (xacro, "safe_eval", evaluation.of_text),
         (xacro, "parse", evaluation.document),
@@ -153,9 +155,12 @@ class _Expression:
     ----------
     file : Path
         Of the robot.
+    package_dirs : sequence of str or Path
+        As `expanded` takes them.
     """
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, package_dirs: Sequence[str | Path] = ()) -> None:
+        self.given = [Path(folder).absolute() for folder in package_dirs]
         self.file, self.steps, self.characters = file, 0, 0
         self.above = file.resolve().parents[:ANCESTORS]
         self.folders = [folder for folder in self.above if (folder / "package.xml").is_file()][:1] or [self.above[0]]
@@ -296,17 +301,22 @@ class _Expression:
         return read_bytes(name, RobotError, limit_bytes=LARGEST_INCLUDE)
 
     def package(self, name: str) -> str:
-        """The folder of a package: above, beside or below the robot's file, or among ROS's and irbcal's packages."""
+        """The folder of a package: as given, above, beside or below the robot's file, or among ROS's and irbcal's."""
         if not _PACKAGE.fullmatch(name):
             raise ValueError(f"{name!r} is no name of a package")
-        candidates = [folder for folder in self.above if folder.name == name or _is_package(folder, name)]
+        candidates = [folder / name for folder in self.given]
+        candidates += [
+            folder for folder in (*self.given, *self.above) if folder.name == name or _is_package(folder, name)
+        ]
         candidates += [folder / name for folder in self.above]
         candidates += [Path(folder) / name for folder in robots.package_dirs()]
         for folder in candidates:
             if folder.is_dir() and folder.resolve().parent != Path(folder.anchor):  # $(find etc)
                 self.folders.append(folder.resolve())
                 return str(folder)
-        raise ValueError(f"the package {name} is not beside this file, nor where ROS_PACKAGE_PATH leads")
+        raise ValueError(
+            f"the package {name} is not beside this file: name the folder that holds it with --package-dir"
+        )
 
 
 def _is_package(folder: Path, name: str) -> bool:

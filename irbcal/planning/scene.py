@@ -206,7 +206,7 @@ def open_scene(
     for name in names("without", without):
         if name not in CONDITIONS:
             raise OptionError.unknown("without", name, tuple(CONDITIONS))
-    opened = open_robot(robot, base_link=base_link, tip_link=tip_link, coupling=coupling)
+    opened = open_robot(robot, base_link=base_link, tip_link=tip_link, coupling=coupling, package_dirs=package_dirs)
     if opened.urdf is None or opened.urdf_bytes is None:
         raise RobotError(
             f"{opened.name}: a plan needs the URDF, which a loaded calibration does not hold: give its folder",
@@ -224,7 +224,7 @@ def open_scene(
         )
     if min_height is None and has_thesis_cube(arm):
         min_height = IRB1600_HEIGHTS
-    folders = [*package_dirs, *([opened.folder] if opened.folder else [])]
+    folders = [*package_dirs, *opened.mesh_folders, *([opened.folder] if opened.folder else [])]
     solids = _solids(opened.urdf_bytes, arm, station, folders, notes) if SOLID & set(on) else None
     on = tuple(name for name in on if solids is not None or name not in SOLID)
     setting = Setting(opened.robot, targets_seen, station, on, margin, acceptance, min_height, solids)

@@ -263,7 +263,7 @@ def build(
     *,
     plan: PlanLike | None = None,
     magnify: float | None = None,
-    package_dir: str | Path | Sequence[str | Path] = (),
+    package_dirs: Sequence[str | Path] = (),
     cube: CubeLike | None = None,
     refit_base: bool = False,
     refit_tool: bool = False,
@@ -274,7 +274,7 @@ def build(
     """Gather a scene; arguments and errors as `irbcal.viewer.view.view`."""
     if magnify is not None and not 0 < magnify <= LARGEST_MAGNIFICATION:
         raise OptionError(f"the magnification must be above 0 and at most 1e6, found {magnify:g}", parameter="magnify")
-    opened = open_robot(source, base_link=base_link, tip_link=tip_link)
+    opened = open_robot(source, base_link=base_link, tip_link=tip_link, package_dirs=package_dirs)
     table = measurements if isinstance(measurements, (str, Path, pd.DataFrame)) else None
     rows = opened.record is not None and feature_views.are_rows(opened.record, point_sets.header(table))
     if plan is None and table is not None and not rows and point_sets.is_plan(table):
@@ -292,8 +292,8 @@ def build(
     ghost = None
     if shown.ghost is not None:
         ghost = _drawn(shadow, links(shadow), T_scene_world @ shown.ghost.T_world_base)
-    folders = [package_dir] if isinstance(package_dir, (str, Path)) else list(package_dir)
-    meshes, problems = link_meshes(urdf, tree, opened.folder, robots.package_dirs(*folders))
+    folders = robots.package_dirs(*package_dirs, *opened.mesh_folders)
+    meshes, problems = link_meshes(urdf, tree, opened.folder, folders)
     points_of = {} if opened.record is None else opened.record.reference_places()
     references = {name: frames.apply(T_scene_world, xyz[None])[0] for name, xyz in points_of.items()}
     models: tuple[Model, ...] = ("nominal", "calibrated")

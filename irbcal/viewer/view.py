@@ -150,7 +150,7 @@ def view(
     *,
     plan: PlanLike | None = None,
     magnify: float | None = None,
-    package_dir: str | Path | Sequence[str | Path] = (),
+    package_dirs: Sequence[str | Path] = (),
     cube: tuple[ArrayLike, float] | None = None,
     refit_base: bool = False,
     refit_tool: bool = False,
@@ -171,8 +171,8 @@ def view(
         for prismatic joints).
     magnify : float, optional
         Magnification of the error vectors; by default a round number that makes them visible.
-    package_dir : str, Path or sequence of them
-        Folders in which ``package://`` names of meshes are looked up.
+    package_dirs : sequence of str or Path
+        Folders in which ``package://`` names of meshes, and packages of a xacro file, are looked up.
     cube : (array_like of shape (3,), float), optional
         ISO 9283 cube: centre in the base link and edge, metres. By default that of the IRB 1600, for it only.
     refit_base : bool
@@ -210,7 +210,7 @@ def view(
             measurements,
             plan=plan,
             magnify=magnify,
-            package_dir=package_dir,
+            package_dirs=package_dirs,
             cube=cube,
             refit_base=refit_base,
             refit_tool=refit_tool,
@@ -387,7 +387,7 @@ def plan_page(plan: Plan) -> str:
     view_page = view(
         scene.source,
         plan=np.array(plan.q),
-        package_dir=scene.package_dirs,
+        package_dirs=scene.package_dirs,
         cube=scene.cube,
         base_link=base,
         tip_link=tip,

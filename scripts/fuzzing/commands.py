@@ -145,7 +145,7 @@ def _calibrate(random: Random) -> list[str]:
     more = _some(
         random, ["--json"], ["--targets", "@t.csv"], ["--verify", "@v.csv"], ["--as-poses"], ["--world-link"],
         ["--holdout", "0"], ["--frame", "ref1,ref2,ref3"], ["--loss", "huber"], ["--hold", "gain*"], ["--split", "last"],
-        ["--mesh-paths", "absolute"], ["--mesh-paths", "relative"],
+        ["--mesh-paths", "absolute"], ["--mesh-paths", "relative"], ["--package-dir", "."],
     )  # fmt: skip
     kind = random.random()
     if kind < 0.15:
@@ -247,7 +247,9 @@ def _controller(random: Random) -> list[str]:
 def _export(random: Random) -> list[str]:
     calibration = random.choice(("@cal", "@cal-map", "@cal-auto"))
     target = random.choice(("cpp", "python", "urdf", "mujoco", "drake", "ros"))
-    more = _some(random, ["--json"], ["--without-frame-terms"], ["--mesh-paths", "package"], _load(random))
+    more = _some(
+        random, ["--json"], ["--without-frame-terms"], ["--mesh-paths", "package"], ["--without-meshes"], _load(random)
+    )
     return ["export", calibration, "--as", target, "--out", ">exported", *more]
 
 

@@ -242,3 +242,13 @@ def test_an_expansion_leaves_the_package_xacro_as_it_was(tmp_path):
     with pytest.raises(RobotError):
         urdf.read(written(tmp_path, ARM.replace("${reach}", "${nothing}")))
     assert (xacro.safe_eval, xacro.parse, xacro.eval_all) == before
+
+
+def test_packages_far_away_are_named(tmp_path):
+    file = written(tmp_path / "here")
+    (tmp_path / "there").mkdir()
+    os.rename(tmp_path / "here" / "arm_parts", tmp_path / "there" / "arm_parts")
+    with pytest.raises(RobotError, match="--package-dir"):
+        urdf.read(file)
+    for folder in (tmp_path / "there", tmp_path / "there" / "arm_parts"):
+        assert len(irbcal.read_urdf(file, package_dirs=[folder]).arm.joint_names) == 3
