@@ -15,7 +15,8 @@ NEXT = "check_urdf {folder}/{word}_calibrated.urdf     # its joints are effectiv
 def files(source: Source) -> ExportFiles:
     """The URDF, ``joint_origins.yaml`` and the joint map."""
     left_out: list[str] = []
-    data, notes = urdf_of(source), ()
+    data = urdf_of(source)
+    notes: tuple[str, ...] = ()
     if source.without_meshes:
         package = urdf_with_meshes(source, lambda path: None)
         data, notes = urdf_xml.serialised(package.tree), package.notes

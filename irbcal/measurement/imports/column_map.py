@@ -75,8 +75,11 @@ class Dialect(_MapModel):
     ``sheet`` is one of a workbook, or a file in a zip archive. ``encoding`` is one of Python's; ``auto`` is UTF-8, or
     what a byte order mark says. ``delimiter: auto`` looks for tabs, semicolons, bars, commas and blanks, in this order;
     ``fixed`` cuts lines at ``starts``, numbers of characters from 0. ``decimal: auto`` takes a comma only where it can
-    be nothing else. Lines that begin with ``comment``, one text or several, are left out. A header may have
-    ``title_rows`` rows (a title above others holds until the next one), and a row of units below.
+    be nothing else, and ``thousands`` is a mark between the digits of large
+    numbers. Lines that begin with ``comment``, one text or several, are left out. A header may have
+    ``title_rows`` rows (a title above others holds until the next one), and a row of units below. ``axis`` names the
+    column that says X, Y or Z where three rows are a point: their columns then stand in one row, as ``NAME X`` ….
+    Cells such as ``X=12.5`` or ``12.5 mm`` are numbers, whose unit is as one in the header.
     """
 
     sheet: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = None
@@ -84,10 +87,12 @@ class Dialect(_MapModel):
     delimiter: Literal["auto", ",", ";", "\t", "|", "tab", "space", "fixed"] = "auto"
     starts: Annotated[list[Annotated[int, Field(ge=0, le=10_000)]], Field(max_length=2000)] = []
     decimal: Literal["auto", ".", ","] = "."
+    thousands: Literal["", "'", ",", ".", " "] = ""
+    axis: Column | None = None
     comment: Comment | Annotated[list[Comment], Field(max_length=50)] | None = None
     skip_rows: Annotated[int, Field(ge=0, le=10_000)] = 0
     header: bool = True
-    title_rows: Annotated[int, Field(ge=1, le=3)] = 1
+    title_rows: Annotated[int, Field(ge=1, le=5)] = 1
     units_row: bool = False
 
     @property

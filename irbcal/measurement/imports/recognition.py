@@ -52,7 +52,11 @@ _MAKERS = (
 _AXIS = re.compile(
     r"(?P<before>.*?)[ _.\-]?(?<![a-zA-Z])(?P<axis>[xyzXYZ])(?:pos|coord)?(?:[ _.\-]?(?P<after>\w*))?", re.IGNORECASE
 )
-_NUMBER = {mark: re.compile(rf"[+-]?(?:\d+(?:\{mark}\d*)?|\{mark}\d+)(?:[eE][+-]?\d+)?") for mark in ".,"}
+_PLAIN = {mark: re.compile(rf"[+-]?(?:\d+(?:\{mark}\d*)?|\{mark}\d+)(?:[eE][+-]?\d+)?") for mark in ".,"}
+_DRESSED = {
+    mark: re.compile(rf"(?:[^\W\d]\w{{0,20}}\s*=\s*)?{number.pattern}(?:\s*(?:{tables.UNIT}))?", re.IGNORECASE)
+    for mark, number in _PLAIN.items()
+}
 _SEPARATORS = ("_", "-", "@", "/", " ", ".", ":")
 
 FEWEST_ROWS = 4
@@ -85,6 +89,17 @@ _QUALIFIERS = {key: _any_of(key) for key in ("deviation", "nominal", "actual")}
 _SETS = {key: {_folded(word) for word in words} for key, words in _WORDS.items()}
 _UNIT_LINE = re.compile("|".join(_SETS["units"]))
 _KNOWN_WORDS = {word for words in _WORDS.values() for word in words if not word.isascii()}
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    """Whether a cell is a number, also as ``X=12.5`` or ``12.5 mm``."""
+    if _PLAIN[decimal].fullmatch(cell):
+        return True
+    return (cell[-1:].isalpha() or cell[-1:] in '°"' or "=" in cell) and bool(_DRESSED[decimal].fullmatch(cell))
+
+
+def _numbers_in(row: Sequence[str], decimal: str) -> int:
+    return sum(_is_number(cell, decimal) for cell in row)
 
 
 # --- one table: where it stands in its file
@@ -144,12 +159,15 @@ def _sheet(source: str) -> Sheet | None:
             tables.titles_of(line, BLANKS, width) if len(row) > width else row
             for line, row in zip(lines, cells, strict=True)
         ]
-    number = _NUMBER[layout["decimal"]]
-    numeric = [sum(bool(number.fullmatch(cell)) for cell in row) for row in cells]
+    decimal = layout["decimal"]
+    numeric = [_numbers_in(row, decimal) for row in cells]
     usual = float(
         np.median([count for row, count in zip(cells, numeric, strict=True) if len(row) == width and count >= 3])
     )
-    first = next(k for k, row in enumerate(cells) if len(row) == width and numeric[k] >= max(3, 0.5 * usual))
+    filled = [k for k, row in enumerate(cells) if any(row)]
+    is_full = [len(cells[k]) == width and numeric[k] >= max(3, 0.5 * usual) for k in filled]
+    # a row of targets' numbers is a title: titles follow it
+    first = next(k for k, row, after in zip(filled, is_full, [*is_full[1:], True], strict=True) if row and after)
     shapes = Counter(_skeleton(row[0]) for k, row in enumerate(cells[first:], first) if numeric[k] >= 3)
     header, titles, units = _header(cells, first, width)
     left_out: list[str] = []
@@ -173,13 +191,20 @@ def _sheet(source: str) -> Sheet | None:
     if marks:
         layout["comment"] = sorted(marks)
     comments = [lines[k].strip() for k in range(layout["skip_rows"]) if lines[k].strip()]
-    table = tables.read(source, validated(Dialect, layout, source), _lost_marks(cells, first, width, number))
+    excuses = _lost_marks(cells, first, width, decimal)
+    table = tables.read(source, validated(Dialect, layout, source), excuses)
+    for k in range(table.width):
+        axes = table.cells[k].str.casefold()
+        if len(axes) >= 3 * FEWEST_ROWS and len(axes) % 3 == 0 and (axes == np.resize(tables.AXES, len(axes))).all():
+            layout["axis"] = _column(table, k)
+            table = tables.read(source, validated(Dialect, layout, source), excuses)
+            break
     return Sheet(source, layout, table, tuple(comments), tuple(left_out))
 
 
-def _lost_marks(cells: list[list[str]], first: int, width: int, number: re.Pattern[str]) -> list[str]:
+def _lost_marks(cells: list[list[str]], first: int, width: int, decimal: str) -> list[str]:
     """What stands in columns of numbers in place of them, in small letters: it excuses a short row."""
-    return sorted({cell.lower() for row in cells[first:] for cell in row if not number.fullmatch(cell)})[:200]
+    return sorted({cell.lower() for row in cells[first:] for cell in row if not _is_number(cell, decimal)})[:200]
 
 
 def _is_row(row: Sequence[str], width: int, numeric: int, shapes: Counter[str]) -> bool:
@@ -198,41 +223,60 @@ def _skeleton(name: str) -> str:
 
 def _cutting(lines: Sequence[str], of_workbook: bool) -> tuple[list[list[str]], dict[str, Any], int] | None:
     """Cells of lines by the delimiter and decimal mark that give most numbers, how they were cut, and their number."""
-    best: tuple[float, str, str, list[list[str]], int] | None = None
+    best: tuple[float, str, str, str, list[list[str]], int] | None = None
+    spaced = tables.with_units(lines)
+    marks = _marks_of_numbers("\n".join(lines))
     for delimiter in ("\t",) if of_workbook else ("\t", ";", "|", ",", BLANKS):
         present = delimiter == BLANKS or any(delimiter in line for line in lines)
         if not present:
             continue
-        cells = [tables._fields(line, delimiter) if line.strip() else [] for line in lines]
-        cells = [[cell.strip() for cell in row] for row in cells]
-        for decimal in (".",) if of_workbook else (".", ","):
-            number = _NUMBER[decimal]
-            counts = [sum(bool(number.fullmatch(cell)) for cell in row) for row in cells]
+        of_delimiter = spaced if delimiter == BLANKS else lines
+        raw = [tables._fields(line, delimiter) if line.strip() else [] for line in of_delimiter]
+        raw = [[cell.strip() for cell in row] for row in raw]
+        for thousands, decimal in marks:
+            cells = raw
+            if thousands:
+                cells = [[tables.without_thousands(cell, thousands, decimal) for cell in row] for row in raw]
+            counts = [_numbers_in(row, decimal) for row in cells]
             widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 3)
             if not widths:
                 continue
             width = widths.most_common(1)[0][0]
             score = sum(count for row, count in zip(cells, counts, strict=True) if len(row) == width and count >= 3)
             if best is None or score > best[0]:
-                best = score, delimiter, decimal, cells, width
+                best = score, delimiter, thousands, decimal, cells, width
     if best is None:
         return None
-    _, delimiter, decimal, cells, width = best
+    _, delimiter, thousands, decimal, cells, width = best
     if sum(len(row) == width for row in cells) < FEWEST_ROWS:
         return None
     layout: dict[str, Any] = {"delimiter": {BLANKS: "space", "\t": "tab"}.get(delimiter, delimiter), "decimal": decimal}
+    layout |= {"thousands": thousands} if thousands else {}
     if delimiter == BLANKS:
-        fixed = _fixed(lines, cells, _NUMBER[decimal])
+        fixed = _fixed(spaced, cells, decimal)
         if fixed is not None:
-            cells = [tables.cut(line, fixed) if line.strip() else [] for line in lines]
+            cells = [tables.cut(line, fixed) if line.strip() else [] for line in spaced]
+            cells = [[tables.without_thousands(cell, thousands, decimal) for cell in row] for row in cells]
             layout |= {"delimiter": "fixed", "starts": fixed}
             width = len(fixed)
     return cells, layout, width
 
 
-def _fixed(lines: Sequence[str], cells: Sequence[Sequence[str]], number: re.Pattern[str]) -> list[int] | None:
+def _marks_of_numbers(text: str) -> list[tuple[str, str]]:
+    """Marks of thousands (none: empty) and of decimals that numbers may have; the former where one proves it."""
+    of_thousands = (
+        ("'", ".", r"\d['\u2019]\d{3}(?!\d)"),
+        ("'", ",", r"\d['\u2019]\d{3}(?!\d)"),
+        (",", ".", r"\d,\d{3}\.\d"),
+        (".", ",", r"\d\.\d{3},\d"),
+    )
+    proven = [(mark, decimal) for mark, decimal, proof in of_thousands if re.search(proof, text)]
+    return [("", "."), ("", ","), *proven]
+
+
+def _fixed(lines: Sequence[str], cells: Sequence[Sequence[str]], decimal: str) -> list[int] | None:
     """Where columns of fixed width begin; None where blanks between the cells separate them as well."""
-    is_row = [sum(bool(number.fullmatch(cell)) for cell in row) >= 3 for row in cells]
+    is_row = [_numbers_in(row, decimal) >= 3 for row in cells]
     first, last = is_row.index(True), len(is_row) - 1 - is_row[::-1].index(True)
     widths = {len(row) for row in cells[first : last + 1] if row}
     if len(widths) == 1:
@@ -265,13 +309,12 @@ def _header(cells: Sequence[Sequence[str]], first: int, width: int) -> tuple[int
         if not titles and not units and all(_is_unit(cell) for cell in row):
             units, top = True, k
         elif not titles and len(row) >= max(2, (min(width, len(cells[first])) + 1) // 2) and len(cells[k]) <= width + 1:
-            numbers = sum(bool(_NUMBER["."].fullmatch(cell)) for cell in row)
+            numbers = _numbers_in(row, ".")
             if numbers > len(row) // 2 or any(cell.endswith((":", "\uff1a")) for cell in row):
                 break
             titles, top = 1, k
-        elif titles == 1 and len(row) >= 2 and len(cells[k]) <= width + 1 and _repeats(cells[top]):
-            titles, top = 2, k
-            break
+        elif 1 <= titles < 5 and len(row) >= 2 and len(cells[k]) <= width + 1 and _repeats(cells[top]):
+            titles, top = titles + 1, k
         else:
             break
     return (top, titles, units) if titles else (first, 0, False)
@@ -311,6 +354,8 @@ class Roles:
         Columns of names, and what they seem to name: pose, target, name or nothing.
     joint_unit, length_unit : str or None
         As the header or the lines before it declare them.
+    computed : bool
+        The positions are called as those that a controller computes.
     """
 
     joints: tuple[int, ...] = ()
@@ -319,6 +364,7 @@ class Roles:
     labels: Mapping[int, str] = field(default_factory=dict)
     joint_unit: str | None = None
     length_unit: str | None = None
+    computed: bool = False
 
 
 def _parsed(text: str) -> _Name:
@@ -352,7 +398,7 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
     programmed = _joints_of(names, numeric, ("nominal",))
     if not joints:
         joints, programmed = programmed, ()
-    positions = _positions_of(names, numeric, {*joints, *programmed})
+    positions, computed = _positions_of(names, numeric, {*joints, *programmed})
     used = {*joints, *programmed, *(k for three in positions.values() for k in three)}
     labels = {}
     for k, name in enumerate(names):
@@ -364,8 +410,8 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
         )
         if k not in used and (hint or not numeric[k]):
             labels[k] = hint
-    units = {names[k].unit for k in joints} - {None}
-    lengths = {names[k].unit for three in positions.values() for k in three} - {None}
+    units = {names[k].unit or table.units.get(k) for k in joints} - {None}
+    lengths = {names[k].unit or table.units.get(k) for three in positions.values() for k in three} - {None}
     if len(units) > 1 or len(lengths) > 1:
         return
     yield Roles(
@@ -375,6 +421,7 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
         labels,
         next(iter(units), declared.get("joints")),
         next(iter(lengths), declared.get("lengths")),
+        computed,
     )
 
 
@@ -423,27 +470,50 @@ def _joints_of(names: Sequence[_Name], numeric: Sequence[bool], kinds: Sequence[
     return ()
 
 
-def _positions_of(names: Sequence[_Name], numeric: Sequence[bool], used: set[int]) -> dict[str | None, tuple[int, ...]]:
-    """Columns of the measured positions by target, None for one target in a row; none where there are none."""
-    by_label: dict[tuple[str, str], dict[str, int]] = {}
+def _positions_of(
+    names: Sequence[_Name], numeric: Sequence[bool], used: set[int]
+) -> tuple[dict[str | None, tuple[int, ...]], bool]:
+    """Columns of the measured positions by target, None for one target in a row; whether a controller computed them."""
+    by_label: dict[tuple[str, str, int], dict[str, int]] = {}
+    again: Counter[tuple[str, str, str]] = Counter()
     for k, name in enumerate(names):
         match = _AXIS.fullmatch(name.bare)
         if match and k not in used and numeric[k] and name.kind != "deviation":
             label = "_".join(part for part in (match["before"].strip(" _.-:"), match["after"] or "") if part)
-            by_label.setdefault((name.kind, label), {}).setdefault(match["axis"].lower(), k)
+            label = _bare_label(label)
+            axis = match["axis"].lower()
+            times = again[name.kind, label, axis]  # X Y Z X Y Z: as many targets
+            again[name.kind, label, axis] += 1
+            by_label.setdefault((name.kind, label, times), {})[axis] = k
     whole = {key: tuple(axes[a] for a in "xyz") for key, axes in by_label.items() if len(axes) == 3}
     whole = {
         key: three for key, three in whole.items() if not _SETS["beside"] & set(re.split(r"[ _.\-]+", _folded(key[1])))
     }
-    kinds = {kind for kind, _ in whole}
+    kinds = {kind for kind, _, _ in whole}
     kind = next((kind for kind in ("actual", "") if kind in kinds), None)
-    of_kind = {label: three for (kind_of, label), three in whole.items() if kind_of == kind}
+    repeated = {label for kind_of, label, times in whole if kind_of == kind and times}
+    of_kind = {
+        f"{label}{times + 1}" if label in repeated else label: three
+        for (kind_of, label, times), three in whole.items()
+        if kind_of == kind
+    }
+    computed = bool(of_kind) and all(_folded(label) in _SETS["controller"] for label in of_kind)
     if any(_folded(label) not in _SETS["controller"] for label in of_kind):
         of_kind = {label: three for label, three in of_kind.items() if _folded(label) not in _SETS["controller"]}
     single = next((label for label in of_kind if _folded(label) in _SETS["single"]), None)
     if single is not None:
-        return {None: of_kind[single]}
-    return {f"smr{label}" if label.isdigit() else label: three for label, three in of_kind.items()}
+        return {None: of_kind[single]}, computed
+    return {f"smr{label}" if label.isdigit() else label: three for label, three in of_kind.items()}, computed
+
+
+def _bare_label(label: str) -> str:
+    """A target's name without words that say what a position is, such as those above its columns."""
+    words = re.split(r"([ _]+)", label)
+    while len(words) > 1 and _folded(words[0]) in _SETS["beside_names"]:
+        words = words[2:]
+    while len(words) > 1 and _folded(words[-1]) in _SETS["beside_names"]:
+        words = words[:-2]
+    return "".join(words)
 
 
 def _roles_by_values(
@@ -452,7 +522,8 @@ def _roles_by_values(
     """What columns without names may hold; a trial fit tells which."""
     labels = {k: "" for k in range(table.width) if not numeric[k]}
     columns = [k for k in range(table.width) if numeric[k]]
-    units = declared.get("joints"), declared.get("lengths")
+    in_cells = {"joints" if unit in tables.ANGLE_DEG else "lengths": unit for unit in table.units.values()}
+    units = in_cells.get("joints", declared.get("joints")), in_cells.get("lengths", declared.get("lengths"))
     if len(columns) == 3:
         yield Roles((), (), {None: tuple(columns)}, labels, *units)
         return
@@ -820,8 +891,11 @@ def recognise(
         for sheet in of_file:
             understood.append((sheet, [_with_units(roles, declared or {}) for roles in _roles(sheet, dof)]))
     both, points, only_joints = [], [], []
+    measured_elsewhere = any(roles.positions and not roles.computed for _, answers in understood for roles in answers)
     for sheet, answers in understood:
         for roles in answers:
+            if roles.computed and roles.joints and measured_elsewhere:
+                roles = replace(roles, positions={})
             if joints is not None and tables.file_of(sheet.source) == Path(joints):
                 if roles.joints:
                     only_joints.append(_Table(sheet, roles))

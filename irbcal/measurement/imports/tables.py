@@ -57,6 +57,13 @@ UNITS = {
     "rad": ("rad", "radian", "radians", "radiant", "弧度", "ラジアン"),
 }
 """Spellings of units in headers."""
+UNIT = "|".join(re.escape(text) for texts in UNITS.values() for text in sorted(texts, key=len, reverse=True))
+"""Any unit, for regular expressions."""
+_DRESSED = re.compile(rf"(?:([^\W\d]\w{{0,20}})\s*=\s*)?([^=]*?)\s*({UNIT})?", re.IGNORECASE)
+_WITH_UNIT = re.compile(rf"([+-]?[\d.,']*\d[\d.,]*)(\s+)({UNIT})(?=\s|$)", re.IGNORECASE)
+_DIGITS = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
+_BLANK_UNIT = re.compile(rf"\d[.,]?[^\S\n]+(?:{UNIT})(?:\s|$)", re.IGNORECASE)
+AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +82,8 @@ class TextTable:
         Line of the header.
     decimal : str
         ``.``, ``,`` or ``auto``.
+    units : dict of int to str
+        Units that stand in the cells of columns, behind each number.
     """
 
     source: str
@@ -82,6 +91,7 @@ class TextTable:
     names: tuple[str, ...] | None
     header_line: int
     decimal: str
+    units: dict[int, str] = field(default_factory=dict)
     _numbers: dict[int, FloatArray] = field(default_factory=dict, init=False)
 
     @property
@@ -171,9 +181,9 @@ class TextTable:
     def check_unit(self, k: int, declared: str | None, key: str) -> None:
         """Refuse a unit in the header's brackets that is not the declared one."""
         name = self.names[k] if self.names else ""
-        unit = _without_unit(name)[1]
+        unit = _without_unit(name)[1] or self.units.get(k)
         if unit and unit != declared:
-            raise self.header_fault(f"expected {key} {declared} as declared in the map, found {unit}", name)
+            raise self.header_fault(f"expected {key} {declared} as declared in the map, found {unit}", name or None)
 
     def text(self, k: int) -> pd.Series:
         """Cells of a column, Series of str."""
@@ -288,6 +298,8 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
             f"expected {content} after {dialect.skip_rows} skipped rows, found {len(rows)} rows", file=source
         )
     separator = _separator(dialect, [line for _, line in rows[:50]])
+    if separator == BLANKS or dialect.delimiter == "fixed":
+        rows = list(zip((k for k, _ in rows), with_units([line for _, line in rows]), strict=True))
     if dialect.delimiter == "fixed":
         if not dialect.starts:
             raise MeasurementError(
@@ -310,8 +322,94 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
     _refuse_short_rows(cells, lines, separator, source, allowed_short)
     cells = _named_columns(cells, names, source)
     header = None if names is None else tuple(names[: cells.shape[1]])
+    if dialect.thousands:
+        cells = cells.map(lambda cell: without_thousands(cell, dialect.thousands, dialect.decimal))
+    cells, header, units = _undressed(cells, header)
+    if dialect.axis is not None:
+        table = TextTable(source, cells, header, header_line, dialect.decimal, units)
+        cells, header, units = _in_one_row(table, dialect.axis)
     alone = separator == "," and dialect.decimal == "auto"
-    return TextTable(source, cells, header, header_line, "." if alone else dialect.decimal)
+    return TextTable(source, cells, header, header_line, "." if alone else dialect.decimal, units)
+
+
+def with_units(lines: Sequence[str]) -> Sequence[str]:
+    """Lines in which units follow their numbers without a blank; all else stays where it is."""
+    if _BLANK_UNIT.search("\n".join(lines)) is None:
+        return lines
+    return [_WITH_UNIT.sub(r"\2\1\3", line) for line in lines]
+
+
+def without_thousands(cell: str, mark: str, decimal: str) -> str:
+    """A number without marks between its thousands, ``1,234.5``; other cells as they are."""
+    point = "," if decimal == "," else "."
+    bare = cell.replace("\u2019", "'")
+    if mark not in bare or mark == point:
+        return cell
+    dressed = _DRESSED.fullmatch(bare)
+    number = dressed[2] if dressed else bare
+    if re.fullmatch(rf"[+-]?\d{{1,3}}(?:{re.escape(mark)}\d{{3}})+(?:{re.escape(point)}\d*)?", number):
+        return bare.replace(number, number.replace(mark, ""))
+    return cell
+
+
+def _undressed(
+    cells: pd.DataFrame, names: tuple[str, ...] | None
+) -> tuple[pd.DataFrame, tuple[str, ...] | None, dict[int, str]]:
+    """Cells without the name and the unit that stand in each cell of a column; names and units."""
+    units: dict[int, str] = {}
+    titles = [""] * cells.shape[1]
+    undressed: dict[int, pd.Series] = {}
+    for k in range(cells.shape[1]):
+        column = cells[k]
+        parted = [match for cell in column.iloc[:50] if (match := _DRESSED.fullmatch(cell))]
+        if not any((match[1] or match[3]) and _DIGITS.fullmatch(match[2]) for match in parted):
+            continue
+        parts = column.str.extract(f"^(?:{_DRESSED.pattern})$", flags=re.IGNORECASE).fillna("")
+        is_number = parts[1].str.fullmatch(_DIGITS).to_numpy(dtype=bool)
+        counts = is_number & ~column.isin(["0", "0.0", "0,0"]).to_numpy()  # marks of lost points
+        names_of, units_of = (set(parts.loc[counts, part].str.casefold()) for part in (0, 2))
+        if len(names_of) != 1 or len(units_of) != 1 or names_of | units_of == {""}:
+            continue
+        titles[k], unit = (parts.loc[counts, part].iloc[0] for part in (0, 2))
+        if names is not None and titles[k]:
+            continue
+        dressed = is_number | (parts[0].str.casefold().isin(names_of).to_numpy() & bool(titles[k]))
+        if unit:
+            units[k] = str(unit_of(unit))
+        undressed[k] = column.where(~dressed, parts[1])
+    if undressed:
+        cells = cells.copy()
+        for k, column in undressed.items():
+            cells[k] = column
+    return cells, tuple(titles) if names is None and any(titles) else names, units
+
+
+def _in_one_row(table: TextTable, axis: Column) -> tuple[pd.DataFrame, tuple[str, ...] | None, dict[int, str]]:
+    """Three rows of a point, one an axis, as one; columns that are the same in all three stand there once."""
+    at = table.find(axis, "the axis")
+    said = table.cells[at].str.casefold().to_numpy()
+    if len(said) % 3 or not (said.reshape(-1, 3) == AXES).all():
+        wrong = np.flatnonzero(said != np.resize(AXES, len(said)))
+        row = int(wrong[0]) if len(wrong) else len(said) - 1
+        raise table.fault(
+            f"expected the axis {AXES[row % 3].upper()}, found {short(table.cells[at].iloc[row])!r}", row, at
+        )
+    columns: list[pd.Series] = []
+    names: list[str] = []
+    units: dict[int, str] = {}
+    for k in range(table.width):
+        three = [table.cells[k].iloc[j::3].to_numpy() for j in range(3)]
+        if k == at:
+            continue
+        same = all((three[0] == other).all() for other in three[1:])
+        for j in range(1 if same else 3):
+            if k in table.units:
+                units[len(columns)] = table.units[k]
+            columns.append(pd.Series(three[j], index=table.cells.index[::3]))
+            bare, unit = _without_unit(table.label(k))
+            title = f"{bare} {AXES[j].upper()}" + (f" [{unit}]" if unit else "")
+            names.append(table.label(k) if same else title)
+    return pd.concat(dict(enumerate(columns)), axis=1), tuple(names), units
 
 
 def titles_of(line: str, separator: str, width: int) -> list[str]:
