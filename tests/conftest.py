@@ -37,20 +37,23 @@ gc.set_threshold(300000, 20, 100)
 
 
 LONG = (
-    "test_pages.py",
     "test_style.py",
-    "test_any_robot.py",
-    "test_fuzz.py",
-    "test_auto.py",
+    "test_pages.py",
+    "test_app.py",
     "test_evidence.py",
-    "test_adversaries.py",
-    "test_evidence_fit.py",
-    "test_chapter_7.py",
-    "test_loads.py",
-    "test_browser.py",
+    "test_fuzz.py",
     "test_docs.py",
-    "test_axis_calibration.py",
+    "test_cli.py",
+    "test_feature_errors.py",
+    "test_adversaries.py",
+    "test_real_robot.py",
+    "test_tables.py",
     "test_parallel.py",
+    "test_kernel.py",
+    "test_any_robot.py",
+    "test_terminal.py",
+    "test_taught_frames.py",
+    "test_store.py",
 )
 """Files that take longest."""
 
@@ -128,25 +131,23 @@ def fits_once(shared_folder):
         yield
 
 
-SHORT_SERIES = (
-    "cli/test_loads.py",
-    "io/test_integrity.py",
-    "reports/test_report_charts.py",
-    "test_any_robot.py",
-    "test_every_arm.py",
-    "test_fuzz.py",
-    "test_pages.py",
-    "test_sessions.py",
-    "test_walk.py",
-    "viewer/test_building.py",
+LONG_SERIES = (
+    "cli/test_cli.py",
+    "identification/test_evidence.py",
+    "identification/test_term_sets.py",
+    "tests/test_loads.py",
+    "tests/test_real_robot.py",
+    "tests/test_tables.py",
+    "validation/test_doubts.py",
 )
+"""Files whose error models are averaged with the long series of harmonics, which take three quarters of the time."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def short_series(request):
-    """Here error models are averaged without long series of harmonics, which take three quarters of the time."""
+    """Elsewhere they are left out; programs in processes of their own have them."""
     with pytest.MonkeyPatch.context() as patch:
-        if str(request.path).endswith(SHORT_SERIES):
+        if not str(request.path).endswith(LONG_SERIES):
             patch.setattr(term_sets, "CHOICES", [c for c in term_sets.CHOICES if c[1] <= term_sets.LOW])
         yield
 

@@ -131,15 +131,6 @@ def test_they_belong_to_model_auto(tmp_path):
             irbcal.calibrate(tmp_path / "m.csv", "irb120", terms="all", **options)
 
 
-def test_irb120(shared_data):
-    """A real robot at its programmed joints, poses that the fit has not seen."""
-    data = shared_data / "irb120_laser_tracker" / "measurements_with_commands.csv"
-    usable = irbcal.calibrate(data, "irb120", "nominal", holdout=0).record.poses_fit
-    made = irbcal.calibrate(data, "irb120", terms="all", holdout=usable - 200, split="last")
-    assert made.record.heldout.all.mean_mm <= 0.053
-    assert made.record.heldout.all.max_mm <= 0.28
-
-
 def test_exports_refuse_them_and_leave_them_out_if_told(folder, tmp_path):
     with pytest.raises(CalibrationError, match="frame terms"):
         irbcal.export(folder, "python", tmp_path / "out")

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from fleet_support import manifest, measured
+from parallel_tasks import deadly, matrix, process, slow
 from threadpoolctl import threadpool_limits
 
 import irbcal
@@ -21,25 +22,6 @@ from irbcal.identification import problem
 from irbcal.io import robots
 from irbcal.measurement import cleaning
 from irbcal.validation import accuracy
-
-
-def matrix(shared, item):
-    """Numbers that depend on the order in which linear algebra adds up."""
-    A = np.random.default_rng(item).standard_normal((shared, 3 * shared))
-    return (np.linalg.inv(A @ A.T) @ A).tobytes()
-
-
-def slow(shared, item):
-    time.sleep(0.05)
-
-
-def deadly(folder, item):
-    """Item 3 kills its worker the first time, item 5 always."""
-    path = Path(folder) / f"{item}-{time.monotonic_ns()}"
-    path.touch()
-    if item == 5 or (item == 3 and len(list(Path(folder).glob("3-*"))) == 1):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return item * item
 
 
 def test_threads_keep_the_order_and_are_taken_for_large_work_only(monkeypatch):
@@ -70,10 +52,6 @@ def test_processes_give_the_same_bytes_each_once():
 def test_small_work_stays_here_unless_workers_are_asked_for():
     pids = {pid for _, pid in parallel.each(process, None, range(4), seconds=0.01)}
     assert pids == {os.getpid()}
-
-
-def process(shared, item):
-    return os.getpid()
 
 
 def test_a_killed_worker_loses_nothing_and_a_deadly_task_is_named(tmp_path):
@@ -239,7 +217,7 @@ def test_an_interruption_lets_what_is_under_way_end():
 
 def test_a_killed_program_leaves_no_process(tmp_path):
     code = (
-        "import os, sys, time; sys.path.insert(0, sys.argv[1]); import test_parallel as t; from irbcal import parallel\n"
+        "import os, sys, time; sys.path.insert(0, sys.argv[1]); import parallel_tasks as t; from irbcal import parallel\n"
         "if __name__ == '__main__':\n"
         "    with parallel.using(2):\n"
         "        for _, pid in parallel.each(t.process, None, range(1000), seconds=9.0): print(pid, flush=True); time.sleep(0.01)\n"

@@ -1,14 +1,16 @@
-"""A real IRB 120 and a real tracker: held-out accuracy against an independent calculation."""
+"""A real IRB 120 and a real UR10 at trackers: held-out accuracy, of the levels against an independent calculation."""
 
 import numpy as np
 import pandas as pd
 import pytest
-from support import example_robot, proven_of
+from support import assert_same_poses, example_robot, proven_of
 
+import irbcal
 from irbcal.io import urdf, urdf_check
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances, rotation_distances
 from irbcal.statistics import statistics
+from irbcal.validation.accuracy import coverage
 
 INDEPENDENT_MEAN_MM = {"nominal": 0.826, "11": 0.571, "16": 0.506, "26": 0.498, "34": 0.439}
 """Fit on the first 200 clean poses, verified on the other 296: computed outside this project."""
@@ -97,3 +99,64 @@ def test_calibrated_ur10_keeps_its_links_in_place(shared_data, tmp_path):
     written = urdf.to_bytes(proven.urdf, proven.fit.robot.arm)
     check = urdf_check.check(written, proven.fit.robot.arm)
     assert max(check["position_m"], check["rotation_rad"]) < 1e-12
+
+
+# --- model auto from end to end -----------------------------------------------------------------------------
+
+
+def irb120(shared_data, path=None):
+    """The file with programmed joints, or a copy without them."""
+    file = shared_data / "irb120_laser_tracker" / "measurements_with_commands.csv"
+    if path is None:
+        return file
+    pd.read_csv(file).drop(columns=[f"c{k}_deg" for k in range(1, 7)]).to_csv(path, index=False)
+    return path
+
+
+def test_irb120_at_programmed_joints(shared_data, tmp_path):
+    data = irb120(shared_data)
+    usable = irbcal.calibrate(data, "irb120", "nominal", holdout=0).record.poses_fit
+    made = irbcal.calibrate(data, "irb120", "auto", holdout=usable - 200, split="last")
+    assert made.record.poses_fit == 200
+    assert made.record.heldout.all.mean_mm <= 0.072
+    assert made.record.heldout.all.max_mm <= 0.30
+    assert any("200 cycles per turn" in note for note in made.record.notes)
+    assert made.record.evidence.readings_gain is None
+    q = made.arm().random_joints(200, 1)
+    made.save(tmp_path / "cal")
+    loaded = irbcal.load(tmp_path / "cal").robot_calibrated()
+    assert_same_poses(loaded.poses(q), made.proven.fit.robot.poses(q), 1e-9, 1e-9)
+    assert 0.92 < coverage(loaded, made.proven.heldout_points)["parts"]["all"]["inside"] < 0.98
+    assert not [note for note in made.record.notes if "only where measured" in note]
+
+
+def test_irb120_at_readings(shared_data, tmp_path):
+    data = irb120(shared_data, tmp_path / "q.csv")
+    made = irbcal.calibrate(data, "irb120", "auto", holdout=296, split="last")
+    assert made.record.evidence.readings_lag
+    note = next(note for note in made.record.notes if "readings from before the arm stood still" in note)
+    assert float(note.split("held-out mean is ")[1].split(" mm")[0]) < 0.24
+    level = irbcal.calibrate(data, "irb120", "34", holdout=296, split="last")
+    assert made.record.heldout.all.mean_mm < level.record.heldout.all.mean_mm
+    # the model is right at programmed joints, which it has never seen
+    programmed = irbcal.calibrate(irb120(shared_data), "irb120", "34", holdout=296, split="last")
+    assert distances(made.proven.fit.robot, programmed.proven.heldout_points).mean() < 0.09e-3
+
+
+def test_points_of_a_ur10_that_are_3_mm_off_are_named_and_left_out(shared_data, tmp_path):
+    rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
+    rows = rows[rows["group"] == "grid"].drop(columns=["qw", "qx", "qy", "qz"]).dropna(subset=["x_mm"])
+    rows = rows.sample(240, random_state=1)
+    wrong = rows["pose"].iloc[[10, 50]].tolist()
+    rows.to_csv(tmp_path / "clean.csv", index=False)
+    off = rows["pose"].isin(wrong)
+    rows.loc[off, "z_mm"] = (rows.loc[off, "z_mm"].astype(float) + 3.0).astype(str)
+    rows.to_csv(tmp_path / "m.csv", index=False)
+    options = {"robot": "ur10", "model": "auto", "holdout": 150, "split": "last"}
+    good = irbcal.calibrate(tmp_path / "clean.csv", **options)
+    made = irbcal.calibrate(tmp_path / "m.csv", **options)
+    assert not good.record.excluded
+    assert sorted(point.pose for point in made.record.excluded) == sorted(wrong)
+    assert all(point.reason.startswith("gross error") for point in made.record.excluded)
+    assert [note for note in made.record.notes if all(pose in note for pose in wrong)]
+    assert made.record.heldout.all.mean_mm < 1.15 * good.record.heldout.all.mean_mm

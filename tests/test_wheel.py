@@ -39,7 +39,7 @@ def test_it_calibrates_away_from_the_checkout(installed, tmp_path):
     run = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": str(installed)}, "capture_output": True, "text": True}
     where = subprocess.run([sys.executable, "-c", "import irbcal; print(irbcal.__file__)"], **run)
     assert where.stdout.startswith(str(installed))
-    done = subprocess.run([sys.executable, "-m", "irbcal", "demo", "--out", "demo"], **run)
+    done = subprocess.run([sys.executable, "-m", "irbcal", "demo", "--model", "11", "--out", "demo"], **run)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
     page = subprocess.run([sys.executable, "-m", "irbcal", "view", "demo", "--html", "v.html"], **run)

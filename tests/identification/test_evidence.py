@@ -255,6 +255,11 @@ def test_held_out_errors_of_a_ur10(shared_data, tmp_path, group, mean, largest):
     assert error[1] < largest
     assert error[2] > 0.9
     assert_documented((f"UR10 {group}", "joint-map", 300, False), *error)
+    if group == "grid":
+        parts = coverage(found.robot, points.select(np.arange(points.poses) >= 300))["parts"]
+        assert 0.92 < parts["all"]["inside"] < 0.98
+        assert parts["outside"]["n"] > 100
+        assert parts["outside"]["inside"] > 0.8
     assert_documented((f"UR10 {group}", "level 34", 300, False), *data.of_level(300, "34"))
 
 
