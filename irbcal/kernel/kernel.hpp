@@ -1043,84 +1043,6 @@ inline void start_of(const Robot& r, const Frame<double>& wanted, const double* 
   for (int i = 0; i < 6; ++i) q[i] = start_turn(r, i, q[i], near);
 }
 
-struct Stage {  // starts, and Steps' straighten and patience, of Newton's method for what the fixed point leaves
-  int starts, straighten, patience;
-};
-constexpr Stage stages[] = {{1, 0, 10}, {6, 0, 10}, {24, 2, 10}, {96, 2, 10}, {64, 2, 30}, {1, 2, 100}};
-constexpr double near_seed = 0.1;  // radians: in whatever branch, such a solution is the one of the seed
-constexpr int most_stages = 6, starts_of_all = 6 + 24 + 96 + 64;
-
-// Newton's steps for a pose that the fixed point left, from where it came to, then from many starts: until one ends in the
-// branch, or next to near, and within the limits. As irbcal/modeling/inverse/calibrated_arm.py has it; what it cannot do is left unsolved.
-// first_rank: of the solution in out; infinite where it is none, -2 where it is one in the branch but beyond the limits.
-// r.starts: six standard normal numbers for each start; r.difference: metres between the tips of nominal and calibrated arm.
-template <class Robot>
-IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const double* signs, const double* near, int count,
-                   double position, double rotation, double first_rank, Solution<double>& out) noexcept {
-  if (!(out.margin > -2.0 * r.difference)) return false;
-  const ClosedForm& a = r.closed;
-  double pulled[6], best[6], best_rank = first_rank, left[2] = {out.position, out.rotation};
-  start_of(r, wanted, signs, near, pulled);
-  const bool finite = std::isfinite(out.q[0] + out.q[1] + out.q[2] + out.q[3] + out.q[4] + out.q[5]);
-  std::copy(finite ? out.q : pulled, (finite ? out.q : pulled) + 6, best);
-  const double q5 = angle_of(a, pulled, 4);
-  const bool plain = std::abs(q5 - pi * std::nearbyint(q5 / pi)) > 0.05 && std::abs(radius_of(a, pulled)) > 5.0 * r.difference;
-  bool folds = true;
-  for (int i = 1; i < 3; ++i) folds = folds && pulled[i] >= r.lower[i] - 0.2 && pulled[i] <= r.upper[i] + 0.2;
-  const double* normal = r.starts;
-  for (int s = 0; s < count && best_rank > -4.0; ++s) {
-    const Stage& stage = stages[s];
-    if (stage.starts > 6 && (!folds || (plain && out.margin < 0.0 && !(left[0] <= 0.1 * r.difference)))) break;
-    const Steps steps{position, rotation, stage.straighten, stage.patience, nullptr, nullptr};
-    int drawn = 0;
-    for (int k = 0; k < stage.starts && best_rank > -4.0; ++k) {
-      double q[6], p = 0.0, t = 0.0, there[3];
-      if (stage.starts == 1) {
-        std::copy(best, best + 6, q);
-      } else if (k == 0 || (k == 1 && near != nullptr)) {
-        std::copy(k == 0 ? pulled : near, (k == 0 ? pulled : near) + 6, q);
-      } else {  // solutions of targets moved a little: on all sides of the holes that errors leave at singularities
-        constexpr double turns[3] = {0.01, 0.0, 0.03}, shifts[3] = {0.0, 0.5, 1.5};
-        const double* of = normal + 6 * drawn++;
-        Vector<double> axis{ {of[0], of[1], of[2]} };
-        const double length = std::sqrt(dot(axis, axis)), angle = turns[k % 3] * length;
-        double sine, cosine;
-        sine_cosine(angle, sine, cosine);
-        for (int m = 0; m < 3; ++m) axis[m] /= length;
-        Frame<double> goal = wanted;
-        for (int m = 0; m < 3; ++m) {
-          const Vector<double> v = wanted.R[m], across = cross(axis, v);
-          const double along = dot(axis, v);
-          for (int j = 0; j < 3; ++j) goal.R[m][j] += sine * across[j] + (1.0 - cosine) * (axis[j] * along - v[j]);
-          goal.o[m] += shifts[k % 3] * r.difference * of[3 + m];
-        }
-        start_of(r, goal, signs, near, q);
-      }
-      out.steps += newton(r, wanted, r.reach, steps, q, p, t);
-      bool fits = true;
-      for (int i = 0; i < 6; ++i)
-        fits = fits && std::ceil((r.lower[i] - limit_tolerance - q[i]) / tau) <= std::floor((r.upper[i] + limit_tolerance - q[i]) / tau);
-      branch_signs(a, q, there);
-      double apart = near == nullptr ? infinity : 0.0;
-      for (int i = 0; near != nullptr && i < 6; ++i) apart = std::max(apart, std::abs(q[i] - near[i]));
-      const bool same = apart < near_seed || (there[0] == signs[0] && there[1] == signs[1] && there[2] == signs[2]);
-      const double rank = p <= position && t <= rotation ? -1.0 - same - 2.0 * fits : p / r.reach + t;
-      if (!(rank < best_rank)) continue;
-      best_rank = rank;
-      std::copy(q, q + 6, best);
-      left[0] = p;
-      left[1] = t;
-    }
-    if (stage.starts > 1) normal += 6 * stage.starts;
-    if (stage.starts >= 24 && best_rank <= -3.0) break;
-  }
-  if (!(best_rank < 0.0)) return false;
-  std::copy(best, best + 6, out.q);
-  out.position = left[0];
-  out.rotation = left[1];
-  return true;
-}
-
 template <class Robot>
 inline bool within_limits(const Robot& r, const double* q) noexcept {
   for (int i = 0; i < 6; ++i)
@@ -1148,6 +1070,106 @@ IRBCAL_APART bool into_limits(const Robot& r, const Frame<double>& wanted, const
   std::copy(q, q + 6, out.q);
   out.position = at.position;
   out.rotation = at.rotation;
+  return true;
+}
+
+struct Stage {  // starts, and Steps' straighten and patience, of Newton's method for what the fixed point leaves
+  int starts, straighten, patience;
+  bool within;  // starts around a seed of the branch, and steps within the limits
+};
+constexpr Stage stages[] = {{1, 0, 10, false}, {6, 1, 30, true},   {6, 0, 10, false}, {24, 2, 10, false},
+                            {96, 2, 10, false}, {64, 2, 30, false}, {1, 2, 100, false}};
+constexpr double around = 0.03;  // radians: of the starts around a seed
+constexpr double near_seed = 0.1;  // radians: in whatever branch, such a solution is the one of the seed
+constexpr int most_stages = 7, starts_of_all = 6 + 24 + 96 + 64;
+
+// Newton's steps for a pose that the fixed point left, from where it came to, then from many starts: until one ends in the
+// branch, or next to near, and within the limits. As irbcal/modeling/inverse/calibrated_arm.py has it; what it cannot do is left unsolved.
+// first_rank: of the solution in out; infinite where it is none, -2 where it is one in the branch but beyond the limits.
+// r.starts: six standard normal numbers for each start; r.difference: metres between the tips of nominal and calibrated arm.
+template <class Robot>
+IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const double* signs, const double* near, int count,
+                   double position, double rotation, double first_rank, Solution<double>& out) noexcept {
+  const bool lacking = out.margin > -2.0 * r.difference;
+  const ClosedForm& a = r.closed;
+  double pulled[6], best[6], best_rank = first_rank, left[2] = {out.position, out.rotation};
+  start_of(r, wanted, signs, near, pulled);
+  const bool finite = std::isfinite(out.q[0] + out.q[1] + out.q[2] + out.q[3] + out.q[4] + out.q[5]);
+  std::copy(finite ? out.q : pulled, (finite ? out.q : pulled) + 6, best);
+  const double q5 = angle_of(a, pulled, 4);
+  const bool plain = std::abs(q5 - pi * std::nearbyint(q5 / pi)) > 0.05 && std::abs(radius_of(a, pulled)) > 5.0 * r.difference;
+  bool folds = true;
+  for (int i = 1; i < 3; ++i) folds = folds && pulled[i] >= r.lower[i] - 0.2 && pulled[i] <= r.upper[i] + 0.2;
+  bool near_is_there = near != nullptr;
+  if (near_is_there) {
+    double there[3];
+    branch_signs(a, near, there);
+    for (int i = 0; i < 3; ++i) near_is_there = near_is_there && there[i] == signs[i];
+  }
+  const double* normal = r.starts;
+  for (int s = 0; s < count && best_rank > -4.0; ++s) {
+    const Stage& stage = stages[s];
+    if (stage.within ? !near_is_there : !lacking) continue;  // a seed may be across a singularity from its solution
+    if (stage.starts > 6 && (!folds || (plain && out.margin < 0.0 && !(left[0] <= 0.1 * r.difference)))) break;
+    const Steps steps{position, rotation, stage.straighten, stage.patience, stage.within ? r.lower : nullptr, r.upper};
+    int drawn = 0;
+    for (int k = 0; k < stage.starts && best_rank > -4.0; ++k) {
+      double q[6], p = 0.0, t = 0.0, there[3];
+      if (stage.starts == 1) {
+        std::copy(best, best + 6, q);
+      } else if (stage.within) {
+        for (int i = 0; i < 6; ++i)
+          q[i] = std::min(std::max(near[i] + (k > 0 ? around * normal[6 * (k - 1) + i] : 0.0), r.lower[i]), r.upper[i]);
+      } else if (k == 0 || (k == 1 && near != nullptr)) {
+        std::copy(k == 0 ? pulled : near, (k == 0 ? pulled : near) + 6, q);
+      } else {  // solutions of targets moved a little: on all sides of the holes that errors leave at singularities
+        constexpr double turns[3] = {0.01, 0.0, 0.03}, shifts[3] = {0.0, 0.5, 1.5};
+        const double* of = normal + 6 * drawn++;
+        Vector<double> axis{ {of[0], of[1], of[2]} };
+        const double length = std::sqrt(dot(axis, axis)), angle = turns[k % 3] * length;
+        double sine, cosine;
+        sine_cosine(angle, sine, cosine);
+        for (int m = 0; m < 3; ++m) axis[m] /= length;
+        Frame<double> goal = wanted;
+        for (int m = 0; m < 3; ++m) {
+          const Vector<double> v = wanted.R[m], across = cross(axis, v);
+          const double along = dot(axis, v);
+          for (int j = 0; j < 3; ++j) goal.R[m][j] += sine * across[j] + (1.0 - cosine) * (axis[j] * along - v[j]);
+          goal.o[m] += shifts[k % 3] * r.difference * of[3 + m];
+        }
+        start_of(r, goal, signs, near, q);
+      }
+      out.steps += newton(r, wanted, r.reach, steps, q, p, t);
+      bool fits = within_limits(r, q);
+      if (p <= position && t <= rotation && !fits) {
+        Solution<double> back{};
+        std::copy(q, q + 6, back.q);
+        fits = into_limits(r, wanted, near, position, rotation, back);
+        out.steps += back.steps;
+        if (fits) {
+          std::copy(back.q, back.q + 6, q);
+          p = back.position;
+          t = back.rotation;
+        }
+      }
+      branch_signs(a, q, there);
+      double apart = near == nullptr ? infinity : 0.0;
+      for (int i = 0; near != nullptr && i < 6; ++i) apart = std::max(apart, std::abs(q[i] - near[i]));
+      const bool same = apart < near_seed || (there[0] == signs[0] && there[1] == signs[1] && there[2] == signs[2]);
+      const double rank = p <= position && t <= rotation ? -1.0 - same - 2.0 * fits : p / r.reach + t;
+      if (!(rank < best_rank)) continue;
+      best_rank = rank;
+      std::copy(q, q + 6, best);
+      left[0] = p;
+      left[1] = t;
+    }
+    if (stage.starts > 1 && !stage.within) normal += 6 * stage.starts;
+    if (stage.starts >= 24 && best_rank <= -3.0) break;
+  }
+  if (!(best_rank < 0.0)) return false;
+  std::copy(best, best + 6, out.q);
+  out.position = left[0];
+  out.rotation = left[1];
   return true;
 }
 
@@ -1374,10 +1396,9 @@ inline std::ptrdiff_t inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_
         inside = good && (within_limits(r, one.q) || into_limits(r, pose, close, w.position, w.rotation, one));
         if (good && !inside && !searched && w.stages > 1) {  // next to a singularity a branch has several solutions
           const double q5 = angle_of(r.closed, one.q, 4), apart = std::min(std::abs(radius_of(r.closed, one.q)), one.margin);
-          if (std::abs(q5 - pi * std::nearbyint(q5 / pi)) < 0.1 || apart < 20.0 * r.difference) {
-            searched = search(r, pose, wanted_signs, close, w.stages, w.position, w.rotation, -2.0, one);
-            inside = within_limits(r, one.q) || into_limits(r, pose, close, w.position, w.rotation, one);
-          }
+          const bool singular = std::abs(q5 - pi * std::nearbyint(q5 / pi)) < 0.1 || apart < 20.0 * r.difference;
+          searched = search(r, pose, wanted_signs, close, singular ? w.stages : 2, w.position, w.rotation, -2.0, one);
+          inside = within_limits(r, one.q) || into_limits(r, pose, close, w.position, w.rotation, one);
         }
         if (good) {
           std::copy(one.q, one.q + 6, q);

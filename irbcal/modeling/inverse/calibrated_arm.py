@@ -8,6 +8,7 @@ calibrated arm times that of its joint map, from several starts. What neither so
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,11 +31,24 @@ BLOCK = 8192
 FEW = 32
 """Poses for which what is done around an iteration takes longer than the iteration."""
 
-NEWTON_STARTS = ((1, 0, 10), (6, 0, 10), (24, 2, 10), (96, 2, 10), (64, 2, 30), (1, 2, 100))
-"""Number of starts, and `newton.solve`'s straighten and patience, one after the other for the poses still left.
+Stage: TypeAlias = tuple[int, int, int, bool]
+NEWTON_STARTS: tuple[Stage, ...] = (
+    (1, 0, 10, False),
+    (6, 1, 30, True),
+    (6, 0, 10, False),
+    (24, 2, 10, False),
+    (96, 2, 10, False),
+    (64, 2, 30, False),
+    (1, 2, 100, False),
+)
+"""Number of starts, `newton.solve`'s straighten and patience, and whether starts are around a seed of the branch and
+steps within the limits, one after the other for the poses still left.
 
 The single start is where the fixed point came to; the last lot is for two singularities at once.
 """
+
+AROUND = 0.03
+"""Radians: standard deviation of the starts around a seed."""
 
 CLOSE = 0.1
 """A target beyond the nominal reach is out of reach when several starts leave more than this share of the largest
@@ -90,7 +104,9 @@ def solve(
         If shapes do not fit, the seed looks like degrees, or the nominal arm has no closed-form inverse.
     """
     if configuration is None:
-        quick = _few_by_kernel(robot, nominal, T_base_tip, seed, position, rotation, 6 if thorough else 1)
+        quick = _few_by_kernel(
+            robot, nominal, T_base_tip, seed, position, rotation, len(NEWTON_STARTS) if thorough else 1
+        )
         if quick is not None:
             return quick
     stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
@@ -140,10 +156,10 @@ def solve_nearest(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: Float
     T = check_poses(T_base_tip)
     seed, branch = closed_form.nearest(nominal, closed_form.branches(nominal, T), near)
     seed = np.where(branch[:, None] >= 0, seed, near)
-    solver = _Solver(robot, nominal, 1e-10, 1e-10, NEWTON_STARTS[:3])
+    solver = _Solver(robot, nominal, 1e-10, 1e-10, NEWTON_STARTS[:4])
     with row_arithmetic("ignore"):
         result = solver.solve(T, seed, None)
-        for stages in (NEWTON_STARTS[:2], NEWTON_STARTS[:3], NEWTON_STARTS):
+        for stages in (NEWTON_STARTS[:1], NEWTON_STARTS[:3], NEWTON_STARTS[:4], NEWTON_STARTS):
             solver.stages = stages
             for configuration in (None, *range(8)):
                 outside = np.flatnonzero(~result.inside & (result.reason != Reason.NOT_A_POSE))
@@ -161,7 +177,7 @@ class _Solver:
         nominal: Arm,
         position: float,
         rotation: float,
-        stages: Sequence[tuple[int, int, int]] = NEWTON_STARTS,
+        stages: Sequence[Stage] = NEWTON_STARTS,
     ) -> None:
         self.stages = stages
         self.robot, self.nominal = robot, nominal
@@ -224,9 +240,11 @@ class _Solver:
         self._newton(np.flatnonzero(~done & ~bad_pose & ~bad_seed), T, branch, near, state)
         beyond = self._into_limits(T, near, state)
         if len(self.stages) > 1 and len(beyond):
-            beyond = beyond[done[beyond] & self.singular(state)[beyond]]
+            beyond = beyond[done[beyond]]
+            singular = self.singular(state)[beyond]
             state.rank[beyond] = -2.0
-            self._newton(beyond, T, branch, near, state)
+            self._newton(beyond[singular], T, branch, near, state)
+            self._newton(beyond[~singular], T, branch, near, state, 2)
             self._into_limits(T, near, state)
         return self._result(state, branch, bad_pose, bad_seed)
 
@@ -281,15 +299,27 @@ class _Solver:
         return (wrist < SINGULAR) | (np.minimum(radius, state.margin) < 20 * self.difference)
 
     def _newton(
-        self, rows: IntArray, T: FloatArray, branch: IntArray, near: FloatArray | None, state: FixedPointState
+        self,
+        rows: IntArray,
+        T: FloatArray,
+        branch: IntArray,
+        near: FloatArray | None,
+        state: FixedPointState,
+        stages: int | None = None,
     ) -> None:
         for start in range(0, len(rows), BLOCK):
             block = rows[start : start + BLOCK]
             close = None if near is None else near[:, block]
-            self._newton_starts(pose_columns(T[block]), branch[block], close, block, state)
+            self._newton_starts(pose_columns(T[block]), branch[block], close, block, state, self.stages[:stages])
 
     def _newton_starts(
-        self, H: FloatArray, branch: IntArray, near: FloatArray | None, rows: IntArray, state: FixedPointState
+        self,
+        H: FloatArray,
+        branch: IntArray,
+        near: FloatArray | None,
+        rows: IntArray,
+        state: FixedPointState,
+        stages: Sequence[Stage],
     ) -> None:
         """Newton's steps for poses that the fixed point left: from where it came to, then from many starts at once."""
         pulled, state.margin[rows] = self.closed.branch(H.reshape(12, -1), branch_signs(branch), self.pull)
@@ -307,10 +337,12 @@ class _Solver:
         # upper arm and forearm are where the wrist centre wants them, but for the fold of the stretched arm
         lower, upper = (limit[1:3, None] for limit in (self.nominal.lower - FOLD, self.nominal.upper + FOLD))
         folds = ((pulled[1:3] >= lower) & (pulled[1:3] <= upper)).all(axis=0)
-        for starts, straighten, patience in self.stages:
+        seeded = np.zeros(len(rows), dtype=bool) if near is None else self.closed.configuration(near.T) == branch
+        for starts, straighten, patience, within in stages:
             if starts > 6:
                 lacking &= folds & ~(plain & self.out_of_reach(state, rows))
-            unsolved = np.flatnonzero(lacking)
+            # a seed may be across a singularity from its solution
+            unsolved = np.flatnonzero(seeded & (state.rank[rows] > -4.0) if within else lacking)
             for first in range(0, len(unsolved), BLOCK // starts):
                 todo = unsolved[first : first + BLOCK // starts]
                 goal = H[:, :, todo]
@@ -318,7 +350,11 @@ class _Solver:
                 close = None if near is None else near[:, todo]
                 best = state.q[:, rows[todo]]
                 tried = [np.where(np.isfinite(best), best, start[:, todo])]
-                if starts > 1:
+                if within and near is not None:
+                    low, high = self.nominal.lower[:, None], self.nominal.upper[:, None]
+                    steps = np.zeros((6, 1)), *(AROUND * starts_of(starts)[: starts - 1, :, None])
+                    tried = [np.clip(near[:, todo] + step, low, high) for step in steps]
+                elif starts > 1:
                     tried = [pulled[:, todo], *([] if close is None else [close])]
                 while len(tried) < starts:
                     # solutions of targets moved a little: on all sides of the holes that errors leave at singularities
@@ -329,7 +365,8 @@ class _Solver:
                     q, _ = self.closed.branch(start_pose.reshape(12, -1), branch_signs(branch[todo]), self.pull)
                     tried.append(self.iteration.start_turns(q, close))
                 these = branch[todo], close, rows[todo]
-                lacking[todo] = self._newton_choice(goal, np.stack(tried, axis=1), *these, state, straighten, patience)
+                how = straighten, patience, (self.nominal.lower, self.nominal.upper) if within else None
+                lacking[todo] &= self._newton_choice(goal, np.stack(tried, axis=1), *these, state, how)
             if starts >= 24:
                 lacking &= ~(state.rank[rows] <= -3.0)
 
@@ -341,20 +378,33 @@ class _Solver:
         near: FloatArray | None,
         rows: IntArray,
         state: FixedPointState,
-        straighten: int,
-        patience: int,
+        how: tuple[int, int, tuple[FloatArray, FloatArray] | None],
     ) -> BoolArray:
-        """Run from all starts (6, k, n), keep the best: which lack one in branch (by the seed) and limits, (n,)."""
+        """Run from all starts (6, k, n), keep the best: which lack one in branch (by the seed) and limits, (n,).
+
+        ``how`` are `newton.solve`'s last arguments.
+        """
         _, k, n = starts.shape
         targets = np.ascontiguousarray(np.broadcast_to(H[:, :, None], (4, 3, k, n))).reshape(4, 3, -1)
         q, position, rotation, evaluations = newton.solve(
-            self.chain, targets, starts.reshape(6, -1).copy(), self.iteration.tolerance, straighten, patience
+            self.chain, targets, starts.reshape(6, -1).copy(), self.iteration.tolerance, *how
         )
+        every_near = None if near is None else np.tile(near, k)
+        beyond = np.flatnonzero(self.good(position, rotation) & ~self.inside(q))
+        if len(beyond):
+            close = None if every_near is None else every_near[:, beyond]
+            fits, back, left, more = newton.into_limits(
+                self.chain, self.nominal, targets[:, :, beyond], q[:, beyond], close
+            )
+            evaluations[beyond[fits]] += more
+            take = self.good(*left)
+            beyond = beyond[fits][take]
+            q[:, beyond], position[beyond], rotation[beyond] = back[:, take], *left[:, take]
         state.iterations[rows] += evaluations.reshape(k, n).sum(axis=0)
         same_branch = self.closed.configuration(q.T) == np.tile(branch, k)
-        if near is not None:
-            same_branch |= np.abs(q - np.tile(near, k)).max(axis=0) < NEAR_SEED
-        inside = closed_form.into_limits(self.nominal, q.T)[1]
+        if every_near is not None:
+            same_branch |= np.abs(q - every_near).max(axis=0) < NEAR_SEED
+        inside = self.inside(q)
         # a solution within the limits, then one in its branch, then the least error; the first of equals
         rank = np.where(
             self.good(position, rotation), -1.0 - same_branch - 2.0 * inside, self.chain.merit(position, rotation)

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from reachable import KINDS, unsolved, with_errors
 
+from irbcal import kernel
+from irbcal.modeling.inverse import calibrated_arm
+
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["irb1600", "irb120", "ur10", "panda"])
@@ -12,3 +15,16 @@ def test_no_reachable_pose_stays_unsolved(name, kind):
     q = kind(opened, 40 if name.startswith("irb") else 20, np.random.default_rng(3))
     assert len(q) >= 5
     assert not unsolved(opened, opened.robot.poses(q)).any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_beside_the_solution_bounds_the_search(kind):
+    opened = with_errors("irb1600", 2.4)
+    q = kind(opened, 300, np.random.default_rng(3))
+    seed = q + 1e-3 * np.random.default_rng(4).standard_normal(q.shape)
+    result = calibrated_arm.solve(opened.robot, opened.nominal, opened.robot.poses(q), seed)
+    assert result.inside.all()
+    assert result.iterations.max() < (
+        1500 if kernel.Kernel is None else 300
+    )  # numpy takes all starts of a stage at once
+    np.testing.assert_allclose(opened.robot.poses(result.joints), opened.robot.poses(q), rtol=0, atol=1e-9)
