@@ -2,13 +2,31 @@
 
 import atexit
 import gc
+import importlib
 import os
 import signal
 import sys
 import threading
+from types import ModuleType
+from typing import Any
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables by which the number of threads of linear algebra is told."""
+
+
+class Late(ModuleType):
+    """A module that is loaded with its first use, whoever imported it before."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._lock = threading.RLock()
+
+    def __getattr__(self, name: str) -> Any:
+        with self._lock:
+            if sys.modules.get(self.__name__) is self:
+                del sys.modules[self.__name__]
+                vars(self).update(vars(importlib.import_module(self.__name__)))
+        return getattr(sys.modules[self.__name__], name)
 
 
 def start() -> None:
@@ -19,6 +37,7 @@ def start() -> None:
     if not any(name in os.environ for name in THREADS):
         # matrices here are small: more threads take more CPU time, and a busy machine makes them wait for each other
         os.environ.update(dict.fromkeys(THREADS, "1"))
+    sys.modules.setdefault("pandas", Late("pandas"))  # many commands have no table
     from irbcal.cli.main import main
     from irbcal.cli.streams import forgive, output_lost
 

@@ -840,7 +840,7 @@ def _zeros_in_words(adjusted: Adjusted, arm: Arm, before: Sequence[Touch], C: Fl
 
 def _worst(adjusted: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:
     """The touch that the others contradict most, the chance of that, and how far it is from where they put it."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     A, residual, touch = adjusted.rows
     basis = np.linalg.qr(A)[0]
@@ -851,7 +851,7 @@ def _worst(adjusted: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:
         shown = values > SHOWN
         along = vectors[:, shown].T @ residual[equations]
         if shown.any():
-            chance = float(chi2.sf(np.sum(along**2 / values[shown]), int(shown.sum())))
+            chance = float(chdtrc(int(shown.sum()), np.sum(along**2 / values[shown])))
             if chance < worst[1]:
                 worst = (k, chance, float(np.linalg.norm(along / values[shown]) * sigma[k]))
     return worst
@@ -865,13 +865,13 @@ def _covariance(
     ``u = -(A'A)^-1 A' r`` of residuals r and their derivative A, both in standard deviations. Errors of the points of
     another robot that were touched (``rows`` are the numbers of the touches) count as errors of touching.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     A, residual, touch = adjusted.rows
     pseudo = np.asarray(np.linalg.pinv(A), dtype=float)
     square = float(residual @ residual)
     factor, doubt = 1.0, ""
-    if adjusted.redundancy and chi2.sf(square, adjusted.redundancy) < DOUBTFUL:
+    if adjusted.redundancy and chdtrc(adjusted.redundancy, square) < DOUBTFUL:
         factor = square / adjusted.redundancy
         doubt = f"the touches scatter {np.sqrt(factor):.1f} times as much as u95_mm says: the intervals are widened"
     C = factor * (pseudo @ pseudo.T)

@@ -444,14 +444,13 @@ def lengths(C: FloatArray) -> tuple[FloatArray, FloatArray]:
     The squared length counts as a multiple of chi squared with the same mean and variance (Satterthwaite 1946): exact
     for errors along one line and for those alike in all directions, within 2 % between.
     """
-    from scipy.special import gammaln
-    from scipy.stats import chi2
+    from scipy.special import chdtri, gammaln
 
     trace, square = np.trace(C, axis1=1, axis2=2), np.sum(C * C, axis=(1, 2))
     scale = np.divide(square, trace, out=np.zeros_like(trace), where=trace > 0)
     freedom = np.divide(trace**2, square, out=np.ones_like(trace), where=square > 0)
     mean = np.sqrt(2.0 * scale) * np.exp(gammaln((freedom + 1.0) / 2.0) - gammaln(freedom / 2.0))
-    return mean, np.sqrt(scale * chi2.ppf(0.95, freedom))
+    return mean, np.sqrt(scale * chdtri(freedom, 0.05))
 
 
 def _derivatives(

@@ -34,7 +34,7 @@ DECLARED = {"units.lengths": "lengths", "units.joints": "joints", "joints_file.u
 """Keys of a map that declare units, and of what."""
 
 
-MeasurementFiles: TypeAlias = MeasurementsLike | list[str | PathLike[str]] | tuple[str | PathLike[str], ...]
+MeasurementFiles: TypeAlias = "MeasurementsLike | list[str | PathLike[str]] | tuple[str | PathLike[str], ...]"
 """Measurements, or several files of other programs that hold them together, such as points and joints."""
 
 

@@ -121,7 +121,7 @@ LONG_FILE = 1_000_000
 """Bytes from which both cores read."""
 
 IsNumber: TypeAlias = Callable[[str], bool]
-TableLike: TypeAlias = str | PathLike[str] | pd.DataFrame
+TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 """A CSV or Parquet file, or a DataFrame with the same columns."""
 
 

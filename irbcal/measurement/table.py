@@ -14,6 +14,8 @@ order is free and unknown columns are kept. A position that is empty, NaN or exa
 being line 1; in a DataFrame the position plus one) and the column.
 """
 
+from __future__ import annotations
+
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -53,10 +55,6 @@ REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
 
 
-DEEP = int(pd.__version__.partition(".")[0]) < 3
-"""Whether `shared_table` copies: from pandas 3 on a table gets content of its own when it is written to."""
-
-
 class ReadOnlyTables:
     """Base of frozen dataclasses whose DataFrames nobody can change: every access to such a field hands out a copy.
 
@@ -83,7 +81,8 @@ class ReadOnlyTables:
 def shared_table(holder: ReadOnlyTables, name: str = "table") -> pd.DataFrame:
     """A table for reading only: a long one need not stand in memory twice."""
     table: pd.DataFrame = holder.__dict__["_tables"][name]
-    return table.copy(deep=DEEP)
+    # from pandas 3 on a table gets content of its own when it is written to
+    return table.copy(deep=int(pd.__version__.partition(".")[0]) < 3)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,7 +155,7 @@ class MeasurementSet(ReadOnlyTables, Result):
         """
         return self._of_poses(self.programmed_columns or self.joint_columns)
 
-    def with_programmed(self, joints: FloatArray) -> "MeasurementSet":
+    def with_programmed(self, joints: FloatArray) -> MeasurementSet:
         """The same with programmed joints (n, joints) of each pose, as `joints` counts them.
 
         Radians (metres for columns in mm).
@@ -191,7 +190,7 @@ class MeasurementSet(ReadOnlyTables, Result):
         lag = self.reading_lag()
         return [] if lag is None else lag.notes(self.source)
 
-    def of_arm(self, arm: Arm) -> "MeasurementSet":
+    def of_arm(self, arm: Arm) -> MeasurementSet:
         """The same measurements, whose joints are those of an arm that its controller counts in its own way.
 
         The table holds the controller's joints, `joints` and `readings` give those of the arm.
@@ -294,7 +293,7 @@ class HoldsMeasurements(Protocol):
         ...
 
 
-MeasurementsLike: TypeAlias = TableLike | MeasurementSet | HoldsMeasurements
+MeasurementsLike: TypeAlias = "TableLike | MeasurementSet | HoldsMeasurements"
 """What stands for measurements wherever they are asked for: a file, a DataFrame, what `read` made of them, or a result
 that holds them."""
 

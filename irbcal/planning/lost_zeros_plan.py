@@ -55,9 +55,9 @@ def model_of_zeros(scene: Scene, joints: tuple[int, ...]) -> Model:
 
 def half_widths(std: FloatArray, poses: IntArray | int, unknowns: int) -> FloatArray:
     """Halves of the 95 % intervals of zeros, with the scatter estimated from three coordinates of each pose."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
-    return np.asarray(t.ppf(0.975, np.maximum(3 * np.asarray(poses) - unknowns, 1)) * std)
+    return np.asarray(stdtrit(np.maximum(3 * np.asarray(poses) - unknowns, 1), 0.975) * std)
 
 
 def std_of_zeros(prediction: PlanPrediction, joints: tuple[int, ...]) -> FloatArray:

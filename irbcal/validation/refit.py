@@ -147,7 +147,7 @@ class Refit:
 
         The points of a pose share the error of the robot there, so that they count as one.
         """
-        from scipy.stats import t
+        from scipy.special import stdtrit
 
         local = np.array([placed.targets[name] for name in points.target_names])
         _, A, miss = self._equations(placed, placed.T_world_base, local, *_tips(placed, points), points)
@@ -156,9 +156,9 @@ class Refit:
             return [f"{points.poses} poses are too few to tell how certain the zeros are"] * bool(self.zeros)
         covariance = np.linalg.inv(A.T @ A) * (miss @ miss) / freedom
         std = np.sqrt(np.diagonal(covariance)[-len(self.zeros) :])
-        u95 = t.ppf(0.975, freedom) * std
+        u95 = stdtrit(freedom, 0.975) * std
         poses = np.arange((A.shape[1] + 3) // 3, MANY)
-        half_by_poses = t.ppf(0.975, 3 * poses - A.shape[1]) * std.max() * np.sqrt(points.poses / poses)
+        half_by_poses = stdtrit(3 * poses - A.shape[1], 0.975) * std.max() * np.sqrt(points.poses / poses)
         enough = int(poses[np.argmax(half_by_poses <= WELL)]) if half_by_poses[-1] <= WELL else 0
         before, after = robot.arm.table, placed.arm.table
         moved = np.where(after.prismatic, after.d - before.d, after.theta - before.theta)

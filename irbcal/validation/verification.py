@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from irbcal.arrays import plain
-from irbcal.correction.filter import fingerprint_of
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import calibration_folder
 from irbcal.io import urdf as urdf_file
@@ -248,6 +247,8 @@ def _verify_folder(
 
 
 def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
+    from irbcal.correction.filter import fingerprint_of
+
     mark = fingerprint_of(program)
     state: Literal["same", "other", "absent"] = (
         "absent" if mark is None else "same" if mark == record.fingerprint else "other"
