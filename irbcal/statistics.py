@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -54,6 +55,7 @@ def f_beyond(value: float, freedom: float, freedom_below: float) -> float:
     return 1.0 - math.exp(front) * _fraction(b, a, 1.0 - x) / b
 
 
+@lru_cache(maxsize=64)
 def student_within(share: float, freedom: float) -> float:
     """Half-width of the middle interval that holds a share, above 0 and below 1, of Student's distribution."""
     low, high = 0.0, 1.0

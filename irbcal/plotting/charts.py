@@ -83,7 +83,8 @@ def fixed(value: float, digits: int) -> str:
 
 
 def _number(value: float) -> str:
-    return fixed(value, 1).removesuffix(".0")
+    text = f"{value:.1f}"
+    return "0" if text == "-0.0" else text.removesuffix(".0")
 
 
 def as_text(value: object) -> str:
