@@ -6,7 +6,6 @@ import pickle
 import shutil
 import subprocess
 import sys
-import zipfile
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -284,39 +283,6 @@ def test_long_chains_and_terms_that_are_not_known_have_none():
     long = arm()
     object.__setattr__(long, "joint_names", tuple(f"j{k}" for k in range(kernel.MOST_JOINTS + 1)))
     assert kernel_of(long) is None
-
-
-def wheel(source, folder, **environment):
-    """Build a wheel; what is in it, by name."""
-    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder, source]
-    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | environment)
-    assert done.returncode == 0, done.stderr
-    (built,) = folder.glob("*.whl")
-    with zipfile.ZipFile(built) as archive:
-        archive.extractall(folder / "site")
-    return built.name, folder / "site"
-
-
-@pytest.mark.parametrize("compiler", [None, "/nonexistent/c++"])
-def test_a_wheel_works_with_and_without_a_compiler(compiler, tmp_path):
-    if compiler is None and shutil.which("c++") is None:
-        pytest.skip("no compiler is installed")
-    source = tmp_path / "source"
-    leave = shutil.ignore_patterns("compiled.*", "__pycache__", "*.pyc")
-    for name in ("irbcal", "urdf"):
-        shutil.copytree(ROOT / name, source / name, ignore=leave)
-    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source / name)
-    name, site = wheel(source, tmp_path, **({} if compiler is None else {"CXX": compiler}))
-    assert ("any" in name) is (compiler is not None)
-    assert ("abi3" in name) is (compiler is None and sys.version_info >= (3, 11))
-    words = [sys.executable, "-m", "irbcal"]
-    run = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": str(site)}, "capture_output": True, "text": True}
-    state = subprocess.run([*words, "--version", "--verbose"], **run).stdout.splitlines()[1]
-    assert state.startswith("kernel: compiled" if compiler is None else "kernel: numpy: no C++17 compiler was found")
-    (tmp_path / "q.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,20,-30,40,50,60\n")
-    poses = subprocess.run([*words, "fk", "irb1600", "--joints", "q.csv"], **run)
-    assert poses.returncode == 0, poses.stderr
 
 
 @compiled

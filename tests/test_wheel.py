@@ -1,6 +1,7 @@
-"""A wheel built from the checkout works without it."""
+"""Wheels built from the checkout, with and without a compiler, work without it."""
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -9,38 +10,59 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+NO_COMPILER = "/nonexistent/c++"
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """The wheel's content in a folder of its own, as pip would install it."""
+@pytest.fixture(scope="module", params=[None, NO_COMPILER])
+def installed(request, tmp_path_factory):
+    """The content of a wheel in a folder of its own, as pip would install it, and the wheel's name."""
+    if request.param is None and shutil.which("c++") is None:
+        pytest.skip("no compiler is installed")
     folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder, ROOT]
-    done = subprocess.run(command, capture_output=True, text=True)
+    source, leave = folder / "source", shutil.ignore_patterns("compiled.*", "__pycache__", "*.pyc")
+    for name in ("irbcal", "urdf"):
+        shutil.copytree(ROOT / name, source / name, ignore=leave)
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source / name)
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder, source]
+    environment = os.environ | ({} if request.param is None else {"CXX": request.param})
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     (wheel,) = folder.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder / "site")
-    return folder / "site"
+    return folder / "site", wheel.name, request.param is None
 
 
 def test_it_holds_licence_types_and_metadata(installed):
-    (info,) = installed.glob("*.dist-info")
+    site, name, compiled = installed
+    (info,) = site.glob("*.dist-info")
     metadata = (info / "METADATA").read_text()
     assert "License-Expression: BSD-2-Clause" in metadata
     assert "Requires-Dist: yourdfpy" in metadata
     assert (info / "licenses" / "LICENSE").is_file()
-    assert (installed / "irbcal" / "py.typed").is_file()
-    assert (installed / "irbcal" / "__init__.pyi").is_file()
-    assert not (installed / "tests").exists()
+    assert (site / "irbcal" / "py.typed").is_file()
+    assert (site / "irbcal" / "__init__.pyi").is_file()
+    assert not (site / "tests").exists()
+    assert ("any" in name) is not compiled
+    assert ("abi3" in name) is (compiled and sys.version_info >= (3, 11))
 
 
-def test_it_calibrates_away_from_the_checkout(installed, tmp_path):
-    run = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": str(installed)}, "capture_output": True, "text": True}
-    where = subprocess.run([sys.executable, "-c", "import irbcal; print(irbcal.__file__)"], **run)
-    assert where.stdout.startswith(str(installed))
-    done = subprocess.run([sys.executable, "-m", "irbcal", "demo", "--model", "11", "--out", "demo"], **run)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
-    page = subprocess.run([sys.executable, "-m", "irbcal", "view", "demo", "--html", "v.html"], **run)
-    assert page.returncode == 0, page.stderr
+def test_it_works_away_from_the_checkout(installed, tmp_path):
+    site, _, compiled = installed
+
+    def run(*words):
+        environment = os.environ | {"PYTHONPATH": str(site)}
+        done = subprocess.run([sys.executable, *words], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert run("-c", "import irbcal; print(irbcal.__file__)").startswith(str(site))
+    state = run("-m", "irbcal", "--version", "--verbose").splitlines()[1]
+    assert state.startswith("kernel: compiled" if compiled else "kernel: numpy: no C++17 compiler was found")
+    (tmp_path / "q.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,20,-30,40,50,60\n")
+    run("-m", "irbcal", "fk", "irb1600", "--joints", "q.csv")
+    if compiled:
+        run("-m", "irbcal", "demo", "--model", "11", "--out", "demo")
+        assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
+        run("-m", "irbcal", "view", "demo", "--html", "v.html")

@@ -265,3 +265,8 @@ def test_models_directions_and_words_are_told_apart():
     assert len(set(values)) == len(values)
     assert len(set(charts.ERRORS)) == len(charts.ERRORS)
     assert not set(charts.SERIES) & {charts.NOMINAL, charts.CALIBRATED}, "a run is no model"
+
+
+def test_no_minus_stands_before_zero():
+    assert charts.fixed(-0.04, 1) == "0.0"
+    assert 'd="M0 0L-1.1 2"' in charts.Lines([np.array([[-0.04, 0.0], [-1.06, 2.04]])], "red").svg(str)
