@@ -228,6 +228,7 @@ class FeatureProblem:
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
         self._walked: tuple[FloatArray | None, dict[int, chain.Walk]] = None, {}
         self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
+        self._constants = [(DHM_COLUMNS[t.axis], t.joint, k) for k, t in enumerate(self.terms) if self.geometry[k]]
         self.others = TermMap(
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
         )
@@ -265,14 +266,10 @@ class FeatureProblem:
     def arm_of(self, state: FeatureState) -> Arm:
         """The arm with the constants of a state in its table."""
         table = self.arm.table
-        for kind in set(DHM_COLUMNS.values()):
-            constants = [k for k, t in enumerate(self.terms) if self.geometry[k] and DHM_COLUMNS[t.axis] == kind]
-            if constants:
-                column = getattr(table, kind).copy()
-                for k in constants:
-                    column[self.terms[k].joint] += state.coefficients[k]
-                table = replace(table, **{kind: column})
-        return self.arm.with_table(table)
+        columns = {kind: getattr(table, kind).copy() for kind, _, _ in self._constants}
+        for kind, joint, k in self._constants:
+            columns[kind][joint] += state.coefficients[k]
+        return self.arm.with_table(replace(table, **columns))
 
     def term_map(self, state: FeatureState) -> TermMap:
         """Its terms beside the geometry."""
@@ -429,8 +426,11 @@ class FeatureProblem:
 
     def _by_terms(self, of_group: GroupResiduals, chosen: IntArray) -> FloatArray:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
-        terms = [self.terms[k] for k in chosen]
-        values = basis_values(terms, Situation(self.arm, self.motion.select(of_group.group.rows)))
+        terms, rows = [self.terms[k] for k in chosen], of_group.group.rows
+        if self.geometry[chosen].all():  # constants
+            values = np.ones((len(terms), len(rows)))
+        else:
+            values = basis_values(terms, Situation(self.arm, self.motion.select(rows)))
         points = term_columns(terms, of_group.path, values, of_group.p.T) if of_group.group.kind.pointed else None
         turns = None if of_group.residuals.turn is None else term_columns(terms, of_group.path, values)
         return self.by_arm(of_group, points, turns)

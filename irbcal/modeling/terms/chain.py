@@ -12,6 +12,7 @@ terms about the joint's own axis are in it. Batches of poses, no loop over them;
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from math import cos, sin
 
 import numpy as np
 
@@ -104,7 +105,7 @@ def walk(arm: Arm, effective: FloatArray, xi: FloatArray | None = None) -> Walk:
 
 def _turn(first: FloatArray, second: FloatArray, angle: FloatArray | float) -> tuple[FloatArray, FloatArray]:
     """Axes (first, second) turned towards one another."""
-    c, s = cos_sin(np.asarray(angle))
+    c, s = (cos(angle), sin(angle)) if isinstance(angle, float) else cos_sin(angle)
     return c * first + s * second, c * second - s * first
 
 
