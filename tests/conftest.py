@@ -135,6 +135,7 @@ LONG_SERIES = (
     "cli/test_cli.py",
     "identification/test_evidence.py",
     "identification/test_term_sets.py",
+    "tests/test_error_model.py",
     "tests/test_loads.py",
     "tests/test_real_robot.py",
     "tests/test_tables.py",
