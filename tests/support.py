@@ -1,7 +1,6 @@
 """What several tests need: comparators with metre and radian tolerances, central differences, simulation."""
 
 import atexit
-import functools
 import os
 import signal
 import subprocess
@@ -29,7 +28,6 @@ TARGETS = {
 """Targets 1 to 3 of Nubiola 2011, Table 3.1 (real), metres."""
 
 
-@functools.cache
 def arm(name="irb1600"):
     """A shipped nominal arm."""
     return urdf.read(name).arm
