@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 from support import arm, measured, random_robot
 
@@ -108,3 +109,22 @@ def test_few_poses_are_compared_with_the_nominal_robot():
     found = find_gross_errors(nominal, points)
     assert found.level == "nominal"
     assert found.keep.all()
+
+
+def test_points_of_a_ur10_that_are_3_mm_off_are_named_and_left_out(shared_data, tmp_path):
+    rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
+    rows = rows[rows["group"] == "grid"].drop(columns=["qw", "qx", "qy", "qz"]).dropna(subset=["x_mm"])
+    rows = rows.sample(240, random_state=1)
+    wrong = rows["pose"].iloc[[10, 50]].tolist()
+    rows.to_csv(tmp_path / "clean.csv", index=False)
+    off = rows["pose"].isin(wrong)
+    rows.loc[off, "z_mm"] = (rows.loc[off, "z_mm"].astype(float) + 3.0).astype(str)
+    rows.to_csv(tmp_path / "m.csv", index=False)
+    options = {"robot": "ur10", "model": "auto", "holdout": 150, "split": "last"}
+    good = irbcal.calibrate(tmp_path / "clean.csv", **options)
+    made = irbcal.calibrate(tmp_path / "m.csv", **options)
+    assert not good.record.excluded
+    assert sorted(point.pose for point in made.record.excluded) == sorted(wrong)
+    assert all(point.reason.startswith("gross error") for point in made.record.excluded)
+    assert [note for note in made.record.notes if all(pose in note for pose in wrong)]
+    assert made.record.heldout.all.mean_mm < 1.15 * good.record.heldout.all.mean_mm
