@@ -137,7 +137,6 @@ LONG_SERIES = (
     "identification/test_term_sets.py",
     "tests/test_error_model.py",
     "tests/test_loads.py",
-    "tests/test_real_robot.py",
     "tests/test_tables.py",
     "validation/test_doubts.py",
 )
