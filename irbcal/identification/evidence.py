@@ -35,6 +35,7 @@ from irbcal.identification.evidence_maximisation import (
     fit_temper,
     maximise_evidence,
 )
+from irbcal.identification.independence import independent
 from irbcal.identification.linear_model import Linearisation, LinearModel
 from irbcal.identification.problem import Problem, State
 from irbcal.identification.term_sets import WIDE, TermSet, TypePrior, chi_square_of_type, like_type, taken
@@ -134,6 +135,8 @@ class Averaging:
         Of all terms that a term set may have.
     sums : NormalEquations
         Of all its columns.
+    independent : bool
+        Whether the points of a pose err by themselves, so that each coordinate counts for itself.
 
     Attributes
     ----------
@@ -143,11 +146,12 @@ class Averaging:
 
     outlying: FloatArray
 
-    def __init__(self, linear: LinearModel, sums: NormalEquations) -> None:
-        self.linear, self.sums = linear, sums
+    def __init__(self, linear: LinearModel, sums: NormalEquations, independent: bool = False) -> None:
+        self.linear, self.sums, self.independent = linear, sums, independent
         self.superset = list(linear.terms)
         self.compared: list[ComparedTermSet] = []
-        self.fit_temper, self.evidence_temper = fit_temper(linear.per_pose), evidence_temper(linear.per_pose)
+        per_pose = 1.0 if independent else linear.per_pose
+        self.fit_temper, self.evidence_temper = fit_temper(per_pose), evidence_temper(per_pose)
 
     def fit(self, term_set: TermSet, t: float, start: Posterior | None = None, give_up: float = -np.inf) -> Posterior:
         """A term set's fit to the model that is compared on; see `fit_term_set`."""
@@ -507,6 +511,9 @@ def identify_evidence(
     choices = term_sets.candidates(averaging.superset, terms, tau)
     say(f"comparing {len(choices)} choices of terms")
     compared, weights, best = averaging.weighed(choices, ready.taus)
+    if _each_counts(averaging, compared):
+        averaging = Averaging(ready.linear, ready.sums, independent=True)
+        compared, weights, best = averaging.weighed(choices, ready.taus)
     of_type = None
     if prior is not None:
         compared, weights, of_type = _with_type(averaging, prior, ready.taus, (compared, weights, best))
@@ -557,9 +564,20 @@ def identify_evidence(
         spectrum=spectrum,
         other_bases=other_bases,
         type_prior=of_type,
+        independent=averaging.independent,
         outlying=outlying[stop[points.pose], points.target],
         **results,
     )
+
+
+def _each_counts(averaging: Averaging, compared: Sequence[ComparedTermSet]) -> bool:
+    """Whether the likeliest term set, fitted as if each coordinate counted for itself, leaves errors that do so."""
+    linear = averaging.linear
+    if averaging.evidence_temper == 1.0 or linear.projected or linear.session is not None or (linear.target < 0).any():
+        return False
+    best = max(compared, key=lambda item: item.by_evidence.log_evidence)
+    fit = averaging.fit(best.term_set, 1.0, best.by_evidence)
+    return independent(linear, best.term_set.columns(linear.flat), fit)
 
 
 def log_evidence(
@@ -623,7 +641,7 @@ def _with_longer_series(
     say(f"comparing harmonics to {LONGEST}")
     more = HARMONICS.terms(ready.problem.arm, HIGHEST + 1, LONGEST)
     linear = ready.linear.extended(more)
-    longer = Averaging(linear, linear.sums())
+    longer = Averaging(linear, linear.sums(), averaging.independent)
     places = range(len(averaging.superset), len(longer.superset))
     compared = list(averaging.compared)
     for item in averaging.kept:
@@ -644,7 +662,7 @@ def _scan(
         # 0.141 mm and the intervals' coverage from 96 to 92 %
         return [], None
     fits = best.by_evidence, best.by_fit
-    found, spectrum = gears.scan(linear, best.term_set, averaging.part(best.term_set), fits, say)
+    found, spectrum = gears.scan(linear, best.term_set, averaging.part(best.term_set), fits, say, averaging.independent)
     added = [term for item in found for term in gear_terms(item.joint, item.cycles_per_turn)]
     places = list(range(len(averaging.superset), len(averaging.superset) + len(added)))
     averaging.superset += added

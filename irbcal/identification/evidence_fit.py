@@ -278,6 +278,8 @@ class EvidenceFit(Result):
         Base in the measuring frame of each session but the last one; behind the target frames in the covariance.
     type_prior : TypePriorResult or None
         What a prior of the robot's type did, where there was one.
+    independent : bool
+        Whether the points of a pose erred by themselves, see `irbcal.identification.independence`.
     outlying : ndarray, shape (m,)
         Of the points that contradict all others, how far they are from where the others put them, metres; zero for good
         ones.
@@ -318,6 +320,7 @@ class EvidenceFit(Result):
     spectrum: GearSpectrum | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
     type_prior: TypePriorResult | None = None
+    independent: bool = False
     outlying: FloatArray = field(default_factory=lambda: np.zeros(0))
     level: Level | Literal["auto"] = "auto"
     method: Literal["evidence"] = "evidence"
@@ -467,10 +470,17 @@ class EvidenceFit(Result):
                 f"Error models were compared on {COMPARED} of the {self.poses} poses, drawn at random; those that are "
                 "averaged were fitted to all."
             )
+        alone = []
+        if self.independent:
+            alone.append(
+                "The points of a pose err by themselves, as noise does: each coordinate counts, and what is left is no "
+                "error of the robot."
+            )
         return [
             *([] if self.type_prior is None else [self.type_prior.in_words()]),
             sentence(self.families),
             *some,
+            *alone,
             *self.gear_sentences(),
             *warm,
             *self._load_sentences(),
