@@ -142,9 +142,12 @@ class Averaging:
     ----------
     outlying : ndarray, shape (measurements,)
         Of the average, see `irbcal.identification.leave_one_out.outlying`.
+    alone : (int, float) or None
+        Of the average, see `irbcal.identification.leave_one_out.standing_alone`.
     """
 
     outlying: FloatArray
+    alone: tuple[int, float] | None = None
 
     def __init__(self, linear: LinearModel, sums: NormalEquations, independent: bool = False) -> None:
         self.linear, self.sums, self.independent = linear, sums, independent
@@ -294,7 +297,10 @@ class Averaging:
             if linear.sequence:
                 fifths.append(item.weight * optimism * leave_one_out.block_residuals(linear, columns, fit))
         loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
-        self.outlying = leave_one_out.outlying(linear, mean, np.sum(single, axis=0), row)
+        e = np.concatenate([block.y - mean @ block.J for block in linear.blocks()])
+        u = np.sum(single, axis=0)
+        self.outlying = leave_one_out.outlying(linear, e, u, row)
+        self.alone = leave_one_out.standing_alone(e[row >= 0], u[row >= 0], linear.place[pose[row >= 0]])
         return loo, blocks[0] if blocks else loo
 
     def _row(self, item: ComparedTermSet) -> TermSetResult:
@@ -566,6 +572,9 @@ def identify_evidence(
         type_prior=of_type,
         independent=averaging.independent,
         outlying=outlying[stop[points.pose], points.target],
+        alone=None
+        if averaging.alone is None
+        else (int(np.flatnonzero(linear.place[stop] == averaging.alone[0])[0]), averaging.alone[1]),
         **results,
     )
 

@@ -283,6 +283,9 @@ class EvidenceFit(Result):
     outlying : ndarray, shape (m,)
         Of the points that contradict all others, how far they are from where the others put them, metres; zero for good
         ones.
+    alone : (int, float) or None
+        The pose that no other can check, and how far it is from where all others put it, metres; see
+        `irbcal.identification.leave_one_out.standing_alone`.
     level, method, objective : str
     value, lower_bound : float or None
         Of another objective than the root mean square, metres.
@@ -322,6 +325,7 @@ class EvidenceFit(Result):
     type_prior: TypePriorResult | None = None
     independent: bool = False
     outlying: FloatArray = field(default_factory=lambda: np.zeros(0))
+    alone: tuple[int, float] | None = None
     level: Level | Literal["auto"] = "auto"
     method: Literal["evidence"] = "evidence"
     objective: Objective = "rms"

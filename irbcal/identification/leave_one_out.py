@@ -235,7 +235,7 @@ SMALLEST = 10.0 * NOISE
 """Length below which no point does, millimetres."""
 
 
-def outlying(linear: LinearModel, mean: FloatArray, u: FloatArray, row: IntArray) -> FloatArray:
+def outlying(linear: LinearModel, e: FloatArray, u: FloatArray, row: IntArray) -> FloatArray:
     """Measurements that contradict all others: how far they are from where the others put them.
 
     They are judged by the root of the product of the fit's residual e and the left-out one u: unlike u it does not grow
@@ -246,10 +246,8 @@ def outlying(linear: LinearModel, mean: FloatArray, u: FloatArray, row: IntArray
     Parameters
     ----------
     linear : LinearModel
-    mean : ndarray, shape (columns,)
-        Coefficients.
-    u : ndarray, shape (equations,)
-        Left-out residuals; where they are infinite nothing is said of a point.
+    e, u : ndarray, shape (equations,)
+        Residuals of the average, and left-out residuals; where they are infinite nothing is said of a point.
     row : ndarray of int, shape (equations,)
         Which measurement each is of.
 
@@ -258,7 +256,6 @@ def outlying(linear: LinearModel, mean: FloatArray, u: FloatArray, row: IntArray
     ndarray, shape (measurements,)
         Millimetres; zero for good ones.
     """
-    e = np.concatenate([block.y - mean @ block.J for block in linear.blocks()])
     judged = (row >= 0) & np.isfinite(u)
     judged[judged] = linear.target[row[judged]] >= 0
     square, distance = (np.bincount(row[judged], (x * u)[judged], len(linear.target)) for x in (e, u))
@@ -270,6 +267,35 @@ def outlying(linear: LinearModel, mean: FloatArray, u: FloatArray, row: IntArray
     factor = np.where(numbers < 3, OUTLYING_NUMBER, OUTLYING)
     limit = np.maximum(factor * median, max(SMALLEST, 0.5 * float(length.max())))
     return np.where(length > limit, np.sqrt(distance), 0.0)
+
+
+ALONE, PASSED = 8.0, 0.1
+"""A pose stands alone if all others put it farther away than so many medians, and the fit passes it within that share
+of the distance. Of an IRB 120 with 15 to 100 poses drawn at random the farthest is 1.8 to 5.3 medians away; a good pose
+far from 20 to 60 others 5.4 to 13.5, and 28 to 59 if it is 2 mm off."""
+
+
+def standing_alone(e: FloatArray, u: FloatArray, pose: IntArray) -> tuple[int, float] | None:
+    """The pose that draws the fit to itself and that no other pose can check.
+
+    Parameters
+    ----------
+    e, u : ndarray, shape (equations,)
+        Residuals of the fit, and left-out residuals, millimetres.
+    pose : ndarray of int, shape (equations,)
+
+    Returns
+    -------
+    (int, float) or None
+        The pose, and how far it is from where all others put it, root mean square of its points, metres.
+    """
+    poses, number = np.unique(pose, return_inverse=True)
+    with np.errstate(invalid="ignore"):
+        passed, away = (np.sqrt(3.0 * np.bincount(number, x * x) / np.bincount(number)) for x in (e, u))
+    farthest = int(np.argmax(away))
+    if not np.isfinite(away).all() or away[farthest] < ALONE * np.median(away):
+        return None
+    return (int(poses[farthest]), float(away[farthest]) * MM) if passed[farthest] < PASSED * away[farthest] else None
 
 
 def lengths(linear: LinearModel, u: FloatArray, pose: IntArray, row: IntArray) -> dict[str, float | None]:

@@ -415,6 +415,12 @@ def doubts(
         )
     if nominal.rms > LARGE_NOMINAL and fit.rms > 0.05 * nominal.rms:
         out += _too_far(nominal.rms)
+    if isinstance(fit, EvidenceFit) and fit.alone is not None:
+        pose, away = fit.alone
+        out.append(
+            f"Pose {fit.points.pose_ids[pose]} stands alone: the fit passes it, but all other poses put it "
+            f"{away / MM:.3g} mm elsewhere, and none can tell which is right. Measure it again, and poses near it."
+        )
     out += _slip(nominal, fitted)
     out += _scale(nominal, fitted) or _lengths(nominal.problem.arm, fit.robot.arm)
     beyond = elsewhere(fit.robot, nominal.robot, fitted.q, None if proof is None else proof.q)

@@ -12,6 +12,7 @@ from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.evidence_maximisation import maximise_evidence
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import make
+from irbcal.measurement.points import distances
 from irbcal.modeling.terms.situation import Motion
 
 
@@ -141,3 +142,19 @@ def test_points_that_contradict_all_others_are_outlying(off):
     found = identify_evidence(model, moved, Motion.in_order(points.q), gear_scan=False)
     np.testing.assert_array_equal(found.outlying > 0.0, wrong & (off > 0.0))
     assert found.outlying[wrong] == pytest.approx(off, rel=0.2)
+
+
+def test_a_pose_that_no_other_checks_is_named():
+    """One pose far from all others and 5 mm off: how far it is from where a fit without it puts it."""
+    near = arm().random_joints(25, 1) * 0.15 + np.radians([0, 20, 10, 20, 40, 0])
+    far = near[:1] + np.radians([120, 50, -50, 120, -80, 160])
+    robot = random_robot(arm(), "34", np.random.default_rng(4))
+    points = measured(robot, np.vstack([near, far]), 3e-5, np.random.default_rng(2))
+    moved = replace(points, xyz=points.xyz + 5e-3 * (points.pose == 25)[:, None])
+    fit = identify_evidence(arm(), moved, gear_scan=False)
+    assert fit.alone[0] == 25
+    without = identify_evidence(arm(), moved.select(np.arange(26) < 25), gear_scan=False)
+    assert without.alone is None
+    distance = distances(without.robot, moved.select(np.arange(26) == 25))
+    # sizes of groups and weights of the term sets are other without it
+    assert fit.alone[1] == pytest.approx(np.sqrt(np.mean(distance**2)), rel=0.2)
