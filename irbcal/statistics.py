@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.units import DEG, MM
 
 _SMALLEST = 1e-300
@@ -92,6 +92,16 @@ def _away(value: float) -> float:
 
 Statistics: TypeAlias = dict[str, float]
 """What `statistics` and `rotation_statistics` return; ``n`` is an int."""
+
+
+def consecutive(labels: ArrayLike) -> IntArray:
+    """Numbers from 0, equal ones for equal labels, shape (m,); whole numbers in order need no sorting."""
+    values = np.asarray(labels).ravel()
+    if values.dtype.kind in "iu" and len(values) and (values[1:] >= values[:-1]).all():
+        numbers = np.zeros(len(values), dtype=np.int64)
+        np.cumsum(values[1:] != values[:-1], out=numbers[1:])
+        return numbers
+    return np.asarray(np.unique(values, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
 def statistics(distance: ArrayLike) -> Statistics | None:

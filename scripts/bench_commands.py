@@ -110,6 +110,19 @@ def huge(add, folder, simulated, arm):
     calibrate = ("calibrate", fit, "--robot", "irb1600", "--out", out, "--model", "34", "--force")
     add(f"irbcal calibrate, model 34, {poses:,} poses x 3", *spent(*calibrate, times=1))
     add(f"irbcal evaluate, {poses:,} poses x 3", *spent("evaluate", out, proof, times=1))
+    before = None
+    for poses in (1_000_000, 4_000_000):
+        path = folder / f"long{poses}.csv"
+        for k in range(poses // 250_000):
+            points = simulated(arm, 250_000, drawn=100 + k)
+            measured_file(points.take(points.target == 0), folder / "some.csv")
+            header, _, rows = (folder / "some.csv").read_bytes().partition(b"\n")
+            with open(path, "ab") as stream:
+                stream.write(rows if k else header + b"\n" + rows)
+        seconds, memory = spent("evaluate", out, path, times=1)
+        slope = math.log(seconds / before) / math.log(4.0) if before else None
+        add(f"irbcal evaluate, {poses:,} poses x 1, in pieces, largest process", seconds, memory, None, slope)
+        before = seconds
 
 
 def rapid(arm, q):

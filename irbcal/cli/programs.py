@@ -141,10 +141,13 @@ def filter_program(
     read_frames(options, options["program"])
     refused, strict = False, options.get("strict", False)
     try:
-        result = public("correct")(**options, out=out)
+        with show.progress(1, quiet=json or not _long(options["program"])) as step:
+            result = public("correct")(**options, out=out, progress=step)
     except NotWritten as refusal:
         result, refused = refusal.filtered, True
-    if page is not None and len(result.targets):
+    if page is not None and result.shifts is not None:
+        show.warn("no page was written: it shows every target, and the table is too long for that")
+    elif page is not None and len(result.targets):
         from irbcal.viewer.program_page import program_view
 
         program_view(options["calibration"], result).save(page)
@@ -167,18 +170,26 @@ def filter_program(
         raise typer.Exit(1)
 
 
+LONG_FILE = 10_000_000
+"""Bytes from which a table may be corrected in pieces, which are counted while one waits."""
+
+
+def _long(programs: list[Path]) -> bool:
+    return any(path.is_file() and path.stat().st_size > LONG_FILE for path in programs)
+
+
 def _content(result: Filtered) -> dict[str, Any]:
     from irbcal.units import MM
 
     corrected = len(result.targets) > 0
     return {
         "out": None if result.written is None else str(result.written),
-        "corrected": len(result.targets),
+        "corrected": len(result.all_shifts),
         "left": [target._asdict() for target in result.left],
         "notes": [note._asdict() for note in result.notes],
         "cautions": list(result.cautions),
-        "mean_shift_mm": float(result.shift.mean() / MM) if corrected else None,
-        "max_shift_mm": float(result.shift.max() / MM) if corrected else None,
+        "mean_shift_mm": float(result.all_shifts.mean() / MM) if corrected else None,
+        "max_shift_mm": float(result.all_shifts.max() / MM) if corrected else None,
         "expected_error_mm": None if result.expected_error is None else result.expected_error / MM,
         "unknown_frames": None if result.unknown_frames is None else result.unknown_frames.to_dict(),
         "unchanged": result.unchanged,

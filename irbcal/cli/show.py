@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import shutil
 import sys
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from irbcal.validation.verdict import Verdict
 
 
+COUNTED = re.compile(r"(\d+) of (\d+)\b")
+"""How a text of progress begins that says how far the work is."""
 NOT_TRUSTED = 3
 """Exit code on request."""
 
@@ -75,23 +78,38 @@ def with_plot(file: Path | None, json: bool, compute: Callable[[], Any], save: C
 def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """A progress bar on stderr; yields a function to call with a text at the start of each step.
 
+    A text such as ``3 of 20 robots`` says itself how far the work is; from then on the bar tells when it ends.
+
     With ``IRBCAL_PROGRESS=lines`` in the environment each text is a line behind the record separator (U+001E), for
     programs that run commands and show what they do.
     """
     if os.environ.get("IRBCAL_PROGRESS") == "lines" and not quiet:
         yield lambda text: print(f"\x1e{text}", file=sys.stderr, flush=True)
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    if quiet:
+        yield lambda text: None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     from irbcal.terminal import Terminal
 
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=24), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
     console = Terminal(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=steps)
 
         def step(text: str) -> None:
-            bar.update(task, description=text, advance=1)
+            counted = COUNTED.match(text)
+            if counted is None:
+                bar.update(task, description=text, advance=1)
+            else:
+                bar.update(task, description=text, completed=int(counted[1]), total=int(counted[2]))
 
         yield step
 

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from irbcal import parallel
 from irbcal.arrays import FloatArray
 from irbcal.cell.cell_file import CellFile, cell_of, frames_by_name
 from irbcal.correction import languages
 from irbcal.correction.backup import Unpacked, of_programs, packed, unpacked
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, refused, writable
 from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.filtered import Filtered, together
+from irbcal.correction.filtered import SHOWN, Filtered, together
 from irbcal.correction.instructions import read as taught
+from irbcal.correction.languages import table
 from irbcal.correction.last_moves import MOST, LastMoves, with_last_moves
 from irbcal.correction.loads import Carried
 from irbcal.correction.maker import BEYOND
@@ -51,6 +53,7 @@ from irbcal.io.controller_model import (
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
+from irbcal.measurement import pieces
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm
@@ -121,8 +124,13 @@ def correct(
     split_points: bool = False,
     frames_measured: bool = False,
     strict: bool = False,
+    progress: Callable[[str], Any] | None = None,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
+
+    Tables (CSV) of a million rows and more, without times, are corrected in pieces, side by side, in memory that hardly
+    grows with them, where a file is written and of all options ``allow_partial``, ``payload`` and ``payload_place``
+    alone are used. The result then holds the first targets, and how far all were shifted.
 
     Parameters
     ----------
@@ -187,6 +195,8 @@ def correct(
         Tools and work objects that are not in the cell file were measured independently of the robot.
     strict : bool
         Write nothing where tools or work objects are of unknown origin.
+    progress : callable, optional
+        Called with a short text after each piece of a long table.
 
     Raises
     ------
@@ -213,6 +223,12 @@ def correct(
     read_too = [path for path in (controller_model, cell, instructions) if isinstance(path, (str, os.PathLike))]
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
+    others = tool, wobj, pulses, controller_model, where, path_tolerance, cell, start, posture, instructions, harmless
+    plain = changes is None and points in (None, "offline") and not any(option is not None for option in others)
+    if out is not None and plain and len(programs_given) == 1 and not (re_express or split_points or strict):
+        long = pieces.long_table(Path(programs_given[0]))
+        if long is not None and table.TIME not in pieces.header(long):
+            return _correct_long(calibration, long, Path(out), allow_partial, payload, payload_place, progress)
     with unpacked(programs_given) as files:
         places = start, posture, instructions, harmless, split_points
         opened = read_programs(calibration, files.programs, tool, wobj, pulses, controller_model, where, *places)
@@ -275,6 +291,114 @@ def correct(
             raise _not_written(filtered)
         folder = len(filtered.files) > 1 or len(given.files) > 1
         return _as_given(_written(filtered, out, changes, folder, files), files)
+
+
+ROWS_BEFORE = 100
+"""Rows before a piece of a long table that tell from where the robot comes to its first."""
+MOST_LEFT = 10_000
+"""Rows of a long table that were left as they were, and are named."""
+PIECE_S = 1.0
+"""Seconds that a piece of a long table takes, about."""
+
+
+@dataclass(frozen=True, eq=False)
+class _ForAllPieces:
+    """What all pieces of a long table have in common."""
+
+    robot: Robot
+    nominal: Arm
+    fingerprint: str
+    follow_loads: bool
+
+
+def _corrected_piece(shared: _ForAllPieces, piece: pieces.Piece) -> tuple[bytes, bytes, Filtered]:
+    """In a worker: header and rows of a piece with its fake targets; and what was done, without the bytes."""
+    data, before = pieces.content(piece, ROWS_BEFORE)
+    offset = piece.row - before
+    try:
+        program = table.parse(data, piece.path, shared.nominal.joint_columns)
+        program = replace(program, rows=program.rows + offset)
+    except ProgramError as error:
+        raise error if error.row in (None, 1) else pieces.with_row_of_file(error, offset) from None
+    filtered = filter_program(
+        shared.robot, shared.nominal, program, shared.fingerprint, follow_loads=shared.follow_loads
+    )
+    if len(filtered.targets):
+        written = filtered.data
+    else:
+        written = table.with_values(
+            program, program.values, shared.fingerprint, np.zeros(len(program.rows), dtype=bool)
+        )
+    header, _, body = written.partition(b"\n")
+    inside = filtered.lines > piece.row + 1
+    certainty = shared.robot.certainty
+    outside = "" if certainty is None else certainty.outside_in_words(filtered.q_before[inside], "targets")
+    first = np.flatnonzero(inside)[:SHOWN]
+    arrays = ("targets", "lines", "q_before", "q", "shift", "turn", "residual", "places")
+    small = replace(
+        filtered,
+        **{name: getattr(filtered, name)[first] for name in arrays},
+        files={},
+        left=tuple(left for left in filtered.left if left.line > piece.row + 1),
+        last_move_error=None,
+        last_moves=None,
+        frames=None,
+        way=np.arange(len(first)),
+        cautions=(outside,) if outside else (),
+        shifts=filtered.shift[inside],
+    )
+    return header + b"\n", body.split(b"\n", before)[before] if before else body, small
+
+
+def _correct_long(
+    calibration: CalibrationLike,
+    file: pieces.LongFile,
+    out: Path,
+    allow_partial: bool,
+    payload: float | None,
+    payload_place: ArrayLike | None,
+    progress: Callable[[str], Any] | None,
+) -> Filtered:
+    """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
+    record = open_calibration(calibration)
+    robot = loaded(record.robot_calibrated(), payload, payload_place)
+    shared = _ForAllPieces(robot, record.arm(calibrated=False), record.fingerprint, payload is None)
+    done: list[Filtered] = []
+    left: list[Left] = []
+
+    def write(stream: BinaryIO) -> None:
+        early: dict[int, tuple[bytes, bytes, Filtered]] = {}
+        for index, corrected_piece in parallel.each(_corrected_piece, shared, file.pieces, seconds=PIECE_S):
+            early[index] = corrected_piece
+            while len(done) in early:
+                header, body, filtered = early.pop(len(done))
+                if not done:
+                    stream.write(header)
+                stream.write(body)
+                left.extend(filtered.left[: max(MOST_LEFT - len(left), 0)])
+                done.append(filtered if not done else replace(filtered, left=()))
+                if progress is not None:
+                    progress(f"{len(done)} of {len(file.pieces)} pieces")
+                if filtered.left and not allow_partial:
+                    raise _not_written(replace(filtered, left=tuple(left)))
+        if not any(len(filtered.all_shifts) for filtered in done):
+            raise _not_written(replace(done[0], left=tuple(left)))
+
+    write_set({out: write})
+    cautions = pieces.once((text for filtered in done for text in filtered.cautions), len(done))
+    if len(left) == MOST_LEFT:
+        cautions = (*cautions, f"Of the targets that were left as they were the first {MOST_LEFT} are named.")
+    expected = None if record.heldout is None or record.features is not None else record.heldout.all.mean_mm * MM
+    return replace(
+        done[0],
+        left=tuple(left),
+        notes=tuple(dict.fromkeys(note for filtered in done for note in filtered.notes)),
+        cautions=cautions,
+        expected_error=expected,
+        written=out,
+        unchanged=sum(filtered.unchanged for filtered in done),
+        shifts=np.concatenate([filtered.all_shifts for filtered in done]),
+    )
 
 
 class OpenedPrograms(NamedTuple):

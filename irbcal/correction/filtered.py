@@ -80,6 +80,8 @@ class Filtered(Result):
         after the correction, in the base link, metres.
     way : ndarray of int, shape (k,)
         Rows of the corrected targets in the order in which the program stops at them.
+    shifts : ndarray, or None
+        Of a long table, whose other arrays hold the first targets alone: ``shift`` of all corrected ones.
     """
 
     source: str
@@ -106,6 +108,12 @@ class Filtered(Result):
     unchanged: int = 0
     places: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     way: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    shifts: FloatArray | None = None
+
+    @property
+    def all_shifts(self) -> FloatArray:
+        """Distance from the wanted to the fake pose of every corrected target, metres."""
+        return self.shift if self.shifts is None else self.shifts
 
     @property
     def data(self) -> bytes:
@@ -175,13 +183,13 @@ class Filtered(Result):
         unknown = self.unknown_frames
         sentences: list[Paragraph] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
         if not self._re_expressed:
-            sentences.append(corrected_in_words(self.shift))
+            sentences.append(corrected_in_words(self.all_shifts))
         if self.frames is not None:
             sentences += self.frames.report(self.unchanged)
         if len(self.targets):
             sentences.append(self._first_changes())
-        if len(self.targets) > SHOWN:
-            sentences.append(f"… and {len(self.targets) - SHOWN} more")
+        if len(self.all_shifts) > SHOWN:
+            sentences.append(f"… and {len(self.all_shifts) - SHOWN} more")
         if self.expected_error is not None and not self._re_expressed:
             mean = self.expected_error / MM
             robot_only = ", of the robot alone: tools and work objects add their errors" if self._framed else ""

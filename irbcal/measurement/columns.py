@@ -186,8 +186,13 @@ class InputTable:
         if not data.strip():
             raise MeasurementError("the file is empty, expected a header and rows", file=source)
         if path.suffix == ".parquet":
-            return cls(_parse_parquet(data, source, required), source, _digest(data))._with_rows(known)
+            return cls(_parse_parquet(data, source, required, typed), source, _digest(data))._with_rows(known)
         return cls.parse(data, source, required, known, typed)
+
+    @classmethod
+    def of_frame(cls, frame: pd.DataFrame, source: str, required: Sequence[str], typed: IsNumber) -> InputTable:
+        """As `read`, from rows of a Parquet file."""
+        return cls(_from_frame(frame, required, source, typed), source)._with_rows(None)
 
     @classmethod
     def parse(
@@ -858,23 +863,33 @@ def _decoded(data: bytes, source: str) -> str:
     return text
 
 
-def _parse_parquet(data: bytes, source: str, required: Sequence[str]) -> pd.DataFrame:
+def _parse_parquet(data: bytes, source: str, required: Sequence[str], typed: IsNumber | None = None) -> pd.DataFrame:
     try:
         table = pd.read_parquet(BytesIO(data))
     except ImportError:
         raise MeasurementError("reading Parquet needs the package pyarrow, which is absent", file=source) from None
     except Exception as error:  # whatever pyarrow raises on a damaged file
         raise MeasurementError(f"not a Parquet file: {error}", file=source) from None
-    return _from_frame(table, required, source)
+    return _from_frame(table, required, source, typed)
 
 
-def _from_frame(table: pd.DataFrame, required: Sequence[str], source: str) -> pd.DataFrame:
-    """Cells of a DataFrame: numbers as text that reads back to the same, nothing for what is missing."""
+def _from_frame(
+    table: pd.DataFrame, required: Sequence[str], source: str, typed: IsNumber | None = None
+) -> pd.DataFrame:
+    """Cells of a DataFrame: numbers as text that reads back to the same, nothing for what is missing.
+
+    Columns of numbers that are ``typed`` stay numbers.
+    """
     header = [str(name).strip() for name in table.columns]
     check_header([in_degrees(name) for name in header], required, source)
     columns = [table.iloc[:, k] for k in range(len(header))]
-    text = [column.astype(str).where(column.notna(), "").to_numpy(dtype=object) for column in columns]
-    return pd.DataFrame(dict(zip(header, text, strict=True)), index=range(1, len(table) + 1), dtype=object)
+    cells = [
+        column.to_numpy(dtype=float)
+        if typed is not None and typed(name) and column.dtype == np.float64
+        else column.astype(str).where(column.notna(), "").to_numpy(dtype=object)
+        for name, column in zip(header, columns, strict=True)
+    ]
+    return pd.DataFrame(dict(zip(header, cells, strict=True)), index=range(1, len(table) + 1))
 
 
 def _digest(data: bytes) -> str:

@@ -361,6 +361,11 @@ def parse(data: bytes, source: str) -> MeasurementSet:
     return _checked(InputTable.parse(data, source, REQUIRED, typed=_of_numbers))
 
 
+def of_frame(frame: pd.DataFrame, source: str) -> MeasurementSet:
+    """Read measurements from rows of a Parquet file; see `parse`."""
+    return _checked(InputTable.of_frame(frame, source, REQUIRED, _of_numbers))
+
+
 def _of_numbers(name: str) -> bool:
     """Whether a column of a measurement file is one of numbers."""
     return name in POSITION or name in NUMERIC_EXTRAS or columns.is_joint(name) or columns.is_torque(name)

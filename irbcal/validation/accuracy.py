@@ -33,7 +33,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
-from irbcal.statistics import normal_below, normal_quantile, statistics
+from irbcal.statistics import consecutive, normal_below, normal_quantile, statistics
 from irbcal.units import MM
 
 SAME_COMMAND = 0.1 * MM
@@ -521,17 +521,19 @@ def intervals(
         Low and high ends in mm for the keys of `MOMENTS` and ``p50_mm`` and so on; None for fewer than `FEWEST_POSES`
         poses.
     """
-    row = np.unique(np.asarray(pose), return_inverse=True)[1].ravel()
+    row = consecutive(pose)
     n = int(row.max(initial=-1)) + 1
     if n < FEWEST_POSES:
         return None
-    d = np.asarray(distance, dtype=float) / MM
     if n > MOST_DRAWN:
         drawn = _some(n, seed)[row]
-        ends_of = intervals(distance_of_part := d[drawn] * MM, row[drawn], resamples, seed, level)
+        part, part_row = np.asarray(distance, dtype=float)[drawn], row[drawn]
+        del row, drawn  # of millions of poses
+        ends_of = intervals(part, part_row, resamples, seed, level)
         assert ends_of is not None
-        near, whole = _statistics(distance_of_part / MM, row[drawn]), _statistics(d, row)
+        near, whole = _statistics(part / MM), _statistics(np.asarray(distance, dtype=float) / MM)
         return {name: _narrowed(ends, near[name], whole[name], n) for name, ends in ends_of.items()}
+    d = np.asarray(distance, dtype=float) / MM
     sums = _Sums.of(d, row, n)
     order = np.argsort(d, kind="stable")
     step = max(1, BLOCK // len(d))
@@ -619,14 +621,14 @@ def _narrowed(ends: list[float], near: float, total: float, n: int) -> list[floa
     return [total + (end - near) * float(np.sqrt(MOST_DRAWN / n)) for end in ends]
 
 
-def _statistics(d: FloatArray, row: IntArray) -> dict[str, float]:
+def _statistics(d: FloatArray) -> dict[str, float]:
     """The statistics that have intervals, mm."""
-    used = np.unique(row, return_inverse=True)[1].ravel()
-    sums = _Sums.of(d, used, int(used.max()) + 1)
-    moments = sums.moments(*(s.sum() for s in sums.by_pose))
+    shift = float(d.mean())
+    total = [np.array(value) for value in (float(len(d)), (d - shift).sum(), np.square(d - shift).sum())]
+    moments = _Sums(shift, []).moments(*total)
     return {
         **dict(zip(MOMENTS, moments.tolist(), strict=True)),
-        **{f"p{p}_mm": float(np.percentile(d, p)) for p in PERCENTILES},
+        **dict(zip([f"p{p}_mm" for p in PERCENTILES], np.percentile(d, PERCENTILES).tolist(), strict=True)),
     }
 
 

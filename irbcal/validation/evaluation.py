@@ -8,17 +8,20 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from irbcal import parallel
 from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
-from irbcal.measurement import table
+from irbcal.measurement import pieces, table
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.motions import with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups
+from irbcal.measurement.table import shared_table
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.lost_zeros import lost_joints
@@ -351,8 +354,14 @@ def evaluate(
     region_only: bool = False,
     info: Mapping[str, str] | None = None,
     jobs: int | None = None,
+    progress: Callable[[str], Any] | None = None,
 ) -> Evaluation:
     """Errors of a calibration and of its nominal robot on other measurements.
+
+    Files of a million rows and more (CSV or Parquet) are judged in pieces, in memory that hardly grows with them: all
+    points are judged, while figures, doubts of the whole and the region come from poses drawn at random. Repeats of a
+    pose are looked for within a piece. What needs all points at once is not done so: ``refit_base``, ``refit_tool``,
+    ``relative``, ``flange``, ``verified``, ``sphere``, reference points, sessions.
 
     Parameters
     ----------
@@ -404,7 +413,10 @@ def evaluate(
         What a certificate tells besides: ``serial_number``, ``operator`` and others of
         `irbcal.validation.origin.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
     jobs : int, optional
-        Threads for large problems; as many as there are cores unless given. The result does not depend on it.
+        Threads for large problems, processes for long files; as many as there are cores unless given. The result does
+        not depend on it.
+    progress : callable, optional
+        Called with a short text after each piece of a long file.
 
     Raises
     ------
@@ -420,6 +432,54 @@ def evaluate(
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
     judged_by, stated = check_options(tolerance, rule, tracker_u95, region_only), checked_info(info)
+    whole = refit_base or refit_tool or refit_zeros or relative or flange or verified is not None or sphere is not None
+    if not whole and (file := pieces.long_file(measurements)) is not None:
+        drawn = -(-MOST_POSES // len(file.pieces))
+        shared = _OfAllPieces(record, file.sha256, payload, same_tool, include_fitted, drawn, seed)
+        if not pieces.read(file.pieces[0]).is_reference().any():
+            judged_pieces, stopped = _in_pieces(shared, file, progress)
+            import pandas as pd
+
+            rows = pd.concat([part.drawn for part in judged_pieces], ignore_index=True)
+            some = replace(table.read(rows), source=file.path, sha256=file.sha256)
+            sample = evaluate(
+                calibration,
+                some,
+                intervals=intervals,
+                include_fitted=include_fitted,
+                seed=seed,
+                payload=None if "payload_kg" in rows else payload,
+                same_tool=same_tool,
+                info=info,
+            )
+
+            def judge(
+                figures: Mapping[str, float],
+                error: NDArray[Any],
+                position: NDArray[Any],
+                outcome: Verdict,
+                poses: int,
+                u95: float,
+            ) -> Conformity | None:
+                if tolerance is None:
+                    return None
+                tracker = expanded_uncertainty(np.array([u95]), tracker_u95)
+                return conformity(
+                    figures,
+                    error,
+                    position,
+                    outcome,
+                    tolerance,
+                    judged_by,
+                    poses=poses,
+                    tracker=tracker,
+                    region=sample.region,
+                    region_only=region_only,
+                    simulated=sample.simulated,
+                    seed=seed,
+                )
+
+            return _of_long_file(judged_pieces, sample, judge, intervals, seed, stopped)
     measurements = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed, lost_joints(refit_zeros, record.arm(calibrated=False)))
     cleaned, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
@@ -502,6 +562,231 @@ def evaluate(
             simulated=simulated,
             seed=seed,
         ),
+    )
+
+
+MOST_POSES = 20_000
+"""Poses of a long file that figures, doubts and the region come from."""
+
+
+@dataclass(frozen=True, eq=False)
+class _OfAllPieces:
+    """What all pieces of a long file have in common; so many poses of each are ``drawn``."""
+
+    record: Record
+    sha256: str
+    payload: float | None
+    same_tool: bool
+    include_fitted: bool
+    drawn: int
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What is kept of the points of a piece of a long file: m points.
+
+    Attributes
+    ----------
+    errors, turns : dict of str to ndarray
+        Distances (m,), and angles where orientations were measured, by model; four bytes each.
+    labels, names : dict of str to ndarray of int (m,) and list of str
+        Of each of `PARTS`: which name each point has; one number where all have the same.
+    pose : ndarray of int, shape (m,)
+        Numbers of the poses.
+    place : ndarray of int, shape (n,), or None
+        Place of each pose; None where each has its own.
+    cleaned : CleanedPoints
+        Without its points.
+    poses, fitted : int
+    against, notes : tuple of str
+    u95 : float
+        The largest uncertainty that is stated; not a number where none is.
+    drawn : DataFrame
+        Rows of some poses.
+    """
+
+    errors: Mapping[str, NDArray[np.float32]]
+    turns: Mapping[str, NDArray[np.float32]]
+    labels: Mapping[str, NDArray[Any]]
+    names: Mapping[str, list[str]]
+    pose: NDArray[np.int32]
+    place: NDArray[np.int32] | None
+    poses: int
+    fitted: int | None
+    counted_out: int
+    excluded: tuple[Exclusion, ...]
+    proven: bool
+    basis: str
+    against: tuple[str, ...]
+    notes: tuple[str, ...]
+    u95: float
+    simulated: bool
+    drawn: pd.DataFrame
+
+
+def _judged_piece(shared: _OfAllPieces, piece: pieces.Piece) -> _Judged:
+    """In a worker: read and judge a piece of a long file."""
+    import pandas as pd
+
+    record = shared.record
+    measurements = carrying(pieces.read(piece, shared.sha256), shared.payload)
+    cleaned, robots = in_frame_of_calibration(record, measurements, NOTHING, shared.same_tool)
+    cleaned = without_fitted(cleaned.without_copies(), record, shared.include_fitted)
+    points = cleaned.points
+    coded = {part: pd.factorize(labels) for part, labels in _parts(cleaned).items()}
+    rng = np.random.default_rng([shared.seed, piece.row])
+    drawn = rng.permutation(cleaned.number)[: shared.drawn]
+    rows = shared_table(measurements)
+    return _Judged(
+        {name: distances(robot, points).astype(np.float32) for name, robot in robots.items()},
+        {name: rotation_distances(robot, points).astype(np.float32) for name, robot in robots.items()},
+        {
+            part: codes.astype(np.min_scalar_type(len(names)))[: len(codes) if len(names) > 1 else 1]
+            for part, (codes, names) in coded.items()
+        },
+        {part: [str(name) for name in names] for part, (_, names) in coded.items()},
+        points.pose.astype(np.int32),
+        None if np.array_equal(place := repeat_groups(points), np.arange(points.poses)) else place.astype(np.int32),
+        points.poses,
+        None if cleaned.at_fitted is None else int(cleaned.at_fitted.sum()),
+        cleaned.counted_out,
+        cleaned.excluded,
+        cleaned.proven,
+        cleaned.basis,
+        tuple(doubts_of(points, robots["calibrated"], record)),
+        _notes(cleaned, record),
+        np.nan if points.u95 is None or not np.isfinite(points.u95).any() else float(np.nanmax(points.u95)),
+        measurements.simulated,
+        measurements.to_frame()[rows["pose_index"].isin(drawn).to_numpy()],
+    )
+
+
+def _in_pieces(
+    shared: _OfAllPieces, file: pieces.LongFile, progress: Callable[[str], Any] | None
+) -> tuple[list[_Judged], tuple[str, ...]]:
+    """Judge the pieces of a long file side by side; those that were judged before Ctrl-C, and a note of that."""
+    done: dict[int, _Judged] = {}
+    note: tuple[str, ...] = ()
+    try:
+        for index, judged_piece in parallel.each(_judged_piece, shared, file.pieces, seconds=PIECE_S):
+            done[index] = judged_piece
+            if progress is not None:
+                progress(f"{len(done)} of {len(file.pieces)} pieces")
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        note = (f"Stopped after {len(done)} of {len(file.pieces)} pieces of the file: the rest was not judged.",)
+    return [done[index] for index in sorted(done)], note
+
+
+PIECE_S = 1.0
+"""Seconds that a piece of a long file takes, about."""
+
+
+def _joined(parts: Sequence[NDArray[np.int32]]) -> NDArray[np.int32]:
+    """Numbers of all pieces, those of each beyond those of the one before."""
+    out, begin = [], 0
+    for numbers in parts:
+        out.append(numbers + np.int32(begin))
+        begin += int(numbers.max(initial=-1)) + 1
+    return np.concatenate(out)
+
+
+def _same_codes(parts: Sequence[_Judged], kind: str) -> tuple[NDArray[Any], list[str]]:
+    """Labels of all pieces with the same numbers."""
+    names = list(dict.fromkeys(name for part in parts for name in part.names[kind]))
+    number = {name: k for k, name in enumerate(names)}
+    code = np.min_scalar_type(len(names))
+    if len(names) == 1:
+        return np.broadcast_to(np.zeros(1, dtype=code), sum(len(part.pose) for part in parts)), names
+    codes = [
+        np.broadcast_to(np.array([number[n] for n in part.names[kind]], dtype=code)[part.labels[kind]], len(part.pose))
+        for part in parts
+    ]
+    return np.concatenate(codes), names
+
+
+def _of_long_file(
+    parts: list[_Judged],
+    sample: Evaluation,
+    judge: Callable[[Mapping[str, float], NDArray[Any], NDArray[Any], Verdict, int, float], Conformity | None],
+    intervals: bool,
+    seed: int,
+    stopped: tuple[str, ...],
+) -> Evaluation:
+    """The evaluation of poses drawn from a long file, with the errors of all."""
+    pose = position = _joined([part.pose for part in parts])
+    if any(part.place is not None for part in parts):
+        places = [np.arange(part.poses, dtype=np.int32) if part.place is None else part.place for part in parts]
+        position = _joined([place[part.pose] for place, part in zip(places, parts, strict=True)])
+    errors = {name: np.concatenate([part.errors[name] for part in parts]) for name in MODELS}
+    turns = {name: rotation_statistics(np.concatenate([part.turns[name] for part in parts])) for name in MODELS}
+    coded = {kind: _same_codes(parts, kind) for kind in PARTS}
+    none = np.zeros(0, dtype=np.int32)
+    parts[:] = [replace(part, errors={}, turns={}, labels={}, pose=none, place=None) for part in parts]
+
+    def by_model(mask: BoolArray) -> ByModel:
+        return {name: _known(statistics(error[mask])) for name, error in errors.items()}
+
+    def with_intervals(mask: BoolArray) -> dict[str, Any]:
+        return {name: accuracy.intervals(error[mask], position[mask], seed=seed) for name, error in errors.items()}
+
+    of_parts: dict[str, Any] = {}
+    ends: dict[str, Any] = {}
+    for kind in PARTS:
+        codes, names = coded[kind]
+        ordered = [(k, name) for k, name in sorted(enumerate(names), key=lambda pair: pair[1]) if name]
+        of_parts[kind] = {name: by_model(codes == k) for k, name in ordered}
+        if intervals:
+            ends[kind] = {name: with_intervals(codes == k) for k, name in ordered}
+    everything = np.ones(len(pose), dtype=bool)
+    overall = by_model(everything)
+    percentiles = {name: _known(accuracy.percentiles(error)) for name, error in errors.items()}
+    excluded = tuple(exclusion for part in parts for exclusion in part.excluded)
+    against = (*pieces.once((text for part in parts for text in part.against), len(parts)), *stopped)
+    notes = pieces.once((text for part in parts for text in part.notes), len(parts))
+    proven = all(part.proven for part in parts)
+    basis = next((part.basis for part in parts if part.basis), "")
+    outcome = judged(
+        errors["nominal"] / np.float32(MM),
+        errors["calibrated"] / np.float32(MM),
+        pose,
+        counted(excluded),
+        proven,
+        against,
+        basis=basis,
+    )
+    poses = sum(part.poses for part in parts)
+    fitted = [part.fitted for part in parts]
+    u95 = np.array([part.u95 for part in parts])
+    text = f"A file of {len(parts)} pieces: errors are of all {len(pose):,} points, figures of poses drawn at random."
+    assert sample.origin is not None
+    origin_of_all = replace(
+        sample.origin,
+        poses=poses,
+        fitted=None if None in fitted else sum(filter(None, fitted)),
+        counted_out=sum(part.counted_out for part in parts),
+    )
+    figures = {**overall["calibrated"], **percentiles["calibrated"]}
+    return replace(
+        sample,
+        nominal=overall["nominal"],
+        calibrated=overall["calibrated"],
+        **of_parts,
+        percentiles=percentiles,
+        largest_covers=accuracy.largest_covers(int(position.max(initial=-1)) + 1),
+        orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
+        intervals=None
+        if sample.intervals is None
+        else {**{key: sample.intervals[key] for key in ("level", "resamples", "seed")}, **with_intervals(everything)}
+        | ends,
+        excluded=excluded,
+        verdict=outcome,
+        notes=(text, *against, *notes),
+        simulated=sample.simulated or any(part.simulated for part in parts),
+        origin=origin_of_all,
+        conformity=judge(figures, errors["calibrated"], position, outcome, poses, float(np.nanmax([*u95, -np.inf]))),
     )
 
 

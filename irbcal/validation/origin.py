@@ -97,6 +97,8 @@ class Origin(Locked):
         calibration does not tell.
     scope : tuple of str
         What the evaluation is limited to, in sentences.
+    poses : int or None
+        Judged poses, where ``joints`` has only some of them.
     """
 
     robot: str
@@ -110,11 +112,17 @@ class Origin(Locked):
     counted_out: int
     fitted: int | None
     scope: tuple[str, ...] = ()
+    poses: int | None = None
+
+    @property
+    def judged(self) -> int:
+        """How many poses are judged."""
+        return len(self.joints) if self.poses is None else self.poses
 
     @property
     def unseen(self) -> int | None:
         """Judged poses that the fit never saw; None where the calibration does not tell."""
-        return None if self.fitted is None else len(self.joints) - self.fitted
+        return None if self.fitted is None else self.judged - self.fitted
 
     def stated(self) -> list[tuple[str, str]]:
         """Labels and what was told; empty text where one of `FIELDS` was not."""
@@ -123,7 +131,7 @@ class Origin(Locked):
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
-        poses = {"judged": len(self.joints), "never_seen": self.unseen, "counted_out": self.counted_out}
+        poses = {"judged": self.judged, "never_seen": self.unseen, "counted_out": self.counted_out}
         out: dict[str, Any] = plain(values(self, "robot info calibrated fingerprint files") | {"poses": poses})
         return out
 

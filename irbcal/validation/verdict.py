@@ -27,6 +27,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.elsewhere import even_width
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked, length
+from irbcal.statistics import consecutive
 from irbcal.summary import Paragraph, Result, values
 from irbcal.units import MM
 from irbcal.validation import accuracy
@@ -111,15 +112,15 @@ def verdict(
     basis : str
         What poses these are, in words that follow "poses"; by default that the fit saw them, or never did.
     """
-    a, b = np.asarray(nominal, dtype=float), np.asarray(calibrated, dtype=float)
-    _, number = np.unique(np.asarray(pose), return_inverse=True)
-    number = number.ravel()
+    a, b = np.asarray(nominal), np.asarray(calibrated)
+    number = consecutive(pose)
     gain = np.bincount(number, a - b) / np.bincount(number)
     n = len(gain)
     error = float(gain.std(ddof=1) / np.sqrt(n)) if n > 1 else np.inf
     mean = float(gain.mean())
     outcome: Outcome = "better" if mean > CLEAR * error else "worse" if mean < -CLEAR * error else "no better"
-    figures = f"mean {b.mean():.3f} mm against {a.mean():.3f} mm, largest {b.max():.3f} against {a.max():.3f} mm"
+    means = [float(errors.mean(dtype=float)) for errors in (a, b)]
+    figures = f"mean {means[1]:.3f} mm against {means[0]:.3f} mm, largest {b.max():.3f} against {a.max():.3f} mm"
     poses = f"{n} pose{'s' if n > 1 else ''}"
     on = f"{poses} {basis or ('that the fit never saw' if proven else 'that were fitted, which proves nothing')}"
     text = {
@@ -129,7 +130,7 @@ def verdict(
         "and are these poses like those of the fit? Do not correct programs with it.",
     }[outcome]
     if np.array_equal(a, b):
-        text = f"the nominal robot itself, its base and targets identified, on {on}: mean {b.mean():.3f} mm, largest "
+        text = f"the nominal robot itself, its base and targets identified, on {on}: mean {means[1]:.3f} mm, largest "
         text += f"{b.max():.3f} mm."
     share = left_out / (left_out + (len(a) if used is None else used))
     if share > MOST_LEFT_OUT:
@@ -328,13 +329,13 @@ def upper_bound(rule: Rule, figure: float, distance: ArrayLike, cluster: IntArra
     """
     from scipy.special import stdtrit
 
-    _, number = np.unique(cluster, return_inverse=True)
+    number = consecutive(cluster)
     n = int(number.max()) + 1
     if rule == "mean3sigma":
         relative = float(stdtrit(n - 1, 1.0 - RISK)) * EXPONENTIAL / math.sqrt(n)
         return figure * math.exp(relative), MODEL
     worst = np.zeros(n)
-    np.maximum.at(worst, number.ravel(), np.asarray(distance, dtype=float))
+    np.maximum.at(worst, number, np.asarray(distance, dtype=float))
     worst.sort()
     share = SHARES[rule]
     rank = _rank(n, share)
@@ -550,8 +551,8 @@ def conformity(
         Of the bootstrap.
     """
     figure, key = FIGURES[rule]
-    distance, limit = np.asarray(distance, dtype=float), tolerance / MM
-    value, places, u95 = float(statistics[key]), len(np.unique(place)), tracker[0] / MM
+    distance, limit = np.asarray(distance), tolerance / MM
+    value, places, u95 = float(statistics[key]), int(consecutive(place).max(initial=-1)) + 1, tracker[0] / MM
     against = _against(verdict, places, None if region_only else region)
     upper, basis = None, f"of {accuracy.FEWEST_POSES} places or more"
     if places >= accuracy.FEWEST_POSES:
