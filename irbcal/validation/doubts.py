@@ -88,10 +88,13 @@ def sums(fit: Fit, n: int) -> PoseSums:
     J = problem.jacobian(state).reshape(-1, 3, problem.unknowns)[:m]
     r = problem.residuals(state)[:m]
     J = J / np.maximum(np.sqrt((J**2).sum(axis=(0, 1))), 1e-300)
-    H, g, yy = np.zeros((n, problem.unknowns, problem.unknowns)), np.zeros((n, problem.unknowns)), np.zeros(n)
-    np.add.at(H, problem.points.pose, np.einsum("mca,mcb->mab", J, J))
-    np.add.at(g, problem.points.pose, np.einsum("mca,mc->ma", J, r))
-    np.add.at(yy, problem.points.pose, (r**2).sum(axis=1))
+    order = np.argsort(problem.points.pose, kind="stable")
+    pose, first = np.unique(problem.points.pose[order], return_index=True)
+    J, r = J[order], r[order]
+    parts = J.swapaxes(1, 2) @ J, (J.swapaxes(1, 2) @ r[:, :, None])[:, :, 0], (r**2).sum(axis=1)
+    H, g, yy = (np.zeros((n, *part.shape[1:])) for part in parts)
+    for out, part in zip((H, g, yy), parts, strict=True):
+        out[pose] = np.add.reduceat(part, first, axis=0)
     return PoseSums(H, g, yy)
 
 
@@ -265,11 +268,12 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
     firm = 1e-6 * np.eye(p)
     rss_one = float(yy.sum() - g.sum(axis=0) @ np.linalg.solve(H.sum(axis=0) + firm, g.sum(axis=0)))
     best: Halves | None = None
+    packed = _packed(H)
     for second in _starts(H, g, seed):
         for _ in range(ROUNDS):
             if min(second.sum(), n - second.sum()) < max(FEW * n, 4):
                 break
-            cost = _costs(H, g, yy, np.stack([~second, second]), firm)
+            cost = _costs(packed, g, yy, np.stack([~second, second]), firm)
             new = cost[1] < cost[0]
             if (new == second).all():
                 two = float(cost.min(axis=0).sum())
@@ -295,9 +299,10 @@ def predicted(H: FloatArray, g: FloatArray, yy: FloatArray, second: BoolArray, s
     n = len(second)
     fold = np.random.default_rng(seed).permutation(n) % FOLDS
     smaller, larger = np.zeros(n), np.zeros(n)
+    packed, firm = _packed(H), 1e-6 * np.eye(g.shape[1])
     for k in range(FOLDS):
         tested, trained = fold == k, fold != k
-        costs = _costs(H, g, yy, np.stack([trained & ~second, trained & second]), 1e-6 * np.eye(g.shape[1]))[:, tested]
+        costs = _costs(packed, g, yy, np.stack([trained & ~second, trained & second]), firm)[:, tested]
         smaller[tested], larger[tested] = costs.min(axis=0), costs.max(axis=0)
     return float((larger > CLEARLY * smaller).mean())
 
@@ -314,13 +319,20 @@ def _starts(H: FloatArray, g: FloatArray, seed: int) -> list[BoolArray]:
     return [*along, *(rng.uniform(size=n) < 0.5 for _ in range(STARTS))]
 
 
-def _costs(H: FloatArray, g: FloatArray, yy: FloatArray, subsets: BoolArray, firm: FloatArray) -> FloatArray:
+def _packed(H: FloatArray) -> FloatArray:
+    """Upper triangles of symmetric matrices (n, p, p), row by row, shape (n, p (p + 1) / 2): half as much to read."""
+    return np.ascontiguousarray(H[(slice(None), *np.triu_indices(H.shape[1]))])
+
+
+def _costs(packed: FloatArray, g: FloatArray, yy: FloatArray, subsets: BoolArray, firm: FloatArray) -> FloatArray:
     """Squares left of each pose with the change that fits each part (k, n) of the poses best, shape (k, n)."""
-    n, p = g.shape
-    flat, weight = H.reshape(n, -1), subsets.astype(float)
-    changes = np.linalg.solve((weight @ flat).reshape(-1, p, p) + firm, (weight @ g)[..., None])[..., 0]
-    squares = np.einsum("ki,kj->kij", changes, changes).reshape(len(subsets), -1)
-    return np.maximum(yy - 2 * changes @ g.T + squares @ flat.T, 0.0)
+    rows, columns = np.triu_indices(g.shape[1])
+    weight = subsets.astype(float)
+    H = np.empty((len(subsets), *firm.shape))
+    H[:, rows, columns] = H[:, columns, rows] = weight @ packed
+    changes = np.linalg.solve(H + firm, (weight @ g)[..., None])[..., 0]
+    squares = changes[:, rows] * changes[:, columns] * np.where(rows == columns, 1.0, 2.0)
+    return np.maximum(yy - 2 * changes @ g.T + squares @ packed.T, 0.0)
 
 
 def _together(q: FloatArray, second: BoolArray) -> bool:
