@@ -67,14 +67,26 @@ def measured_file(points, path):
 TRAJECTORY = "ROS JointTrajectory"
 
 
-def commands(add, folder):
-    """Start-up, and the demonstration from file to report."""
-    demo = robots.demo_file("demo_identification.csv")
+def commands(add, folder, simulated, arm):
+    """Start-up, the demonstration from file to report, and commands with a calibration."""
+    demo, proof = (robots.demo_file(f"demo_{name}.csv") for name in ("identification", "verification"))
     for what, limit in (("--version", 0.1), ("--help", 0.18)):
         add(f"irbcal {what}", *spent(what, times=7), limit)
     for model, limit in (("34", 0.9), ("auto", None)):
         calibrate = ("calibrate", demo, "--robot", "irb1600", "--out", folder / model, "--force", "--model", model)
         add(f"irbcal calibrate, demo, model {model}", *spent(*calibrate), limit)
+    for poses in (100, 1000):
+        file = measured_file(simulated(arm, poses), folder / f"auto{poses}.csv")
+        calibrate = ("calibrate", file, "--robot", "irb1600", "--out", folder / f"auto{poses}", "--force")
+        add(f"irbcal calibrate, model auto, {poses:,} poses x 3", *spent(*calibrate))
+    program = folder / "short.mod"
+    program.write_text(rapid(arm, away_from_singularities(arm, 10)))
+    for name, words in {
+        "verify": ("verify", folder / "34"),
+        "evaluate": ("evaluate", folder / "34", proof),
+        "filter, ten poses": ("filter", folder / "34", program, "--out", folder / "corrected.mod", "--allow-partial"),
+    }.items():
+        add(f"irbcal {name}", *spent(*words))
 
 
 def large(add, folder, simulated, arm):
