@@ -6,7 +6,13 @@ stays quick.
 
 import sys
 
-if "irbcal" in (sys.argv[0].rpartition("/")[2], *sys.orig_argv[1:3]):  # the program, not the library
+if (
+    "irbcal"
+    in (  # the program, not the library
+        sys.argv[0].replace("\\", "/").rpartition("/")[2].removesuffix(".exe"),
+        *sys.orig_argv[1:3],
+    )
+):
     import _signal  # quicker than signal, which makes enumerations of it
 
     _signal.signal(

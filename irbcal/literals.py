@@ -7,7 +7,9 @@ as `word` and `comment` make it. Comments of robot programs and cells of tables:
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +55,15 @@ def cpp(value: Any) -> str:
     if isinstance(value, (list, tuple, np.ndarray)):
         return "{" + ", ".join(cpp(element) for element in value) + "}"
     raise TypeError(f"no literal of C++: {type(value).__name__}")
+
+
+def shell(*words: str, windows: bool = os.name == "nt") -> str:
+    """Words of a command line as a shell takes them: that of POSIX, or cmd and PowerShell on Windows."""
+    if not windows:
+        return shlex.join(words)
+    return " ".join(
+        word if re.fullmatch(r"[\w.:\\/=+@-]+", word) else '"' + word.replace('"', '""') + '"' for word in words
+    )
 
 
 def word(text: str) -> Markup:

@@ -13,12 +13,15 @@ no file behind.
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import re
 import secrets
 import stat
 import sys
+import tempfile
+import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,7 +29,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 from irbcal.errors import CalibrationError, IrbcalError, OptionError
 
@@ -250,6 +253,12 @@ def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object) -> None:
                 )
 
 
+def path_of_uri(uri: str) -> str:
+    """The path of a ``file://`` name; ``file:///C:/meshes`` is the folder ``C:/meshes``."""
+    path = uri.removeprefix("file://")
+    return path[1:] if re.match(r"/[A-Za-z]:[/\\]", path) else path
+
+
 def refuse_replacing(folder: Path, force: bool = False) -> None:
     """Refuse a folder that holds a calibration already: what moves a robot today must not be gone by one slip.
 
@@ -295,10 +304,12 @@ def _same(first: Path, second: Path) -> bool:
 
 try:
     import fcntl
-except ImportError:  # pragma: no cover - Windows has no locks on folders: one writer at a time there
+except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 PREFIX = ".irbcal-"
+PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8)
+"""Between tries to rename over a file that others read."""
 """Names of temporary files and journals begin so."""
 NEW, OLD, JOURNAL, ELSEWHERE = ".new", ".old", ".journal", ".elsewhere"
 """Endings: new and old content, what is to be done, and where that stands for files of a set in other folders."""
@@ -379,7 +390,7 @@ class _Row:
         """As it was before; may be done twice."""
         with suppress(OSError):
             if self.existed and self.old.exists():
-                os.replace(self.old, self.path)
+                _rename(self.old, self.path)
             elif not self.existed and not self.new.exists():
                 os.unlink(self.path)
 
@@ -405,9 +416,10 @@ def _tidy(folders: Sequence[Path]) -> Iterator[None]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """The lock of a folder, where the system has one: writers wait for each other."""
-    if fcntl is None:  # pragma: no cover
-        yield
+    """The lock of a folder, on Windows of a file made for it: writers wait for each other."""
+    if fcntl is None:
+        with _locked_file(folder):
+            yield
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
@@ -416,6 +428,46 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+@contextmanager
+def _locked_file(folder: Path) -> Iterator[None]:
+    import msvcrt
+
+    name = hashlib.sha256(os.path.normcase(os.path.realpath(folder)).encode()).hexdigest()[:16]
+    handle = os.open(Path(tempfile.gettempdir()) / f"irbcal-{name}.lock", os.O_RDWR | os.O_CREAT)
+    lock: Any = msvcrt  # its names are there on Windows only
+    try:
+        while True:
+            try:
+                lock.locking(handle, lock.LK_LOCK, 1)
+                break
+            except OSError:  # after ten seconds of waiting
+                continue
+        yield
+        lock.locking(handle, lock.LK_UNLCK, 1)
+    finally:
+        os.close(handle)
+
+
+def _rename(source: Path, target: Path) -> None:
+    """Rename over a file that is there; on Windows again, while a virus scanner or an index reads it."""
+    for pause in (*PAUSES_S, None) if fcntl is None else (None,):
+        try:
+            return os.replace(source, target)
+        except PermissionError:
+            if pause is None:
+                raise
+            time.sleep(pause)
+    return None
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """A path from a folder, whole where they are on two drives."""
+    try:
+        return os.path.relpath(path, folder)
+    except ValueError:
+        return str(path)
 
 
 def _leftovers(folder: Path) -> list[Path]:
@@ -453,15 +505,15 @@ def _write(targets: Mapping[Path, Content], folders: Sequence[Path]) -> None:
             if row.existed and len(rows) > 1:
                 _keep(row)
         for pointer in pointers:
-            _put(pointer, os.path.relpath(journal, pointer.parent).encode())
+            _put(pointer, _relative(journal, pointer.parent).encode())
         if len(rows) > 1:
             _put(draft, _journal(rows, True, journal.parent))
             for folder in folders:
                 _sync(folder)
-            os.replace(draft, journal)
+            _rename(draft, journal)
             _sync(journal.parent)
         for row in rows:
-            os.replace(row.new, row.path)
+            _rename(row.new, row.path)
         for folder in folders:
             _sync(folder)
     except BaseException:
@@ -484,7 +536,7 @@ def _turn_back(rows: Sequence[_Row], draft: Path, journal: Path) -> None:
     """Undo renames: the journal is turned round first, so that a kill here does no harm."""
     with suppress(OSError):
         _put(draft, _journal(rows, False, journal.parent))
-        os.replace(draft, journal)
+        _rename(draft, journal)
     for row in rows:
         row.back()
 
@@ -506,14 +558,14 @@ def _carry_out(folder: Path) -> None:
             if not forward:
                 row.back()
             elif row.new.exists():
-                os.replace(row.new, row.path)
+                _rename(row.new, row.path)
         for folder_of_row in {row.path.parent for row in rows}:
             _sync(folder_of_row)
         _clear(rows, [journal])
 
 
 def _journal(rows: Sequence[_Row], forward: bool, folder: Path) -> bytes:
-    files = [[*(os.path.relpath(path, folder) for path in (r.path, r.new, r.old)), r.existed] for r in rows]
+    files = [[*(_relative(path, folder) for path in (r.path, r.new, r.old)), r.existed] for r in rows]
     return json.dumps({"irbcal": "journal", "forward": forward, "files": files}).encode()
 
 

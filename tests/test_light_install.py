@@ -3,12 +3,13 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 from irbcal.io import robots
 
 WITHOUT = """
 import importlib.util, sys
-ABSENT = {"pinocchio", "meshcat", "sqlalchemy", "cv2", "pyarrow", "distributed", "casadi", "psycopg", "cryptography"}
+ABSENT = set(sys.argv.pop(1).split(","))
 find_spec = importlib.util.find_spec
 
 class Absent:
@@ -23,10 +24,17 @@ main()
 """
 
 
-def light(*arguments):
-    return subprocess.run(
-        [sys.executable, "-c", WITHOUT, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=300
-    )
+LIGHT = ["pinocchio", "meshcat", "sqlalchemy", "cv2", "pyarrow", "distributed", "casadi", "psycopg", "cryptography"]
+BALLAST = [
+    line.replace("-", "_").partition("_path")[0]  # svg-path is the module svg.path
+    for line in (Path(__file__).parents[1] / "scripts" / "ballast.txt").read_text(encoding="utf-8").splitlines()
+    if not line.startswith("#")
+]
+
+
+def light(*arguments, absent=LIGHT):
+    command = [sys.executable, "-c", WITHOUT, ",".join(absent), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
 
 
 def test_a_calibration_is_written_and_names_its_witnesses(tmp_path):
@@ -49,3 +57,28 @@ def test_what_an_extra_brings_is_said_in_one_line(tmp_path):
     assert "Traceback" not in done.stderr
     assert light("fleet", "--help").returncode == 0
     assert light("fleet", "calibrate", tmp_path / "none.csv", "--out", tmp_path / "f").stderr.count("none.csv") == 1
+
+
+def test_the_demo_needs_none_of_the_ballast_that_its_lock_leaves_out(tmp_path):
+    """Meshes in COLLADA and STL, the witnesses, and the packages that the ballast belongs to."""
+    data = robots.demo_file("demo_identification.csv")
+    done = light(
+        "calibrate", data, "--robot", "irb1600", "--model", "placement", "--out", tmp_path / "c", absent=BALLAST
+    )
+    assert done.returncode == 0, done.stderr
+    for arguments in (
+        ("view", tmp_path / "c", "--html", tmp_path / "v.html"),
+        ("export", tmp_path / "c", "--as", "mujoco", "--out", tmp_path / "m"),
+    ):
+        done = light(*arguments, absent=BALLAST)
+        assert done.returncode == 0, done.stderr
+        assert "Note" not in done.stdout
+    loads = (
+        "import meshcat, pinocchio, yourdfpy; from irbcal.io import robots; "
+        "print(len(yourdfpy.URDF.load(str(robots.robot_file('ur5')), filename_handler=robots.mesh_file).scene.geometry))"
+    )
+    hidden = WITHOUT.replace("from irbcal.cli.main import main\nmain()", loads)
+    done = subprocess.run(
+        [sys.executable, "-c", hidden, ",".join(BALLAST)], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "24", done.stderr

@@ -15,7 +15,10 @@ NO_COMPILER = "/nonexistent/c++"
 
 @pytest.fixture(scope="module", params=[None, NO_COMPILER])
 def installed(request, tmp_path_factory):
-    """The content of a wheel in a folder of its own, as pip would install it, and the wheel's name."""
+    """The content of a wheel in a folder of its own, as pip would install it, and the wheel's name.
+
+    With a compiler it is made from the source archive.
+    """
     if request.param is None and shutil.which("c++") is None:
         pytest.skip("no compiler is installed")
     folder = tmp_path_factory.mktemp("wheel")
@@ -24,6 +27,10 @@ def installed(request, tmp_path_factory):
         shutil.copytree(ROOT / name, source / name, ignore=leave)
     for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source / name)
+    if request.param is None:
+        command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder / "sdist"]
+        subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+        (source,) = (folder / "sdist").glob("*.tar.gz")
     command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder, source]
     environment = os.environ | ({} if request.param is None else {"CXX": request.param})
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
@@ -49,10 +56,12 @@ def test_it_holds_licence_types_and_metadata(installed):
 
 
 def test_it_works_away_from_the_checkout(installed, tmp_path):
+    """As in a container: no compiler or other program, no home, no settings, no locale, one folder to write to."""
     site, _, compiled = installed
 
     def run(*words):
-        environment = os.environ | {"PYTHONPATH": str(site)}
+        paths = os.pathsep.join([str(site), *(path for path in sys.path if path.endswith("site-packages"))])
+        environment = {"PYTHONPATH": paths, "PATH": "/nowhere", "HOME": "/nowhere", "TMPDIR": str(tmp_path)}
         done = subprocess.run([sys.executable, *words], cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         return done.stdout

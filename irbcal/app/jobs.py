@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import os
-import shlex
 import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from irbcal import literals
 
 LONGEST_OUTPUT = 200_000
 """Characters of output that are kept for a page; the rest of them are dropped."""
@@ -28,7 +29,7 @@ PATIENCE_S = 5.0
 
 def shown(arguments: Sequence[str]) -> str:
     """The command line as a user types it."""
-    return shlex.join(["irbcal", *arguments])
+    return literals.shell("irbcal", *arguments)
 
 
 @dataclass(eq=False)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from math import inf
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from irbcal import literals
 from irbcal.cli import programs, show
 from irbcal.cli.programs import PROGRAM_FLAGS, PROGRAM_TEXTS, PROGRAM_TYPED
 from irbcal.cli.signature import (
@@ -222,7 +222,7 @@ def _list(json: bool) -> None:
 def samples(options: dict[str, Any], json: Json = False) -> None:
     """Write small example files for every command, all SIMULATED, with the lines that try them."""
     written = public("samples")(**options)
-    folder = shlex.quote(str(written.folder))
+    folder = literals.shell(str(written.folder))
     show.result(written, json)
     if not json:
         show.say("Next:")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from irbcal import literals
 from irbcal.literals import terminal
 from irbcal.names import without_formulas
 from irbcal.summary import Paragraph, Table, print_table
@@ -196,6 +196,6 @@ def this_command() -> str:
     """How the command is to be typed that is running: by its name where the shell finds it, else with its folder."""
     called = Path(sys.argv[0])
     installed = shutil.which("irbcal")
-    if called.name != "irbcal" or (installed is not None and Path(installed).resolve() == called.resolve()):
+    if called.stem != "irbcal" or (installed is not None and Path(installed).resolve() == called.resolve()):
         return "irbcal"
-    return shlex.quote(str(called.absolute()))
+    return literals.shell(str(called.absolute()))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -12,6 +11,7 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
+from irbcal import literals
 from irbcal.errors import CalibrationError
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
@@ -162,7 +162,7 @@ def export(
     write_set({folder / name: content for name, content in exported.files.items()})
     parts = source.parts
     next_step = module.NEXT.format(
-        folder=shlex.quote(str(folder)), package=str(folder / "package.xml"), word=parts.identifier
+        folder=literals.shell(str(folder)), package=str(folder / "package.xml"), word=parts.identifier
     )
     notes = (*parts.notes, *exported.notes)
     return Exported(

@@ -8,7 +8,6 @@ looked for: with some tens of sisters there is nothing to tell them from.
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError
 from irbcal.fleet.batch import STORE
@@ -53,10 +53,11 @@ class FleetPrior(Result):
         kind = "SIMULATED: " if p.simulated else ""
         far = np.argsort(-np.abs(p.mean) / p.natural)[:10]
         rows = tuple((p.names[k], p.mean[k] / p.natural[k], p.std[k] / p.natural[k]) for k in far)
+        out = literals.shell(str(self.out))
         return [
             f"{kind}{len(p.names)} terms of type {p.type} from {len(p.sisters)} robots, written to {self.out}",
             Table("Terms farthest from nominal, in natural sizes", ("term", "mean", "scatter"), rows, 3),
-            f"irbcal calibrate MEASUREMENTS --robot ROBOT --prior {shlex.quote(str(self.out))} --out FOLDER takes it.",
+            f"irbcal calibrate MEASUREMENTS --robot ROBOT --prior {out} --out FOLDER takes it.",
         ]
 
     CONTENT = "out type=prior.type sisters=prior.sisters"

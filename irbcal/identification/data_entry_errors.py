@@ -18,7 +18,6 @@ back tell the place at which it is best to go over from one to the other. The be
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -26,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from irbcal import literals
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError
 from irbcal.identification import initial_guess, least_squares
@@ -201,7 +201,9 @@ class EntryError(Result):
         first = f"to mend it, {' and '.join(by_hand)}, then" if by_hand else "to read them so:"
         name = source if source and not source.startswith("<") else "measured.csv"
         call = ["irbcal", "import", name, "--as", "irbcal"]
-        return f"{first} {shlex.join(call + [word for text in options for word in ('--set', text)])} --out mended.csv"
+        return (
+            f"{first} {literals.shell(*call, *(word for text in options for word in ('--set', text)))} --out mended.csv"
+        )
 
     def report(self) -> Sequence[Paragraph]:
         """The sentence."""

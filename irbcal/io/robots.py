@@ -14,6 +14,7 @@ from unicodedata import normalize
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import catalogue
 from irbcal.options import shown
+from irbcal.safe_files import path_of_uri
 from irbcal.summary import Paragraph, Result, Table
 
 _PACKAGE = Path(__file__).parents[1]
@@ -367,7 +368,7 @@ def mesh_file(fname: str, folders: Sequence[str | Path] | None = None) -> str:
         The first such file; ``fname`` unchanged if no folder has it.
     """
     if fname.startswith("file://"):
-        return fname.removeprefix("file://")
+        return path_of_uri(fname)
     if not fname.startswith("package://"):
         return fname
     inside = fname.removeprefix("package://").lstrip("/")

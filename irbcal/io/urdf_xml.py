@@ -21,6 +21,7 @@ from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
+from irbcal.safe_files import path_of_uri
 
 MAX_BYTES = 20_000_000
 FARTHEST, LARGEST_TURN = 1e4, 1e4
@@ -241,7 +242,7 @@ class MeshFolders:
             candidates = [top / name / rest for top in self.packages]
             candidates += [top / rest for top in self.tops(uri) if top.name == name and top not in self.own]
         else:
-            rest = rest if separator else uri
+            rest = path_of_uri(uri) if separator else uri
             candidates = [top / rest for top in (*self.own, *self.packages, *self.around)]
         outside = False
         for path in candidates:

@@ -199,7 +199,7 @@ def lens(
         of_board = folder if len(boards) == 1 and not (folder / name).is_dir() else folder / name
         for path in _pictures(of_board):
             grey = read_picture(path)
-            label = str(path.relative_to(folder))
+            label = path.relative_to(folder).as_posix()
             if grey is None:
                 raise MeasurementError(f"there is no picture {label} that OpenCV reads", file=str(folder))
             size = sizes.setdefault(board.camera, board.size or grey.shape[::-1])

@@ -16,7 +16,6 @@ being line 1; in a DataFrame the position plus one) and the column.
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from os import PathLike
@@ -26,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 import pandas as pd
 
+from irbcal import literals
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
@@ -335,7 +335,7 @@ def _with_import(error: MeasurementError, source: TableLike) -> MeasurementError
     if isinstance(source, pd.DataFrame) or error.row != 1 or Path(source).suffix == ".parquet":
         return error
     message = str(error).removeprefix(str(MeasurementError("", file=error.file, row=error.row, column=error.column)))
-    command = f"irbcal import {shlex.quote(str(source))} --robot ROBOT --out measured.csv"
+    command = f"irbcal import {literals.shell(str(source))} --robot ROBOT --out measured.csv"
     return MeasurementError(
         f"{message.removeprefix(': ')}; a file of another program is imported first: {command}",
         file=error.file,
