@@ -321,7 +321,8 @@ def _starts(H: FloatArray, g: FloatArray, seed: int) -> list[BoolArray]:
 
 def _packed(H: FloatArray) -> FloatArray:
     """Upper triangles of symmetric matrices (n, p, p), row by row, shape (n, p (p + 1) / 2): half as much to read."""
-    return np.ascontiguousarray(H[(slice(None), *np.triu_indices(H.shape[1]))])
+    rows, columns = np.triu_indices(H.shape[1])
+    return np.ascontiguousarray(H[:, rows, columns])
 
 
 def _costs(packed: FloatArray, g: FloatArray, yy: FloatArray, subsets: BoolArray, firm: FloatArray) -> FloatArray:
