@@ -227,6 +227,7 @@ def each(
     *,
     seconds: float,
     lost: Callable[[T], R] | None = None,
+    files: Sequence[str] = (),
 ) -> Iterator[tuple[int, R]]:
     """Places and results of tasks, as they end, from this process, processes of this machine or a cluster.
 
@@ -244,20 +245,22 @@ def each(
         About how long one takes; see `PROCESSES_PAY`.
     lost : callable, optional
         The result of an item whose workers end by themselves again and again.
+    files : sequence of str
+        Paths that the workers of a cluster must see as this process does.
 
     Raises
     ------
     WorkerLost
         For such an item where ``lost`` is not given.
     IrbcalError
-        If the cluster does not answer.
+        If the cluster does not answer, or a worker does not see a file.
     """
     settings = workers()
     count = min(settings.jobs, len(items))
     apart = settings.address is not None or (count > 1 and (settings.asked or seconds * len(items) > PROCESSES_PAY))
     with _stopped_afterwards() as stopped, one_thread():
         if apart:
-            yield from _apart(function, shared, items, replace(settings, jobs=count), stopped, lost)
+            yield from _apart(function, shared, items, replace(settings, jobs=count), stopped, lost, files)
         else:
             for index, task in enumerate(items):
                 yield index, function(shared, task)
@@ -274,6 +277,7 @@ def _apart(
     settings: Workers,
     stopped: Callable[[], bool],
     lost: Callable[[T], R] | None,
+    files: Sequence[str],
 ) -> Iterator[tuple[int, R]]:
     """Rounds in workers until all is done; a round ends where a worker is lost."""
     import numpy as np
@@ -284,7 +288,7 @@ def _apart(
     )
     remaining = dict(enumerate(items))
     losses = dict.fromkeys(remaining, 0)
-    with _pool(settings, blob) as (count, options):
+    with _pool(settings, blob, files) as (count, options):
         while remaining and not stopped():
             suspects = [index for index in remaining if losses[index] >= MOST_LOSSES]
             order = suspects[:1] or list(remaining)
@@ -407,7 +411,7 @@ def _end_with(parent: int) -> None:
 
 
 @contextmanager
-def _pool(settings: Workers, blob: NDArray[np.uint8]) -> Iterator[tuple[int, Mapping[str, Any]]]:
+def _pool(settings: Workers, blob: NDArray[np.uint8], files: Sequence[str]) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """Number of workers and how joblib is told of them."""
     from joblib import parallel_config
 
@@ -415,13 +419,13 @@ def _pool(settings: Workers, blob: NDArray[np.uint8]) -> Iterator[tuple[int, Map
         with parallel_config("loky", inner_max_num_threads=1):
             yield settings.jobs, {"max_nbytes": "1M"}
         return
-    with _client(settings.address) as client, parallel_config("dask", client=client, scatter=[blob]):
+    with _client(settings.address, files) as client, parallel_config("dask", client=client, scatter=[blob]):
         yield max(1, sum(client.nthreads().values())), {}
 
 
 @contextmanager
-def _client(address: str) -> Iterator[Any]:
-    """A client of a Dask cluster, whose workers have the same versions as this process."""
+def _client(address: str, files: Sequence[str]) -> Iterator[Any]:
+    """A client of a Dask cluster, whose workers have the same versions as this process and see the same files."""
     try:
         from distributed import Client
         from distributed.comm import CommClosedError
@@ -444,6 +448,13 @@ def _client(address: str) -> Iterator[Any]:
                     f"the worker {worker} has {other_versions}, this process {versions}: results would differ",
                     parameter="engine",
                 )
+        for worker, path in client.run(_unseen, list(files)).items():
+            if path is not None:
+                raise IrbcalError(
+                    f"the worker {worker} does not see {path}: workers need the same files under the same paths (a "
+                    "folder that all machines share)",
+                    parameter="engine",
+                )
         try:
             yield client
         except (CancelledError, CommClosedError):
@@ -455,6 +466,11 @@ def _client(address: str) -> Iterator[Any]:
     finally:
         client.close(timeout=2)
         log.setLevel(level)
+
+
+def _unseen(files: Sequence[str]) -> str | None:
+    """In a worker: the first file that is not there."""
+    return next((path for path in files if not os.path.exists(path)), None)
 
 
 def _versions() -> str:

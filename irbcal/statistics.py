@@ -48,6 +48,8 @@ def f_beyond(value: float, freedom: float, freedom_below: float) -> float:
     if not value > 0.0:
         return 1.0 if value <= 0.0 else math.nan
     x = freedom_below / (freedom_below + freedom * value)
+    if x == 1.0:
+        return 1.0
     a, b = freedom_below / 2.0, freedom / 2.0
     front = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
     if x < (a + 1.0) / (a + b + 2.0):
@@ -57,16 +59,22 @@ def f_beyond(value: float, freedom: float, freedom_below: float) -> float:
 
 @lru_cache(maxsize=64)
 def student_within(share: float, freedom: float) -> float:
-    """Half-width of the middle interval that holds a share, above 0 and below 1, of Student's distribution."""
-    low, high = 0.0, 1.0
-    while f_beyond(high * high, 1.0, freedom) > 1.0 - share:
-        low, high = high, 2.0 * high
-    while (middle := 0.5 * (low + high)) not in (low, high):
-        if f_beyond(middle * middle, 1.0, freedom) > 1.0 - share:
-            low = middle
-        else:
-            high = middle
-    return middle
+    """Half-width of the middle interval that holds a share, above 0 and below 1, of Student's distribution.
+
+    Newton's method from that of the normal distribution: the share beyond is a convex function of the half-width, and
+    that start is below its solution, so that no step goes too far.
+    """
+    from statistics import NormalDist
+
+    half = freedom / 2.0
+    scale = math.lgamma(half + 0.5) - math.lgamma(half) - 0.5 * math.log(freedom * math.pi) + math.log(2.0)
+    t = NormalDist().inv_cdf(0.5 + 0.5 * share)
+    while True:
+        density = math.exp(scale - (half + 0.5) * math.log1p(t * t / freedom))
+        step = (f_beyond(t * t, 1.0, freedom) - (1.0 - share)) / density
+        if not step > 1e-15 * t:
+            return t
+        t += step
 
 
 def _fraction(a: float, b: float, x: float) -> float:

@@ -172,6 +172,52 @@ def test_a_fleet_on_a_cluster_is_that_of_one_process_also_where_a_worker_is_kill
     assert len(irbcal.fleet_add(tmp_path / "one", tmp_path / "fleet.db").there) == 3
 
 
+def test_a_file_that_a_worker_does_not_see_is_named(cluster, tmp_path):
+    with parallel.using(engine=address_of(cluster)):
+        gone = str(tmp_path / "gone.csv")
+        with pytest.raises(IrbcalError, match=r"the worker tcp://.* does not see .*gone\.csv: workers need the same"):
+            list(parallel.each(matrix, 60, range(6), seconds=0.0, files=[str(tmp_path), gone]))
+
+
+NANNIES = """
+import subprocess, sys, time
+from distributed import LocalCluster
+if __name__ == "__main__":
+    found = LocalCluster(n_workers=0, dashboard_address=None, host="127.0.0.1", silence_logs=50)
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", found.scheduler_address]
+    options = ["--nthreads", "1", "--no-dashboard", "--nanny", "--host", "127.0.0.1"]
+    nannies = [subprocess.Popen([*command, *options], stderr=subprocess.DEVNULL) for _ in range(2)]
+    while len(found.scheduler_info["workers"]) < 2:
+        time.sleep(0.1)
+    print(found.scheduler_address, nannies[0].pid, flush=True)
+    time.sleep(300)
+"""
+
+
+def test_a_killed_nanny_loses_nothing(tmp_path):
+    """The process that watches a worker is killed; its worker ends with it, and the other one does the rest."""
+    pytest.importorskip("distributed", reason="irbcal[dask] is not installed")
+    (tmp_path / "nannies.py").write_text(NANNIES)
+    path = f"{Path(__file__).parent}:{os.environ.get('PYTHONPATH', '')}"
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "nannies.py"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        start_new_session=True,
+    ) as nannies:
+        try:
+            address, nanny = nannies.stdout.readline().split()
+            with parallel.using(engine=f"dask://{address.removeprefix('tcp://')}"):
+                results = parallel.each(slow, None, range(12), seconds=0.0)
+                done = [next(results)]
+                os.kill(int(nanny), signal.SIGKILL)
+                done += results
+            assert sorted(index for index, _ in done) == list(range(12))
+        finally:
+            os.killpg(nannies.pid, signal.SIGKILL)
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

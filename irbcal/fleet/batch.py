@@ -370,7 +370,8 @@ def fleet_calibrate(
     finished_before, say = len(entries) - len(pending), progress or (lambda text: None)
     shared = str(folder.absolute())
     try:
-        tasks = parallel.each(_calibrate, shared, pending, seconds=CALIBRATION_S, lost=_lost)
+        files = [str(folder.absolute() / SIGN), *_some_files(pending)]
+        tasks = parallel.each(_calibrate, shared, pending, seconds=CALIBRATION_S, lost=_lost, files=files)
         for count, (index, outcome) in enumerate(tasks, start=1):
             done[pending[index].id] = outcome
             say(f"{count} of {len(pending)} robots")
@@ -382,6 +383,12 @@ def fleet_calibrate(
     result = CalibratedFleet(folder, robots, new, finished_before, seconds)
     _write(result)
     return result
+
+
+def _some_files(entries: Sequence[Entry]) -> list[str]:
+    """One file of each folder that robots are calibrated from."""
+    paths = [Path(name).absolute() for entry in entries for name in (entry.measurements, entry.robot)]
+    return [str(path) for path in {path.parent: path for path in paths if path.is_file()}.values()]
 
 
 def _open(folder: Path) -> None:
