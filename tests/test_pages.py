@@ -167,8 +167,15 @@ OTHER_OPTIONS = {
     "--help",
     "--check",
     "--ros-args",
+    "--from",
+    "--rm",
+    "--no-deps",
+    "--ntasks-per-node",
+    "--hostfile",
+    "--nanny",
+    "--nworkers",
 }
-"""Of the program as a whole, of scripts, of ROS, and of dask."""
+"""Of the program as a whole, of scripts, of ROS, of dask, SLURM, uv, Docker and pip."""
 
 
 def test_the_readme_is_one_page():

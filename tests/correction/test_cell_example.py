@@ -96,9 +96,10 @@ def test_taught_frames_are_named_first_and_the_cell_makes_the_part_right(example
     # the README's figures are by the true robot, these by the calibrated one, which is within 0.05 mm of it
     assert as_it_is == pytest.approx((0.339, 0.560), abs=0.06)
     assert taught == pytest.approx((1.524, 1.802), abs=0.06)
-    # numbers of the README have 0.0001 mm and degrees, and what an unknown last move adds is 0.004 mm
-    assert max(cell) < 6e-3
-    assert max(part_errors(example, tmp_path / "new" / "part.dat", CALIBRATED)) < 6e-3
+    # frames of the README are by another calibration of these measurements, 0.014 mm at most beside this one; where the
+    # true tip was, both miss by 0.021 mm in the mean
+    assert max(cell) < 2e-2
+    assert max(part_errors(example, tmp_path / "new" / "part.dat", CALIBRATED)) < 2e-2
 
 
 def test_the_declared_frames_are_those_that_the_controller_then_has(example, tmp_path):
