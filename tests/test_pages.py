@@ -174,6 +174,7 @@ OTHER_OPTIONS = {
     "--hostfile",
     "--nanny",
     "--nworkers",
+    "--wrap",
 }
 """Of the program as a whole, of scripts, of ROS, of dask, SLURM, uv, Docker and pip."""
 

@@ -112,7 +112,7 @@ def zeros_of_plan_in_words(request: PlanRequest, prediction: PlanPrediction, pos
         f"{placing} poses, and another to judge them: zero of {of_joints} (95 %), {enough} for {WELL / DEG:g} degrees. "
         f"Base and reflectors are placed anew, and points err by {prediction.model.noise / MM:.3f} mm a coordinate, "
         "what the calibration left over of a pose",
-        "Then (without --refit-tool where the reflectors stayed, which narrows the intervals; last moves that are not known "
-        "widen them): irbcal evaluate CALIBRATION MEASURED.csv --refit-base --refit-tool --refit-zeros "
+        "Then (without --refit-tool where the reflectors stayed, which narrows the intervals; last moves that are not "
+        "known widen them): irbcal evaluate CALIBRATION MEASURED.csv --refit-base --refit-tool --refit-zeros "
         f"{','.join(map(str, request.zeros))} --refit-from {placing}",
     ]
