@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -114,24 +115,35 @@ if __name__ == "__main__":
 """
 
 
-def test_a_killed_scheduler_is_one_sentence(tmp_path):
+@contextmanager
+def processes_of(script, folder):
+    """A script that makes a cluster and prints its address, in a session of its own; the process, and what it printed."""
     pytest.importorskip("distributed", reason="irbcal[dask] is not installed")
-    (tmp_path / "scheduler.py").write_text(SCHEDULER)
+    (folder / "cluster.py").write_text(script)
     path = f"{Path(__file__).parent}:{os.environ.get('PYTHONPATH', '')}"
     with subprocess.Popen(
-        [sys.executable, tmp_path / "scheduler.py"],
+        [sys.executable, folder / "cluster.py"],
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": path},
         start_new_session=True,
-    ) as scheduler:
-        address = scheduler.stdout.readline().strip().removeprefix("tcp://")
-        with parallel.using(engine=f"dask://{address}"):
-            results = parallel.each(slow, None, range(200), seconds=0.0)
-            next(results)
-            os.killpg(scheduler.pid, signal.SIGKILL)
-            with pytest.raises(IrbcalError, match=r"scheduler at .* is gone"):
-                list(results)
+    ) as process:
+        try:
+            address, *more = process.stdout.readline().split()
+            with parallel.using(engine=f"dask://{address.removeprefix('tcp://')}"):
+                yield process.pid, more
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_a_killed_scheduler_is_one_sentence(tmp_path):
+    with processes_of(SCHEDULER, tmp_path) as (scheduler, _):
+        results = parallel.each(slow, None, range(200), seconds=0.0)
+        next(results)
+        os.killpg(scheduler, signal.SIGKILL)
+        with pytest.raises(IrbcalError, match=r"scheduler at .* is gone"):
+            list(results)
 
 
 def address_of(cluster):
@@ -196,26 +208,12 @@ if __name__ == "__main__":
 
 def test_a_killed_nanny_loses_nothing(tmp_path):
     """The process that watches a worker is killed; its worker ends with it, and the other one does the rest."""
-    pytest.importorskip("distributed", reason="irbcal[dask] is not installed")
-    (tmp_path / "nannies.py").write_text(NANNIES)
-    path = f"{Path(__file__).parent}:{os.environ.get('PYTHONPATH', '')}"
-    with subprocess.Popen(
-        [sys.executable, tmp_path / "nannies.py"],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-        start_new_session=True,
-    ) as nannies:
-        try:
-            address, nanny = nannies.stdout.readline().split()
-            with parallel.using(engine=f"dask://{address.removeprefix('tcp://')}"):
-                results = parallel.each(slow, None, range(12), seconds=0.0)
-                done = [next(results)]
-                os.kill(int(nanny), signal.SIGKILL)
-                done += results
-            assert sorted(index for index, _ in done) == list(range(12))
-        finally:
-            os.killpg(nannies.pid, signal.SIGKILL)
+    with processes_of(NANNIES, tmp_path) as (_, [nanny]):
+        results = parallel.each(slow, None, range(12), seconds=0.0)
+        done = [next(results)]
+        os.kill(int(nanny), signal.SIGKILL)
+        done += results
+    assert sorted(index for index, _ in done) == list(range(12))
 
 
 @pytest.mark.parametrize(

@@ -165,10 +165,6 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
     return points
 
 
-LONG_FILE = 10_000_000
-"""Bytes from which a file may be judged in pieces, which are counted while one waits."""
-
-
 @command(
     "evaluate",
     arguments=("calibration", "measurements"),
@@ -201,9 +197,7 @@ def evaluate(
         raise typer.BadParameter(
             "only a certificate has them: name its page with --report", param_hint="--figures, --data"
         )
-    source = Path(options["measurements"])
-    short = not source.is_file() or source.stat().st_size < LONG_FILE
-    with show.progress(1, quiet=json or short) as step:
+    with show.progress(1, quiet=json or not show.long_file(options["measurements"])) as step:
         result = public("evaluate")(**options, progress=step)
     written = {} if report is None else public("certificate")(result, report, figures=figures, data=data)
     if json:

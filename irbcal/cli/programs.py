@@ -141,7 +141,7 @@ def filter_program(
     read_frames(options, options["program"])
     refused, strict = False, options.get("strict", False)
     try:
-        with show.progress(1, quiet=json or not _long(options["program"])) as step:
+        with show.progress(1, quiet=json or not show.long_file(*options["program"])) as step:
             result = public("correct")(**options, out=out, progress=step)
     except NotWritten as refusal:
         result, refused = refusal.filtered, True
@@ -168,14 +168,6 @@ def filter_program(
         reason += f", {result.unchanged} need no change" if result.unchanged and not any_corrected else ""
         show.warn(f"nothing was written: {reason}")
         raise typer.Exit(1)
-
-
-LONG_FILE = 10_000_000
-"""Bytes from which a table may be corrected in pieces, which are counted while one waits."""
-
-
-def _long(programs: list[Path]) -> bool:
-    return any(path.is_file() and path.stat().st_size > LONG_FILE for path in programs)
 
 
 def _content(result: Filtered) -> dict[str, Any]:

@@ -74,6 +74,15 @@ def with_plot(file: Path | None, json: bool, compute: Callable[[], Any], save: C
     result(value, json, *([f"Figure written to {file}"] if file is not None else ()))
 
 
+LONG_FILE = 10_000_000
+"""Bytes from which a file may be judged or corrected in pieces, which are counted while one waits."""
+
+
+def long_file(*paths: Path) -> bool:
+    """Whether one of some files is so long that its work is shown."""
+    return any(path.is_file() and path.stat().st_size >= LONG_FILE for path in map(Path, paths))
+
+
 @contextmanager
 def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """A progress bar on stderr; yields a function to call with a text at the start of each step.

@@ -731,7 +731,7 @@ def plan(
         Pulses per degree of the six joints, for Yaskawa jobs.
     refit_zeros : sequence of int
         Joints, from 1, whose zeros were lost: as many poses of a calibrated robot as find them within 0.01 degrees, or
-        ``optimal``, and no others unless asked for.
+        ``optimal``, chosen for these zeros whatever the ``criterion``, and no others unless asked for.
     package_dirs : sequence of str or Path
         Folders in which package:// names of meshes are looked up.
     base_link, tip_link, coupling : str, optional
@@ -757,6 +757,8 @@ def plan(
             f"a reflector cannot be seen from behind: expected 90 degrees or less, found {acceptance / DEG:g}",
             parameter="acceptance",
         )
+    if refit_zeros and level is not None:
+        raise OptionError("level: a plan for lost zeros has no other parameters, leave it out", parameter="level")
     number("optimal", optimal, 0, whole=True)
     usual = {"axis": FEW, "cube": 52, "all_range": 50} if not (optimal or refit_zeros) else {}
     counts_given = {"axis": axis, "cube": cube, "all_range": all_range}

@@ -58,6 +58,11 @@ def test_what_no_pose_shows_is_refused(demo_calibration, zeros, error, words):
         irbcal.plan(demo_calibration, refit_zeros=zeros, targets=1, without=OFF, candidates=200)
 
 
+def test_a_level_beside_zeros_is_refused(demo_calibration):
+    with pytest.raises(OptionError, match="level: a plan for lost zeros"):
+        irbcal.plan(demo_calibration, refit_zeros=(3,), level="34")
+
+
 def test_a_robot_that_is_not_calibrated_is_refused():
     with pytest.raises(OptionError, match="give a calibration folder"):
         irbcal.plan("irb1600", refit_zeros=(3,), targets=1, without=OFF)
