@@ -962,32 +962,43 @@ inline void linearise(const Robot& r, const Frame<double>& wanted, double reach,
   out.rotation = 2.0 * std::asin(std::min(std::sqrt(0.125 * chord), 1.0));
 }
 
-// Adds a damped least-squares step, in which no joint moves by more than half a radian (or metre).
+// Adds a damped least-squares step, in which no joint moves by more than half a radian (or metre). Columns are made
+// orthogonal one after the other (Gram and Schmidt, modified): products of slopes would lose what two singularities at once
+// leave of them.
 template <class Robot>
 inline void damped_step(const Robot& r, const Linear<Robot>& at, const Steps& steps, double damping, double* q) noexcept {
-  const int n = r.joints;
-  double J[6][Robot::capacity], A[Robot::capacity][Robot::capacity], x[Robot::capacity];
+  const int n = r.joints, rows = 6 + n;
+  double A[Robot::capacity][6 + Robot::capacity] = {}, R[Robot::capacity][Robot::capacity], b[6 + Robot::capacity] = {}, x[Robot::capacity];
+  std::copy(at.e, at.e + 6, b);
   for (int j = 0; j < n; ++j) {
     double slope = 0.0;
     for (int k = 0; k < 6; ++k) slope += at.J[k][j] * at.e[k];
     const bool stuck = steps.lower != nullptr && ((q[j] <= steps.lower[j] && slope < 0.0) || (q[j] >= steps.upper[j] && slope > 0.0));
-    for (int k = 0; k < 6; ++k) J[k][j] = stuck ? 0.0 : at.J[k][j];  // a joint that less error would lead beyond its limit
-    x[j] = stuck ? 0.0 : slope;
+    for (int k = 0; k < 6; ++k) A[j][k] = stuck ? 0.0 : at.J[k][j];  // a joint that less error would lead beyond its limit
+    A[j][6 + j] = std::sqrt(damping);
   }
-  for (int i = 0; i < n; ++i) {  // Cholesky's factor; the diagonal holds reciprocals
-    for (int j = 0; j <= i; ++j) {
-      double sum = i == j ? damping : 0.0;
-      for (int k = 0; k < 6; ++k) sum += J[k][i] * J[k][j];
-      for (int k = 0; k < j; ++k) sum -= A[i][k] * A[j][k];
-      A[i][j] = i == j ? 1.0 / std::sqrt(std::max(sum, 1e-300)) : sum * A[j][j];
+  for (int j = 0; j < n; ++j) {
+    double square = 0.0, along = 0.0;
+    for (int k = 0; k < rows; ++k) square += A[j][k] * A[j][k];
+    const double over = 1.0 / std::sqrt(square);
+    for (int k = 0; k < rows; ++k) {
+      A[j][k] *= over;
+      along += A[j][k] * b[k];
     }
-    for (int k = 0; k < i; ++k) x[i] -= A[i][k] * x[k];
-    x[i] *= A[i][i];
+    R[j][j] = over;
+    x[j] = along;
+    for (int k = 0; k < rows; ++k) b[k] -= along * A[j][k];
+    for (int i = j + 1; i < n; ++i) {
+      double share = 0.0;
+      for (int k = 0; k < rows; ++k) share += A[j][k] * A[i][k];
+      for (int k = 0; k < rows; ++k) A[i][k] -= share * A[j][k];
+      R[j][i] = share;
+    }
   }
   double longest = 0.5;
   for (int i = n - 1; i >= 0; --i) {
-    for (int k = i + 1; k < n; ++k) x[i] -= A[k][i] * x[k];
-    x[i] *= A[i][i];
+    for (int k = i + 1; k < n; ++k) x[i] -= R[i][k] * x[k];
+    x[i] *= R[i][i];
     longest = std::max(longest, std::abs(x[i]));
   }
   for (int i = 0; i < n; ++i) q[i] += x[i] * (0.5 / longest);
@@ -1010,7 +1021,7 @@ inline int newton(const Robot& r, const Frame<double>& wanted, double reach, con
     double trial[Robot::capacity];
     std::copy(q, q + r.joints, trial);
     for (int k = 0; k <= steps.straighten; ++k) {
-      const double weight = damping * std::min(std::sqrt(at.cost), 1.0) + 1e-15;
+      const double weight = damping * std::min(std::sqrt(at.cost), 1.0) + 1e-20;
       damped_step(r, k > 0 ? next : at, steps, k > 0 ? 1e-5 : weight, trial);
       if (steps.lower != nullptr)
         for (int i = 0; i < r.joints; ++i) trial[i] = std::min(std::max(trial[i], steps.lower[i]), steps.upper[i]);
@@ -1077,11 +1088,11 @@ struct Stage {  // starts, and Steps' straighten and patience, of Newton's metho
   int starts, straighten, patience;
   bool within;  // starts around a seed of the branch, and steps within the limits
 };
-constexpr Stage stages[] = {{1, 0, 10, false}, {6, 1, 30, true},   {6, 0, 10, false}, {24, 2, 10, false},
+constexpr Stage stages[] = {{1, 0, 10, false}, {12, 1, 3, true}, {6, 0, 10, false}, {24, 2, 10, false},
                             {96, 2, 10, false}, {64, 2, 30, false}, {1, 2, 100, false}};
 constexpr double around = 0.03;  // radians: of the starts around a seed
 constexpr double near_seed = 0.1;  // radians: in whatever branch, such a solution is the one of the seed
-constexpr int most_stages = 7, starts_of_all = 6 + 24 + 96 + 64;
+constexpr int most_stages = 7, starts_of_all = 12 + 6 + 24 + 96 + 64;
 
 // Newton's steps for a pose that the fixed point left, from where it came to, then from many starts: until one ends in the
 // branch, or next to near, and within the limits. As irbcal/modeling/inverse/calibrated_arm.py has it; what it cannot do is left unsolved.
@@ -1106,25 +1117,25 @@ IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const doub
     branch_signs(a, near, there);
     for (int i = 0; i < 3; ++i) near_is_there = near_is_there && there[i] == signs[i];
   }
-  const double* normal = r.starts;
+  const double* next = r.starts;
   for (int s = 0; s < count && best_rank > -4.0; ++s) {
     const Stage& stage = stages[s];
+    const double* of = next;
+    if (stage.starts > 1) next += 6 * stage.starts;
     if (stage.within ? !near_is_there : !lacking) continue;  // a seed may be across a singularity from its solution
     if (stage.starts > 6 && (!folds || (plain && out.margin < 0.0 && !(left[0] <= 0.1 * r.difference)))) break;
     const Steps steps{position, rotation, stage.straighten, stage.patience, stage.within ? r.lower : nullptr, r.upper};
-    int drawn = 0;
     for (int k = 0; k < stage.starts && best_rank > -4.0; ++k) {
       double q[6], p = 0.0, t = 0.0, there[3];
       if (stage.starts == 1) {
         std::copy(best, best + 6, q);
       } else if (stage.within) {
         for (int i = 0; i < 6; ++i)
-          q[i] = std::min(std::max(near[i] + (k > 0 ? around * normal[6 * (k - 1) + i] : 0.0), r.lower[i]), r.upper[i]);
+          q[i] = std::min(std::max(near[i] + (k > 0 ? around * of[6 * (k - 1) + i] : 0.0), r.lower[i]), r.upper[i]);
       } else if (k == 0 || (k == 1 && near != nullptr)) {
         std::copy(k == 0 ? pulled : near, (k == 0 ? pulled : near) + 6, q);
       } else {  // solutions of targets moved a little: on all sides of the holes that errors leave at singularities
         constexpr double turns[3] = {0.01, 0.0, 0.03}, shifts[3] = {0.0, 0.5, 1.5};
-        const double* of = normal + 6 * drawn++;
         Vector<double> axis{ {of[0], of[1], of[2]} };
         const double length = std::sqrt(dot(axis, axis)), angle = turns[k % 3] * length;
         double sine, cosine;
@@ -1137,6 +1148,7 @@ IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const doub
           for (int j = 0; j < 3; ++j) goal.R[m][j] += sine * across[j] + (1.0 - cosine) * (axis[j] * along - v[j]);
           goal.o[m] += shifts[k % 3] * r.difference * of[3 + m];
         }
+        of += 6;
         start_of(r, goal, signs, near, q);
       }
       out.steps += newton(r, wanted, r.reach, steps, q, p, t);
@@ -1163,8 +1175,7 @@ IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const doub
       left[0] = p;
       left[1] = t;
     }
-    if (stage.starts > 1 && !stage.within) normal += 6 * stage.starts;
-    if (stage.starts >= 24 && best_rank <= -3.0) break;
+    if (stage.starts >= 6 && !stage.within && best_rank <= -3.0) break;
   }
   if (!(best_rank < 0.0)) return false;
   std::copy(best, best + 6, out.q);

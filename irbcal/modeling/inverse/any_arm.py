@@ -1,7 +1,8 @@
 """Inverse kinematics by damped Newton steps alone, for arms without a closed form: any serial arm, batches.
 
-From the seed first; poses that this does not solve are tried again from random joints, and of the solutions within
-the limits the one nearest to the seed is taken. Arms with more joints than a pose needs stay near the start.
+From the seed first, then within the limits from joints around it; poses that this does not solve are tried again from
+random joints. Of the solutions within the limits the one nearest to the seed is taken. Arms with more joints than a
+pose needs stay near the start.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from irbcal.modeling.robot import Robot
 ROUNDS = ((40, 0, False), (40, 2, True), (160, 2, True), (640, 2, True))
 """Number of random starts, `newton.solve`'s straighten, and whether joints stay within the limits on the way, one after
 the other for the poses still left."""
+
+AROUND = 0.03
+"""Radians (metres): standard deviation of the starts around a seed."""
 
 HOPELESS = 0.02
 """Merit (see `newton.CalibratedChain.merit`) below which the first round comes where a pose is within reach."""
@@ -73,6 +77,7 @@ def solve(
     """
     T = check_poses(T_base_tip)
     n, joints = len(T), len(nominal.joint_names)
+    seeded = seed is not None
     seed = nominal.check_joints(np.clip(np.zeros(joints), nominal.lower, nominal.upper) if seed is None else seed)
     if len(seed) not in (1, n):
         raise RobotError(f"seed joints need shape ({joints},) or ({n}, {joints}), found {seed.shape}")
@@ -85,6 +90,12 @@ def solve(
     todo = np.flatnonzero(good_pose & good_seed)
     with np.errstate(invalid="ignore", over="ignore"):
         search.run(todo, seed[todo][None])
+        if thorough and seeded:
+            offsets = np.random.default_rng(12).standard_normal((4, 3, 1, joints)) * AROUND
+            offsets[0, 0] = 0.0
+            for few in offsets:
+                unsolved = todo[~search.solved[todo]]
+                search.run(unsolved, np.clip(seed[unsolved] + few, nominal.lower, nominal.upper), 1, True)
         if thorough:
             for number, (count, straighten, bounded) in enumerate(ROUNDS):
                 unsolved = todo[~search.solved[todo]]

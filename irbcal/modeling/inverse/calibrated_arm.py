@@ -34,7 +34,7 @@ FEW = 32
 Stage: TypeAlias = tuple[int, int, int, bool]
 NEWTON_STARTS: tuple[Stage, ...] = (
     (1, 0, 10, False),
-    (6, 1, 30, True),
+    (12, 1, 3, True),
     (6, 0, 10, False),
     (24, 2, 10, False),
     (96, 2, 10, False),
@@ -367,7 +367,7 @@ class _Solver:
                 these = branch[todo], close, rows[todo]
                 how = straighten, patience, (self.nominal.lower, self.nominal.upper) if within else None
                 lacking[todo] &= self._newton_choice(goal, np.stack(tried, axis=1), *these, state, how)
-            if starts >= 24:
+            if starts >= 6 and not within:
                 lacking &= ~(state.rank[rows] <= -3.0)
 
     def _newton_choice(

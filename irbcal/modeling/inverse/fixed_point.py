@@ -69,7 +69,7 @@ def kernel_of(robot: Robot, nominal: Arm) -> Any:
         return None
     closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
     usual = None if robot.joint_map.is_identity else parts
-    starts = np.concatenate([starts_of(k) for k in (6, 24, 96, 64)])
+    starts = np.concatenate([starts_of(k) for k in (12, 6, 24, 96, 64)])
     more = {"starts": starts, "difference": difference(robot, nominal)}
     return made(robot.arm, usual, nominal, closed.numbers, closed.reach, more, robot.frame_terms)
 

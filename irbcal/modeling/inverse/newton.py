@@ -26,6 +26,9 @@ PIECE = 2048
 WEAK = 1e-5
 """Damping that leaves the directions of a singularity as they are, whose singular values have squares far below it."""
 
+SMALLEST = 1e-20
+"""Damping that there is always: below what rounding leaves of squares of singular values."""
+
 ROUNDING = 1e-4
 """Radians (metres) beyond a limit up to which a solution is looked for at the limit: where two solutions meet, that
 moves the tip by less than the tolerance."""
@@ -177,7 +180,7 @@ def solve(
             running: list[NDArray[Any]] = [v[..., go] for v in (index, q, H, cost, errors, damping, bound, waited)]
             index, q, H, cost, errors, damping, bound, waited = running
         free = J if limits is None else _free(J, e, q, *limits)
-        trial = q + _step(free, e, damping * np.minimum(np.sqrt(cost), 1.0) + 1e-15)
+        trial = q + _step(free, e, damping * np.minimum(np.sqrt(cost), 1.0) + SMALLEST)
         J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
         for _ in range(straighten):
             trial += _step(J_new if limits is None else _free(J_new, e_new, trial, *limits), e_new, WEAK)
@@ -195,12 +198,16 @@ def solve(
 
 
 def _step(J: FloatArray, e: FloatArray, damping: FloatArray | float) -> FloatArray:
-    """Damped least-squares step (k, n) for J (n, 6, k) and e (n, 6), at most `LONGEST_STEP` for a joint."""
-    J_t = J.swapaxes(1, 2)
-    A = J_t @ J
-    k = A.shape[1]
-    A[:, range(k), range(k)] += np.reshape(damping, (-1, 1))
-    step = np.linalg.solve(A, J_t @ e[:, :, None])[:, :, 0].T
+    """Damped least-squares step (k, n) for J (n, 6, k) and e (n, 6), at most `LONGEST_STEP` for a joint.
+
+    By an orthogonal basis: products of slopes would lose what two singularities at once leave of them.
+    """
+    n, rows, k = J.shape
+    A, b = np.zeros((n, rows + k, k)), np.zeros((n, rows + k, 1))
+    A[:, :rows], b[:, :rows, 0] = J, e
+    A[:, range(rows, rows + k), range(k)] = np.sqrt(np.reshape(damping, (-1, 1)))
+    Q, R = np.linalg.qr(A)
+    step = np.linalg.solve(R, Q.swapaxes(1, 2) @ b)[:, :, 0].T
     return step * (LONGEST_STEP / np.maximum(np.abs(step).max(axis=0), LONGEST_STEP))
 
 
