@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -25,10 +25,11 @@ from irbcal.identification.images import numbered_alike
 from irbcal.identification.observations import DIMENSIONS
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
 from irbcal.io.schema import PoseSection
-from irbcal.measurement import features, imaging, pictures
+from irbcal.measurement import features, imaging, pictures, recordings
 from irbcal.measurement.columns import POSE, InputTable, TableLike
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.lens import with_lenses
+from irbcal.measurement.recordings import FLANGE, easy_handeye
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import COVERAGE
@@ -40,8 +41,7 @@ from irbcal.units import DEG, MM
 if TYPE_CHECKING:
     import pandas as pd
 
-FLANGE = [f"flange_{name}" for name in POSE]
-"""Columns of the flange in the robot base, where there are no joints."""
+SAVED_AS = ("json", "easy_handeye2")
 LEAST = 3
 """Pictures that are needed; ten or more with the flange turned about different axes are better."""
 PARTS = 16
@@ -102,6 +102,8 @@ class HandEye(Result):
     simulated : bool
     notes : tuple of str
         Which pictures were left out.
+    links : (str, str)
+        Frames of ROS that the base and the flange have.
     """
 
     robot: str
@@ -117,6 +119,7 @@ class HandEye(Result):
     doubts: tuple[str, ...] = ()
     simulated: bool = False
     notes: tuple[str, ...] = ()
+    links: tuple[str, str] = ("base_link", "tool0")
 
     @property
     def rms_pixels(self) -> float:
@@ -150,15 +153,26 @@ class HandEye(Result):
         }
         return super().to_dict() | plain({"frames": devices, "lens": lens})
 
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write `to_dict` as JSON.
+    def save(self, out: str | PathLike[str], as_: str = "json") -> Path:
+        """Write `to_dict` as JSON, or the camera's place as easy_handeye2 has it.
 
         Raises
         ------
         CalibrationError
             If it cannot be written.
+        OptionError
+            If there are several cameras.
         """
-        write_set({Path(out): (json.dumps(self.to_dict(), indent=1) + "\n").encode()})
+        text = json.dumps(self.to_dict(), indent=1) + "\n"
+        if as_ == SAVED_AS[1]:
+            cameras, boards = ([d for d in self.devices if d.device == device] for device in ("camera", "board"))
+            if len(cameras) != 1:
+                raise OptionError(f"as_: a file of {as_} has one camera, here are {len(cameras)}", parameter="as_")
+            kind = "image-on-tool" if cameras[0].on == "flange" else "image"
+            ros = dict(zip(("base", "flange"), self.links, strict=True))
+            ros |= {"camera": str(cameras[0].name), "marker": str(boards[0].name)}
+            text = easy_handeye.result_text(Path(out).stem, kind, cameras[0].T, ros)
+        write_set({Path(out): text.encode()})
         return Path(out)
 
     def report(self) -> Sequence[Paragraph]:
@@ -197,11 +211,12 @@ class HandEye(Result):
 
 def hand_eye(
     measurements: TableLike,
-    features: TableLike,
+    features: TableLike | None = None,
     out: str | PathLike[str] | None = None,
     *,
     robot: RobotLike | None = None,
     images: str | Path | None = None,
+    as_: Literal["json", "easy_handeye2"] = "json",
 ) -> HandEye:
     """Where cameras and boards are on the robot and in the cell, the robot taken as it is.
 
@@ -210,8 +225,9 @@ def hand_eye(
     measurements : str, Path or DataFrame
         Corners as ``irbcal corners`` writes them, or with images a row a picture: ``image`` and joints (``q1_deg`` …),
         or the flange in the robot base as the controller shows it (``flange_x_mm`` … ``flange_qz``; a row a picture
-        also ``x_mm`` … ``qz``).
-    features : str, Path or DataFrame
+        also ``x_mm`` … ``qz``); or a data folder of industrial_calibration or robot_cal_tools, or samples of
+        easy_handeye2.
+    features : str, Path or DataFrame, optional
         Cameras and boards, as for corners. Where nothing is known of a lens but the size of its pictures, the lens is
         calibrated from the corners alone, and fitted from there.
     out : str or Path, optional
@@ -220,6 +236,8 @@ def hand_eye(
         Calibration folder, URDF or name of the robot whose joints these are; none where the flange is given.
     images : str or Path, optional
         Folder of pictures.
+    as_ : str
+        What to write: all of it as JSON, or the camera's place as easy_handeye2 and its publisher read it (.calib).
 
     Raises
     ------
@@ -234,12 +252,18 @@ def hand_eye(
     """
     inputs = [each for each in (measurements, features) if isinstance(each, (str, PathLike))]
     refuse_overwriting({"out": out}, inputs, robot)
-    cells = InputTable.read(measurements).cells
-    notes: list[str] = []
+    if as_ not in SAVED_AS:
+        raise OptionError(f"as_: expected one of {', '.join(SAVED_AS)}, found {as_}", parameter="as_")
+    recording = recordings.opened(measurements, features, images)
+    features, images = recording.features, recording.images
+    assert features is not None
+    cells = InputTable.read(recording.rows).cells
+    notes = list(recording.notes)
     if images is not None:
         cells = cells.rename(columns=dict(zip(POSE, FLANGE, strict=True)) if set(POSE) <= set(cells.columns) else {})
         shown = pictures.corners(images, cells, features)
-        cells, notes = shown.to_frame(), shown.notes()
+        cells = shown.to_frame()
+        notes += shown.notes()
     features, lenses = with_lenses(cells, features)
     notes += [
         f"lens of {lens.camera} from these pictures alone: {lens.rms_pixels:.2f} px, {lens.heldout_rms_pixels:.2f} px "
@@ -266,9 +290,10 @@ def hand_eye(
         raise IdentificationError(f"{len(rows)} pictures are too few: {LEAST} are needed, ten or more are better")
     state = feature_problem.start(problem)
     name = "the poses of the flange" if opened is None else opened.robot.arm.name
-    result = replace(_result(problem, state, name), notes=tuple(notes))
+    links = ("base_link", "tool0") if opened is None else (opened.robot.arm.base_link, opened.robot.arm.tip_link)
+    result = replace(_result(problem, state, name), links=links, notes=tuple(notes))
     if out is not None:
-        result.save(out)
+        result.save(out, as_)
     return result
 
 

@@ -157,7 +157,7 @@ def lens(
 )
 def hand_eye(
     options: dict[str, Any],
-    out: Annotated[Path | None, typer.Option(help="File for the result, such as hand_eye.json.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the result: hand_eye.json or camera.calib.")] = None,
     json: Json = False,
 ) -> None:
     """Where cameras and boards are on the flange and in the cell, the robot taken as it is.

@@ -30,13 +30,12 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, imaging, lens_formats
+from irbcal.measurement import board_formats, columns, imaging, lens_formats
 from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, InputTable, TableLike
 from irbcal.measurement.imaging import Imaging
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion
-from irbcal.safe_files import read_bytes
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
@@ -95,16 +94,29 @@ class Length:
     u95: float = LENGTH_U95
 
 
-def given_rows(features: TableLike) -> list[dict[str, str]]:
-    """The features' file as rows of text, with its row under ``row``."""
-    if isinstance(features, (str, PathLike)) and Path(features).suffix in (".yaml", ".yml"):
-        import yaml
+def given_rows(features: TableLike, static: bool | None = None) -> list[dict[str, str]]:
+    """The features' file as rows of text, with its row under ``row``.
 
+    Parameters
+    ----------
+    features : str, Path or DataFrame
+        Or the file of another program's board (`irbcal.measurement.board_formats`).
+    static : bool, optional
+        Whether its camera stands in the hall, where the file does not say that.
+    """
+    if isinstance(features, (str, PathLike)) and Path(features).suffix in (".yaml", ".yml"):
         source = str(features)
-        try:
-            content = yaml.safe_load(read_bytes(features, MeasurementError).decode("utf-8"))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise MeasurementError(f"expected YAML, found {str(error).splitlines()[0]}", file=source) from None
+        content = board_formats.yaml_of(Path(features))
+        if board_formats.is_board(content):
+            row = board_formats.board(content, source)
+            static = content.get(board_formats.STATIC, static)
+            if static is None:
+                raise MeasurementError(
+                    "a board alone does not say where the camera is: name this file in the column board of a feature "
+                    "of kind image-on-tool (camera on the arm) or image (camera in the hall)",
+                    file=source,
+                )
+            content = [board_formats.feature(row, bool(static))]
         if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
             raise MeasurementError("expected a list of features, each with feature and kind", file=source)
         table = pd.DataFrame([{k: "" if v is None else str(v) for k, v in row.items()} for row in content]).fillna("")
@@ -112,9 +124,13 @@ def given_rows(features: TableLike) -> list[dict[str, str]]:
     return _rows_of(InputTable.read(features, ["feature", "kind"]))
 
 
-def _with_lenses(rows: list[dict[str, str]]) -> list[dict[str, str]]:
-    """Rows whose ``lens`` is a file of another program, beside the features' file, with what that says."""
+def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
+    """Rows whose ``lens`` or ``board`` is a file of another program, beside the features' file, with what that says."""
     for row in rows:
+        if row.get(imaging.BOARD_FILE):
+            path = Path(row["source"]).parent / row[imaging.BOARD_FILE]
+            cells = board_formats.board(board_formats.yaml_of(path), str(path))
+            row |= {name: value for name, value in cells.items() if not row.get(name)}
         if not row.get(imaging.LENS_FILE):
             continue
         path = Path(row["source"]).parent / row[imaging.LENS_FILE]
@@ -146,7 +162,7 @@ def _rows_of(table: InputTable) -> list[dict[str, str]]:
         {str(k): str(v).strip() for k, v in record.items()} | {"row": str(row), "source": table.source}
         for row, record in zip(table.rows, cells.to_dict("records"), strict=True)
     ]
-    return _with_lenses(rows)
+    return _with_files(rows)
 
 
 def filled(pattern: str, table: InputTable, row: Mapping[str, str]) -> NameArray:

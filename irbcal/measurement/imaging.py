@@ -34,8 +34,8 @@ SIZE = ("width_px", "height_px")
 PATTERN, MARKER_SIDE, DICTIONARY, FIRST = "pattern", "marker_mm", "dictionary", "first_marker"
 NUMBERS = (*LENS, *SIZE, *BOARD, MARKER_SIDE, FIRST, "u95_px")
 FIT = "fit"
-LENS_FILE = "lens"
-TEXT = (FIT, PATTERN, DICTIONARY, LENS_FILE)
+LENS_FILE, BOARD_FILE = "lens", "board"
+TEXT = (FIT, PATTERN, DICTIONARY, LENS_FILE, BOARD_FILE)
 """Columns that are no numbers."""
 FITTED = ("fx", "fy", "cx", "cy", "k1")
 """Numbers of a camera that may be fitted, in the order of `LENS`."""

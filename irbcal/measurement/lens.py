@@ -170,7 +170,8 @@ def lens(
     images : str or Path
         Folder of the pictures; of several boards or cameras, a folder for each feature in it.
     features : str, Path or DataFrame
-        Cameras and boards as for corners; nothing needs to be known of the lens.
+        Cameras and boards as for corners, or a board of Kalibr's or industrial_calibration's (YAML); nothing needs to
+        be known of the lens.
     out : str or Path, optional
         File to write, such as camera.csv.
     as_ : str
@@ -189,7 +190,7 @@ def lens(
     lens_formats.check(as_)
     cv2 = opencv()
     name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
-    rows = given_rows(features)
+    rows = given_rows(features, static=True)
     boards = boards_of(rows, name_of)
     folder = Path(images)
     shown: dict[str, dict[str, Corners]] = {}

@@ -294,7 +294,9 @@ def _circles(random: Random) -> list[str]:
 
 def _hand_eye(random: Random) -> list[str]:
     words = ["hand-eye", "@pictures.csv", "--images", "@pictures", "--features", "@board.csv"]
-    more = _some(random, ["--out", ">hand_eye.json"], ["--json"])
+    more = _some(random, ["--out", ">hand_eye.json"], ["--json"], ["--as", "easy_handeye2"])
+    if random.random() < 0.4:
+        return ["hand-eye", "@cell.samples", *more]
     return [*words, *random.choice(([], ["--robot", _robot(random)])), *more]
 
 

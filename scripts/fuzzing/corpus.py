@@ -233,7 +233,13 @@ def _sisters(folder: Path) -> None:
 
 
 def _pictures(folder: Path) -> None:
-    """A picture of a board, where OpenCV is installed, its joints and its camera: ``pictures``, ``board.csv``."""
+    """A picture of a board, where OpenCV is installed, its joints and its camera; samples of easy_handeye2."""
+    at = "{{translation: {{x: 0.{0}, y: 0.1, z: 0.4}}, rotation: {{x: {1}, y: {2}, z: 0.0, w: {3}}}}}"
+    turns = [(1, 0.0, 0.0, 1.0), (2, 0.6, 0.0, 0.8), (3, 0.0, 0.6, 0.8), (4, -0.6, 0.0, 0.8)]
+    poses = [at.format(*turn) for turn in turns]
+    samples = [f"- {{robot: {pose}, tracking: {other}}}" for pose, other in zip(poses, reversed(poses), strict=True)]
+    _lines(folder / "cell.samples", ["samples:", *samples])
+    _lines(folder / "cell.calib", ["parameters: {calibration_type: eye_in_hand}"])
     (folder / "pictures").mkdir()
     _lines(folder / "pictures.csv", ["image,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,place", "1.png,1,2,3,4,5,6,a"])
     names = "feature,kind,fx_px,cx_px,cy_px,width_px,height_px,squares_x,squares_y,square_mm,marker_mm,dictionary"

@@ -15,6 +15,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement.board_formats import yaml_of
 from irbcal.names import csv_bytes
 from irbcal.safe_files import read_bytes, write_set
 
@@ -60,14 +61,7 @@ def read(path: Path) -> dict[str, tuple[FloatArray, tuple[int, int]]]:
     MeasurementError
         If it is of no known format, or of a lens that is no pinhole with Brown's distortion.
     """
-    import yaml
-
-    try:
-        text = read_bytes(path, MeasurementError).decode("utf-8")
-        text = text.replace("%YAML:1.0", "", 1).replace("!!opencv-matrix", "")  # OpenCV's header is no YAML
-        content: Any = yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise MeasurementError(f"expected YAML, found {str(error).splitlines()[0]}", file=str(path)) from None
+    content = _content(path)
     for name in FORMATS:
         try:
             cameras: dict[str, tuple[FloatArray, tuple[int, int]]] | None = _module(name).read(content)
@@ -82,6 +76,22 @@ def read(path: Path) -> dict[str, tuple[FloatArray, tuple[int, int]]]:
             return cameras
     known = ", ".join(_module(name).WHAT for name in FORMATS)
     raise MeasurementError(f"expected a lens: {known}", file=str(path))
+
+
+def _content(path: Path) -> Any:
+    """What a file of YAML, JSON or OpenCV's XML holds."""
+    data = read_bytes(path, MeasurementError)
+    if not data.lstrip().startswith(b"<"):
+        # OpenCV's header is no YAML, nor are the tabs in its JSON; ros2 topic echo ends with a line
+        data = data.rstrip().removesuffix(b"---").expandtabs()
+        return yaml_of(path, data.replace(b"%YAML:1.0", b"", 1).replace(b"!!opencv-matrix", b""))
+    from lxml import etree
+
+    try:
+        root = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
+    except etree.XMLSyntaxError as error:
+        raise MeasurementError(f"expected XML, found {error}", file=str(path)) from None
+    return {str(item.tag): {"data": (item.findtext("data") or "").split()} if len(item) else item.text for item in root}
 
 
 def brown(K: Any, distortion: Any) -> FloatArray:

@@ -13,6 +13,14 @@ MODELS = ("plumb_bob", "rational_polynomial")
 
 def read(content: Any) -> dict[str, tuple[FloatArray, tuple[int, int]]] | None:
     """The camera; None where this is no camera_info."""
+    if isinstance(content, dict) and {"k", "d", "width", "height"} <= set(content):  # a message, by ros2 topic echo
+        content = {
+            "image_width": content["width"],
+            "image_height": content["height"],
+            "camera_matrix": {"data": content["k"]},
+            "distortion_coefficients": {"data": content["d"]},
+            "distortion_model": content.get("distortion_model") or MODELS[0],
+        }
     if not isinstance(content, dict) or "camera_matrix" not in content or "image_width" not in content:
         return None
     model = content.get("distortion_model", MODELS[0])

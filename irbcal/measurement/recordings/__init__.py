@@ -1,0 +1,102 @@
+"""What other programs recorded for hand-eye calibration: one module a format.
+
+A module has ``WHAT`` and ``read(path, features)``, which gives a `Recording`, or None where path is another program's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from irbcal.errors import MeasurementError
+from irbcal.measurement.columns import POSE, TableLike, poses_to_frame
+from irbcal.modeling import frames
+
+FORMATS = ("industrial", "easy_handeye")
+FLANGE = [f"flange_{name}" for name in POSE]
+"""Columns of the flange in the robot base."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording.
+
+    Attributes
+    ----------
+    rows : DataFrame
+        A row a picture or a corner, in irbcal's columns.
+    features : str, Path, DataFrame or None
+        Cameras and boards.
+    images : Path or None
+        Folder of the pictures.
+    notes : tuple of str
+        How it was understood, where that matters.
+    """
+
+    rows: TableLike
+    features: TableLike | None
+    images: Path | None = None
+    notes: tuple[str, ...] = ()
+
+
+def opened(measurements: TableLike, features: TableLike | None, images: str | Path | None) -> Recording:
+    """Measurements of irbcal as they are, a recording of another program as rows, features and pictures.
+
+    Raises
+    ------
+    MeasurementError
+        If it is neither, or features are missing.
+    """
+    recording = None
+    if isinstance(measurements, (str, PathLike)) and _of_other_program(Path(measurements)):
+        path = Path(measurements)
+        for name in FORMATS:
+            recording = import_module(f"irbcal.measurement.recordings.{name}").read(path, features)
+            if recording is not None:
+                break
+        else:
+            known = ", ".join(import_module(f"irbcal.measurement.recordings.{name}").WHAT for name in FORMATS)
+            raise MeasurementError(f"expected a table, or {known}", file=str(path))
+    if recording is None:
+        recording = Recording(measurements, features)
+    if recording.features is None:
+        raise MeasurementError(
+            "name the file that says what camera and board are", parameter="features", file=_name(measurements)
+        )
+    return recording if images is None else Recording(recording.rows, recording.features, Path(images), recording.notes)
+
+
+def _of_other_program(path: Path) -> bool:
+    """Whether measurements are no table of irbcal's."""
+    return path.is_dir() or path.suffix in (".yaml", ".yml", ".samples")
+
+
+def transforms(content: list[tuple[str, Mapping[str, Any]]]) -> pd.DataFrame:
+    """Poses in metres and unit quaternions under ``x``, ``y``, ``z``, ``qx`` … ``qw`` as columns `POSE`.
+
+    Raises
+    ------
+    MeasurementError
+        If one is none; ``content`` names its file.
+    """
+    T = np.zeros((len(content), 4, 4))
+    for k, (source, pose) in enumerate(content):
+        try:
+            x, y, z, *q = (float(pose[name]) for name in ("x", "y", "z", "qw", "qx", "qy", "qz"))
+        except (KeyError, TypeError, ValueError):
+            raise MeasurementError("expected a pose: x, y, z in metres, and qx, qy, qz, qw", file=source) from None
+        if not np.isfinite([x, y, z]).all() or not abs(np.linalg.norm(q) - 1.0) < 1e-3:
+            raise MeasurementError("expected a unit quaternion qx, qy, qz, qw and finite metres", file=source)
+        T[k] = frames.transform(frames.matrix_from_quaternion(np.array(q) / np.linalg.norm(q)), np.array([x, y, z]))
+    return poses_to_frame(T)
+
+
+def _name(measurements: TableLike) -> str:
+    return str(measurements) if isinstance(measurements, (str, PathLike)) else "<DataFrame>"

@@ -1,0 +1,219 @@
+"""Recordings of other programs: folders of industrial_calibration, samples of easy_handeye2, boards and lenses."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from irbcal.cell.hand_eye import hand_eye
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement import board_formats, imaging, lens_formats
+from irbcal.measurement.features import given_rows
+from irbcal.modeling import frames
+from irbcal.units import MM
+
+
+def flange_poses(n, rng):
+    """Flanges that are turned about all axes, metres."""
+    T = np.tile(np.eye(4), (n, 1, 1))
+    T[:, :3, 3] = np.array([0.6, 0.1, 0.8]) + rng.uniform(-0.2, 0.2, (n, 3))
+    down = np.diag([1.0, -1.0, -1.0])
+    T[:, :3, :3] = down @ frames.rotation_from_vector(rng.uniform(-0.5, 0.5, (n, 3)))
+    return T
+
+
+def message(T):
+    w, x, y, z = map(float, frames.quaternion_from_matrix(T[:3, :3]))
+    place = dict(zip("xyz", map(float, T[:3, 3]), strict=True))
+    return {"translation": place, "rotation": {"x": x, "y": y, "z": z, "w": w}}
+
+
+def samples(kind, rng, n=12, noise=0.0):
+    """SIMULATED samples as the sampler of easy_handeye2 writes them, and the true camera."""
+    T = flange_poses(n, rng)
+    camera_on = frames.transform(frames.rotation_from_vector(np.array([0.1, -0.2, 0.7])), np.array([0.05, 0.02, 0.1]))
+    marker_in = frames.transform(np.eye(3), np.array([0.6, 0.1, 0.0]))
+    if kind == "eye_on_base":
+        camera_on = frames.transform(np.diag([-1.0, 1.0, -1.0]), np.array([0.6, 0.1, 2.0]))
+        marker_in = frames.transform(frames.rotation_from_vector(np.array([3.0, 0.2, 0.1])), np.array([0.03, 0, 0.08]))
+    hand = T if kind == "eye_in_hand" else frames.inverse(T)
+    marker = frames.inverse(hand @ camera_on) @ marker_in
+    marker[:, :3, :3] = marker[:, :3, :3] @ frames.rotation_from_vector(noise * rng.standard_normal((n, 3)))
+    marker[:, :3, 3] += 0.2 * noise * rng.standard_normal((n, 3))
+    return [{"robot": message(a), "tracking": message(b)} for a, b in zip(hand, marker, strict=True)], camera_on
+
+
+@pytest.mark.parametrize("kind", ["eye_in_hand", "eye_on_base"])
+def test_samples_of_easy_handeye_give_the_camera_and_its_file_back(kind, tmp_path, program):
+    """The file that comes out tells the next samples of its name where the camera is."""
+    taken, truth = samples(kind, np.random.default_rng(3))
+    (tmp_path / "cam.samples").write_text(yaml.safe_dump({"samples": taken}))
+    with pytest.raises(MeasurementError, match="samples do not say where the camera is"):
+        hand_eye(tmp_path / "cam.samples")
+    on_flange = kind == "eye_in_hand"
+    row = "marker,image-on-tool,camera" if on_flange else "camera,image,marker"
+    (tmp_path / "features.csv").write_text(f"feature,kind,target\n{row}\n")
+    call = ["hand-eye", tmp_path / "cam.samples"]
+    features = ["--features", tmp_path / "features.csv"]
+    program(*call, *features, "--as", "easy_handeye2", "--out", tmp_path / "cam.calib", "--json")
+    written = yaml.safe_load((tmp_path / "cam.calib").read_text())
+    assert written["parameters"]["calibration_type"] == kind
+    np.testing.assert_allclose(list(written["transform"]["translation"].values()), truth[:3, 3], rtol=0, atol=1e-8)
+    x, y, z, w = written["transform"]["rotation"].values()
+    np.testing.assert_allclose(frames.matrix_from_quaternion(np.array([w, x, y, z])), truth[:3, :3], rtol=0, atol=1e-8)
+    again = program(*call, "--json")
+    camera = next(frame for frame in again["frames"] if frame["device"] == "camera")
+    assert camera["on"] == ("flange" if on_flange else "base")
+    np.testing.assert_allclose([camera[f"{axis}_mm"] for axis in "xyz"], truth[:3, 3] / MM, rtol=0, atol=1e-5)
+
+
+def test_samples_with_noise_are_never_worse_than_by_opencv(tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    errors = []
+    (tmp_path / "f.csv").write_text("feature,kind,target\nmarker,image-on-tool,camera\n")
+    for seed in range(6):
+        taken, truth = samples("eye_in_hand", np.random.default_rng(seed), noise=0.004)
+        (tmp_path / "s.samples").write_text(json.dumps({"samples": taken}))
+        result = hand_eye(tmp_path / "s.samples", tmp_path / "f.csv")
+        camera = next(frame for frame in result.devices if frame.device == "camera")
+        parts = []
+        for name in ("robot", "tracking"):
+            q = np.array([[sample[name]["rotation"][key] for key in "wxyz"] for sample in taken])
+            parts += [frames.matrix_from_quaternion(q)]
+            parts += [np.array([list(sample[name]["translation"].values()) for sample in taken])]
+        methods = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
+        others = [cv2.calibrateHandEye(*parts, method=getattr(cv2, f"CALIB_HAND_EYE_{name}"))[1] for name in methods]
+        errors.append([np.linalg.norm(place.ravel() - truth[:3, 3]) for place in [camera.T[:3, 3], *others]])
+    mean = np.mean(errors, axis=0)
+    assert mean[0] <= 1.02 * mean[1:].min(), mean / MM
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [
+        (lambda s: s[0].pop("robot"), "expected a pose: x, y, z in metres"),
+        (lambda s: s[1]["tracking"]["rotation"].update(w=3.0), "expected a unit quaternion"),
+        (
+            lambda s: s[2]["tracking"]["translation"].update(z=-1.0),
+            "sample 3: the marker is not in front of the camera",
+        ),
+        (lambda s: s[2]["robot"]["translation"].update(z="far"), "expected a pose"),
+    ],
+)
+def test_damaged_samples_are_refused(tmp_path, damage, sentence):
+    taken, _ = samples("eye_in_hand", np.random.default_rng(0))
+    damage(taken)
+    (tmp_path / "s.samples").write_text(yaml.safe_dump({"samples": taken}))
+    (tmp_path / "f.csv").write_text("feature,kind,target\nmarker,image-on-tool,camera\n")
+    with pytest.raises(MeasurementError, match=sentence):
+        hand_eye(tmp_path / "s.samples", tmp_path / "f.csv")
+
+
+CHARUCO = {"type": "CharucoGridTargetFinder", "rows": 6, "cols": 8, "chessboard_dim": 0.03, "aruco_marker_dim": 0.02}
+
+
+def industrial(folder):
+    """A SIMULATED folder of industrial_calibration: pictures of a ChArUco board drawn by OpenCV, and the true camera."""
+    cv2 = pytest.importorskip("cv2")
+    rng = np.random.default_rng(5)
+    board = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.02, cv2.aruco.getPredefinedDictionary(10))
+    drawn = board.generateImage((960, 720), marginSize=0)
+    fx, cx, cy = 900.0, 400.0, 300.0
+    K = np.array([[fx, 0, cx], [0, fx, cy], [0, 0, 1.0]])
+    camera_on = frames.transform(np.eye(3), np.array([0.05, 0.02, 0.1]))
+    board_in = frames.transform(np.eye(3), np.array([0.5, 0.0, -0.2]))
+    data = []
+    for name in ("poses", "images"):
+        (folder / name).mkdir()
+    for k in range(8):
+        towards = frames.transform(
+            frames.rotation_from_vector(np.array([*rng.uniform(-0.4, 0.4, 2), rng.uniform(-1, 1)])),
+            np.array([*rng.uniform(-0.03, 0.03, 2), 0.45]),
+        ) @ frames.transform(np.eye(3), np.array([-0.12, -0.09, 0.0]))  # the board in the camera
+        flat = message(board_in @ frames.inverse(towards) @ frames.inverse(camera_on))
+        H = K @ towards[:3, [0, 1, 3]] @ np.diag([0.24 / 960, 0.18 / 720, 1.0]) @ [[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]]
+        picture = cv2.warpPerspective(drawn, H, (800, 600), flags=cv2.INTER_AREA, borderValue=128)
+        cv2.imwrite(str(folder / f"images/{k}.png"), picture)
+        pose = flat["translation"] | {f"q{axis}": value for axis, value in flat["rotation"].items()}
+        (folder / f"poses/{k}.yaml").write_text(yaml.safe_dump(pose))
+        data.append({"pose": f"poses/{k}.yaml", "image": f"images/{k}.png"})
+    content = {"data": data, "static_camera": False, "target_finder": {**CHARUCO, "dictionary": 10}}
+    content["intrinsics"] = {"fx": fx, "fy": fx, "cx": cx, "cy": cy}
+    (folder / "cal_data.yaml").write_text(yaml.safe_dump(content))
+    return content, camera_on
+
+
+def test_a_folder_of_industrial_calibration_is_taken_as_it_is(tmp_path, program):
+    """Camera on the hand, SIMULATED; what lies in files beside the list is taken from there."""
+    content, truth = industrial(tmp_path)
+    result = program("hand-eye", tmp_path, "--json")
+    assert result["rms_px"] < 0.25
+    camera = next(frame for frame in result["frames"] if frame["device"] == "camera")
+    np.testing.assert_allclose([camera[f"{axis}_mm"] for axis in "xyz"], truth[:3, 3] / MM, rtol=0, atol=0.5)
+    (tmp_path / "cal_data.yaml").write_text(yaml.safe_dump(content["data"]))
+    with pytest.raises(MeasurementError, match="no file of the folder says target_finder and static_camera"):
+        hand_eye(tmp_path)
+    (tmp_path / "intr.yaml").write_text(yaml.safe_dump({"intrinsics": content["intrinsics"], "static_camera": False}))
+    (tmp_path / "target.yaml").write_text(yaml.safe_dump(content["target_finder"]))
+    assert program("hand-eye", tmp_path, "--json")["frames"] == result["frames"]
+    (tmp_path / "zz.yaml").write_text(yaml.safe_dump({"intrinsics": {"fx": 1}}))
+    with pytest.raises(MeasurementError, match=r"intrinsics is another in intr\.yaml"):
+        hand_eye(tmp_path)
+    with pytest.raises(OptionError, match="expected one of json, easy_handeye2"):
+        hand_eye(tmp_path, as_="ros")
+
+
+def test_boards_of_kalibr_and_of_the_target_finder(tmp_path):
+    chess = {"target_type": "checkerboard", "targetCols": 6, "targetRows": 7}
+    chess |= {"rowSpacingMeters": 0.06, "colSpacingMeters": 0.06}
+    (tmp_path / "target.yaml").write_text(yaml.safe_dump(chess))
+    (tmp_path / "f.csv").write_text("feature,kind,target,board\nwall,image-on-tool,cam,target.yaml\n")
+    board = imaging.board_of(given_rows(tmp_path / "f.csv")[0])
+    assert (board.pattern, board.across, board.along) == ("chessboard", 7, 8)
+    assert len(board.corners) == 6 * 7
+    np.testing.assert_allclose(board.corners.max(axis=0) - board.corners.min(axis=0), [0.30, 0.36], rtol=0, atol=1e-12)
+    with pytest.raises(MeasurementError, match="does not say where the camera is"):
+        given_rows(tmp_path / "target.yaml")
+    assert given_rows(tmp_path / "target.yaml", static=True)[0]["kind"] == "image"
+    cells = board_formats.board({"target_finder": {**CHARUCO, "dictionary": 10}}, "f")
+    assert cells["dictionary"] == "DICT_6X6_250"
+    cv2 = pytest.importorskip("cv2")
+    for number, name in enumerate(board_formats.DICTIONARIES):
+        assert getattr(cv2.aruco, name) == number
+    for wrong, sentence in [
+        ({"target_type": "aprilgrid"}, "aprilgrid of Kalibr's, expected"),
+        ({**chess, "colSpacingMeters": 0.05}, "squares are no squares"),
+        ({**CHARUCO, "dictionary": 99}, "not understood"),
+        ({"type": "rct_ros_tools::ModifiedCircleGridTargetFinderPlugin", "rows": 10}, "ModifiedCircleGridTargetFinder"),
+        ([1], "expected a board"),
+    ]:
+        with pytest.raises(MeasurementError, match=sentence):
+            board_formats.board(wrong, "f")
+
+
+@pytest.mark.parametrize("ending", ["xml", "json", "yaml"])
+def test_lenses_as_opencv_writes_them(tmp_path, ending):
+    """OpenCV itself writes the file."""
+    cv2 = pytest.importorskip("cv2")
+    K = np.array([[901.5, 0, 400.25], [0, 902.5, 300.75], [0, 0, 1]])
+    d = np.array([[-0.2, 0.05, 1e-3, -2e-3, 0.01]])
+    path = tmp_path / f"lens.{ending}"
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    file.write("image_width", 800)
+    file.write("image_height", 600)
+    file.write("camera_matrix", K)
+    file.write("distortion_coefficients", d)
+    file.release()
+    ((numbers, size),) = lens_formats.read(path).values()
+    np.testing.assert_allclose(numbers, [901.5, 902.5, 400.25, 300.75, *d[0]], rtol=0, atol=1e-12)
+    assert size == (800, 600)
+
+
+def test_a_camera_info_message_is_a_lens(tmp_path):
+    echoed = {"width": 800, "height": 600, "distortion_model": "plumb_bob", "d": [0.1, 0, 0, 0, 0], "r": [], "p": []}
+    echoed["k"] = [900.0, 0, 400, 0, 901, 300, 0, 0, 1]
+    (tmp_path / "info.yaml").write_text(yaml.safe_dump(echoed) + "---\n")
+    ((numbers, size),) = lens_formats.read(tmp_path / "info.yaml").values()
+    np.testing.assert_array_equal(numbers, [900, 901, 400, 300, 0.1, 0, 0, 0, 0])
+    assert size == (800, 600)
