@@ -76,7 +76,7 @@ from irbcal.io.schema import (
     texts,
 )
 from irbcal.io.urdf import UrdfArm
-from irbcal.measurement import cleaning, repeats, tools
+from irbcal.measurement import cleaning, recordings, repeats, tools
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.columns import TableLike, read_targets
@@ -960,7 +960,9 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
             measurements = measurements.measurements()
         measurements = measurements.to_frame()
     assert options.features is not None
-    rows = feature_files.read(measurements, options.features, nominal.arm)
+    rows = feature_files.read(*recordings.corner_rows(measurements, options.features, nominal.arm), nominal.arm)
+    if isinstance(measurements, (str, PathLike)):
+        rows = replace(rows, source=str(measurements))
     rows = numbered_alike(rows, nominal.arm.forward(rows.q)[:, :3, :3])
     if options.payload_place is not None:
         if rows.payload_kg is None or rows.payload_place is not None:

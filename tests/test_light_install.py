@@ -24,7 +24,18 @@ main()
 """
 
 
-LIGHT = ["pinocchio", "meshcat", "sqlalchemy", "cv2", "pyarrow", "distributed", "casadi", "psycopg", "cryptography"]
+LIGHT = [
+    "pinocchio",
+    "meshcat",
+    "sqlalchemy",
+    "cv2",
+    "pyarrow",
+    "distributed",
+    "casadi",
+    "psycopg",
+    "cryptography",
+    "rosbags",
+]
 BALLAST = [
     line.replace("-", "_").partition("_path")[0]  # svg-path is the module svg.path
     for line in (Path(__file__).parents[1] / "scripts" / "ballast.txt").read_text(encoding="utf-8").splitlines()

@@ -225,8 +225,8 @@ def hand_eye(
     measurements : str, Path or DataFrame
         Corners as ``irbcal corners`` writes them, or with images a row a picture: ``image`` and joints (``q1_deg`` …),
         or the flange in the robot base as the controller shows it (``flange_x_mm`` … ``flange_qz``; a row a picture
-        also ``x_mm`` … ``qz``); or a data folder of industrial_calibration or robot_cal_tools, or samples of
-        easy_handeye2.
+        also ``x_mm`` … ``qz``); or a data folder of industrial_calibration or robot_cal_tools, samples of
+        easy_handeye2, or a bag of ROS 2.
     features : str, Path or DataFrame, optional
         Cameras and boards, as for corners. Where nothing is known of a lens but the size of its pictures, the lens is
         calibrated from the corners alone, and fitted from there.
@@ -254,12 +254,17 @@ def hand_eye(
     refuse_overwriting({"out": out}, inputs, robot)
     if as_ not in SAVED_AS:
         raise OptionError(f"as_: expected one of {', '.join(SAVED_AS)}, found {as_}", parameter="as_")
-    recording = recordings.opened(measurements, features, images)
+    opened = None if robot is None else open_robot(robot)
+    recording = recordings.opened(measurements, features, images, None if opened is None else opened.nominal)
     features, images = recording.features, recording.images
     assert features is not None
     cells = InputTable.read(recording.rows).cells
     notes = list(recording.notes)
-    if images is not None:
+    if recording.pictures is not None:
+        shown = pictures.corners_of(recording.pictures.get, cells, features, str(measurements))
+        cells = shown.to_frame()
+        notes += shown.notes()
+    elif images is not None:
         cells = cells.rename(columns=dict(zip(POSE, FLANGE, strict=True)) if set(POSE) <= set(cells.columns) else {})
         shown = pictures.corners(images, cells, features)
         cells = shown.to_frame()
@@ -279,7 +284,6 @@ def hand_eye(
         raise OptionError(
             f"robot: name the robot whose joints these are, or give columns {', '.join(FLANGE)}", parameter="robot"
         )
-    opened = None if posed or robot is None else open_robot(robot)
     arm = open_nominal("irb1600").arm if opened is None else opened.nominal  # joints of flange poses are not read
     if posed:
         cells = cells.assign(**dict.fromkeys(arm.joint_columns, 0.0))

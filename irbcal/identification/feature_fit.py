@@ -665,8 +665,9 @@ def as_points(seen: FeatureSet) -> PointSet:
 
 def shape_only(seen: FeatureSet) -> bool:
     """Whether (nearly) all rows say no more than that points lie in planes or on lines of unknown place."""
-    others = sum(count for name, count in seen.kinds().items() if name in KINDS and not KINDS[name].shape_only)
-    return others < 10 and not seen.lengths
+    shapes = {name for name in seen.kinds() if name in KINDS and KINDS[name].shape_only}
+    others = sum(count for name, count in seen.kinds().items() if name not in shapes)
+    return bool(shapes) and others < 10 and not seen.lengths
 
 
 def frames_of(value: FloatArray) -> FloatArray:

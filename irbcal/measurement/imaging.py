@@ -371,10 +371,22 @@ def gathered(
                         f"{len(rows_of_feature)} corners",
                         column,
                     )
+    for image in np.unique(corners.image[beyond]):  # a picture goes with its corners where those left tell no place
+        of_image = rows[corners.image[rows] == image]
+        if not tell_a_place(xy[of_image[~beyond[of_image]]]):
+            beyond[of_image] = True
     images = _by_image(
         corners, rows[~beyond[rows]], np.column_stack([xy, corners.u, corners.v, u95]), is_corner, refuse
     )
     return replace(images, outside=int(beyond.sum()))
+
+
+def tell_a_place(xy: FloatArray) -> bool:
+    """Whether corners (n, 2) are enough, and not on one line, to tell where their board is."""
+    if len(xy) < FEWEST:
+        return False
+    spread = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
+    return bool(spread[1] >= 1e-3 * spread[0])
 
 
 def _on_board(
@@ -429,8 +441,7 @@ def _by_image(
         twice = pd.DataFrame(np.round(xy, 9)).duplicated().to_numpy()
         if twice.any():
             raise refuse(int(of_image[twice][0]), "this corner is in its image twice", "corner")
-        flat = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
-        if n < FEWEST or flat[1] < 1e-3 * flat[0]:
+        if not tell_a_place(xy):
             raise refuse(
                 int(head),
                 f"an image needs at least {FEWEST} corners that are not on one line, found {n}",

@@ -5,7 +5,7 @@ The finding is OpenCV's; it is not installed with irbcal but with its extra ``ca
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,7 +66,7 @@ class FoundCorners(Result):
             return []
         names = ", ".join(f"{name} ({count})" for name, count in self.missed[:10])
         more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
-        return [f"left out, with fewer than {imaging.FEWEST} corners: {names}{more}"]
+        return [f"left out, with fewer than {imaging.FEWEST} corners or all on one line: {names}{more}"]
 
     def save(self, out: str | Path) -> Path:
         """Write the rows as CSV.
@@ -126,6 +126,12 @@ def corners(images: str | Path, joints: TableLike, features: TableLike) -> Found
     OptionError
         If OpenCV is not installed.
     """
+    folder = Path(images)
+    return corners_of(lambda picture: read_picture(folder / picture), joints, features, str(folder))
+
+
+def corners_of(read: Callable[[str], Any], joints: TableLike, features: TableLike, where: str) -> FoundCorners:
+    """`corners`, of pictures in grey by their names; None where there is none that OpenCV reads."""
     listed = InputTable.read(joints, [IMAGE])
     for name in columns.joint_columns(listed.names):
         listed.numbers(name)
@@ -133,7 +139,6 @@ def corners(images: str | Path, joints: TableLike, features: TableLike) -> Found
     rows = given_rows(features)
     boards = boards_of(rows, name_of)
     names = {name: filled(name, listed, board.row) for name, board in boards.items()}
-    folder = Path(images)
     tables, missed = [], []
     for k, cell in enumerate(listed.cells.to_dict("records")):
         picture = str(cell[IMAGE]).strip()
@@ -143,15 +148,15 @@ def corners(images: str | Path, joints: TableLike, features: TableLike) -> Found
             sentence = f"expected the board in this picture, one of {', '.join(boards)}; found {feature or 'nothing'}"
             raise listed.fault(sentence, k, "feature")
         size = boards[name].size
-        grey = read_picture(folder / picture)
+        grey = read(picture)
         if grey is None:
-            message = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
+            message = f"there is no picture {picture or 'named'} in {where} that OpenCV reads"
             raise listed.fault(message, k, IMAGE)
         if size is not None and grey.shape[::-1] != size:
             message = f"{picture} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}"
             raise listed.fault(message, k, IMAGE)
         number, uv = boards[name].find(grey)
-        if len(number) < imaging.FEWEST:
+        if not imaging.tell_a_place(boards[name].board.corners[number]):
             missed.append((picture, len(number)))
             continue
         more = {"corner": number} | dict(zip(("u_px", "v_px"), uv.T, strict=True))

@@ -112,3 +112,14 @@ def test_what_one_row_says_of_a_camera_holds_for_all():
 def test_refusals_name_row_and_column(rows, what, words):
     with pytest.raises(MeasurementError, match=words):
         features.read(rows.astype(object), what, cases.arm())
+
+
+@pytest.mark.parametrize(("beyond", "left"), [([0], 10), ([0, 1, 2], 9), ([0, 3, 4], 9)])
+def test_corners_beyond_the_image_are_left_out_and_a_picture_only_with_what_it_needs(beyond, left):
+    """A picture goes where fewer than four are left, or all on one line; the file never."""
+    pictures = [corners().iloc[:6].assign(pose=f"p{k}") for k in range(10)]
+    pictures[3].loc[beyond, "u_px"] = 1e4
+    seen = features.read(pd.concat(pictures, ignore_index=True), known(), cases.arm())
+    assert len(seen) == left
+    assert ("p3" in set(seen.pose)) == (left == 10)
+    assert seen.outside == (len(beyond) if left == 10 else 6)

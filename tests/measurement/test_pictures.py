@@ -54,7 +54,7 @@ def test_corners_are_found_where_the_board_was_put(pictures):
     found = irbcal.corners(folder, joints, pd.DataFrame([KNOWN]))
     assert found.images == 2
     assert found.missed == (("empty.png", 0),)
-    assert "left out, with fewer than 4 corners: empty.png" in str(found.summary())
+    assert "left out, with fewer than 4 corners or all on one line: empty.png" in str(found.summary())
     table = found.to_frame()
     assert list(table.place.unique()) == ["a", "b"]
     for k, H in enumerate(HOMOGRAPHIES):

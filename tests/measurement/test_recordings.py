@@ -2,6 +2,7 @@
 
 import json
 
+import feature_cases as cases
 import numpy as np
 import pytest
 import yaml
@@ -10,6 +11,8 @@ from irbcal.cell.hand_eye import hand_eye
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import board_formats, imaging, lens_formats
 from irbcal.measurement.features import given_rows
+from irbcal.measurement.features import read as read_features
+from irbcal.measurement.recordings import corner_rows
 from irbcal.modeling import frames
 from irbcal.units import MM
 
@@ -113,14 +116,22 @@ def test_damaged_samples_are_refused(tmp_path, damage, sentence):
 CHARUCO = {"type": "CharucoGridTargetFinder", "rows": 6, "cols": 8, "chessboard_dim": 0.03, "aruco_marker_dim": 0.02}
 
 
+LENS = 900.0, 900.0, 400.0, 300.0
+
+
+def board_seen(cv2, T):
+    """A picture of the board of `CHARUCO` at T in the camera's axes, drawn by OpenCV."""
+    drawn = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.02, cv2.aruco.getPredefinedDictionary(10)).generateImage((960, 720))
+    K = np.array([[LENS[0], 0, LENS[2]], [0, LENS[1], LENS[3]], [0, 0, 1.0]])
+    of_pixels = np.diag([0.24 / 960, 0.18 / 720, 1.0]) @ [[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]]
+    H = K @ T[:3, [0, 1, 3]] @ of_pixels
+    return cv2.warpPerspective(drawn, H, (800, 600), flags=cv2.INTER_AREA, borderValue=128)
+
+
 def industrial(folder):
     """A SIMULATED folder of industrial_calibration: pictures of a ChArUco board drawn by OpenCV, and the true camera."""
     cv2 = pytest.importorskip("cv2")
     rng = np.random.default_rng(5)
-    board = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.02, cv2.aruco.getPredefinedDictionary(10))
-    drawn = board.generateImage((960, 720), marginSize=0)
-    fx, cx, cy = 900.0, 400.0, 300.0
-    K = np.array([[fx, 0, cx], [0, fx, cy], [0, 0, 1.0]])
     camera_on = frames.transform(np.eye(3), np.array([0.05, 0.02, 0.1]))
     board_in = frames.transform(np.eye(3), np.array([0.5, 0.0, -0.2]))
     data = []
@@ -132,14 +143,13 @@ def industrial(folder):
             np.array([*rng.uniform(-0.03, 0.03, 2), 0.45]),
         ) @ frames.transform(np.eye(3), np.array([-0.12, -0.09, 0.0]))  # the board in the camera
         flat = message(board_in @ frames.inverse(towards) @ frames.inverse(camera_on))
-        H = K @ towards[:3, [0, 1, 3]] @ np.diag([0.24 / 960, 0.18 / 720, 1.0]) @ [[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]]
-        picture = cv2.warpPerspective(drawn, H, (800, 600), flags=cv2.INTER_AREA, borderValue=128)
+        picture = board_seen(cv2, towards)
         cv2.imwrite(str(folder / f"images/{k}.png"), picture)
         pose = flat["translation"] | {f"q{axis}": value for axis, value in flat["rotation"].items()}
         (folder / f"poses/{k}.yaml").write_text(yaml.safe_dump(pose))
         data.append({"pose": f"poses/{k}.yaml", "image": f"images/{k}.png"})
     content = {"data": data, "static_camera": False, "target_finder": {**CHARUCO, "dictionary": 10}}
-    content["intrinsics"] = {"fx": fx, "fy": fx, "cx": cx, "cy": cy}
+    content["intrinsics"] = dict(zip(("fx", "fy", "cx", "cy"), LENS, strict=True))
     (folder / "cal_data.yaml").write_text(yaml.safe_dump(content))
     return content, camera_on
 
@@ -217,3 +227,105 @@ def test_a_camera_info_message_is_a_lens(tmp_path):
     ((numbers, size),) = lens_formats.read(tmp_path / "info.yaml").values()
     np.testing.assert_array_equal(numbers, [900, 901, 400, 300, 0.1, 0, 0, 0, 0])
     assert size == (800, 600)
+
+
+STANDS = 9
+
+
+def bag(folder, arm, plugin, encoding, names=None):
+    """A SIMULATED bag: the arm stands for two seconds at each of `STANDS` places and moves for one between them, its
+    joints come by name in another order, a picture twice a second, also while it moves, points of a probe beside them.
+
+    Gives the joints of the stands and where the camera is on the flange.
+    """
+    cv2, rosbag2 = pytest.importorskip("cv2"), pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    rng = np.random.default_rng(11)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = store.types
+    middle = np.array([0.1, 0.2, 0.3, 0.2, 0.9, 0.1])
+    q = middle + rng.uniform(-0.2, 0.2, (STANDS, 6))
+    q[:, 5] += rng.uniform(-0.8, 0.8, STANDS)
+    camera_on = frames.transform(frames.rotation_from_vector(np.array([0.05, 0.1, 0.4])), np.array([0.05, 0.02, 0.1]))
+    at = frames.transform(np.eye(3), np.array([-0.12, -0.09, 0.5]))
+    board_in = arm.forward(middle[None])[0] @ camera_on @ at
+    order = [2, 0, 1, 4, 3, 5]
+    names = names or [arm.joint_names[k] for k in order]
+
+    def header(t):
+        stamp = kind["builtin_interfaces/msg/Time"](int(t), round((t % 1.0) * 1e9))
+        return kind["std_msgs/msg/Header"](stamp, "")
+
+    def joints_at(t):
+        k, share = int(t // 3.0), np.clip(t % 3.0 - 2.0, 0.0, 1.0)
+        return (1.0 - share) * q[k] + share * q[min(k + 1, STANDS - 1)]
+
+    def picture(t):
+        grey = board_seen(cv2, frames.inverse(arm.forward(joints_at(t)[None])[0] @ camera_on) @ board_in)
+        if encoding == "png":
+            coded = cv2.imencode(".png", grey)[1].ravel()
+            return kind["sensor_msgs/msg/CompressedImage"](header(t), "png", coded)
+        colours = np.repeat(grey[:, :, None], 3, axis=2).ravel()
+        return kind["sensor_msgs/msg/Image"](header(t), 600, 800, encoding, 0, 2400, colours)
+
+    def point(t):
+        return kind["geometry_msgs/msg/PointStamped"](header(t), kind["geometry_msgs/msg/Point"](0.1, 0.2, float(t)))
+
+    def states(t):
+        position = joints_at(t)[order] + rng.uniform(-2e-5, 2e-5, 6)
+        return kind["sensor_msgs/msg/JointState"](header(t), names, position, np.zeros(0), np.zeros(0))
+
+    with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+        for topic, make, step in (
+            ("/joint_states", states, 0.02),
+            ("/hand/image", picture, 0.5),
+            ("/probe", point, 0.5),
+        ):
+            first = make(100.0 - 100.0)
+            to = writer.add_connection(topic, first.__msgtype__, typestore=store)
+            for t in np.arange(0.25, 3.0 * STANDS - 1.0, step):
+                message = make(t)
+                writer.write(to, int(1e9 * (t + 5.0)), store.serialize_cdr(message, to.msgtype))
+    return q, camera_on
+
+
+@pytest.mark.parametrize(("plugin", "encoding"), [("SQLITE3", "png"), ("MCAP", "bgr8")])
+def test_a_bag_of_ros_2_gives_the_camera(plugin, encoding, tmp_path, program):
+    """By hand-eye, and as rows of a calibration; pictures of a moving robot are left out."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    arm = cases.arm()
+    q, camera_on = bag(tmp_path / "run", arm, getattr(rosbag2.StoragePlugin, plugin), encoding)
+    heads = "feature,kind,target,fx_px,cx_px,cy_px,squares_x,squares_y,square_mm,marker_mm,dictionary"
+    board = "board,image-on-tool,hand,900,400,300,8,6,30,20,6X6_250"
+    (tmp_path / "f.csv").write_text(f"{heads}\n{board}\nprobe,offset-on-tool,hand{',' * 8}\n")
+    (tmp_path / "camera.csv").write_text(f"{heads}\n{board}\n")
+    call = ["hand-eye", tmp_path / "run", "--features", tmp_path / "camera.csv", "--robot", "irb1600"]
+    result = program(*call, "--json")
+    camera = next(frame for frame in result["frames"] if frame["device"] == "camera")
+    assert result["pictures"] == STANDS
+    assert result["rms_px"] < 0.25
+    np.testing.assert_allclose([camera[f"{axis}_mm"] for axis in "xyz"], camera_on[:3, 3] / MM, rtol=0, atol=0.6)
+    rows = read_features(*corner_rows(tmp_path / "run", tmp_path / "f.csv", arm), arm)
+    np.testing.assert_allclose(rows.q[rows.feature == "board"], q, rtol=0, atol=2e-5)
+    points = rows.feature == "probe"
+    assert points.sum() == STANDS
+    np.testing.assert_allclose(rows.xyz[points, :2], [[0.1, 0.2]] * STANDS, rtol=0, atol=1e-12)
+    middle = rows.xyz[points, 2] - 3.0 * np.arange(STANDS)  # the time of the point
+    assert (middle > 0.2).all()
+    assert (middle < 1.8).all()
+
+
+def test_a_bag_of_another_robot_is_refused(tmp_path):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    names = [f"other_{k}" for k in range(6)]
+    bag(tmp_path / "run", cases.arm(), rosbag2.StoragePlugin.MCAP, "png", names)
+    (tmp_path / "f.csv").write_text("feature,kind\nboard,image-on-tool\n")
+    with pytest.raises(MeasurementError, match=r"no joint states of joint_1, .*; found other_0, other_1"):
+        hand_eye(tmp_path / "run", tmp_path / "f.csv", robot="irb1600")
+    with pytest.raises(OptionError, match="name the robot whose joints the bag has"):
+        hand_eye(tmp_path / "run", tmp_path / "f.csv")
+    file = next((tmp_path / "run").glob("*.mcap"))
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(MeasurementError, match="expected a bag of ROS 2"):
+        hand_eye(tmp_path / "run", tmp_path / "f.csv", robot="irb1600")

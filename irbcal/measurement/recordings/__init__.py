@@ -1,12 +1,13 @@
 """What other programs recorded for hand-eye calibration: one module a format.
 
-A module has ``WHAT`` and ``read(path, features)``, which gives a `Recording`, or None where path is another program's.
+A module has ``WHAT`` and ``read(path, features, arm)``, which gives a `Recording`, or None where path is another
+program's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -18,8 +19,9 @@ import pandas as pd
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import POSE, TableLike, poses_to_frame
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
 
-FORMATS = ("industrial", "easy_handeye")
+FORMATS = ("rosbag", "industrial", "easy_handeye")
 FLANGE = [f"flange_{name}" for name in POSE]
 """Columns of the flange in the robot base."""
 
@@ -36,6 +38,8 @@ class Recording:
         Cameras and boards.
     images : Path or None
         Folder of the pictures.
+    pictures : dict of str to ndarray, or None
+        In place of a folder, by the names in the rows.
     notes : tuple of str
         How it was understood, where that matters.
     """
@@ -43,10 +47,13 @@ class Recording:
     rows: TableLike
     features: TableLike | None
     images: Path | None = None
+    pictures: Mapping[str, Any] | None = None
     notes: tuple[str, ...] = ()
 
 
-def opened(measurements: TableLike, features: TableLike | None, images: str | Path | None) -> Recording:
+def opened(
+    measurements: TableLike, features: TableLike | None, images: str | Path | None = None, arm: Arm | None = None
+) -> Recording:
     """Measurements of irbcal as they are, a recording of another program as rows, features and pictures.
 
     Raises
@@ -58,7 +65,7 @@ def opened(measurements: TableLike, features: TableLike | None, images: str | Pa
     if isinstance(measurements, (str, PathLike)) and _of_other_program(Path(measurements)):
         path = Path(measurements)
         for name in FORMATS:
-            recording = import_module(f"irbcal.measurement.recordings.{name}").read(path, features)
+            recording = import_module(f"irbcal.measurement.recordings.{name}").read(path, features, arm)
             if recording is not None:
                 break
         else:
@@ -70,12 +77,27 @@ def opened(measurements: TableLike, features: TableLike | None, images: str | Pa
         raise MeasurementError(
             "name the file that says what camera and board are", parameter="features", file=_name(measurements)
         )
-    return recording if images is None else Recording(recording.rows, recording.features, Path(images), recording.notes)
+    return recording if images is None else replace(recording, images=Path(images))
+
+
+def corner_rows(measurements: TableLike, features: TableLike, arm: Arm) -> tuple[TableLike, TableLike]:
+    """Rows at features and these, of a recording too, with corners found in its pictures."""
+    from irbcal.measurement import pictures
+
+    recording = opened(measurements, features, None, arm)
+    assert recording.features is not None
+    if recording.pictures is None:
+        return recording.rows, recording.features
+    cells = recording.rows
+    assert isinstance(cells, pd.DataFrame)
+    is_picture = cells[pictures.IMAGE].isin(list(recording.pictures))
+    shown = pictures.corners_of(recording.pictures.get, cells[is_picture], features, _name(measurements)).to_frame()
+    return pd.concat([shown, cells[~is_picture]], ignore_index=True), recording.features
 
 
 def _of_other_program(path: Path) -> bool:
     """Whether measurements are no table of irbcal's."""
-    return path.is_dir() or path.suffix in (".yaml", ".yml", ".samples")
+    return path.is_dir() or path.suffix in (".yaml", ".yml", ".samples", ".mcap", ".db3")
 
 
 def transforms(content: list[tuple[str, Mapping[str, Any]]]) -> pd.DataFrame:

@@ -23,6 +23,7 @@ from irbcal.measurement.columns import POSE, InputTable, TableLike, poses_to_fra
 from irbcal.measurement.features import given_rows
 from irbcal.measurement.recordings import FLANGE, Recording, transforms
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
 WHAT = "samples of easy_handeye2"
@@ -34,7 +35,7 @@ FOCAL = 1000.0
 SQUARE = 0.5 * SIDE * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
 
 
-def read(path: Path, features: TableLike | None) -> Recording | None:
+def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Recording | None:
     """The recording; None where these are no samples."""
     if path.is_dir():
         return None

@@ -17,11 +17,12 @@ from irbcal.measurement.board_formats import yaml_of
 from irbcal.measurement.columns import POSE, TableLike
 from irbcal.measurement.pictures import IMAGE, read_picture
 from irbcal.measurement.recordings import FLANGE, Recording, transforms
+from irbcal.modeling.arm import Arm
 
 WHAT = "a data folder of industrial_calibration or robot_cal_tools"
 
 
-def read(path: Path, features: TableLike | None) -> Recording | None:
+def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Recording | None:
     """The recording; None where this is no such folder."""
     listed = _listed(path)
     if listed is None:
