@@ -188,6 +188,18 @@ PyObject* kernel_effective(PyObject* self, PyObject* const* args, Py_ssize_t cou
   Py_RETURN_TRUE;
 }
 
+PyObject* kernel_map_slopes(PyObject* self, PyObject* const* args, Py_ssize_t count) {
+  if (!count_is(count, 4)) return nullptr;
+  const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
+  Joints a;
+  Array dq;
+  if (!a.take(r, args[0], args[1], false, args[3], r.joints * r.joints)) Py_RETURN_FALSE;
+  if (args[2] != Py_None && (!dq.take(args[2]) || !dq.is(a.q.rows(), r.joints))) Py_RETURN_FALSE;
+  const double* const speeds = args[2] == Py_None ? nullptr : dq.data();
+  unlocked(a.q.rows(), [&] { map_slopes_of(r, a.q.data(), speeds, a.stops, a.out.data(), a.q.rows()); });
+  Py_RETURN_TRUE;
+}
+
 PyObject* kernel_jacobians(PyObject* self, PyObject* const* args, Py_ssize_t count) {
   if (!count_is(count, 4)) return nullptr;
   const Robot& r = *reinterpret_cast<Kernel*>(self)->robot;
@@ -607,6 +619,8 @@ PyMethodDef methods[] = {
     {"__reduce__", kernel_reduce, METH_NOARGS, "How it is pickled."},
     {"poses", method(kernel_poses), METH_FASTCALL, "poses(q, stops, checked, out): (n, 4, 4); False where refused"},
     {"effective", method(kernel_effective), METH_FASTCALL, "effective(q, stops, out): effective joints (n, joints)"},
+    {"map_slopes", method(kernel_map_slopes), METH_FASTCALL,
+     "map_slopes(q, stops, dq, out): (n, joints, joints), their time derivatives where dq is not None"},
     {"jacobians", method(kernel_jacobians), METH_FASTCALL, "jacobians(q, stops, reference, out): (n, 6, joints)"},
     {"rates", method(kernel_rates), METH_FASTCALL, "rates(q, dq, reference, out): time derivatives of jacobians"},
     {"inverses", method(kernel_inverses), METH_FASTCALL,

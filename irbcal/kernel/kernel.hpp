@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <type_traits>
 
 #if defined(__GNUC__) && (defined(__AVX__) || defined(__aarch64__)) && !defined(IRBCAL_LANES)
 #define IRBCAL_LANES  // vectors of four numbers, which other options of the compiler do not take well
@@ -1266,6 +1267,32 @@ inline void effective_of(const Robot& r, const double* q, const Stops& stops, do
     for (int i = 0; i < r.joints; ++i) x[i] = gathered<S>(q + i, r.joints, first, count);
     effective(r, x, situation_of(r, stops, first), theta);
     for (int i = 0; i < r.joints; ++i) scatter(theta[i], out + i, r.joints, first, count);
+  }
+}
+
+// Slopes of effective joints by commanded ones (n, joints, joints); their time derivatives where there are joint speeds dq,
+// the stops before not known then.
+template <class Robot>
+inline void map_slopes_of(const Robot& r, const double* q, const double* dq, const Stops& stops, double* out,
+                          std::ptrdiff_t n) noexcept {
+  const auto row_of = [&r](const auto* x, const Situation& at, auto number, double* to) {
+    using S = std::remove_const_t<std::remove_reference_t<decltype(*x)>>;
+    S c[Robot::capacity], s[Robot::capacity], f[Robot::capacity], map[Robot::capacity][Robot::capacity];
+    trigonometry(r, x, c, s);
+    shift<true>(r, x, c, s, at, f, map);
+    for (int i = 0; i < r.joints; ++i)
+      for (int j = 0; j < r.joints; ++j) to[i * r.joints + j] = number(map[i][j], i == j ? 1.0 : 0.0);
+  };
+  for (std::ptrdiff_t row = 0; row < n; ++row) {
+    double* const to = out + row * r.joints * r.joints;
+    const double* const x = q + row * r.joints;
+    if (dq == nullptr) {
+      row_of(x, situation_of(r, stops, row), [](double slope, double same) { return slope + same; }, to);
+      continue;
+    }
+    Dual moving[Robot::capacity];
+    for (int i = 0; i < r.joints; ++i) moving[i] = {x[i], dq[row * r.joints + i]};
+    row_of(moving, usual(r), [](const Dual& slope, double) { return slope.d; }, to);
   }
 }
 

@@ -18,7 +18,7 @@ from irbcal.modeling.terms.payload import largest_torque
 from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.modeling.terms.waves import Expansion, Turns, Waves
+from irbcal.modeling.terms.waves import NOTHING, Expansion, Turns
 
 HISTORY = ("direction", "share_of_move", "move")
 """Bases that are zero where the last move is not known."""
@@ -174,8 +174,9 @@ class JointMap:
         return self._of(*HISTORY)
 
     @cached_property
-    def _torque(self) -> TermMap:
-        return self._of("torque")
+    def _still(self) -> TermMap:
+        """Its other terms."""
+        return self._of(*({term.basis for term in self.terms.terms} - set(HISTORY)))
 
     @cached_property
     def _gain(self) -> FloatArray:
@@ -184,23 +185,6 @@ class JointMap:
         for term, coefficient in zip(terms.terms, terms.coefficients, strict=True):
             gain[[term.joint, *term.also]] += coefficient
         return gain
-
-    def _expanded(self, terms: TermMap) -> tuple[Waves, TermMap]:
-        """Terms as waves, and those that are none."""
-        weights: dict[tuple[int, Turns], complex] = {}
-        sliding = []
-        for k, (term, coefficient) in enumerate(zip(terms.terms, terms.coefficients.tolist(), strict=True)):
-            expansion = self._expansion(term)
-            if expansion is None:
-                sliding.append(k)
-                continue
-            for joint in (term.joint, *term.also):
-                for turns, weight in expansion.items():
-                    weights[joint, turns] = weights.get((joint, turns), 0.0) + coefficient * weight
-        remaining = TermMap(
-            terms.arm, tuple(terms.terms[k] for k in sliding), terms.coefficients[sliding], None, terms.gravity
-        )
-        return Waves(len(terms.arm.joint_names), weights), remaining
 
     def _expansion(self, term: Term) -> Expansion | None:
         return bases()[term.basis].expansion(term, self.terms.arm, self.terms.gravity)
@@ -211,41 +195,23 @@ class JointMap:
         return float(np.angle(1j * weight))
 
     @cached_property
-    def _unloaded(self) -> tuple[Waves, TermMap]:
-        """What depends on the joints alone, whatever is carried."""
-        apart = ("q", "decay", "payload", "torque", *HISTORY)
-        return self._expanded(self._of(*({term.basis for term in self.terms.terms} - set(apart))))
-
-    @cached_property
-    def _payload(self) -> tuple[Waves, TermMap]:
-        """What one kilogram at its usual place does."""
-        return self._expanded(self._of("payload"))
-
-    @cached_property
-    def _payload_along(self) -> tuple[Waves, ...]:
-        """What one kilogram adds a metre farther along each axis of the tip link."""
-        terms, none = self._of("payload"), np.zeros(3)
-        at_tip = self._expanded(replace(terms, terms=tuple(_placed(term, none) for term in terms.terms)))[0]
-        out = []
-        for axis in np.eye(3):
-            expanded = self._expanded(replace(terms, terms=tuple(_placed(term, axis) for term in terms.terms)))[0]
-            weights = dict(expanded.weights)
-            for key, weight in at_tip.weights.items():
-                weights[key] = weights.get(key, 0.0) - weight
-            out.append(Waves(expanded.joints, weights))
-        return tuple(out)
-
-    @cached_property
-    def _usual(self) -> tuple[Waves, TermMap]:
-        """`_unloaded` with the payload that is carried."""
-        (waves, remaining), (of_payload, sliding) = self._unloaded, self._payload
-        if not self.payload_kg or not (of_payload or sliding.terms):
-            return waves, remaining
-        weights = dict(waves.weights)
-        for key, weight in of_payload.weights.items():
-            weights[key] = weights.get(key, 0.0) + self.payload_kg * weight
-        terms = (*remaining.terms, *sliding.terms), np.concatenate([remaining.coefficients, sliding.coefficients])
-        return Waves(waves.joints, weights), TermMap(remaining.arm, *terms, None, remaining.gravity)
+    def _usual(self) -> tuple[dict[tuple[int, Turns], complex], list[tuple[Term, float]]]:
+        """What depends on the joints alone, for the load that is carried: weights of waves, and terms that are none."""
+        weights: dict[tuple[int, Turns], complex] = {}
+        rest = []
+        apart = {"q", "decay", "torque", *HISTORY, *(() if self.payload_kg else ("payload",))}
+        for term, coefficient in zip(self.terms.terms, self.terms.coefficients.tolist(), strict=True):
+            if term.basis in apart:
+                continue
+            expansion = self._expansion(term)
+            if expansion is None:
+                rest.append((term, coefficient))
+                continue
+            size = coefficient * (self.payload_kg or 0.0) if term.basis == "payload" else coefficient
+            for joint in (term.joint, *term.also):
+                for turns, weight in expansion.items():
+                    weights[joint, turns] = weights.get((joint, turns), 0.0) + size * weight
+        return {key: weight for key, weight in weights.items() if abs(weight) > NOTHING}, rest
 
     def motion(
         self,
@@ -298,34 +264,7 @@ class JointMap:
             theta, known = np.empty(q.shape), stops(q, previous, payload_kg, payload_place, torques)
             if self._kernel.effective(np.ascontiguousarray(q), known, theta):
                 return theta
-        theta = q * (1.0 + self._gain)
-        if payload_kg is None and payload_place is None:
-            waves, remaining = self._usual
-            waves.add(q, theta)
-            self._add_rest(remaining, self.motion(q) if remaining.terms else None, theta)
-        else:
-            self._add_loaded(self.motion(q, None, payload_kg, payload_place), theta, payload_place is not None)
-        if previous is not None:
-            self._add_rest(self.history, Motion.after(q, previous), theta)
-        if torques is not None:
-            self._add_rest(self._torque, self.motion(q, torques=torques), theta)
-        return theta
-
-    @staticmethod
-    def _add_rest(terms: TermMap, motion: Motion | None, theta: FloatArray) -> None:
-        """Add terms that are summed one by one to effective joints (n, joints)."""
-        if terms.terms and motion is not None:
-            theta += terms.effective(motion) - motion.q
-
-    def _add_loaded(self, motion: Motion, theta: FloatArray, placed: bool) -> None:
-        """Add what depends on the joints and the load of a motion, its places among them where ``placed``."""
-        for waves, remaining in (self._unloaded, self._payload):
-            self._add_rest(remaining, motion, theta)
-            waves.add(motion.q, theta, motion.payload_kg if waves is self._payload[0] else None)
-        usual_centre, mass, centre = self.payload_place, motion.payload_kg, motion.payload_place
-        if placed and usual_centre is not None and mass is not None and centre is not None:
-            for waves, shift in zip(self._payload_along, (centre - usual_centre).T, strict=True):
-                waves.add(motion.q, theta, mass * shift)
+        return self.terms.effective(self.motion(q, previous, payload_kg, payload_place, torques))
 
     def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Derivative of the effective by the commanded joints, the stop before held.
@@ -341,16 +280,22 @@ class JointMap:
             ``d theta_i / d q_j``.
         """
         q = np.asarray(q, dtype=float)
-        joints = q.shape[1]
-        out = np.zeros((len(q), joints, joints))
-        out[:, range(joints), range(joints)] = 1.0 + self._gain
-        waves, remaining = self._usual
-        waves.add_slopes(q, out)
-        if remaining.terms and len(q):
-            out += remaining.jacobian(self.motion(q)) - np.eye(joints)
-        if self.history.terms and len(q) and previous is not None:
-            out += self.history.jacobian(Motion.after(q, previous)) - np.eye(joints)
-        return out
+        slopes = self._slopes(q, previous, None)
+        if slopes is not None:
+            return slopes
+        slopes = self._still.jacobian(self.motion(q))
+        if self.history.terms and previous is not None:
+            known = np.isfinite(np.broadcast_to(previous, q.shape)).all(axis=1)
+            slopes[known] += self.history.jacobian(self.motion(q, previous))[known] - np.eye(q.shape[1])
+        return slopes
+
+    def _slopes(self, q: FloatArray, previous: ArrayLike | None, dq: FloatArray | None) -> FloatArray | None:
+        """`jacobian`, or its time derivative at speeds ``dq``, by the compiled kernel; None where there is none."""
+        if self._kernel is None or q.ndim != 2:
+            return None
+        out, known = np.empty((*q.shape, q.shape[1])), stops(q, previous)
+        speeds = None if dq is None else np.ascontiguousarray(dq)
+        return out if self._kernel.map_slopes(np.ascontiguousarray(q), known, speeds, out) else None
 
     def jacobian_derivative(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
         """Time derivative of `jacobian` along a motion, the stop before unknown.
@@ -365,12 +310,8 @@ class JointMap:
         ndarray, shape (n, joints, joints)
         """
         q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
-        out = np.zeros((len(q), q.shape[1], q.shape[1]))
-        waves, remaining = self._usual
-        waves.add_slope_rates(q, dq, out)
-        if remaining.terms and len(q):
-            out += remaining.jacobian_derivative(self.motion(q), dq)
-        return out
+        rates = self._slopes(q, None, dq)
+        return self._still.jacobian_derivative(self.motion(q), dq) if rates is None else rates
 
     def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """A box of effective joints whose commands all respect joint limits, whatever the stop before.
@@ -388,9 +329,14 @@ class JointMap:
         lower, upper : ndarray, shape (joints,)
             Limits of the effective joints.
         """
-        waves, remaining = self._usual
-        slack = waves.bound
-        for term, coefficient in zip(remaining.terms, remaining.coefficients, strict=True):
+        weights, rest = self._usual
+        slack = np.zeros(len(self.terms.arm.joint_names))
+        single = {
+            (j, turns): weight for (j, turns), weight in weights.items() if turns[j] and sum(map(bool, turns)) == 1
+        }
+        for key, weight in weights.items():
+            slack[key[0]] += 0.0 if key in single else abs(weight)
+        for term, coefficient in rest:
             largest = float(np.linalg.norm(np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)))
             if term.basis == "payload":
                 largest = float(self.payload_kg or 0.0) * largest_torque(term, self.terms.arm, lower, upper)
@@ -406,7 +352,8 @@ class JointMap:
             finite = np.isfinite(bounds)
             at = np.where(finite, bounds, 0.0)
             box = at * (1.0 + self._gain) + inwards * slack
-            waves.add_own(at[None], box[None])
+            for (joint, turns), weight in single.items():
+                box[joint] += (weight * np.exp(1j * turns[joint] * at[joint])).real
             limits.append(np.where(finite, box, bounds))
         return limits[0], limits[1]
 
@@ -460,14 +407,14 @@ class JointMap:
         RobotError
             If there are terms that are no waves.
         """
-        waves, remaining = self._usual
-        if remaining.terms:
+        weights, rest = self._usual
+        if rest:
             raise RobotError("this joint map has terms that cannot be written in other languages")
         return {
             "gain": self._gain.tolist(),
             "waves": [
                 {"joint": joint, "turns": [*turns], "cosine": weight.real, "sine": -weight.imag}
-                for (joint, turns), weight in waves.weights.items()
+                for (joint, turns), weight in weights.items()
             ],
         }
 

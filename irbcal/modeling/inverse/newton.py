@@ -16,12 +16,10 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.inverse.poses import pose_columns
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.chain import Walk
 from irbcal.modeling.terms.situation import Motion
-
-PIECE = 2048
-"""Poses whose joint map is taken at once: too few for threads of the BLAS, which wait where other work goes on."""
 
 WEAK = 1e-5
 """Damping that leaves the directions of a singularity as they are, whose singular values have squares far below it."""
@@ -49,29 +47,10 @@ class CalibratedChain:
 
     def __init__(self, robot: Robot, reach: float) -> None:
         self.robot, self.reach, self.kernel = robot, reach, robot.kernel
-        arm = robot.arm
-        self.after = None if np.array_equal(arm.T_last_tip, np.eye(4)) else arm.T_last_tip
-        self.offsets = arm.table.offsets[:, None]
-
-    def angles(self, q: FloatArray) -> FloatArray:
-        """Joints of the DHM table for commanded joints, both (joints, n)."""
-        if self.robot.joint_map.is_identity:
-            return q + self.offsets
-        out = np.empty_like(q)
-        for start in range(0, q.shape[1], PIECE):
-            piece = slice(start, start + PIECE)
-            np.add(self.robot.joint_map.effective(q[:, piece].T).T, self.offsets, out=out[:, piece])
-        return out
 
     def tip(self, q: FloatArray) -> FloatArray:
         """Columns (4, 3, n) of ``T_base_tip`` for commanded joints (joints, n)."""
-        if self.robot.frame_terms is not None:
-            out = np.empty((4, 3, q.shape[1]))
-            for start in range(0, q.shape[1], PIECE):
-                piece = slice(start, start + PIECE)
-                out[..., piece] = self.robot.walk(Motion(q[:, piece].T)).tip
-            return out
-        return dhm.tip_columns(self.robot.arm.table, self.angles(q), self.robot.arm.T_base_0, self.after)
+        return pose_columns(self.robot.forward(q.T))
 
     def merit(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
         """Position error (m) and rotation error (rad) of `errors` as one number, the first over `reach`."""
@@ -101,7 +80,8 @@ class CalibratedChain:
         arm, n = self.robot.arm, q.shape[1]
         chain: dhm.ChainFrames | Walk
         if self.robot.frame_terms is None:
-            chain = dhm.chain_frames(arm.table, self.angles(q), arm.T_base_0, self.after)
+            theta = self.robot.joint_map.effective(q.T).T + arm.table.offsets[:, None]
+            chain = dhm.chain_frames(arm.table, theta, arm.T_base_0, arm.T_last_tip)
         else:
             chain = self.robot.walk(Motion(q.T))
         tip, (zx, zy, zz) = chain.tip, chain.z.swapaxes(0, 1)

@@ -1,4 +1,4 @@
-r"""Terms as waves: sums of cosines and sines of combinations of joints, which are fast for one pose and for many.
+r"""Terms as waves: sums of cosines and sines of combinations of joints, as other languages and joint limits take them.
 
 Series of a joint's angle, levers of gravity and payloads are all of the form ::
 
@@ -11,7 +11,7 @@ P_- exp(-i q)`` for every joint between the axis and the link: `expanded_lever`.
 from __future__ import annotations
 
 import cmath
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -19,7 +19,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.cos_sin import cos_sin
 
@@ -31,158 +31,10 @@ Expansion: TypeAlias = Mapping[Turns, complex]
 
 MOST = 400
 """Waves that a lever may have: a wrist's have some tens."""
-SHORT = 3
-"""Orders that are taken one by one are fewer."""
-SERIES = 128
-"""Highest order of a joint that is reached by way of all lower ones."""
 FEW = 64
 """Poses for which products of exponentials take longer than cosines and sines."""
-NUMBERS = 1 << 14
-"""Exponentials that are in memory at a time."""
 NOTHING = 1e-18
 """Weights below are rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class JointSeries:
-    """Orders 1, 2, … of one joint's angle in the same joint."""
-
-    joint: int
-    weights: ComplexArray
-
-    @cached_property
-    def slopes(self) -> ComplexArray:
-        """Weights of the derivative by the angle."""
-        return 1j * np.arange(1, len(self.weights) + 1) * self.weights
-
-    @cached_property
-    def bends(self) -> ComplexArray:
-        """Weights of the second derivative."""
-        return 1j * np.arange(1, len(self.weights) + 1) * self.slopes
-
-
-@dataclass(frozen=True, eq=False)
-class Waves:
-    """A sum of waves.
-
-    Parameters
-    ----------
-    joints : int
-        Number of joints.
-    weights : dict of (int, turns) to complex
-        Weight of each wave in each effective joint; joints count from 0.
-    """
-
-    joints: int
-    weights: Mapping[tuple[int, Turns], complex]
-
-    def __post_init__(self) -> None:
-        weights = {key: w for key, w in self.weights.items() if abs(w) > NOTHING}
-        object.__setattr__(self, "weights", weights)
-        lock(self)
-
-    def __bool__(self) -> bool:
-        return bool(self.weights)
-
-    # ------------------------------------------------------------ compiled
-
-    @cached_property
-    def constant(self) -> FloatArray:
-        """What does not depend on the joints, shape (joints,)."""
-        out = np.zeros(self.joints)
-        for (joint, turns), weight in self.weights.items():
-            out[joint] += 0.0 if any(turns) else weight.real
-        return out
-
-    @cached_property
-    def series(self) -> tuple[JointSeries, ...]:
-        """Waves of whole low orders of the joint that they move, the second order among them."""
-        orders: dict[int, dict[int, complex]] = {}
-        for (joint, turns), weight in self.weights.items():
-            cycles = turns[joint]
-            if cycles and cycles == int(cycles) <= SERIES and sum(map(bool, turns)) == 1:
-                orders.setdefault(joint, {})[int(cycles)] = weight
-        out = []
-        for joint, orders_of_joint in orders.items():
-            if max(orders_of_joint) > SHORT:
-                weights = np.zeros(max(orders_of_joint), dtype=complex)
-                weights[[k - 1 for k in orders_of_joint]] = list(orders_of_joint.values())
-                out.append(JointSeries(joint, weights))
-        return tuple(out)
-
-    @cached_property
-    def _mixed(self) -> Combinations:
-        """Waves that are neither constant nor part of a series."""
-        in_series = {(s.joint, float(k + 1)) for s in self.series for k in np.flatnonzero(s.weights)}
-        mixed = [
-            (joint, turns, weight)
-            for (joint, turns), weight in self.weights.items()
-            if any(turns) and not (sum(map(bool, turns)) == 1 and (joint, turns[joint]) in in_series)
-        ]
-        return Combinations.of(mixed, self.joints)
-
-    @property
-    def bound(self) -> FloatArray:
-        """The most that waves of other joints than the moved one come to, with constants, shape (joints,)."""
-        out = np.zeros(self.joints)
-        for (joint, turns), weight in self.weights.items():
-            single_joint = turns[joint] and sum(map(bool, turns)) == 1
-            out[joint] += 0.0 if single_joint else abs(weight)
-        return out
-
-    # ------------------------------------------------------------ values
-
-    def _blocks(self, q: FloatArray) -> Iterator[tuple[slice, dict[int, ComplexArray], FloatArray]]:
-        """Rows, powers of each series' joint {joint: (orders, n)}, and cosines and sines of the others (2 waves, n)."""
-        longest = max([2 * len(self._mixed.turns), *(2 * len(s.weights) for s in self.series), 1])
-        step = max(32, NUMBERS // longest)
-        for start in range(0, len(q), step):
-            rows = slice(start, start + step)
-            angles = q[rows].T
-            powers = {}
-            for series in self.series:
-                orders = np.empty((len(series.weights), angles.shape[1]), dtype=complex)
-                orders.real, orders.imag = cos_sin(angles[series.joint])
-                powers[series.joint] = np.multiply.accumulate(orders, axis=0, out=orders)
-            yield rows, powers, self._mixed.cosines_and_sines(angles)
-
-    def add(self, q: FloatArray, out: FloatArray, factor: FloatArray | None = None) -> None:
-        """Add the sum at joints q (n, joints), times a factor (n,), to ``out`` (n, joints)."""
-        mixed = self._mixed
-        for rows, powers, waves in self._blocks(q):
-            scale = 1.0 if factor is None else factor[rows]
-            for series in self.series:
-                out[rows, series.joint] += scale * (series.weights @ powers[series.joint]).real
-            for joint, value in zip(mixed.targets.tolist(), mixed.values @ waves, strict=True):
-                out[rows, joint] += scale * value
-        if self.constant.any():
-            out += self.constant if factor is None else factor[:, None] * self.constant
-
-    def add_own(self, q: FloatArray, out: FloatArray) -> None:
-        """Add the waves of each joint that depend on it alone to ``out`` (n, joints): what `bound` leaves out."""
-        single = {(j, turns): w for (j, turns), w in self.weights.items() if turns[j] and sum(map(bool, turns)) == 1}
-        Waves(self.joints, single).add(q, out)
-
-    def add_slopes(self, q: FloatArray, out: FloatArray, factor: FloatArray | None = None) -> None:
-        """Add the derivative by the joints to ``out`` (n, joints, joints); parameters as `add`."""
-        at, by, weights = self._mixed.slopes
-        for rows, powers, waves in self._blocks(q):
-            scale = 1.0 if factor is None else factor[rows]
-            for series in self.series:
-                out[rows, series.joint, series.joint] += scale * (series.slopes @ powers[series.joint]).real
-            for i, j, value in zip(at, by, weights @ waves, strict=True):
-                out[rows, i, j] += scale * value
-
-    def add_slope_rates(self, q: FloatArray, dq: FloatArray, out: FloatArray) -> None:
-        """Add the derivative of the slopes along joint speeds ``dq`` (n, joints) to ``out`` (n, joints, joints)."""
-        at, by, weights = self._mixed.slopes
-        for rows, powers, waves in self._blocks(q):
-            for series in self.series:
-                j = series.joint
-                out[rows, j, j] += (series.bends @ powers[j]).real * dq[rows, j]
-            c, s = waves.reshape(2, -1, waves.shape[1]) * (self._mixed.turns @ dq[rows].T)
-            for i, j, value in zip(at, by, weights @ np.concatenate([-s, c]), strict=True):
-                out[rows, i, j] += value
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,14 +67,6 @@ class Combinations:
     def values(self) -> FloatArray:
         """What multiplies cosines and sines, shape (targets, 2 waves)."""
         return np.hstack([self.weights.real, -self.weights.imag])
-
-    @cached_property
-    def slopes(self) -> tuple[list[int], list[int], FloatArray]:
-        """Joints moved and by which, of the derivatives that are not zero, and what multiplies cosines and sines."""
-        weights = 1j * self.weights[:, None, :] * self.turns.T
-        at, by = np.nonzero(np.abs(weights).any(axis=2))
-        weights = weights[at, by]
-        return self.targets[at].tolist(), by.tolist(), np.hstack([weights.real, -weights.imag])
 
     @cached_property
     def _products(self) -> tuple[list[tuple[int, int, int]], IntArray, IntArray]:
