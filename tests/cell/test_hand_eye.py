@@ -11,6 +11,7 @@ from support import assert_same_poses
 from irbcal.cell.hand_eye import FLANGE, hand_eye
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.measurement import imaging
+from irbcal.measurement.pictures import corners
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
 
@@ -209,3 +210,44 @@ def test_bad_input_is_refused():
     )
     with pytest.raises(MeasurementError, match="takes corners of boards only"):
         hand_eye(contacts, pd.DataFrame([{"feature": "s", "kind": "point"}]), robot="irb1600")
+
+
+def test_real_pictures_give_what_plain_least_squares_gives(shared_data, tmp_path):
+    """Of the same corners, in pixels, by scipy and OpenCV's projection: the board to .05 mm, lens as given and free."""
+    cv2, optimize = pytest.importorskip("cv2"), pytest.importorskip("scipy.optimize")
+    folder = shared_data / "charuco_hand_eye"
+    if not folder.is_dir():
+        pytest.skip("no charuco_hand_eye among the measured data")
+    poses = pd.read_csv(folder / "poses.csv").rename(columns={name[7:]: name for name in FLANGE})
+    features = []
+    for k, fit in enumerate(("", "fx fy cx cy k1")):
+        features.append(tmp_path / f"{k}.csv")
+        features[k].write_text(f"{HEADS},dictionary\n{BOARD.format(fit)}\n")
+    rows = corners(folder, poses, features[0]).to_frame()
+    poses = poses.set_index("image").loc[rows["image"]].to_numpy()
+    R = frames.matrix_from_quaternion(poses[:, 3:])
+    corner = rows["corner"].to_numpy()
+    xyz = 36.195 * np.column_stack([1 + corner % 4, 1 + corner // 4, 0 * corner])
+    uv = rows[["u_px", "v_px"]].to_numpy()
+
+    def misses(x):
+        on_flange = xyz @ cv2.Rodrigues(x[3:6])[0].T + x[:3]
+        in_base = np.einsum("mij,mj->mi", R, on_flange) + poses[:, :3]
+        in_camera = (in_base - x[6:9]) @ cv2.Rodrigues(x[9:12])[0]
+        fx, fy, cx, cy, k1 = x[12:]
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        seen = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), K, np.array([k1, 0, 0, 0]))[0]
+        return (seen[:, 0] - uv).ravel()
+
+    lens = np.array([1352.02747, 1356.14287, 789.67065, 627.2995, 0.0])
+    size = np.array([*[100.0] * 3, *[1.0] * 3, *[1000.0] * 3, *[1.0] * 3, *[100.0] * 4, 0.1])
+    for free, known in ((12, features[0]), (17, features[1])):
+        result = hand_eye(rows, known)
+        board, camera = result_frames(result)
+        start = [(f.T[:3, 3] / MM + 3.0, cv2.Rodrigues(f.T[:3, :3])[0].ravel() + 0.01) for f in (board, camera)]
+        x = np.concatenate([*start[0], *start[1], lens])  # not where irbcal ends
+        done = optimize.least_squares(
+            lambda values, x=x, free=free: misses(np.r_[values, x[free:]]), x[:free], x_scale=size[:free], xtol=1e-14
+        )
+        assert result.rms_pixels == pytest.approx(np.sqrt(2.0 * np.mean(done.fun**2)), abs=0.002)
+        np.testing.assert_allclose(board.T[:3, 3] / MM, done.x[:3], rtol=0, atol=0.05)
