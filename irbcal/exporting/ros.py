@@ -6,12 +6,21 @@ enough; all others are replaced by the macro, whose joints are placed by the cal
 
 from __future__ import annotations
 
+import re
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.exporting.urdf_with_meshes import beside, in_words, urdf_with_meshes
 from irbcal.io import joint_origins, urdf_xml
+from irbcal.io.schema import Record
 from irbcal.literals import xacro, xml_comment
+from irbcal.measurement.imaging import TARGETS
+from irbcal.modeling import frames
+from irbcal.units import DEG, MM
 
 WHAT = "ROS 2: an ament package with URDF, xacro macro, meshes and joint origins"
 NEXT = "xacro {folder}/urdf/{word}_calibrated.urdf.xacro     # or copy the folder into your workspace: docs/ros2.md"
@@ -56,6 +65,22 @@ NAMED = {"joint": ("name",), "link": ("name", "link"), "parent": ("link",), "chi
 """Attributes that hold names of links and joints."""
 
 
+def _cameras_and_boards(record: Record) -> list[tuple[str, str, FloatArray]]:
+    """Name of the link, parent and place of each camera and board; a camera looks along its z, as optical frames do."""
+    out = []
+    _, places, turns = record.placement.parts()
+    for row in [] if record.features is None else record.features.features:
+        if row.kind not in TARGETS:
+            continue
+        if row.target in places and row.target in turns:
+            T = frames.transform(turns[row.target], places[row.target])
+            out.append((re.sub(r"\W", "_", row.target), record.robot.tip_link, T))
+        if {"centre", "attitude"} <= set(row.found):
+            place = np.r_[np.array(row.found["centre"]) * MM, np.array(row.found["attitude"]) * DEG]
+            out.append((re.sub(r"\W", "_", row.name), record.robot.base_link, frames.from_xyz_angles(place)))
+    return out
+
+
 def files(source: Source) -> ExportFiles:
     """The package and the joint map."""
     from xml.sax.saxutils import escape
@@ -65,6 +90,11 @@ def files(source: Source) -> ExportFiles:
     package = urdf_with_meshes(source, lambda path: (path.suffix, path.read_bytes()))
     name = f"{source.parts.identifier}_calibrated"
     root = package.in_package(name)
+    links = {element.get("name") for element in root.iter("link")}
+    for device, parent, T in [] if source.record is None else _cameras_and_boards(source.record):
+        if device not in links:
+            urdf_xml.add_joint(root, parent, device, T)
+            links.add(device)
     said = in_words(source)
     values = {"name": name, "what": escape(said), "comment": xml_comment(xacro(said)), "xacro": XACRO}
     made = {f"urdf/{name}.urdf": urdf_xml.serialised(package.tree)}

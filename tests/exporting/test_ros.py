@@ -6,14 +6,19 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import feature_cases as cases
+import numpy as np
+import pandas as pd
 import pytest
 import xacro
 from export_harness import situations
+from scipy.spatial.transform import Rotation
 from support import assert_same_poses
 
 import irbcal
 from irbcal.exporting import ros as target
 from irbcal.io import urdf_check
+from irbcal.modeling import frames
 
 
 def write(source, folder):
@@ -61,3 +66,29 @@ def test_joint_origins_and_fingerprint_come_along(folder, tmp_path):
     for name in ("package.xml", "config/joint_origins.yaml"):
         assert found.fingerprint in (tmp_path / "out" / name).read_text()
     assert "install(DIRECTORY urdf meshes config" in (tmp_path / "out" / "CMakeLists.txt").read_text()
+
+
+def test_cameras_and_boards_of_pictures_are_links(tmp_path):
+    """At their true places, of SIMULATED corners without noise; a prefix names them, too."""
+    rng = np.random.default_rng(2)
+    truth = cases.unknowns("image-on-tool", rng)
+    rows = cases.images("image-on-tool", cases.arm(), truth, 12, rng, 0.0)
+    rows["pose"] = [f"p{k}" for k in np.repeat(range(12), len(cases.corners()))]
+    rows["feature"] = "wall board"
+    known = pd.DataFrame([{"feature": "wall board", "kind": "image-on-tool", **cases.camera(target="eye")}])
+    options = {"robot": "irb1600", "features": known, "model": "placement", "leave_out": "none"}
+    irbcal.calibrate(rows, **options).save(tmp_path / "c")
+    irbcal.export(tmp_path / "c", "ros", tmp_path / "out", without_meshes=True)
+    (file,) = (tmp_path / "out" / "urdf").glob("*_calibrated.urdf.xacro")
+    root = ET.fromstring(xacro.process_file(str(file), mappings={"prefix": "a_"}).toxml())
+    for name, parent, expected in (
+        ("a_eye", "a_tool0", frames.transform(truth["axes"], cases.TOOL)),
+        ("a_wall_board", "a_base_link", frames.transform(truth["attitude"], truth["centre"])),
+    ):
+        (joint,) = (
+            j for j in root.iter("joint") if j.find("child") is not None and j.find("child").get("link") == name
+        )
+        assert joint.find("parent").get("link") == parent
+        xyz, rpy = (np.array(joint.find("origin").get(key).split(), dtype=float) for key in ("xyz", "rpy"))
+        found = frames.transform(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+        assert_same_poses(found, expected, 1e-6, 1e-6)
