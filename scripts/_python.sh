@@ -1,4 +1,4 @@
-# Sourced by scripts/demo, scripts/test and scripts/docs: runs their Python twin with a Python that will do, or says so.
+# Sourced by scripts/app, scripts/demo, scripts/test and scripts/docs: runs their Python twin with a Python that will do, or says so.
 here=$(dirname -- "${BASH_SOURCE[0]}")
 
 run_twin() {

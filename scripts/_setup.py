@@ -1,4 +1,4 @@
-"""Makes .venv ready and runs irbcal, its tests or its documentation in it: what demo, test and docs have in common.
+"""Makes .venv ready and runs irbcal, its tests or its documentation in it: what app, demo, test and docs share.
 
 Needs Python's own modules alone, on Linux, macOS and Windows. pip takes no file whose SHA-256 is not in scripts/locks/.
 
@@ -23,6 +23,8 @@ WINDOWS = os.name == "nt"
 PYTHON = VENV / ("Scripts/python.exe" if WINDOWS else "bin/python")
 STAMP, UNFINISHED, OF_ROOT = VENV / ".irbcal-stamp", VENV / ".irbcal-unfinished", VENV / ".irbcal-root"
 KERNEL = ("hatch_build.py", "irbcal/kernel/kernel.hpp", "irbcal/kernel/binding.cpp")
+LOCKS = ("demo", "app", "test")
+"""Names of scripts/locks/; each has what those before it have."""
 SUITABLE = "import sys, ensurepip, venv; print(sys.version if sys.version_info >= (3, 10) else '')"
 VERSION, VERSION_WITH_PIP = "import sys; print(sys.version)", "import pip, sys; print(sys.version)"
 
@@ -32,7 +34,7 @@ def run(lock: str, *command: str) -> None:
 
     Parameters
     ----------
-    lock : {"demo", "test"}
+    lock : {"demo", "app", "test"}
         What is installed: scripts/locks/LOCK.txt.
     *command : str
         Arguments of Python.
@@ -97,10 +99,10 @@ def install(lock: str) -> None:
 
 
 def up_to_date(lock: str) -> bool:
-    """Whether .venv has what is wanted; what the tests need includes what the demo needs."""
+    """Whether .venv has what is wanted, or more."""
     if not STAMP.is_file() or UNFINISHED.exists() or not PYTHON.exists():
         return False
-    wanted = {fingerprint("test"), fingerprint(lock)}
+    wanted = {fingerprint(name) for name in LOCKS[LOCKS.index(lock) :]}
     if STAMP.read_text(encoding="utf-8").strip() not in wanted:
         return False
     asked_for = os.environ.get("PYTHON")

@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import subprocess
 import sys
 from importlib.metadata import version
@@ -30,7 +31,7 @@ def locked(name):
     return [part.replace("\\\n", " ") for part in re.split(r"\n(?=\S)", text.strip())]
 
 
-@pytest.mark.parametrize("name", ["demo", "test"])
+@pytest.mark.parametrize("name", ["demo", "app", "test"])
 def test_each_locked_file_has_its_hash_and_the_version_of_the_constraints(name):
     constraints = pins((ROOT / "scripts" / "constraints.txt").read_text().splitlines())
     entries = locked(name)
@@ -39,19 +40,26 @@ def test_each_locked_file_has_its_hash_and_the_version_of_the_constraints(name):
     assert "://" not in "".join(entries)
 
 
-@pytest.mark.parametrize("name", ["demo", "test"])
+@pytest.mark.parametrize("name", ["demo", "app", "test"])
 def test_all_that_the_project_names_is_locked(name):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     wanted = set(map(name_of, project["dependencies"])) | {"pip", "hatchling", "editables"}
-    if name == "test":
-        of = ["test"]
+    if name != "demo":
+        of = [name]
         for extra in of:
             for line in extras[extra]:
                 more = re.match(r"irbcal\[(.*)\]", line)
                 of.extend(more[1].split(",") if more else [])
                 wanted |= set() if more else {name_of(line)}
     assert wanted <= {name for name, _ in pins(locked(name))}
+
+
+def test_each_lock_has_what_those_before_it_have():
+    """So what was set up for the tests serves the app, and what was for the app the demo."""
+    parts = [pins(locked(name)) for name in runpy.run_path(str(ROOT / "scripts" / "_setup.py"))["LOCKS"]]
+    assert len(parts) == 3
+    assert parts[0] < parts[1] < parts[2]
 
 
 def test_the_bill_of_materials_has_what_is_installed():

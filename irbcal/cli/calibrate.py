@@ -128,7 +128,7 @@ def demo(
             f"\nOpen {out / 'report.html'}. Next, SIMULATED examples for every command, with the lines that try them:"
         )
         show.say(f"  {show.this_command()} samples try-irbcal", whole=True)
-        show.say("The whole job in a browser (pip install 'irbcal[app]'):")
+        show.say("The whole job in a browser (pip install 'irbcal[app]'; in a checkout scripts/app):")
         show.say(f"  {show.this_command()} app my-project", whole=True)
 
 
