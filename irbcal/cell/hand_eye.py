@@ -217,6 +217,8 @@ def hand_eye(
     robot: RobotLike | None = None,
     images: str | Path | None = None,
     as_: Literal["json", "easy_handeye2"] = "json",
+    base_link: str | None = None,
+    tip_link: str | None = None,
 ) -> HandEye:
     """Where cameras and boards are on the robot and in the cell, the robot taken as it is.
 
@@ -238,6 +240,8 @@ def hand_eye(
         Folder of pictures.
     as_ : str
         What to write: all of it as JSON, or the camera's place as easy_handeye2 and its publisher read it (.calib).
+    base_link, tip_link : str, optional
+        Links of a URDF between which the joints are, such as the foot of a track.
 
     Raises
     ------
@@ -254,7 +258,9 @@ def hand_eye(
     refuse_overwriting({"out": out}, inputs, robot)
     if as_ not in SAVED_AS:
         raise OptionError(f"as_: expected one of {', '.join(SAVED_AS)}, found {as_}", parameter="as_")
-    opened = None if robot is None else open_robot(robot)
+    if robot is None and (base_link or tip_link):
+        raise OptionError("base_link: name the robot whose links these are", parameter="base_link")
+    opened = None if robot is None else open_robot(robot, base_link=base_link, tip_link=tip_link)
     recording = recordings.opened(measurements, features, images, None if opened is None else opened.nominal)
     features, images = recording.features, recording.images
     assert features is not None

@@ -6,7 +6,7 @@ import feature_cases as cases
 import numpy as np
 import pandas as pd
 import pytest
-from support import assert_same_poses
+from support import assert_same_poses, on_a_rail
 
 from irbcal.cell.hand_eye import FLANGE, hand_eye
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
@@ -190,6 +190,8 @@ def test_bad_input_is_refused():
     with pytest.raises(OptionError, match="name the robot whose joints these are"):
         hand_eye(rows, known)
     poses = as_flange_poses(rows, T)
+    with pytest.raises(OptionError, match="name the robot whose links"):
+        hand_eye(poses, known, tip_link="tool0")
     with pytest.raises(OptionError, match="leave out these columns, or the robot"):
         hand_eye(poses, known, robot="irb1600")
     with pytest.raises(
@@ -251,3 +253,42 @@ def test_real_pictures_give_what_plain_least_squares_gives(shared_data, tmp_path
         )
         assert result.rms_pixels == pytest.approx(np.sqrt(2.0 * np.mean(done.fun**2)), abs=0.002)
         np.testing.assert_allclose(board.T[:3, 3] / MM, done.x[:3], rtol=0, atol=0.05)
+
+
+def test_a_camera_on_the_hand_of_a_robot_on_a_track(tmp_path):
+    """SIMULATED by Pinocchio from the URDF of track and arm alone: the truth within the stated intervals."""
+    pin = pytest.importorskip("pinocchio")
+    file = on_a_rail(tmp_path / "rail.urdf")
+    model = pin.buildModelFromUrdf(str(file))
+    data, tip = model.createData(), model.getFrameId("tool0")
+
+    def forward(q):
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[tip].homogeneous.copy()
+
+    rng = np.random.default_rng(8)
+    middle = np.array([0.8, 0.2, 0.1, 0.2, 0.1, 0.9, 0.3])
+    T_camera = frames.transform(frames.rotation_from_vector(np.array([0.1, -0.05, 0.5])), np.array([0.03, 0.02, 0.08]))
+    ahead = frames.transform(frames.rotation_from_vector(np.array([0.2, -0.1, 0.1])), np.array([-0.1, -0.08, 0.5]))
+    T_board = forward(middle) @ T_camera @ ahead
+    xyz = np.column_stack([0.03 * (1 + np.mgrid[0:5, 0:7][::-1].reshape(2, -1).T), np.zeros(35)])
+    table = []
+    while len(table) < 20:
+        q = middle + np.array([0.25, *[0.25] * 5, 0.9]) * rng.uniform(-1, 1, 7)
+        T = np.linalg.inv(forward(q) @ T_camera) @ T_board
+        y = xyz @ T[:3, :3].T + T[:3, 3]
+        uv = 900.0 * y[:, :2] / y[:, 2:] + [640, 480]
+        if (y[:, 2] > 0.2).all() and (uv > 5).all() and (uv < [1275, 955]).all():
+            uv += NOISE_PX * rng.standard_normal(uv.shape)
+            joints = {"q1_mm": q[0] / MM} | {f"q{k}_deg": q[k - 1] / DEG for k in range(2, 8)}
+            rows = {"pose": f"p{len(table)}", "feature": "wall", "corner": np.arange(35), **joints}
+            table.append(pd.DataFrame(rows | {"u_px": uv[:, 0], "v_px": uv[:, 1]}))
+    lens = {"fx_px": 900, "cx_px": 640, "cy_px": 480, "squares_x": 8, "squares_y": 6, "square_mm": 30}
+    known = pd.DataFrame([{"feature": "wall", "kind": "image-on-tool", **lens}])
+    result = hand_eye(pd.concat(table, ignore_index=True), known, robot=file, base_link="rail_base")
+    assert result.rms_pixels < 1.6 * NOISE_PX
+    for frame, expected in zip(result_frames(result), (T_camera, T_board), strict=True):
+        off = frames.inverse(expected) @ frame.T
+        assert np.abs(off[:3, 3]).max() < 1.3 * frame.u95_m
+        assert np.abs(frames.vector_from_rotation(off[:3, :3])).max() < 1.3 * frame.u95_rad
+        assert frame.u95_m < 1.0 * MM
