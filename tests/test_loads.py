@@ -97,19 +97,28 @@ def case(request):
     return truth, points, fitted(truth, points)
 
 
-def test_it_extrapolates_to_a_third_load(case):
+@pytest.fixture(scope="module")
+def of_one_load(case):
+    """The fit to the poses with 2 kg alone."""
+    truth, points, _ = case
+    return fitted(truth, points.select(points.payload_kg == 2.0).with_seen_targets())
+
+
+def test_it_extrapolates_to_a_third_load(case, of_one_load):
     truth, points, found = case
     third = truth.measured(4.0, 110, 3)
     with_term = judged(found.robot, third)
     untold = judged(fitted(truth, replace(points, payload_kg=None)).robot, third)
-    one_load = judged(fitted(truth, points.select(points.payload_kg == 0.0).with_seen_targets()).robot, third)
+    heavier = truth.measured(6.0, 110, 3)
     assert with_term < 0.03  # the noise is 0.016 mm long in the mean, that of the tool's ten poses comes to it
     assert untold > 4 * with_term
-    assert one_load > 4 * with_term
+    assert judged(of_one_load.robot, heavier) > 4 * judged(found.robot, heavier)
 
 
 def test_a_mass_wrong_by_a_tenth_costs_little(case):
     truth, points, found = case
+    if len(truth.nominal.joint_names) == 6:
+        pytest.skip("one arm is enough")
     third = truth.measured(4.0, 110, 3)
     right = judged(found.robot, third)
     # wrong at use, and wrong for one of the loads of the fit
@@ -146,12 +155,11 @@ def test_it_is_for_the_load_of_most_poses_and_says_so(case):
     assert untold < inside - 0.1
 
 
-def test_one_load_gives_no_term_and_says_whose_the_map_is(case):
-    truth, points, _ = case
-    one = fitted(truth, points.select(points.payload_kg == 2.0).with_seen_targets())
-    assert not one.robot.joint_map.knows_loads
-    assert one.robot.joint_map.payload_kg == 2.0
-    assert any("All poses were measured with a payload of 2 kg" in line for line in one.sentences())
+def test_one_load_gives_no_term_and_says_whose_the_map_is(of_one_load):
+    joint_map = of_one_load.robot.joint_map
+    assert not joint_map.knows_loads
+    assert joint_map.payload_kg == 2.0
+    assert any("All poses were measured with a payload of 2 kg" in line for line in of_one_load.sentences())
 
 
 def test_reported_torques_serve_where_the_mass_is_not_known(case):
