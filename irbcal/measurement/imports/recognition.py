@@ -57,6 +57,7 @@ _DRESSED = {
     mark: re.compile(rf"(?:[^\W\d]\w{{0,20}}\s*=\s*)?{number.pattern}(?:\s*(?:{tables.UNIT}))?", re.IGNORECASE)
     for mark, number in _PLAIN.items()
 }
+_ANY_NUMBER = r"[+-]?\d[\d.,' ]*(?:[eE][+-]?\d+)?"
 _SEPARATORS = ("_", "-", "@", "/", " ", ".", ":")
 
 FEWEST_ROWS = 4
@@ -951,11 +952,20 @@ def _candidates(
                 file=source,
             )
         layout = _common_layout(both) if len(complete) > 1 else None
-        for table in both:
-            if table.sheet.source == complete[0]:
-                for candidate in _together(table):
-                    values = candidate.values | ({} if layout is None else {"file": layout})
-                    yield candidate._replace(values=values, sources=tuple(complete))
+        readings = [reading for table in both if table.sheet.source == complete[0] for reading in _together(table)]
+        if not readings:
+            text, columns = both[0].sheet.table, both[0].roles.joints
+            row, k = np.argwhere(~np.isfinite(np.column_stack([text.parsed(k) for k in columns])))[0]
+            cell = text.text(columns[k]).iloc[row]
+            raise text.fault(
+                f"expected a joint in each row, as a number such as 12{text.decimal}5, found "
+                + (repr(short(cell)) if cell else "nothing"),
+                row,
+                columns[k],
+            )
+        for reading in readings:
+            values = reading.values | ({} if layout is None else {"file": layout})
+            yield reading._replace(values=values, sources=tuple(complete))
         return
     joint_sources: list[tuple[str, _Table | None]] = [(table.sheet.source, table) for table in only_joints]
     joint_sources += [(program, None) for program in programs]
@@ -993,9 +1003,20 @@ def _base_values(table: _Table) -> dict[str, Any]:
 
 
 def _marks(table: TextTable, k: int) -> list[str]:
-    """Texts that stand in a column of positions in place of numbers."""
+    """Texts that stand in a column of positions in place of numbers; numbers written otherwise are refused."""
     lost = ~np.isfinite(table.parsed(k))
-    return [text for text in table.text(k)[lost].unique().tolist() if text and text.lower() not in ("nan", "none")][:50]
+    texts = table.text(k)[lost]
+    numbers = texts[texts.str.fullmatch(_ANY_NUMBER)]
+    if len(numbers):
+        row = int(np.flatnonzero(table.lines == numbers.index[0])[0])
+        mark = "comma" if table.decimal == "," else "point"
+        raise table.fault(
+            f"expected a number with a decimal {mark} as in other rows, found {short(numbers.iloc[0])!r}; write all "
+            "numbers of the column alike",
+            row,
+            k,
+        )
+    return [text for text in texts.unique().tolist() if text and text.lower() not in ("nan", "none")][:50]
 
 
 def _put_labels(values: dict[str, Any], labels: _Labels) -> dict[str, Any]:
@@ -1155,7 +1176,11 @@ def _chosen(candidates: Sequence[_Reading], arm: Arm | None, source: str) -> Rec
             fit = None if arm is None else _fit_of(arm, imported.table)
             understood.append(_Understood(candidate, values, imported.table, fit, joint_unit))
     if not understood:
-        raise refusal or MeasurementError("expected columns of joints and of points, found none that are", file=source)
+        raise refusal or MeasurementError(
+            "expected rows with joints and points of named targets, found none that can be told apart: say with --as "
+            "MAP.yaml what the columns are",
+            file=source,
+        )
     tried = [entry for entry in understood if entry.fit is not None]
     if not tried:
         return _declared(understood, arm, source)

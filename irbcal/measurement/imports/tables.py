@@ -61,6 +61,8 @@ UNIT = "|".join(re.escape(text) for texts in UNITS.values() for text in sorted(t
 """Any unit, for regular expressions."""
 _DRESSED = re.compile(rf"(?:([^\W\d]\w{{0,20}})\s*=\s*)?([^=]*?)\s*({UNIT})?", re.IGNORECASE)
 _WITH_UNIT = re.compile(rf"([+-]?[\d.,']*\d[\d.,]*)(\s+)({UNIT})(?=\s|$)", re.IGNORECASE)
+_COMMA_NUMBER = re.compile(r"[+-]?(?:\d+|\d{1,3}(?:\.\d{3})+),\d+")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _DIGITS = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
 _BLANK_UNIT = re.compile(rf"\d[.,]?[^\S\n]+(?:{UNIT})(?:\s|$)", re.IGNORECASE)
 AXES = ("x", "y", "z")
@@ -204,11 +206,14 @@ class TextTable:
         if commas.empty:
             return replace(self, decimal=".")
         row, cell = commas.index[0], commas.iloc[0]
-        dots = cells.str.contains(".", regex=False).any()
-        if dots or commas.str.fullmatch(r"[+-]?\d{1,3}(,\d{3})+").all():
+        dots = cells[cells.str.contains(".", regex=False)]
+        if not dots.empty or commas.str.fullmatch(r"[+-]?\d{1,3}(,\d{3})+").all():
+            found = f"{short(cell)!r}" + ("" if dots.empty else f" and, in row {dots.index[0]}, {short(dots.iloc[0])!r}")
+            advice = "declare file.decimal"
+            if not dots.empty:
+                advice += " (and file.thousands if the other mark stands in it), or write all numbers alike"
             raise MeasurementError(
-                f"expected to see which mark is the decimal one, found {short(cell)!r}"
-                f"{' and dots in other cells' if dots else ''}; declare file.decimal",
+                f"expected to see which mark is the decimal one, found {found}; {advice}",
                 file=self.source,
                 row=int(row),
             )
@@ -518,8 +523,16 @@ def _sheet_lines(workbook: Any, sheet: str, source: str) -> list[str]:
         )
     text = StringIO()
     writer = csv.writer(text, delimiter="\t", lineterminator="\n")
-    for row in workbook.get_sheet_by_name(sheet).to_python(skip_empty_area=False):
-        writer.writerow([" ".join(_cell_text(cell).split()) for cell in row])
+    cells = workbook.get_sheet_by_name(sheet).to_python(skip_empty_area=False)
+    flat = [cell for row in cells for cell in row]
+    commas = [cell.strip() for cell in flat if isinstance(cell, str) and _COMMA_NUMBER.fullmatch(cell.strip())]
+    # beside numbers, a text such as 1234,5 is a number, too; 1,234 alone could be thousands
+    as_numbers = any(type(cell) in (int, float) for cell in flat) and not all(map(_THOUSANDS.fullmatch, commas))
+    for row in cells:
+        texts = [" ".join(_cell_text(cell).split()) for cell in row]
+        if as_numbers:
+            texts = [t.replace(".", "").replace(",", ".") if _COMMA_NUMBER.fullmatch(t) else t for t in texts]
+        writer.writerow(texts)
     return text.getvalue().split("\n")
 
 
@@ -651,7 +664,12 @@ def _refuse_short_rows(
     for row in np.flatnonzero((cells.iloc[:, -1] == "").to_numpy()).tolist():
         count = len(_fields(lines[row], separator))
         if count < width and not any(cell.lower() in excuses for cell in cells.iloc[row]):
-            raise MeasurementError(f"expected {width} values, found {count}", file=source, row=int(cells.index[row]))
+            raise MeasurementError(
+                f"expected {width} values, found {count} (lines before the table are left out by "
+                "file.skip_rows, others by file.comment)",
+                file=source,
+                row=int(cells.index[row]),
+            )
 
 
 def _named_columns(cells: pd.DataFrame, names: Sequence[str] | None, source: str) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from import_support import JOINTS, XYZ, write
 import irbcal
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import open_nominal
-from irbcal.measurement.imports import tables
+from irbcal.measurement.imports import reader, tables
 from irbcal.measurement.imports.column_map import Dialect, pattern_regex
 from irbcal.measurement.imports.recognition import recognise, trial_fit
 
@@ -314,3 +314,47 @@ def test_three_rows_a_point_are_complete(tmp_path):
     ):
         tables.read(broken, dialect)
     refusal(broken, joints)
+
+
+def recognised_table(paths):
+    known = recognise(paths, ARM)
+    return reader.understand(known.sources, known.map, known.joints).table
+
+
+def _book(path, q, points, as_text):
+    """A sheet of numbers; ``as_text`` says which of them are text with a decimal comma."""
+    rows = [line.split(";") for line in long_rows(q, points)]
+    rows = [[as_text(r, c, cell) for c, cell in enumerate(row)] for r, row in enumerate(rows)]
+    path.write_bytes(MESSY.xlsx({"Data": [HEADER.split(";"), *rows]}))
+    return path
+
+
+def test_numbers_stored_as_text_with_a_comma_are_numbers_of_a_workbook(tmp_path):
+    q, points = measured(20)
+    plain = _book(tmp_path / "plain.xlsx", q, points, lambda r, c, cell: cell)
+    mixed = lambda r, c, cell: cell.replace(".", ",") if c != 6 and r % 3 == c % 3 else cell  # noqa: E731
+    book = _book(tmp_path / "mixed.xlsx", q, points, mixed)
+    tables_of = [recognised_table([path]) for path in (plain, book)]
+    np.testing.assert_allclose(*(table[[*JOINTS, *XYZ]] for table in tables_of), rtol=0, atol=1e-9)
+
+
+def test_text_that_may_be_thousands_is_refused_and_never_a_lost_point(tmp_path):
+    q, points = measured(20)
+    book = _book(tmp_path / "b.xlsx", q, points, lambda r, c, cell: "1,234" if (r, c) == (7, 9) else cell)
+    with pytest.raises(MeasurementError, match=r"b\.xlsx!Data: row 9, column Y: expected a number .* found '1,234'"):
+        recognise([book], ARM)
+
+
+def test_a_number_written_unlike_the_others_is_refused_with_its_row(tmp_path):
+    q, points = measured(20)
+    rows = long_rows(q, points)
+    cells = rows[4].split(";")
+    cells[8] = cells[8].replace(".", ",")
+    path = write(tmp_path / "m.csv", HEADER, *rows[:4], ";".join(cells), *rows[5:])
+    with pytest.raises(MeasurementError, match=r"m\.csv: row 6, column X: expected a number with a decimal point"):
+        recognise([path], ARM)
+    cells = rows[4].split(";")
+    cells[3] = "gone"
+    path = write(tmp_path / "j.csv", HEADER, *rows[:4], ";".join(cells), *rows[5:])
+    with pytest.raises(MeasurementError, match=r"j\.csv: row 6, column A3: expected a joint in each row.*'gone'"):
+        recognise([path], ARM)
