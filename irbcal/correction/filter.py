@@ -897,24 +897,28 @@ def _ends(corrections: Corrections) -> dict[int, Ends]:
     }
 
 
-def fingerprint_of(program: str | Path) -> str | None:
-    """Fingerprint of the calibration that a program was filtered with.
+def fingerprints_of(program: str | Path) -> dict[str, str | None]:
+    """Fingerprint of the calibration that programs were filtered with, file by file.
 
     Parameters
     ----------
     program : str or Path
-        As `correct` takes and writes it.
+        As `correct` takes and writes it: a file, or a folder or zip archive with programs of one language.
 
     Returns
     -------
-    str or None
-        ``Record.fingerprint`` of that calibration; None for a program that bears no mark, an empty text where the
-        mark does not say which calibration it was.
+    dict of str to str or None
+        Name of the file (in the folder) -> ``Record.fingerprint`` of that calibration; None for a file that bears no
+        mark, an empty text where the mark does not say which calibration it was.
 
     Raises
     ------
     ProgramError
         If it cannot be read as a program.
     """
-    language = languages.of(program)
-    return language.fingerprint(read_bytes(program), str(program))
+    with unpacked([program]) as files:
+        given = languages.files_of(files.programs)
+        return {
+            place.as_posix(): given.language.fingerprint(read_bytes(path), str(path))
+            for path, place in given.relative.items()
+        }

@@ -616,6 +616,8 @@ class TextProgram(Locked, Program):
         Of the calibration that this program was already corrected with; empty where the mark does not say.
     mark_at : int
         Where the mark goes.
+    marks_beside : tuple of int
+        Where it goes in the other files, if their targets are corrected.
     axes : tuple of ExternalAxis
         External axes of the cell, where they are known.
     shifts : tuple of Shift
@@ -649,6 +651,7 @@ class TextProgram(Locked, Program):
     loads: LoadFlow = field(default_factory=LoadFlow, kw_only=True)
     names_loads: tuple[int, ...] = field(default=(), kw_only=True)
     T_tip_flange: FloatArray | None = field(default=None, kw_only=True)
+    marks_beside: tuple[int, ...] = field(default=(), kw_only=True)
 
     def on_axes(self, axes: Sequence[ExternalAxis]) -> Self:
         """The program in a cell with external axes: targets that do not say where these are stay as they are."""
@@ -668,8 +671,8 @@ class TextProgram(Locked, Program):
         return replace(self, axes=tuple(axes), notes=notes)
 
     @abstractmethod
-    def mark(self, fingerprint: str) -> Edit:
-        """The comment that marks a corrected program."""
+    def mark(self, fingerprint: str, at: int) -> Edit:
+        """The comment that marks a file of a corrected program, at a place."""
 
     @abstractmethod
     def new_configurations(self, targets: Sequence[Target], q: FloatArray) -> list[Configuration | None]:
@@ -902,8 +905,12 @@ class TextProgram(Locked, Program):
             }
         if not values:
             return self.listing.files_with([])
-        mark = [] if fingerprint is None else [self.mark(one_word(fingerprint))]
-        return self.listing.files_with([*self.edits(values, configurations), *mark])
+        edits = self.edits(values, configurations)
+        if fingerprint is not None:
+            changed = {self.listing.part(max(start, stop - 1)) for start, stop, _ in edits}
+            beside = [at for at in self.marks_beside if self.listing.part(at) in changed]
+            edits += [self.mark(one_word(fingerprint), at) for at in (self.mark_at, *beside)]
+        return self.listing.files_with(edits)
 
     def tip_poses(self, indices: Sequence[int]) -> FloatArray:
         """Poses of the flange ``T_base_tip`` (n, 4, 4), metres, that correctable pose targets ask for."""

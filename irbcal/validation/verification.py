@@ -178,7 +178,8 @@ def verify(
     urdf : str or Path, optional
         A URDF: compared by forward kinematics at random joints, and by its fingerprint.
     program : str or Path, optional
-        In place of it: a program with fake targets, compared by the fingerprint that it bears.
+        In place of it: a program with fake targets, a folder or a zip archive of such, compared by the fingerprint
+        that each file bears.
     base_link, tip_link : str, optional
         Base and tip link in the URDF, where a cell's URDF has given them other names; joints may have a prefix then.
     reseal : str, optional
@@ -247,18 +248,28 @@ def _verify_folder(
 
 
 def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
-    from irbcal.correction.filter import fingerprint_of
+    from irbcal.correction.filter import fingerprints_of
 
-    mark = fingerprint_of(program)
+    marks = fingerprints_of(program)
+    others = [name for name, mark in marks.items() if mark not in (None, record.fingerprint)]
+    unmarked = [name for name, mark in marks.items() if mark is None]
     state: Literal["same", "other", "absent"] = (
-        "absent" if mark is None else "same" if mark == record.fingerprint else "other"
+        "other" if others else "absent" if len(unmarked) == len(marks) else "same"
     )
-    texts = {
-        "same": "this program bears the mark of this calibration (its targets are not checked)",
-        "other": "this program holds fake targets of ANOTHER calibration: correct the original program anew",
-        "absent": "this program bears no mark of irbcal: its targets were not corrected, or the mark was taken out",
-    }[state]
-    return ProgramVerification(state == "same", state, texts)
+    subject, plural = ("this program", "") if len(marks) == 1 else (f"of these {len(marks)} files", "s")
+    if state == "absent":
+        none = "none bears a" if plural else "bears no"
+        text = f"{subject} {none} mark of irbcal: the targets were not corrected, or the mark was taken out"
+    elif state == "other":
+        holds = f"{', '.join(others[:5])} hold{'s' if len(others) == 1 else ''}" if plural else "holds"
+        text = f"{subject} {holds} fake targets of ANOTHER calibration: correct the original program anew"
+    else:
+        bear = f"{len(marks) - len(unmarked)} bear" if plural else "bears"
+        text = f"{subject} {bear} the mark of this calibration (its targets are not checked)"
+        if unmarked:
+            text += f"; no mark, so no corrected target, in {', '.join(unmarked[:5])}"
+            text += f" and {len(unmarked) - 5} others" if len(unmarked) > 5 else ""
+    return ProgramVerification(state == "same", state, text)
 
 
 def verify_bytes(

@@ -19,7 +19,7 @@ from irbcal.correction.filter import (
     _without_garbage_collection,
     correct,
     filter_program,
-    fingerprint_of,
+    fingerprints_of,
 )
 from irbcal.correction.filtered import Filtered
 from irbcal.correction.languages import rapid, table
@@ -274,10 +274,10 @@ def test_the_fingerprint_is_found_in_what_was_filtered(calibration, job, tmp_pat
         poses = notation.numbers_from_poses(record.arm(calibrated=False).forward(q))
         frame = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
         (frame if kind == "joints" else pd.DataFrame(poses, columns=table.POSE)).to_csv(job, index=False)
-    assert fingerprint_of(job) is None
+    assert fingerprints_of(job) == {job.name: None}
     new = tmp_path / f"new{job.suffix}"
     correct(calibration, job, out=new, allow_partial=True)
-    assert fingerprint_of(new) == record.record.fingerprint
+    assert fingerprints_of(new) == {new.name: record.record.fingerprint}
     with pytest.raises(
         ProgramError, match=f"these are fake targets already for calibration {record.record.fingerprint}"
     ):
@@ -286,9 +286,9 @@ def test_the_fingerprint_is_found_in_what_was_filtered(calibration, job, tmp_pat
 
 def test_fingerprints_of_other_marks_and_files(tmp_path):
     (tmp_path / "old.mod").write_text("MODULE m\n! irbcal: fake targets\nENDMODULE\n")
-    assert fingerprint_of(tmp_path / "old.mod") == ""
+    assert fingerprints_of(tmp_path / "old.mod") == {"old.mod": ""}
     with pytest.raises(ProgramError, match="there is no such file"):
-        fingerprint_of(tmp_path / "none.mod")
+        fingerprints_of(tmp_path / "none.mod")
 
 
 def test_arms_without_a_closed_form_need_joints(robots, tmp_path):

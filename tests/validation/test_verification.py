@@ -106,6 +106,23 @@ def test_a_program_bears_the_mark_of_its_calibration(folders, tmp_path):
         assert "ANOTHER calibration" in other.explanation
 
 
+def test_folders_of_programs_bear_marks_file_by_file(folders, tmp_path):
+    source = tmp_path / "backup"
+    source.mkdir()
+    target = "CONST jointtarget p:=[[10,20,-30,40,50,60],[9E9,9E9,9E9,9E9,9E9,9E9]];"
+    (source / "job.mod").write_text(
+        f"MODULE job\n{target}\nPROC main()\nMoveAbsJ p,v100,fine,tool0;\nENDPROC\nENDMODULE\n"
+    )
+    (source / "other.mod").write_text("MODULE other\nPROC pause()\nWaitTime 1;\nENDPROC\nENDMODULE\n")
+    assert verify(folders[0], program=source).fingerprint == "absent"
+    new = tmp_path / "new"
+    irbcal.correct(folders[0], source, out=new)
+    for place in (new, new / "job.mod"):
+        assert [verify(folder, program=place).fingerprint for folder in folders] == ["same", "other"]
+    assert verify(folders[0], program=new).explanation.endswith("no mark, so no corrected target, in other.mod")
+    assert "job.mod holds fake targets of ANOTHER" in verify(folders[1], program=new).explanation
+
+
 def test_verify_needs_one_thing_to_compare(folders, tmp_path):
     with pytest.raises(OptionError, match="one of them"):
         verify(folders[0], urdf=folders[0] / "calibrated.urdf", program="job.mod")

@@ -103,7 +103,7 @@ class LsProgram(PostureProgram):
 
     mark_number: int
 
-    def mark(self, fingerprint: str) -> Edit:
+    def mark(self, fingerprint: str, at: int) -> Edit:
         """Comments at the end of the instructions, so that no other line changes its number.
 
         Two, because older controllers take 32 characters each.
@@ -111,7 +111,7 @@ class LsProgram(PostureProgram):
         newline, number = self.listing.newline(), self.mark_number
         first, second = (f"{number:4d}", f"{number + 1:4d}") if number else ("    ", "    ")
         text = f"{first}:  !irbcal fake targets ;{newline}{second}:  !{fingerprint} ;{newline}"
-        return self.mark_at, self.mark_at, text
+        return at, at, text
 
     def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """CONFIG of joints."""

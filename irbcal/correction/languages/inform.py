@@ -83,10 +83,10 @@ class JobProgram(PostureProgram):
 
     pulses: tuple[float, ...]
 
-    def mark(self, fingerprint: str) -> Edit:
+    def mark(self, fingerprint: str, at: int) -> Edit:
         """Two comments, because they take 32 characters each."""
         newline = self.listing.newline()
-        return self.mark_at, self.mark_at, f"'irbcal fake targets{newline}'{fingerprint}{newline}"
+        return at, at, f"'irbcal fake targets{newline}'{fingerprint}{newline}"
 
     def joint_units(self, target: Target) -> FloatArray:
         """Radians of one pulse of each joint."""

@@ -110,10 +110,10 @@ def ends(arm: Arm, joints: FloatArray, pose: FloatArray) -> ControllerFrames:
 class AsProgram(PostureProgram):
     """Programs and locations of a Kawasaki file as read."""
 
-    def mark(self, fingerprint: str) -> Edit:
+    def mark(self, fingerprint: str, at: int) -> Edit:
         """A comment line."""
-        newline = self.listing.newline(self.listing.part(max(self.mark_at - 1, 0)))
-        return self.mark_at, self.mark_at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
+        newline = self.listing.newline(self.listing.part(max(at - 1, 0)))
+        return at, at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
 
     def split_edits(self, target: Target, numbers: list[float], configuration: Configuration | None) -> list[Edit]:
         """A straight or joint move to a transformation in numbers."""
@@ -320,6 +320,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     else:
         setup = setup._replace(controller=ends(arm, *setup.where))
     frame_values = {**reader.frames(), NULL: frames.transform()}
+    first_begins = {listing.part(at): at for at in reversed(sections.begins)}
     return AsProgram.assembled(
         KAWASAKI,
         arm,
@@ -331,6 +332,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         notes=reader.flow.external_axes(targets),
         comments=sections.comments,
         mark_at=sections.begins[0] if sections.begins else len(listing.text),
+        marks_beside=tuple(at for at in first_begins.values() if at != sections.begins[0]),
     )
 
 

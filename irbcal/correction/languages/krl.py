@@ -90,10 +90,10 @@ def posture_of(status: int, turn: int) -> Posture:
 class KrlProgram(PostureProgram):
     """A KRL program as read."""
 
-    def mark(self, fingerprint: str) -> Edit:
+    def mark(self, fingerprint: str, at: int) -> Edit:
         """A comment line."""
-        newline = self.listing.newline(self.listing.part(self.mark_at))
-        return self.mark_at, self.mark_at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
+        newline = self.listing.newline(self.listing.part(at))
+        return at, at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
 
     def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """S and T of joints."""
@@ -1310,6 +1310,7 @@ def _program(
         notes=dict.fromkeys(notes),
         comments=comments,
         mark_at=_behind_head(listing, main.start, main.end),
+        marks_beside=tuple(_behind_head(listing, p.start, p.end) for p in listing.parts if p is not main),
     )
 
 

@@ -1987,11 +1987,11 @@ class Module(TextProgram):
         """The module that writes points into its moves, one cut for each."""
         return replace(self, cuts=tuple(cuts))
 
-    def mark(self, fingerprint: str) -> Edit:
+    def mark(self, fingerprint: str, at: int) -> Edit:
         """A comment behind the line with ``MODULE``."""
         newline = self.listing.newline()
-        line_end = re.match(r"[ \t]*(?:![^\r\n]*)?(\r\n|\n|\r)", self.text[self.mark_at :])
-        at, line_break = (self.mark_at + line_end.end(), "") if line_end else (self.mark_at, newline)
+        line_end = re.match(r"[ \t]*(?:![^\r\n]*)?(\r\n|\n|\r)", self.text[at:])
+        at, line_break = (at + line_end.end(), "") if line_end else (at, newline)
         return at, at, f"{line_break}! irbcal: fake targets, calibration {fingerprint}{newline}"
 
     def number_text(self, old: Number, new: float, decimals: int) -> str | None:

@@ -45,10 +45,10 @@ UNIVERSAL_ROBOTS = Maker(
 class ScriptProgram(PostureProgram):
     """A URScript program as read."""
 
-    def mark(self, fingerprint: str) -> Edit:
+    def mark(self, fingerprint: str, at: int) -> Edit:
         """A comment line."""
         text = f"# irbcal: fake targets, calibration {fingerprint}{self.listing.newline()}"
-        return self.mark_at, self.mark_at, text
+        return at, at, text
 
 
 TOKEN = re.compile(

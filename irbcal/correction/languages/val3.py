@@ -66,9 +66,9 @@ def posture_of(attributes: Mapping[str, str]) -> tuple[Posture, str]:
 class Val3Program(PostureProgram):
     """A VAL3 application as read."""
 
-    def mark(self, fingerprint: str) -> Edit:
+    def mark(self, fingerprint: str, at: int) -> Edit:
         """A comment of the XML."""
-        return self.mark_at, self.mark_at, f"<!-- irbcal: fake targets, calibration {fingerprint.replace('-', '_')} -->"
+        return at, at, f"<!-- irbcal: fake targets, calibration {fingerprint.replace('-', '_')} -->"
 
     def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """Shoulder, elbow and wrist of joints."""
@@ -279,7 +279,8 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     application.conclude()
     targets = [target for _, target in application.targets]
     main = next((file for file in listing.parts if file.name.lower().endswith(".dtx")), listing.parts[0])
-    head = _HEAD.match(listing.text, main.start, main.end)
+    heads = {part: _HEAD.match(listing.text, part.start, part.end) for part in listing.parts}
+    marks = {part: head.end() if head else part.end for part, head in heads.items()}
     return Val3Program.assembled(
         STAUBLI,
         arm,
@@ -290,7 +291,8 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         application.frames(),
         source=main.name,
         comments=comments,
-        mark_at=head.end() if head else main.end,
+        mark_at=marks.pop(main),
+        marks_beside=tuple(marks.values()),
     )
 
 

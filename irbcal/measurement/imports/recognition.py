@@ -954,14 +954,14 @@ def _candidates(
         layout = _common_layout(both) if len(complete) > 1 else None
         readings = [reading for table in both if table.sheet.source == complete[0] for reading in _together(table)]
         if not readings:
-            text, columns = both[0].sheet.table, both[0].roles.joints
-            row, k = np.argwhere(~np.isfinite(np.column_stack([text.parsed(k) for k in columns])))[0]
-            cell = text.text(columns[k]).iloc[row]
+            text, joints = both[0].sheet.table, both[0].roles.joints
+            row, k = np.argwhere(~np.isfinite(np.column_stack([text.parsed(k) for k in joints])))[0]
+            cell = text.text(joints[k]).iloc[row]
             raise text.fault(
                 f"expected a joint in each row, as a number such as 12{text.decimal}5, found "
                 + (repr(short(cell)) if cell else "nothing"),
                 row,
-                columns[k],
+                joints[k],
             )
         for reading in readings:
             values = reading.values | ({} if layout is None else {"file": layout})

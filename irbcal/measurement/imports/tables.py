@@ -208,7 +208,9 @@ class TextTable:
         row, cell = commas.index[0], commas.iloc[0]
         dots = cells[cells.str.contains(".", regex=False)]
         if not dots.empty or commas.str.fullmatch(r"[+-]?\d{1,3}(,\d{3})+").all():
-            found = f"{short(cell)!r}" + ("" if dots.empty else f" and, in row {dots.index[0]}, {short(dots.iloc[0])!r}")
+            found = f"{short(cell)!r}" + (
+                "" if dots.empty else f" and, in row {dots.index[0]}, {short(dots.iloc[0])!r}"
+            )
             advice = "declare file.decimal"
             if not dots.empty:
                 advice += " (and file.thousands if the other mark stands in it), or write all numbers alike"

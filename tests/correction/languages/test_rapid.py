@@ -266,7 +266,7 @@ def test_several_modules_in_one_file():
     whole = first + second.replace(b"MODULE m", b"MODULE 2_Job")
     seen = rapid.parse(whole)
     assert [(seen.targets[k].name, seen.targets[k].line) for k in seen.correctable()] == [("p10", 2), ("p20", 8)]
-    at = seen.mark("abc")[0]
+    at = seen.mark("abc", seen.mark_at)[0]
     assert whole[:at] == b"MODULE m\n"
     both = rapid.parse(first + first)  # which p10 and which tool a move means is not known
     assert both.correctable() == []
@@ -1095,7 +1095,7 @@ def test_moves_with_external_axes_are_not_cut(robots, axis):
 
 def marked(content, fingerprint):
     program = rapid.parse(content)
-    return program.listing.files_with([program.mark(one_word(fingerprint))])[program.source]
+    return program.listing.files_with([program.mark(one_word(fingerprint), program.mark_at)])[program.source]
 
 
 def marked_module(line):
