@@ -18,17 +18,15 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form, own_model
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import chain
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_WORDS = {
-    calibrated_arm.Reason.NOT_FOUND: "no small correction reaches it: it lies next to a singularity or just beyond the "
-    "calibrated arm's reach"
-}
-
+SINGULAR = 10.0
+"""Degrees that joints turn for one degree of the tool (or of a point at the arm's reach), next to a singularity."""
 LARGEST_CHANGE = 10 * DEG
 """Largest turn of a joint that counts as a correction, radians; more is needed next to a singularity only."""
 
@@ -198,6 +196,22 @@ def correct_meant(
     return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q_nominal, computing)
 
 
+def next_to_singularities(arm: Arm, q: FloatArray, reach: float) -> dict[int, tuple[int, float]]:
+    """Number of the joints, of (n, joints) in radians, that are next to a singularity -> what turns there, and how far.
+
+    The joint that turns most, from 0, and its degrees for one of the tool; translations count by ``reach``, metres.
+    """
+    if not len(q):
+        return {}
+    walk = chain.walk(arm, q)
+    slides = arm.table.prismatic[:, None, None]
+    linear = np.where(slides, walk.z, np.cross(walk.z, walk.tip[3] - walk.o, axis=1)) / reach
+    _, size, V = np.linalg.svd(np.concatenate([linear, np.where(slides, 0.0, walk.z)], axis=1).transpose(2, 1, 0))
+    gain = 1.0 / np.maximum(size[:, -1], 1e-9)
+    joint = np.abs(V[:, size.shape[1] - 1]).argmax(axis=1)
+    return {int(k): (int(joint[k]), float(gain[k])) for k in np.flatnonzero(gain > SINGULAR)}
+
+
 def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray, controller: Arm) -> Corrected:
     reachable = np.isfinite(q_nominal).all(axis=1)
     n = len(q_nominal)
@@ -223,7 +237,13 @@ def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatA
         reason[rows[solution.converged & ~solution.inside]] = "its correction is outside the joint limits"
         for code in calibrated_arm.Reason:
             if code != calibrated_arm.Reason.CONVERGED:
-                reason[rows[~solution.converged & (solution.reason == code)]] = _WORDS.get(code, code.words)
+                reason[rows[~solution.converged & (solution.reason == code)]] = code.words
+        lost = rows[~solution.converged & (solution.reason == calibrated_arm.Reason.NOT_FOUND)]
+        reason[lost] = "no small correction reaches it"
+        reach = float(np.linalg.norm(T_wanted[rows, :3, 3], axis=1).max())
+        for row, (joint, _) in next_to_singularities(nominal, q_nominal[lost], reach).items():
+            edge = "at the edge of the arm's reach" if joint in (1, 2) else "next to a singularity"
+            reason[lost[row]] += f": it lies {edge}, where joint {joint + 1} turns far for small moves"
     ok = np.isfinite(q).all(axis=1)
     T_fake = np.full((n, 4, 4), np.nan)
     if ok.any():

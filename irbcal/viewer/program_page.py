@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from irbcal.correction.fake_targets import next_to_singularities
 from irbcal.correction.filtered import Filtered
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms import chain
 from irbcal.units import DEG
 from irbcal.viewer.building import default_magnification, scale_top
 from irbcal.viewer.scene import Model, Points
@@ -30,8 +30,6 @@ HOW_TO_READ = (
 )
 
 
-SINGULAR = 10.0
-"""Degrees that joints turn for one degree of the tool (or of a point at the arm's reach), next to a singularity."""
 LONGER, LONGER_SHARE = 1.0 * DEG, 0.05
 """By how much, and by which share, the largest turn of a joint in a move changes before it is named."""
 
@@ -48,17 +46,11 @@ def singularities(arm: Arm, filtered: Filtered, reach: float, names: list[str]) 
     names : list of str
         Of the targets.
     """
-    walk = chain.walk(arm, filtered.q)
-    slides = arm.table.prismatic[:, None, None]
-    linear = np.where(slides, walk.z, np.cross(walk.z, walk.tip[3] - walk.o, axis=1)) / reach
-    J = np.concatenate([linear, np.where(slides, 0.0, walk.z)], axis=1).transpose(2, 1, 0)
-    _, size, V = np.linalg.svd(J)
-    gain = 1.0 / np.maximum(size[:, -1], 1e-9)
-    joint = np.abs(V[:, len(size[0]) - 1]).argmax(axis=1)
+    near = next_to_singularities(arm, filtered.q, reach)
     return [
-        f"next to a singularity: {names[k]}: joint {joint[k] + 1} turns by {min(gain[k], 9999.0):.0f} degrees for one "
-        "degree of the tool; straight moves through it are slow or stop"
-        for k in np.flatnonzero(gain > SINGULAR)
+        f"next to a singularity: {names[k]}: joint {joint + 1} turns by {min(gain, 9999.0):.0f} degrees for one degree "
+        "of the tool; straight moves through it are slow or stop"
+        for k, (joint, gain) in near.items()
     ]
 
 

@@ -78,7 +78,14 @@ def test_targets_out_of_reach_are_left_with_a_reason():
     assert found.to_frame()["ok"].tolist() == [True, False]
     home = correct_joints(robot, nominal, np.zeros((1, 6)))
     assert not home.ok[0]
-    assert home.reason[0], "the wrist singularity at zero joints: no small correction exists"
+    assert "next to a singularity" in home.reason[0], "of the wrist at zero joints: no small correction exists"
+    stretched = np.tile([0.3, 0.4, -np.pi / 2, 0.2, 0.9, 0.1], (200, 1))
+    stretched[:, 2] += np.linspace(-0.2, 0.2, 200)  # near the elbow that is straight, with the wrist bent
+    found = correct_joints(robot, nominal, stretched)
+    lost = set(found.reason[~found.ok])
+    edge = "no small correction reaches it: it lies at the edge of the arm's reach, where joint 3 turns far"
+    assert any(reason.startswith(edge) for reason in lost)
+    assert not any("singularity" in reason and "reaches" in reason for reason in lost)
 
 
 def test_the_simulated_true_robot_reaches_what_was_wanted_as_well_as_the_calibration_promised():
