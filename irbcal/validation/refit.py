@@ -87,8 +87,9 @@ class Refit:
             return every, every
         take = int(HALF * count) if self.poses is None else self.poses
         if take >= count:
+            hint = f" (--refit-from {count - 1} leaves one)" if count > 3 else ""
             raise MeasurementError(
-                f"{take} of {count} poses are to place the {self.what} anew: none are left to judge", file=source
+                f"{take} of {count} poses are to place the {self.what} anew: none are left to judge{hint}", file=source
             )
         drawn = np.zeros(count, dtype=bool)
         drawn[np.random.default_rng(self.seed).permutation(count)[:take]] = True
