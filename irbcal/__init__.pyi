@@ -26,9 +26,9 @@ from .examples.samples import samples as samples
 from .exporting.export import Exported as Exported
 from .exporting.export import export as export
 from .exporting.live import stream as stream
+from .fleet.adding import fleet_add as fleet_add
 from .fleet.batch import CalibratedFleet as CalibratedFleet
 from .fleet.batch import fleet_calibrate as fleet_calibrate
-from .fleet.overview import fleet_add as fleet_add
 from .fleet.overview import fleet_drift as fleet_drift
 from .fleet.overview import fleet_export as fleet_export
 from .fleet.overview import fleet_list as fleet_list

@@ -11,7 +11,7 @@ import numpy as np
 from bench_commands import spent
 
 import irbcal
-from irbcal.fleet.overview import stored
+from irbcal.fleet.adding import stored
 from irbcal.fleet.store import Stored, factor_of, opened
 from irbcal.io import robots
 

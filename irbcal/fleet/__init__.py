@@ -1,1 +1,4 @@
 """Many robots, many years: calibrated by a list, kept in a store, compared over time and with their sisters."""
+
+STORE = "fleet.db"
+"""The store of a fleet unless given; here, as help reads it where SQLAlchemy is not installed."""

@@ -175,8 +175,6 @@ def _option(text: str, wrong: Callable[[str, str], MeasurementError]) -> tuple[s
 assert set(KINDS) <= {field.name for field in fields(Options)}
 
 
-STORE = "fleet.db"
-"""The store of a fleet unless given; here, as help reads it where SQLAlchemy is not installed."""
 MARK = "fleet.json"
 """In each robot's folder, written last: whose calibration it is, from what, and what it is worth."""
 

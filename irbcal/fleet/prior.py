@@ -18,7 +18,7 @@ import numpy as np
 from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError
-from irbcal.fleet.batch import STORE
+from irbcal.fleet import STORE
 from irbcal.fleet.comparison import FEWEST_SISTERS
 from irbcal.fleet.store import Estimate, Store, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA

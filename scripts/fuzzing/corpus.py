@@ -17,7 +17,7 @@ import pandas as pd
 import irbcal
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages import known
-from irbcal.fleet.overview import stored
+from irbcal.fleet.adding import stored
 from irbcal.fleet.store import opened
 from irbcal.io import robots
 from irbcal.modeling import frames

@@ -20,7 +20,7 @@ import sqlalchemy as sql
 
 from fuzzing.kill import _forked, _run
 from irbcal.errors import IrbcalError
-from irbcal.fleet import overview
+from irbcal.fleet import adding
 from irbcal.fleet.store import NOT_THERE, Stored, opened
 
 ADDED = ("cal", "cal2", "cal-auto")
@@ -34,7 +34,7 @@ def all_stores(good: Path, folder: Path, moments: int, seed: int) -> int:
 
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(good, folder)
-    kept = {name: overview.stored(folder / name) for name in ADDED}
+    kept = {name: adding.stored(folder / name) for name in ADDED}
     bad = _reported("fleet add, SQLite", _Additions(folder, kept, str(folder / "new.db"), _unlinked), moments, seed)
     try:
         with postgres_server.server() as url:
@@ -68,7 +68,7 @@ class _Additions:
 
     def __init__(self, folder: Path, kept: dict[str, Stored], place: str, empty: Callable[[str], None]) -> None:
         self.folder, self.kept, self.place, self.empty = folder, kept, place, empty
-        overview.stored = lambda path, *_: kept[Path(path).name]
+        adding.stored = lambda path, *_: kept[Path(path).name]
         self.words = ["fleet", "add", *ADDED, "--store", place]
 
     def attacked(self, moments: int, random: Random) -> tuple[list[str], int, dict[int, int]]:
@@ -144,7 +144,7 @@ class _Additions:
             if parts:
                 raise ValueError(f"{parts[0]} is there in parts")
             before = len(found)
-        again = overview.fleet_add([self.folder / name for name in ADDED], self.place)
+        again = adding.fleet_add([self.folder / name for name in ADDED], self.place)
         if (len(again.there), len(again.added)) != (before, len(ADDED) - before):
             raise ValueError(f"{before} were there, then {len(again.there)} were found and {len(again.added)} added")
         with opened(self.place) as store:

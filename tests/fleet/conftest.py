@@ -5,7 +5,7 @@ import pytest
 from fleet_support import manifest, measured
 
 import irbcal
-from irbcal.fleet import overview
+from irbcal.fleet import adding
 
 ROBOTS = 3
 OPTIONS = "model=offsets seed=3"
@@ -30,7 +30,7 @@ def calibrated(listed, tmp_path_factory):
 @pytest.fixture(scope="session")
 def stored(calibrated):
     """Its calibrations as the store takes them."""
-    return [overview.stored(calibrated.out / f"R{k}") for k in range(ROBOTS)]
+    return [adding.stored(calibrated.out / f"R{k}") for k in range(ROBOTS)]
 
 
 @pytest.fixture(scope="session")

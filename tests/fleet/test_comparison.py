@@ -8,7 +8,7 @@ import pytest
 from fleet_support import measured
 
 import irbcal
-from irbcal.fleet import comparison, overview
+from irbcal.fleet import adding, comparison, overview
 from irbcal.fleet.comparison import Sisters
 from irbcal.fleet.store import Estimate, opened
 
@@ -41,7 +41,7 @@ def three(tmp_path_factory):
     for k, moved in enumerate((0.0, 0.0, JUMP)):
         measured(folder, f"{k}.csv", 4, 40 + k, poses=50, moved=moved)
         irbcal.calibrate(folder / f"{k}.csv", "irb1600", "34").save(folder / str(k))
-        out.append(overview.stored(folder / str(k), "R", "SN", f"2026-0{k + 1}-01"))
+        out.append(adding.stored(folder / str(k), "R", "SN", f"2026-0{k + 1}-01"))
     return out
 
 
@@ -103,7 +103,7 @@ def swapped(tmp_path_factory):
     for k, (robot, seed) in enumerate([("A", 4), ("B", 5), ("A", 5), ("B", 4)]):
         measured(folder, f"{k}.csv", seed, 40 + k, poses=40)
         irbcal.calibrate(folder / f"{k}.csv", "irb1600", "34").save(folder / str(k))
-        out.append(overview.stored(folder / str(k), robot, "SN", f"2026-0{k + 1}-01"))
+        out.append(adding.stored(folder / str(k), robot, "SN", f"2026-0{k + 1}-01"))
     return out
 
 

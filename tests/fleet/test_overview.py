@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.fleet import overview
+from irbcal.fleet import adding
 from irbcal.identification.fit import identify
 
 
@@ -43,11 +43,11 @@ def test_the_level_is_fitted_to_the_saved_points(calibrated, stored):
 
 
 def test_id_serial_and_date_can_be_told(calibrated):
-    one = overview.stored(calibrated.out / "R0", "other", "SN", "2025-12-24")
+    one = adding.stored(calibrated.out / "R0", "other", "SN", "2025-12-24")
     assert one.robot["id"] == "other"
     assert str(one.measured) == "2025-12-24"
     with pytest.raises(CalibrationError, match="expected a date such as 2026-03-17, found 'Christmas'"):
-        overview.stored(calibrated.out / "R0", measured="Christmas")
+        adding.stored(calibrated.out / "R0", measured="Christmas")
 
 
 def run(*arguments):
