@@ -28,6 +28,10 @@ SPREAD, CLEAR = 1e-5, 1e-3
 NEAR = 0.02
 """In between it is believed where the nominal robot then fits to so much of how far the points lie apart."""
 
+NO_ROTATION = 0.1
+"""A base rotation has singular values of 1; where the second is smaller, as of a tip that never moves (W = 0 fits), it is
+open."""
+
 MOST_POSES = 5000
 """Poses that a start is made from; of more, evenly chosen ones."""
 
@@ -45,7 +49,7 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     state : State
     spread : float
         Ratio of the smallest to the largest singular value of the scaled linear system; near zero the data
-        do not determine base and tool in this way.
+        do not determine base and tool in this way, twice `SPREAD` at most where the solution is no rotation.
 
     Raises
     ------
@@ -79,8 +83,11 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     eigenvalues, V = np.linalg.eigh(MM)
     keep = eigenvalues > 1e-12 * eigenvalues[-1]
     solution = V[:, keep] @ ((V[:, keep].T @ (M @ _without_targets(problem, tip).ravel())) / eigenvalues[keep])
-    W = frames.nearest_rotation(solution[:9].reshape(3, 3) / size)
-    return placed(problem, W, tip, (M[9:], MM[9:, 9:])), float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
+    W = solution[:9].reshape(3, 3) / size
+    spread = float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
+    if np.linalg.svd(W, compute_uv=False)[1] < NO_ROTATION:
+        spread = min(spread, 2.0 * SPREAD)  # open, and targets at the tip would be no start, either
+    return placed(problem, frames.nearest_rotation(W), tip, (M[9:], MM[9:, 9:])), spread
 
 
 def _place_rows(problem: Problem, tip: FloatArray, out: FloatArray) -> None:

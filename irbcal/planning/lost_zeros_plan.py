@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 TRIAL = 12
 """Poses of the first plan that says how many are enough."""
-TRIALS = 4
+TRIALS, LAST_POSES = 4, 10
+"""Plans that say so, one after the other, and poses that are then added one by one until they are enough."""
 
 
 def model_of_zeros(scene: Scene, joints: tuple[int, ...]) -> Model:
@@ -96,14 +97,24 @@ def enough_poses(request: PlanRequest, predicted: Callable[[PlanRequest], PlanPr
         best = int(counts[np.argmax(good)]) if good.any() else MANY
         if best == request.optimal:
             break
-    return replace(request, optimal=max(best, request.optimal) + 1)
+    request = replace(request, optimal=max(best, request.optimal) + 1)
+    for _ in range(LAST_POSES):  # poses chosen for another number show a little less at times
+        placing = request.optimal - 1
+        if placing >= MANY or _promised(request, predicted(request), request.optimal).max() <= WELL:
+            break
+        request = replace(request, optimal=request.optimal + 1)
+    return request
+
+
+def _promised(request: PlanRequest, prediction: PlanPrediction, poses: int) -> FloatArray:
+    """Halves of the 95 % intervals of zeros, radians, where all poses but one place them."""
+    std = std_of_zeros(prediction, request.zeros) * np.sqrt(poses / (poses - 1))
+    return half_widths(std, poses - 1, prediction.model.outer + len(request.zeros))
 
 
 def zeros_of_plan_in_words(request: PlanRequest, prediction: PlanPrediction, poses: int) -> list[str]:
     """What a plan promises of the zeros."""
-    unknowns, placing = prediction.model.outer + len(request.zeros), poses - 1
-    std = std_of_zeros(prediction, request.zeros) * np.sqrt(poses / placing)
-    half = half_widths(std, placing, unknowns)
+    placing, half = poses - 1, _promised(request, prediction, poses)
     of_joints = ", ".join(
         f"joint {joint} ± {value / DEG:.4f} degrees" for joint, value in zip(request.zeros, half, strict=True)
     )

@@ -24,7 +24,7 @@ def planned(demo_calibration):
 def test_the_promise_is_what_refits_scatter(planned, demo_calibration):
     true = calibration_folder.read(demo_calibration).record.robot_calibrated()
     lost = np.array([0.4, -0.7]) * DEG
-    crashed = with_zeros(true, (3, 5), lost).replace(targets={"ball": np.array([0.05, 0.02, 0.1])})
+    crashed = with_zeros(true, (3, 5), lost).replace(targets={"ball": planned.prediction.model.targets.places[0]})
     exact = measured(crashed, planned.q)
     rng, refit = np.random.default_rng(1), Refit(base=True, tool=True, zeros=(3, 5))
     estimates = []
@@ -33,20 +33,21 @@ def test_the_promise_is_what_refits_scatter(planned, demo_calibration):
         placed = refit.placed(true, replace(exact, xyz=exact.xyz + noise), "m.csv")
         estimates.append((placed.arm.table.theta - true.arm.table.theta)[[2, 4]])
     promised = [parameter.std * DEG for parameter in planned.prediction.parameters]
-    # a standard deviation of 150 draws is known to 6 %; the reflector may sit elsewhere than planned
+    # a standard deviation of 150 draws is known to 6 %
     np.testing.assert_allclose(np.std(estimates, axis=0, ddof=1), promised, rtol=0.25)
     np.testing.assert_allclose(np.mean(estimates, axis=0), lost, rtol=0, atol=4 * max(promised) / np.sqrt(150))
 
 
-def test_one_pose_less_is_not_enough(planned, demo_calibration):
+def test_a_tenth_fewer_poses_are_not_enough(planned, demo_calibration):
     """Of as many poses as are enough the intervals are within 0.01 degrees; of fewer, with their quantile, not."""
     from scipy.stats import t
 
-    count = len(planned.q) - 1
-    fewer = irbcal.plan(demo_calibration, refit_zeros=(3, 5), targets=1, without=OFF, candidates=200, optimal=count - 1)
-    for plan, poses, good in ((planned, count, True), (fewer, count - 1, False)):
-        std = max(parameter.std for parameter in plan.prediction.parameters) * np.sqrt(len(plan.q) / poses)
-        assert (t.ppf(0.975, 3 * poses - 11) * std <= 0.01) == good
+    count = int(0.9 * len(planned.q))
+    fewer = irbcal.plan(demo_calibration, refit_zeros=(3, 5), targets=1, without=OFF, candidates=200, optimal=count)
+    for plan, good in ((planned, True), (fewer, False)):
+        placing = len(plan.q) - 1
+        std = max(parameter.std for parameter in plan.prediction.parameters) * np.sqrt(len(plan.q) / placing)
+        assert (t.ppf(0.975, 3 * placing - 11) * std <= 0.01) == good
 
 
 @pytest.mark.parametrize(
