@@ -65,7 +65,8 @@ def store(stored, tmp_path_factory):
         for one in stored:
             held.add(one)
             own = [0.3 * name.startswith("delta") for name in one.terms.names] * one.terms.natural
-            drawn = rng.multivariate_normal(one.terms.values, one.terms.covariance + np.diag(own**2))
+            covariance = one.terms.covariance + np.diag(own**2)
+            drawn = rng.multivariate_normal(one.terms.values, covariance, method="cholesky")  # the same on all machines
             again = replace(one.terms, values=drawn)
             robot = {**one.robot, "id": f"{one.robot['id']}b", "serial": f"{one.robot['serial']}b"}
             head = {**one.calibration, "robot": robot["id"]}
