@@ -174,7 +174,7 @@ def test_a_step_is_stopped_once_and_one_at_a_time(context, samples, tmp_path):
     project = Project.open(folder)
     project.add("robot", "my_robot.urdf", (samples / "my_robot.urdf").read_bytes())
     project.choose("robot", robot="robot/my_robot.urdf")
-    project.choose("plan", **{"--optimal": "200", "--criterion": "position"})
+    project.choose("plan", **{"--optimal": "1000", "--criterion": "position"})  # takes a minute
     server = Server(folder)
     try:
         first, second, other = (server.page(context, name) for name in ("plan", "plan", "robot"))
