@@ -29,8 +29,9 @@ NEAR = 0.02
 """In between it is believed where the nominal robot then fits to so much of how far the points lie apart."""
 
 NO_ROTATION = 0.1
-"""A base rotation has singular values of 1; where the second is smaller, as of a tip that never moves (W = 0 fits), it is
-open."""
+"""A base rotation has singular values of 1; where the second is smaller, the closed form leaves the base open.
+
+So it is of a tip that never moves, where no rotation at all fits."""
 
 MOST_POSES = 5000
 """Poses that a start is made from; of more, evenly chosen ones."""
