@@ -295,6 +295,9 @@ def content(scene: PageScene) -> dict[str, Any]:
         "cell": [{"label": one.label, "place": one.T[:3, 3].tolist(), "on_tip": one.on_tip} for one in scene.cell],
         "cube": None if scene.cube is None else {"centre": scene.cube[0].tolist(), "edge": scene.cube[1]},
         "path": scene.path is not None,
+        "home": None
+        if scene.over_home is None
+        else {"q": scene.over_home[0].tolist(), "before": scene.over_home[1].tolist()},
         "scale": {
             "colours": ERRORS,
             "common": _scale(scene.magnification, scene.scale_top),

@@ -144,6 +144,8 @@ class PageScene(Locked):
         Centre (3,) and edge in the scene, metres.
     path : ndarray, shape (k, 3), or None
         Way of the first target through a plan.
+    over_home : tuple of ndarray (joints,) and ndarray of int, or None
+        Home joints of a plan, radians or metres, and the poses to which it goes over them.
     magnification : float
     scale_top : float
         Error at the upper end of the colours, metres.
@@ -187,6 +189,7 @@ class PageScene(Locked):
     features: tuple[ShownFeature, ...] = ()
     at_features: bool = False
     cell: tuple[CellFrame, ...] = ()
+    over_home: tuple[FloatArray, IntArray] | None = None
 
     @property
     def reach(self) -> float:

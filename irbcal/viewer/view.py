@@ -30,6 +30,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.errors import IrbcalError
 from irbcal.modeling import frames
+from irbcal.modeling.home import home_joints
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 from irbcal.viewer.scene import Points
@@ -402,18 +403,17 @@ def plan_page(plan: Plan) -> str:
             points=Points(pose, target, frames.apply(T_scene_world, xyz)),
             groups=plan.groups,
             path=_way(plan),
+            over_home=(home_joints(setting.arm), np.flatnonzero(plan.over_home)),
             T_scene_world=T_scene_world,
             tracker=True,
         )
     ).html
 
 
-def _way(plan: Plan) -> FloatArray | None:
-    """Way of the first reflector from pose to pose in the base link, (k, 3), metres."""
-    setting = plan.scene.setting
-    if len(plan.q) < 2:
-        return None
-    from irbcal.planning import route
+def _way(plan: Plan) -> FloatArray:
+    """Way of the first reflector from home over all poses and back in the base link, (k, 3), metres."""
+    from irbcal.planning import measuring_plan, route
 
-    q, _ = route.between(plan.q[:-1], plan.q[1:], setting.arm.table.prismatic)
+    setting, q_stops = plan.scene.setting, measuring_plan.moves(plan).q
+    q, _ = route.between(q_stops[:-1], q_stops[1:], setting.arm.table.prismatic)
     return setting.places(q)[1][:, 0]

@@ -188,7 +188,7 @@ def test_seven_joints_on_a_rail(browser, tmp_path):
     tip = view.scene.robot.poses(q)[2, :3, 3]
     shown = page("irbcalView.state.tip.elements.slice(12, 15)")
     assert np.abs(np.array(shown) - tip).max() < 1e-6
-    assert f"{q[2, 0] * 1e3:.2f} mm".replace("-", "\u2212") in page.text("#pose .values")
+    assert f"q1, mm\t{q[2, 0] * 1e3:.2f}".replace("-", "\u2212") in page.text("#pose .move")
     assert "planned" in page.text("#pose .where")
     page.check_silence()
 

@@ -12,6 +12,7 @@ const points = data.points && { count: data.points.count, pose: integers(data.po
 const U95 = "95 % of a coordinate's errors are expected within this";
 const within = (row) => element("td", `± ${number(1e3 * points.u95[row], 3)}`);
 const in_program = data.mode === "program"; // targets where they shall be take the place of measured points
+const in_plan = data.mode === "plan";
 const measured = data.mode === "measured" || in_program;
 const MODELS = ["nominal", "calibrated"];
 const total = points ? points.count : 0;
@@ -25,7 +26,7 @@ const in_kind = [0, 0];
 for (let pose = 0; pose < poses.count; pose++) in_kind[kind_of(pose)]++;
 const both_kinds = !!poses.fitted && in_kind[0] > 0 && in_kind[1] > 0;
 
-const state = { pose: 0, at: 0, active: [], playing: false, speed: 1, model: "calibrated", own: measured && !in_program,
+const state = { pose: 0, next: -1, at: 0, whole: false, active: [], playing: false, speed: 1, model: "calibrated", own: measured && !in_program,
   factor: Object.fromEntries(Object.entries(data.scale).map(([name, own]) => [name, own.magnification])),
   top: Object.fromEntries(Object.entries(data.scale).map(([name, own]) => [name, own.top_mm])),
   which: measured && !in_program && poses.count > 10 ? "worst" : "all", order: "error", ghost: "magnified", q: new Array(joints).fill(0),

@@ -6,7 +6,7 @@ const step = (at) => {
 const actions = {
   ArrowLeft: () => step(state.at - 1), ArrowRight: () => step(state.at + 1),
   Home: () => step(0), End: () => step(state.active.length - 1), " ": play,
-  w: worst, f: () => measured && look_at_pose(), a: () => points && set_which(state.which === "all" && measured ? "worst" : "all"),
+  w: worst, f: () => measured && look_at_pose(), a: () => (in_plan ? set_whole(!state.whole) : points && set_which(state.which === "all" ? "worst" : "all")),
   o: () => measured && set_own(!state.own), g: () => {
     field.focus();
     field.select();
@@ -24,7 +24,7 @@ document.addEventListener("keydown", (event) => {
 });
 byId("slider").addEventListener("input", (event) => step(Number(event.target.value)));
 for (const [id, act] of [["first", actions.Home], ["previous", actions.ArrowLeft], ["play", play], ["next", actions.ArrowRight],
-  ["last", actions.End], ["worst", worst], ["near", camera_actions.r], ["far", camera_actions.t],
+  ["last", actions.End], ["worst", worst], ["whole", actions.a], ["near", camera_actions.r], ["far", camera_actions.t],
   ["theme", camera_actions.d]])
   byId(id).addEventListener("click", (event) => {
     event.currentTarget.blur(); // the space bar plays, and does not press this button again

@@ -17,6 +17,13 @@ if (data.cube) {
   const edge = data.cube.edge;
   label(`ISO 9283 cube, ${number(1e3 * edge, 0)} mm`, new THREE.Vector3(...data.cube.centre).add(new THREE.Vector3(0, 0, edge / 2)), "cube");
 }
+if (in_plan) for (const layer of ["next", "shown"]) label("", new THREE.Vector3(), layer);
+const [next_label, now_label] = labels.slice(-2);
+function set_label(one, text, place) {
+  one.node.textContent = text;
+  one.place.copy(place);
+  one.half = 0;
+}
 const in_world = (v) => new THREE.Vector3(v.x, v.z, -v.y); // meshcat's camera lives in axes with y up
 const on_screen = (v) => { // pixels, and depth between -1 and 1 where it can be seen
   const at = in_world(v).project(viewer.camera);
@@ -47,16 +54,16 @@ function hide_labels() {
 }
 function place_labels() {
   const w = pane.clientWidth;
-  const taken = []; // features may stand close together: what would cover another label waits until the watcher is nearer
+  const taken = []; // features and poses may be close together: what would cover another label waits until the watcher is nearer
   for (const one of labels) {
     const [x, y, z] = on_screen(one.place);
-    const seen = state.layers.labels && state.layers[one.layer] && !one.hidden && z < 1 && x > 0 && x < w && y > 0 && y < pane.clientHeight;
+    const seen = state.layers.labels && state.layers[one.layer] && one.node.textContent && !one.hidden && z < 1 && x > 0 && x < w && y > 0 && y < pane.clientHeight;
     one.node.hidden = !seen;
     if (!seen) continue;
     one.half = one.half || one.node.offsetWidth / 2;
     const middle = Math.min(Math.max(x, one.half + 2), w - one.half - 2); // not cut off at the edge
     const bottom = Math.max(y, 22);
-    if (one.layer === "features" && taken.some(([at, low, half]) => Math.abs(at - middle) < half + one.half && Math.abs(low - bottom) < 18)) {
+    if (["features", "shown"].includes(one.layer) && taken.some(([at, low, half]) => Math.abs(at - middle) < half + one.half && Math.abs(low - bottom) < 18)) {
       one.node.hidden = true;
       continue;
     }

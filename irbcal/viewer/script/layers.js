@@ -19,6 +19,7 @@ const upward = (geometry) => geometry.translate(0, 0.5, 0);
 const rod_of = (width, sides = 6) => upward(new THREE.CylinderGeometry(width * radius, width * radius, 1, sides, 1, true));
 const most_at_once = rows_of.reduce((most, rows) => Math.max(most, rows.length), data.targets.length);
 const body = {};
+const WAY_PIECES = 40; // of the way to the next pose
 if (points) {
   if (measured) {
     body.measured = instanced(["measured"], new THREE.OctahedronGeometry(2.1 * radius, 0), {}, total);
@@ -27,6 +28,7 @@ if (points) {
   }
   body.modelled = instanced(["modelled"], new THREE.BoxGeometry(1.62 * radius, 1.62 * radius, 1.62 * radius),
     measured ? { color: 0xffffff, emissive: 0x555555 } : {}, total, measured);
+  if (in_plan) body.way = instanced(["next", "way"], rod_of(0.5), { color: 0x1f72bd }, WAY_PIECES);
   if (oriented.length) {
     body.axes = instanced(["frames", "measured"], rod_of(0.5), {}, 3 * oriented.length);
     body.modelled_axes = instanced(["frames", "modelled"], rod_of(0.3), { transparent: true, opacity: 0.55 }, 3 * oriented.length);
@@ -45,12 +47,12 @@ function rod(mesh, slot, from, direction, length, width) {
   mesh.setMatrixAt(slot, scratch.compose(from, turn, scale.set(width, Math.max(length, 1e-9), width)));
 }
 
-const kind_colours = [];
+const kind_colours = [], plan_colours = {};
 function paint_points() { // colours that differ between light and dark
   kind_colours[0] = ink("--held-out");
   kind_colours[1] = ink("--fitted");
   body.tool.material.color.copy(ink("--tool"));
-  if (points && !measured) body.modelled.material.color.copy(kind_colours[0]);
+  for (const name of ["blue", "faint"]) plan_colours[name] = ink(`--${name}`);
 }
 paint_points();
 
@@ -60,9 +62,13 @@ function write_point(row) {
   if (slot < 0) return;
   const shown = points.pose[row] === state.pose;
   const from = point(points.at[state.model], row);
-  scale.setScalar(shown ? 1.5 : 1);
+  const next = points.pose[row] === state.next;
+  scale.setScalar(shown || next ? 1.5 : measured || state.whole ? 1 : 0.8);
   body.modelled.setMatrixAt(slot, scratch.compose(from, STILL, scale));
-  if (!measured) return;
+  if (!measured) {
+    body.modelled.setColorAt(slot, next ? plan_colours.blue : shown || state.whole ? kind_colours[0] : plan_colours.faint);
+    return;
+  }
   const kind = kind_of(points.pose[row]);
   scale.setScalar((shown ? 1.5 : 1) * (kind ? 0.8 : 1));
   body.measured.setMatrixAt(slot, scratch.compose(point(points.measured, row), STILL, scale));

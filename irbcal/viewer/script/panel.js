@@ -25,9 +25,10 @@ const LAYERS = [
   ["modelled", in_program ? "reached places" : measured ? "modelled points" : "expected points", !!points, [["modelled"]], measured ? "#fff" : "var(--held-out)", true],
   ["vectors", data.at_features ? "distances from features" : "error vectors", measured, [["vectors"]], `linear-gradient(90deg, ${data.scale.colours.join(", ")})`, true],
   ["frames", "orientation errors", oriented.length > 0, [["frames"]], "linear-gradient(90deg, #d62728 33%, #2ca02c 33% 66%, #1f5fd6 66%)", true],
+  ["next", "next pose and the way to it", in_plan, [["next"]], "#3f8fd8", true],
   ["shown", measured ? "targets of this pose" : has_tool ? "targets" : "tip", true, [["shown"]], "#ffd23f", true],
   ["tool", "flange to targets", has_tool, [["tool"]], "var(--tool)", true],
-  ["path", in_program ? "targets in their order" : "way of the first target", data.path, [["path"]], "#0b7a75", true],
+  ["path", in_program ? "targets in their order" : "whole way of the first target", data.path, [["path"]], "#0b7a75", in_program],
   ["tracker", "laser tracker", data.tracker, [["tracker"]], "#3a4149", true],
   ["sight", "lines of sight", data.tracker, [["sight"]], "#d6002f", !measured],
   ["references", "reference points", data.references.length > 0, [["references"]], "#0b7a75", true],
@@ -151,9 +152,14 @@ function set_which(which) {
   for (const radio of document.getElementsByName("which")) radio.checked = radio.value === which;
   fill();
 }
-if (points) {
+function set_whole(whole) { // all points and the whole way of a plan, or its next move
+  state.whole = whole;
+  byId("whole").setAttribute("aria-pressed", whole);
+  if (data.path) set_layer("path", (byId("layer-path").checked = whole));
+  fill();
+}
+if (measured) {
   byId("whiching").hidden = false;
-  byId("which-worst").parentNode.hidden = !measured;
   byId(`which-${state.which}`).checked = true;
   for (const radio of document.getElementsByName("which")) radio.addEventListener("change", () => set_which(radio.value));
 }
@@ -254,6 +260,11 @@ if (data.mode === "sliders") {
 } else {
   byId("transport").hidden = false;
   byId("worst").hidden = !measured;
+  byId("whole").hidden = !in_plan;
+  if (in_plan) for (const id of ["previous", "next"]) {
+    byId(id).classList.add("word");
+    byId(id).textContent = id === "next" ? "next ›" : "‹ previous";
+  }
   byId("errorkeys").hidden = !measured;
   choose(byId("speed"), [0.5, 1, 2, 4, 8].map((s) => [s, `${s}×`]), 1, (value) => {
     state.speed = Number(value);

@@ -33,11 +33,7 @@ function play() {
       show_pose(state.at + 1, true);
     }
     const part = Math.min(Math.max(travel.time / STEP, 0), 1);
-    const between = (values) => {
-      const a = joint_row(values, travel.from), b = joint_row(values, state.pose);
-      return a.map((value, k) => value + part * (b[k] - value));
-    };
-    move_robot(between(poses.q), between(poses.effective));
+    move_robot(...on_way(travel.from, state.pose, part));
     requestAnimationFrame(frame);
   };
   requestAnimationFrame(frame);

@@ -42,14 +42,51 @@ function move_robot(q, theta) {
   viewer.set_dirty();
 }
 
+const home = data.home && { ...data.home, effective: effective(data.home.q) };
+function on_way(from, to, part) { // commanded and effective joints between two poses; over home where the plan goes there
+  return [poses.q, poses.effective].map((values, k) => {
+    const stops = [joint_row(values, from), joint_row(values, to)];
+    if (home && home.before.includes(to)) stops.splice(1, 0, k ? home.effective : home.q);
+    const at = part * (stops.length - 1);
+    const first = Math.min(Math.floor(at), stops.length - 2);
+    return stops[first].map((value, joint) => value + (at - first) * (stops[first + 1][joint] - value));
+  });
+}
+function show_next(from, to) { // the robot in the next pose, as a ghost, and the way of the first target to it
+  const place = (theta) => places(data.robot, theta);
+  const tip = (matrices) => target_places[0].clone().applyMatrix4(matrices[data.robot.tip]);
+  for (const twin of next_twins) twin.visible = to >= 0;
+  body.way.count = to >= 0 ? WAY_PIECES : 0;
+  set_label(now_label, `pose ${poses.ids[from]}`, tip(place(joint_row(poses.effective, from))));
+  set_label(next_label, to >= 0 ? `next: pose ${poses.ids[to]}` : "", now_label.place);
+  if (to < 0) return;
+  const matrices = place(joint_row(poses.effective, to));
+  set_links("next", matrices);
+  next_label.place.copy(tip(matrices));
+  let before = now_label.place.clone();
+  for (let k = 0; k < WAY_PIECES; k++) {
+    const after = tip(place(on_way(from, to, (k + 1) / WAY_PIECES)[1]));
+    way.copy(after).sub(before);
+    const length = way.length();
+    rod(body.way, k, before, length ? way.divideScalar(length) : UP, length, 1);
+    before = after;
+  }
+  body.way.instanceMatrix.needsUpdate = true;
+}
+
 function show_pose(at, moving) {
   if (!state.active.length) return;
   state.at = Math.min(Math.max(at, 0), state.active.length - 1);
-  const before = state.pose;
+  const before = [state.pose, state.next];
   state.pose = state.active[state.at];
+  if (in_plan) {
+    state.next = moving || state.at + 1 === state.active.length ? -1 : state.active[state.at + 1];
+    if (moving) show_next(state.travel.from, state.pose);
+    else show_next(state.pose, state.next);
+  }
   if (state.which !== "all") fill();
   else if (points) {
-    for (const pose of new Set([before, state.pose])) for (const row of rows_of[pose]) write_point(row);
+    for (const pose of new Set([...before, state.pose, state.next])) for (const row of rows_of[pose] || []) write_point(row);
     write_frames();
     touch();
   }
@@ -126,7 +163,23 @@ function tell_pose() {
     }
     box.append(table);
   }
-  box.append(joint_values(joint_row(poses.q, state.pose)));
+  box.append(in_plan ? next_move() : joint_values(joint_row(poses.q, state.pose)));
+}
+function next_move() { // joints of the shown pose of a plan, of the next, and between them
+  const now = joint_row(poses.q, state.pose), next = state.next < 0 ? null : joint_row(poses.q, state.next);
+  const table = element("table", undefined, "move");
+  const head = table.insertRow();
+  for (const text of ["joint", "now", ...(next ? [`next: ${poses.ids[state.next]}`, "move"] : [])]) head.append(element("th", text));
+  now.forEach((value, k) => {
+    const line = table.insertRow();
+    const values = [value, ...(next ? [next[k], next[k] - value] : [])].map((one) => number(one / data.joints.factors[k], 2));
+    line.append(element("td", `q${k + 1}, ${data.joints.units[k].replace("deg", "°")}`), ...values.map((text) => element("td", text)));
+    if (next && Number(values[2].replace("\u2212", "-"))) line.className = "moves";
+  });
+  const box = element("div");
+  box.append(table);
+  if (home && home.before.includes(state.next)) box.append(element("p", "over home: the direct way is not free", "where"));
+  return box;
 }
 
 function tell_statistics() { // held-out and fitted poses apart

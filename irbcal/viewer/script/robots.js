@@ -57,6 +57,18 @@ if (data.ghost)
     viewer.set_object(["irbcal", "ghost", String(k)], twin);
   }
 
+const next_twins = []; // the robot in the next pose of a plan
+const next_material = ghost_material.clone();
+next_material.color.set(0x3f8fd8);
+next_material.opacity = 0.34;
+if (data.mode === "plan")
+  for (const k of data.meshes) {
+    const twin = new THREE.Mesh(viewer.scene_tree.find(["irbcal", "robot", String(k), "<object>"]).object.geometry, next_material);
+    twin.renderOrder = 2;
+    next_twins.push(twin);
+    viewer.set_object(["irbcal", "next", String(k)], twin);
+  }
+
 function set_links(name, matrices) {
   for (const k of data.meshes)
     viewer.handle_command({ type: "set_transform", path: `/irbcal/${name}/${k}`, matrix: matrices[k].toArray() });
