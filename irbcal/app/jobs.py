@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -59,7 +59,7 @@ class Job:
     code: int | None = None
     stopped: bool = False
     began: float = field(default_factory=time.monotonic)
-    seconds: float = 0.0
+    ended: float = 0.0
     _process: asyncio.subprocess.Process | None = None
 
     @property
@@ -68,12 +68,17 @@ class Job:
         return self.code is None
 
     @property
+    def seconds(self) -> float:
+        """Since it began, as long as it runs; what it took, then."""
+        return (time.monotonic() if self.running else self.ended) - self.began
+
+    @property
     def good(self) -> bool:
         """Whether it did what it was asked for; exit code 3 is a verdict that is not good, of files that are."""
         return self.code in (0, 3)
 
-    async def run(self, folder: Path, changed: Callable[[], None]) -> None:
-        """Run it to its end in a folder, and say whenever there is news."""
+    async def run(self, folder: Path) -> None:
+        """Run it to its end in a folder."""
         environment = os.environ | {"IRBCAL_PROGRESS": "lines", "PYTHONUNBUFFERED": "1", "COLUMNS": "110"}
         environment["PYTHONIOENCODING"] = "utf-8"
         self._process = await asyncio.create_subprocess_exec(
@@ -89,7 +94,6 @@ class Job:
             limit=LONGEST_LINE,
         )
         stream = self._process.stdout
-        changed()
         try:
             while stream is not None and (chunk := await stream.readline()):
                 line = chunk.decode("utf-8", "replace")
@@ -97,14 +101,11 @@ class Job:
                     self.at = line.removeprefix(PROGRESS).strip()
                 elif len(self.output) < LONGEST_OUTPUT:
                     self.output += line
-                self.seconds = time.monotonic() - self.began
-                changed()
             await self._process.wait()
         finally:
             await self.stop() if self._process.returncode is None else None
+            self.ended = time.monotonic()
             self.code = self._process.returncode
-            self.seconds = time.monotonic() - self.began
-            changed()
 
     async def stop(self) -> None:
         """Ask it to stop as Ctrl-C does; end it where it does not hear."""
@@ -126,7 +127,6 @@ class Jobs:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.last: dict[str, Job] = {}
-        self.changes = 0
 
     @property
     def running(self) -> Job | None:
@@ -146,14 +146,11 @@ class Jobs:
         output = ""
         for arguments in commands:
             job = self.last[step] = Job(step, list(arguments), output + f"$ {shown(arguments)}\n")
-            await job.run(self.folder, self._changed)
+            await job.run(self.folder)
             output = job.output + "\n"
             if not job.good or job.stopped:
                 break
         return job
-
-    def _changed(self) -> None:
-        self.changes += 1
 
 
 async def captured(arguments: Sequence[str], folder: Path) -> tuple[int, str, str]:

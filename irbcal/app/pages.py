@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import partial
 from pathlib import PurePosixPath
 from typing import Any
@@ -16,7 +16,7 @@ from nicegui import ui
 from nicegui.events import UploadEventArguments
 
 from irbcal.app import steps
-from irbcal.app.jobs import Job, Jobs, captured, shown
+from irbcal.app.jobs import Jobs, captured, shown
 from irbcal.app.project import Project
 from irbcal.app.steps import MAKERS, PAGES, Option, Page, Step
 from irbcal.errors import IrbcalError
@@ -36,7 +36,9 @@ nav a:focus-visible, button:focus-visible { outline: 3px solid #c77700; }
 LARGEST_DROP = 500_000_000
 """Bytes of a dropped file."""
 LOOK_EVERY_S = 0.5
-"""Seconds between looks for news of a job."""
+"""Seconds between looks for what changed: the folder, and a job."""
+Looks = list[Callable[[], object]]
+"""What a page shows is brought up to date in place: an element that is drawn anew under a click loses it."""
 ROBOT_FILES = (".urdf", ".xacro")
 UNITS = {"units.joints": ["deg", "rad"], "units.lengths": ["mm", "m", "in"]}
 
@@ -100,41 +102,46 @@ def _show(page: Page, project: Project, jobs: Jobs) -> None:
     with ui.column().classes("page w-full gap-4"):
         ui.html(f"<h1>{page.title}</h1>", sanitize=False)
         ui.label(page.text).classes("text-base max-w-3xl")
-        refreshers: list[Callable[[], object]] = []
+        looks: Looks = []
         if page.name == "robot":
-            _choose_robot(project, refreshers)
+            _choose_robot(project, looks)
         if page.upload:
-            _drop(page, project, refreshers)
+            _drop(page, project, looks)
         if page.name == "data":
-            _columns(project, refreshers)
+            _columns(project)
         for step in page.steps:
-            _step(step, project, jobs, refreshers)
-    _follow(jobs, refreshers)
+            _step(step, project, jobs, looks)
+    ui.timer(LOOK_EVERY_S, partial(_look, looks))
 
 
-def _follow(jobs: Jobs, refreshers: list[Callable[[], object]]) -> None:
-    """Show news of jobs as they come."""
-    known = jobs.changes
+def _look(looks: Looks) -> None:
+    for look in looks:
+        look()
+
+
+def _drawn(of: Callable[[], Any], draw: Callable[[Any], None], looks: Looks) -> None:
+    """Draw what something holds now, and anew only when it holds something else."""
+    place = ui.column().classes("w-full gap-1")
+    last: Any = None
 
     def look() -> None:
-        nonlocal known
-        if jobs.changes != known:
-            known = jobs.changes
-            _renew(refreshers)
+        nonlocal last
+        content = of()
+        if content != last:
+            last = content
+            place.clear()
+            with place:
+                draw(content)
 
-    ui.timer(LOOK_EVERY_S, look)
-
-
-def _renew(refreshers: list[Callable[[], object]]) -> None:
-    for refresh in refreshers:
-        refresh()
+    looks.append(look)
+    look()
 
 
 def _say(error: IrbcalError) -> None:
     ui.notify(str(error), type="negative", timeout=10_000, close_button="Close", multi_line=True)
 
 
-def _drop(page: Page, project: Project, refreshers: list[Callable[[], object]]) -> None:
+def _drop(page: Page, project: Project, looks: Looks) -> None:
     """Where files are dropped, and those that were."""
 
     async def take(event: UploadEventArguments) -> None:
@@ -144,11 +151,11 @@ def _drop(page: Page, project: Project, refreshers: list[Callable[[], object]]) 
                 project.choose("robot", robot=path)
         except (IrbcalError, OSError) as error:
             _say(error if isinstance(error, IrbcalError) else IrbcalError(str(error.strerror), file=event.file.name))
-        _renew(refreshers)
+        _look(looks)
 
     def remove(path: str) -> None:
         project.remove(path)
-        _renew(refreshers)
+        _look(looks)
 
     upload = ui.upload(
         multiple=True,
@@ -170,37 +177,38 @@ def _drop(page: Page, project: Project, refreshers: list[Callable[[], object]]) 
         )
         ui.label(f"or drop them here: {page.drop}")
 
-    @ui.refreshable
-    def dropped() -> None:
-        for path in project.files(page.upload):
+    def dropped(paths: list[str]) -> None:
+        for path in paths:
             with ui.row().classes("items-center gap-2"):
                 ui.link(PurePosixPath(path).name, f"/files/{path}?download=1")
                 label = f"Remove {PurePosixPath(path).name}"
                 ui.button(icon="delete", on_click=partial(remove, path)).props(f'flat dense round aria-label="{label}"')
 
-    dropped()
-    refreshers.append(dropped.refresh)
+    _drawn(partial(project.files, page.upload), dropped, looks)
 
 
-def _choose_robot(project: Project, refreshers: list[Callable[[], object]]) -> None:
+def _choose_robot(project: Project, looks: Looks) -> None:
     """The robot: of the catalogue, or a dropped file."""
     import irbcal
 
-    @ui.refreshable
-    def choice() -> None:
-        dropped = [path for path in project.files("robot") if path.endswith(ROBOT_FILES)]
-        names = {path: f"{PurePosixPath(path).name} (dropped)" for path in dropped}
-        names |= {robot.name: robot.name for robot in irbcal.robots()}
-        value = project.robot if project.robot in names else None
+    known = {robot.name: robot.name for robot in irbcal.robots()}
 
-        def choose(event: Any) -> None:
+    def choose(event: Any) -> None:
+        if (event.value or "") != project.robot:
             project.choose("robot", robot=event.value or "")
-            _renew(refreshers)
+            _look(looks)
 
-        ui.select(names, label="Robot", value=value, with_input=True, clearable=True, on_change=choose).classes("w-96")
+    choice = ui.select(known, label="Robot", with_input=True, clearable=True, on_change=choose).classes("w-96")
 
-    choice()
-    refreshers.append(choice.refresh)
+    def look() -> None:
+        dropped = [path for path in project.files("robot") if path.endswith(ROBOT_FILES)]
+        names = {path: f"{PurePosixPath(path).name} (dropped)" for path in dropped} | known
+        value = project.robot if project.robot in names else None
+        if names != choice.options or value != choice.value:
+            choice.set_options(names, value=value)
+
+    looks.append(look)
+    look()
     _pendant(project)
 
 
@@ -256,7 +264,7 @@ def _difference(project: Project, joints: str, place: str) -> str:
     return f"{text}, {distance:.2f} mm from the pendant: {verdict}."
 
 
-def _columns(project: Project, refreshers: list[Callable[[], object]]) -> None:
+def _columns(project: Project) -> None:
     """What the columns hold, as it is understood, and how that is corrected."""
     place = ui.column().classes("w-full")
 
@@ -387,7 +395,7 @@ def _fields(step: Step, project: Project) -> None:
                 text(name, label)
 
 
-def _step(step: Step, project: Project, jobs: Jobs, refreshers: list[Callable[[], object]]) -> None:
+def _step(step: Step, project: Project, jobs: Jobs, looks: Looks) -> None:
     """A step: its fields, its command lines, what they print, and the files that they gave."""
 
     async def run() -> None:
@@ -398,59 +406,61 @@ def _step(step: Step, project: Project, jobs: Jobs, refreshers: list[Callable[[]
         if await jobs.run(step.name, step.commands(project)) is None:
             ui.notify("Another step is running: wait for it, or stop it.", type="warning")
 
+    async def end() -> None:
+        if job := jobs.last.get(step.name):
+            await job.stop()
+
     with ui.card().classes("w-full").props("flat bordered"):
         ui.html(f"<h2>{step.title}</h2>", sanitize=False)
         _fields(step, project)
+        with ui.row().classes("items-center gap-3"):
+            start = ui.button(step.title, icon="play_arrow", on_click=run)
+            stop = ui.button("Stop", icon="stop", color="negative", on_click=end)
+            spinner = ui.spinner()
+            news = ui.label().props('role="status"')
+        same = ui.expansion("The command line that does the same", icon="terminal").classes("w-full")
+        with same:
+            code = ui.code(language="bash").classes("w-full")
+        ended = ui.label().props('role="status"').classes("font-bold")
+        with ui.element("pre").props('tabindex="0" aria-label="Output"').classes("w-full p-3 border rounded") as frame:
+            output = ui.label().style("white-space: pre-wrap")
 
-        @ui.refreshable
-        def state() -> None:
-            _state(step, project, jobs, run)
+        def look() -> None:
+            job, need = jobs.last.get(step.name), step.needs(project)
+            running = job is not None and job.running
+            start.set_enabled(not running and not need)
+            stop.set_visibility(running)
+            spinner.set_visibility(running)
+            news.text = f"{job.at or 'starting'}, {job.seconds:.0f} s" if job is not None and running else need
+            same.set_visibility(not need)
+            code.content = "" if need else "\n".join(shown(words) for words in step.commands(project))
+            frame.set_visibility(job is not None)
+            ended.text = ""
+            if job is not None:
+                output.text = job.output
+            if job is not None and not running:
+                how = "stopped; the files of before are kept" if job.stopped else "done" if job.good else "refused"
+                ended.text = f"{how} after {job.seconds:.1f} s"
+                good = job.good and not job.stopped
+                ended.classes("text-positive" if good else "text-negative", remove="text-positive text-negative")
 
-        state()
-        refreshers.append(state.refresh)
+        def files() -> list[tuple[str, int]]:
+            job = jobs.last.get(step.name)
+            names = dict.fromkeys((*step.pages, *step.files)) if job is None or not job.running else ()
+            return [(name, (project.folder / name).stat().st_mtime_ns) for name in names if project.has(name)]
 
-
-def _state(step: Step, project: Project, jobs: Jobs, run: Callable[[], Awaitable[None]]) -> None:
-    job, need = jobs.last.get(step.name), step.needs(project)
-    running = job is not None and job.running
-    with ui.row().classes("items-center gap-3"):
-        start = ui.button(step.title, icon="play_arrow", on_click=run)
-        start.set_enabled(not running and not need)
-        if job is not None and job.running:
-            ui.button("Stop", icon="stop", color="negative", on_click=job.stop)
-            ui.spinner()
-            ui.label(f"{job.at or 'starting'}, {job.seconds:.0f} s").props('role="status"')
-        elif need:
-            ui.label(need)
-    if not need:
-        with ui.expansion("The command line that does the same", icon="terminal").classes("w-full"):
-            ui.code("\n".join(shown(words) for words in step.commands(project)), language="bash").classes("w-full")
-    if job is not None:
-        _output(job)
-    if not running:
-        _files(step, project)
-
-
-def _output(job: Job) -> None:
-    """What a job printed, its end first."""
-    if not job.running:
-        ended = "stopped; the files of before are kept" if job.stopped else "done" if job.good else "refused"
-        color = "text-positive" if job.good and not job.stopped else "text-negative"
-        ui.label(f"{ended} after {job.seconds:.1f} s").classes(f"font-bold {color}").props('role="status"')
-    with ui.element("pre").props('tabindex="0" aria-label="Output"').classes("w-full p-3 border rounded"):
-        ui.label(job.output).style("white-space: pre-wrap")
+        looks.append(look)
+        look()
+        _drawn(files, partial(_files, step, project), looks)
 
 
-def _files(step: Step, project: Project) -> None:
+def _files(step: Step, project: Project, files: list[tuple[str, int]]) -> None:
     """Downloads, and pages in frames."""
-    files = [name for name in dict.fromkeys((*step.pages, *step.files)) if project.has(name)]
     with ui.row().classes("gap-4"):
-        for name in files:
+        for name, _ in files:
             folder = (project.folder / name).is_dir()
             ui.link(f"{name}.zip" if folder else name, f"/folder/{name}" if folder else f"/files/{name}?download=1")
-    pages = [name for name in step.pages if project.has(name)]
-    for name in pages:
-        changed = (project.folder / name).stat().st_mtime_ns
-        with ui.row().classes("items-center"):
+    for name, changed in files:
+        if name in step.pages:
             ui.link("Open in a tab of its own, to print it or to keep it as PDF", f"/files/{name}", new_tab=True)
-        ui.element("iframe").props(f'src="/files/{name}?{changed}" title="{name}"')
+            ui.element("iframe").props(f'src="/files/{name}?{changed}" title="{name}"')
