@@ -26,6 +26,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Options, Progress, Proven, run
+from irbcal.reports.languages import Language
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark, values
 from irbcal.validation.evaluation import orientation_line, statistics_table
 from irbcal.validation.verdict import Verdict, verdict_of
@@ -511,6 +512,7 @@ def report(
     figures: str | Path | None = None,
     format: Literal["png", "svg"] | None = None,
     data: str | Path | None = None,
+    language: Language = "en",
     progress: Progress | None = None,
 ) -> dict[Path, tuple[str, ...]]:
     """Write ``report.html`` of a calibration folder again, with its figures and data as files on request.
@@ -525,6 +527,8 @@ def report(
         Folder for the data behind figures and tables (CSV).
     format : {"png", "svg"}, optional
         Of the figures; ``png`` unless given.
+    language : {"en", "de", "fr", "ja", "zh"}
+        Of the page; figures and data stay English.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -541,9 +545,11 @@ def report(
     """
     from irbcal.options import checked
     from irbcal.reports import report_page
+    from irbcal.reports.languages import LANGUAGES, translated
     from irbcal.safe_files import made_folders, write_set
 
     kind: Literal["png", "svg"] = checked("format", format or "png", FORMATS)
+    checked("language", language, LANGUAGES)
     if format is not None and figures is None:
         raise OptionError("format: only figures have one: name their folder", parameter="format")
     say = progress or (lambda text: None)
@@ -558,8 +564,8 @@ def report(
             folders[Path(figures)] |= report_page.figure_files(record, evidence, kind)
         if data is not None:
             folders[Path(data)] |= report_page.data_files(record, evidence)
-        page = report_page.render(record, evidence, report_page.view_beside(out)).encode("utf-8")
-        folders[out] |= calibration_folder.with_page(out, page)
+        page = translated(report_page.render(record, evidence, report_page.view_beside(out)), language)
+        folders[out] |= calibration_folder.with_page(out, page.encode("utf-8"))
         write_set({folder / name: content for folder, files in folders.items() for name, content in files.items()})
     return {folder: tuple(files) for folder, files in folders.items()}
 

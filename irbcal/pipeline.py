@@ -887,7 +887,9 @@ def _screened(
     if not excluded:
         return start
     names = ", ".join(f"{point.pose}/{point.target}" for point in excluded)
-    note = f"{len(excluded)} points contradict all others and were left out (pose/target {names})."
+    several = f"{len(excluded)} points contradict all others and were left out"
+    lone = "1 point contradicts all others and was left out"
+    note = f"{lone if len(excluded) == 1 else several} (pose/target {names})."
     return replace(inputs, excluded=(*inputs.excluded, *excluded), notes=(*inputs.notes, note)), identified
 
 

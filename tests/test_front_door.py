@@ -36,7 +36,7 @@ VERBS = {
 """Commands whose function has another name."""
 
 ELSEWHERE = {
-    "evaluate": dict.fromkeys(("report", "figures", "data"), "certificate"),
+    "evaluate": dict.fromkeys(("report", "figures", "data", "language"), "certificate"),
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "cell": dict.fromkeys(("as", "touch", "declare", "urdf", "report", "interactive"))
     | dict.fromkeys(("program", "pulses", "where", "controller_model"), "program_touches"),

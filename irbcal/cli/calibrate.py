@@ -25,6 +25,7 @@ from irbcal.cli.signature import (
 from irbcal.errors import IrbcalError
 from irbcal.identification.choices import Model
 from irbcal.io import robots
+from irbcal.reports.languages import Language
 from irbcal.units import MM as MM_PER_M
 
 STEPS = 6
@@ -180,7 +181,7 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
     panels={
         "Everyday": ("tolerance", "report", "intervals", "refit_base", "refit_tool", "refit_zeros", "verbose", "json"),
         "Measurements": ("payload", "same_tool", "include_fitted", "sphere", "tracker_u95"),
-        "Certificate": ("info", "figures", "data", "rule", "region_only"),
+        "Certificate": ("info", "language", "figures", "data", "rule", "region_only"),
     },
 )
 def evaluate(
@@ -188,18 +189,21 @@ def evaluate(
     report: Annotated[Path | None, typer.Option(help="Write a certificate to print and sign (HTML, A4).")] = None,
     figures: Annotated[Path | None, typer.Option(help="Folder for the certificate's figures (PNG).")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).")] = None,
+    language: Annotated[Language, typer.Option(help="Of the certificate; figures and data stay English.")] = "en",
     fail_if_worse: FailIfWorse = False,
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
     """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
-    if report is None and (figures or data):
+    if report is None and (figures or data or language != "en"):
         raise typer.BadParameter(
-            "only a certificate has them: name its page with --report", param_hint="--figures, --data"
+            "only a certificate has them: name its page with --report", param_hint="--figures, --data, --language"
         )
     with show.progress(1, quiet=json or not show.long_file(options["measurements"])) as step:
         result = public("evaluate")(**options, progress=step)
-    written = {} if report is None else public("certificate")(result, report, figures=figures, data=data)
+    written = (
+        {} if report is None else public("certificate")(result, report, figures=figures, data=data, language=language)
+    )
     if json:
         show.print_json(
             result.to_dict() | {"written": [str(path / name) for path in written for name in written[path]]}

@@ -20,6 +20,7 @@ from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import PoseErrors, WorstPose, errors_by_pose, vectors, workspace, worst_poses
 from irbcal.reports import report_page
+from irbcal.reports.languages import LANGUAGES, Language, translated
 from irbcal.reports.report_page import as_csv
 from irbcal.units import MM
 from irbcal.validation.evaluation import MODELS, Evaluation
@@ -52,6 +53,7 @@ def certificate(
     figures: str | Path | None = None,
     format: Literal["png", "svg"] | None = None,
     data: str | Path | None = None,
+    language: Language = "en",
 ) -> dict[Path, tuple[str, ...]]:
     """Write an evaluation as a certificate: one page of HTML to print (A4) and to sign.
 
@@ -65,6 +67,8 @@ def certificate(
         Folders for the figures, and for the data behind page and figures (CSV, JSON).
     format : {"png", "svg"}, optional
         Of the figures; ``png`` unless given.
+    language : {"en", "de", "fr", "ja", "zh"}
+        Of the page; figures and data stay English.
 
     Returns
     -------
@@ -81,12 +85,13 @@ def certificate(
     kind = cast("Literal['png', 'svg']", checked("format", format or "png", FORMATS))
     if format is not None and figures is None:
         raise OptionError("format: only figures have one: name their folder", parameter="format")
+    checked("language", language, LANGUAGES)
     path = Path(report)
     if path.suffix.lower() not in (".html", ".htm"):
         raise OptionError(f"report: expected a name that ends in .html, found {path.name!r}", parameter="report")
     folders: dict[Path, dict[str, bytes]] = {}
     with made_folders(*(Path(folder) for folder in (path.parent, figures, data) if folder is not None)):
-        folders.setdefault(path.parent, {})[path.name] = render(evaluation).encode("utf-8")
+        folders.setdefault(path.parent, {})[path.name] = translated(render(evaluation), language).encode("utf-8")
         if figures is not None:
             drawn = {f"{f.name}.{kind}": f.marked(evaluation.simulated).content(kind) for f in draw(evaluation)}
             folders.setdefault(Path(figures), {}).update(drawn)

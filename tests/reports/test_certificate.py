@@ -138,9 +138,10 @@ def test_wrong_options_write_nothing(demo_calibration, tmp_path, monkeypatch, op
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("language", ["en", "de", "fr", "ja"])
 @pytest.mark.parametrize("which", ["passed", "moved"])
-def test_it_is_two_pages_at_most(which, request, browser, tmp_path):
-    irbcal.certificate(request.getfixturevalue(which), tmp_path / "c.html")
+def test_it_is_two_pages_at_most(which, language, request, browser, tmp_path):
+    irbcal.certificate(request.getfixturevalue(which), tmp_path / "c.html", language=language)
     page = browser.new_page(viewport={"width": 400, "height": 900})
     page.goto((tmp_path / "c.html").as_uri())
     assert page.evaluate("window.hacked") is None
