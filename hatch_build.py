@@ -46,6 +46,7 @@ def compile_kernel():
     options += ["-DPy_LIMITED_API=0x030B0000"] if STABLE else []
     options += ["-undefined", "dynamic_lookup"] if sys.platform == "darwin" else []
     try:
+        options += shlex.split(os.environ.get("CXXFLAGS", ""))
         command = [*compiler, *options, str(FOLDER / "binding.cpp"), "-o", str(draft)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=600)
         if done.returncode != 0:

@@ -38,6 +38,7 @@ gc.set_threshold(300000, 20, 100)
 
 LONG = (
     "test_style.py",
+    "test_lowest.py",
     "test_pages.py",
     "test_app.py",
     "test_evidence.py",
@@ -54,6 +55,13 @@ LONG = (
     "test_terminal.py",
     "test_taught_frames.py",
     "test_store.py",
+    "test_wheel.py",
+    "test_windows.py",
+    "test_data_entry_errors.py",
+    "test_hand_eye.py",
+    "test_axis_calibration.py",
+    "test_light_install.py",
+    "test_chapter_7.py",
 )
 """Files that take longest."""
 

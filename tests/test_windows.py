@@ -36,16 +36,22 @@ if __name__ == "__main__":
     multiprocessing.set_start_method("spawn", force=True)
     # whatever is read or written in the encoding of the system is an error: it would be cp1252
     warnings.filterwarnings("error", category=EncodingWarning, module=r"irbcal\\.")
-    from irbcal.__main__ import start
-    start()
+    from irbcal import __main__ as program
+    codes = []
+    leave, program.leave = program.leave, codes.append
+    for line in sys.argv[1].splitlines():
+        sys.argv = ["irbcal", *line.split("|")]
+        program.start()
+    leave(max(codes))
 """
 
 
-def windows(*words, folder):
+def windows(*lines, folder):
+    """Command lines one after the other in a process: what they print."""
     script = folder / "as_on_windows.py"
     script.write_text(AS_ON_WINDOWS, encoding="utf-8")
     environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONWARNDEFAULTENCODING": "1"}
-    command = [sys.executable, script, *map(str, words)]
+    command = [sys.executable, script, "\n".join("|".join(map(str, words)) for words in lines)]
     done = subprocess.run(command, capture_output=True, check=False, timeout=300, cwd=folder, env=environment)
     text = done.stdout.decode("cp1252"), done.stderr.decode("cp1252")
     assert done.returncode == 0, text
@@ -53,21 +59,25 @@ def windows(*words, folder):
 
 
 def test_the_main_job_and_what_follows_run_without_what_windows_lacks(tmp_path):
-    data = robots.demo_file("demo_identification.csv")
-    told = windows("calibrate", data, "--robot", "irb1600", "--model", "34", "--out", "c", folder=tmp_path)
-    assert "calibration.json" in told
-    windows("evaluate", "c", robots.demo_file("demo_verification.csv"), "--report", "page.html", folder=tmp_path)
-    windows("export", "c", "--as", "mujoco", "--out", "m", folder=tmp_path)
-    windows("export", "c", "--as", "ros", "--out", "ros", folder=tmp_path)
-    windows("view", "c", "--html", "v.html", folder=tmp_path)
-    windows("report", "c", "--figures", "figures", folder=tmp_path)
+    data, proof = (robots.demo_file(f"demo_{name}.csv") for name in ("identification", "verification"))
     (tmp_path / "p").mkdir()
     (tmp_path / "p" / "job.mod").write_text(
         "MODULE Job\n PROC main()\n  MoveAbsJ [[10,20,15,30,40,50],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n ENDPROC\n"
         "ENDMODULE\n",
         encoding="utf-8",
     )
-    windows("filter", "c", "p/job.mod", "--out", "corrected.mod", folder=tmp_path)
+    told = windows(
+        ("calibrate", data, "--robot", "irb1600", "--model", "34", "--out", "c"),
+        ("evaluate", "c", proof, "--report", "page.html"),
+        ("export", "c", "--as", "mujoco", "--out", "m"),
+        ("export", "c", "--as", "ros", "--out", "ros"),
+        ("view", "c", "--html", "v.html"),
+        ("report", "c", "--figures", "figures"),
+        ("filter", "c", "p/job.mod", "--out", "corrected.mod"),
+        folder=tmp_path,
+    )
+    assert "calibration.json" in told
+    assert (tmp_path / "corrected.mod").is_file()
 
 
 def test_the_list_of_names_is_read_in_any_encoding():
@@ -79,7 +89,7 @@ def test_a_fleet_is_calibrated_by_processes_that_do_not_fork(tmp_path):
     data = robots.demo_file("demo_identification.csv")
     rows = [f"r{k},{data},irb1600,model=placement" for k in (1, 2)]
     (tmp_path / "jobs.csv").write_text("\n".join(["id,measurements,robot,options", *rows]) + "\n", encoding="utf-8")
-    windows("fleet", "calibrate", "jobs.csv", "--out", "f", "--jobs", "2", folder=tmp_path)
+    windows(("fleet", "calibrate", "jobs.csv", "--out", "f", "--jobs", "2"), folder=tmp_path)
     assert sorted(path.parent.name for path in (tmp_path / "f").glob("*/calibration.json")) == ["r1", "r2"]
 
 

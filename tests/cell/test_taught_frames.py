@@ -440,7 +440,7 @@ def test_intervals_of_lost_zeros_hold(robot, rows):
     J = point_derivatives(robot, certainty, joints(rows), np.tile(TIP, (len(rows), 1)))[1]
     L = np.linalg.cholesky(certainty.covariance + 1e-24 * np.eye(len(certainty.covariance)))
     errors = []
-    for _ in range(80):
+    for _ in range(50):
         shift = J @ (L @ rng.normal(size=J.shape[2])) + rng.normal(scale=1e-4, size=(len(rows), 3))
         noisy = reached_anew(robot, rows, shift)
         adjusted = adjust(crashed(noisy), robot, sigma, "", zeros=tuple(LOST))

@@ -13,7 +13,7 @@ from irbcal.exporting import cpp
 from irbcal.exporting.source import Source
 
 pytestmark = pytest.mark.skipif(not COMPILERS, reason="no C++ compiler")
-CASES = [("irb1600", 10_000), ("ur10", 10_000), ("panda", 10_000), ("level", 200), ("rail", 200), ("plain", 100)]
+CASES = [("irb1600", 10_000), ("ur10", 1000), ("panda", 1000), ("level", 200), ("rail", 200), ("plain", 100)]
 
 
 @pytest.mark.parametrize(

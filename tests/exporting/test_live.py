@@ -253,7 +253,7 @@ def test_nine_joints(tmp_path):
     """More joints than a pose has numbers: every one is its own, and no memory beyond them is touched."""
     robot = nine_joints(tmp_path)
     source = Source.of_robot(robot)
-    program = built(source, tmp_path, COMPILERS[0], "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    program = built(source, tmp_path, COMPILERS[0], "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     lines, at = fuzzed(robot, 120, 4)
     compare(program, source, lines, at)
     wanted = at + 1e-3 * np.arange(9)

@@ -91,12 +91,21 @@ def pictures(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def lens_of_pictures(pictures):
+    return irbcal.lens(pictures, pd.DataFrame([KNOWN | {"square_mm": 30}]))
+
+
 @pytest.mark.parametrize("as_", ["features", *lens_formats.FORMATS])
-def test_pictures_become_a_lens_that_features_read(pictures, tmp_path, program, as_):
-    known = tmp_path / "board.csv"
-    pd.DataFrame([KNOWN | {"square_mm": 30}]).to_csv(known, index=False)
+def test_pictures_become_a_lens_that_features_read(pictures, lens_of_pictures, tmp_path, program, as_):
     out = tmp_path / ("camera.csv" if as_ == "features" else "camera.yaml")
-    result = program("lens", pictures, "--features", known, "--as", as_, "--out", out, "--json")
+    result = lens_of_pictures.to_dict()
+    if as_ == "ros":
+        known = tmp_path / "board.csv"
+        pd.DataFrame([KNOWN | {"square_mm": 30}]).to_csv(known, index=False)
+        result = program("lens", pictures, "--features", known, "--as", as_, "--out", out, "--json")
+    else:
+        lens_of_pictures.save(out, as_)
     (lens,) = result["lenses"]
     assert lens["pictures"] == 10
     assert result["left_out"] == ["empty.png"]
