@@ -98,8 +98,7 @@ def test_the_whole_job_in_a_browser_gives_what_the_shell_gives(context, samples,
 
         page = server.only_page(context, "data")
         drop(page, samples / "measured.csv")
-        page.get_by_role("button", name="Look at the columns").click()
-        page.get_by_text("100 poses; points: ").wait_for()
+        page.get_by_text("100 poses, 3 targets move, 3 stand still, lost points: 9.").wait_for()
         assert run(page, "Write the measurement file").startswith("done")
 
         Project(folder).choose("result", **{"--model": "34"})  # the default takes long
@@ -154,7 +153,6 @@ def test_bad_files_are_refused_in_a_sentence_and_nothing_is_lost(context, sample
         nonsense = tmp_path / "nonsense.csv"
         nonsense.write_bytes(b"\x00\x01\xff" * 50)
         drop(page, nonsense)
-        page.get_by_role("button", name="Look at the columns").click()
         page.get_by_role("alert").filter(has_text="nonsense.csv").wait_for()
         assert run(page, "Write the measurement file").startswith("refused")
         assert not (folder / "measured.csv").exists()
@@ -167,6 +165,45 @@ def test_bad_files_are_refused_in_a_sentence_and_nothing_is_lost(context, sample
         assert Project(folder).robot == "robot/my_robot.urdf"
     finally:
         server.end()
+
+
+def test_columns_that_are_not_recognised_are_corrected_by_click(context, samples, tmp_path):
+    folder = tmp_path / "project"
+    project = Project.open(folder)
+    project.add("robot", "my_robot.urdf", (samples / "my_robot.urdf").read_bytes())
+    project.choose("robot", robot="robot/my_robot.urdf")
+    header, _, rows = (samples / "wide.csv").read_text().partition("\n")
+    assert header == "J1;J2;J3;J4;J5;J6;X1;Y1;Z1;X2;Y2;Z2;X3;Y3;Z3"
+    bad = tmp_path / "bad.csv"
+    bad.write_text(f"A;B;C;D;E;F;G;H;I;J;K;L;M;Q;O\n{rows}")
+    server = Server(folder)
+    try:
+        page = server.only_page(context, "data")
+        drop(page, bad)
+        page.get_by_role("alert").filter(has_text="expected columns of points").wait_for()
+
+        def say(column, word):
+            page.get_by_label(f"What column {column} of bad.csv means").click()
+            page.get_by_role("option", name=word, exact=True).click()
+
+        say("B", "joint 1")  # the next five follow
+        page.get_by_role("alert").filter(has_text="expected columns of points").wait_for()
+        say("G", "x of smr1")  # a column off: G is joint 6
+        page.get_by_role("alert").filter(has_text="Still missing: joint 6").wait_for()
+        forget = page.get_by_role("button", name="Forget my corrections")
+        forget.click()
+        forget.wait_for(state="hidden")
+        for column, word in (("A", "joint 1"), ("G", "x of smr1"), ("J", "x of smr2"), ("M", "x of smr3")):
+            say(column, word)
+            page.get_by_role("option").first.wait_for(state="detached")
+        page.get_by_text("40 poses, 3 targets move, 0 stand still.").wait_for()
+        page.get_by_text("The command line that does the same").click()
+        page.get_by_text('columns.joints=["A", "B", "C", "D", "E", "F"]').wait_for()
+        assert run(page, "Write the measurement file").startswith("done")
+    finally:
+        server.end()
+    right = irbcal.import_measurements(samples / "wide.csv", robot=str(samples / "my_robot.urdf"))
+    assert irbcal.read_measurements(folder / "measured.csv").table["x_mm"].tolist() == right.table["x_mm"].tolist()
 
 
 def test_a_step_is_stopped_once_and_one_at_a_time(context, samples, tmp_path):

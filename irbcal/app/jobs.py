@@ -151,19 +151,3 @@ class Jobs:
             if not job.good or job.stopped:
                 break
         return job
-
-
-async def captured(arguments: Sequence[str], folder: Path) -> tuple[int, str, str]:
-    """Run a command line that takes a moment: its exit code, standard output and standard error."""
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-m",
-        "irbcal",
-        *arguments,
-        cwd=folder,
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    out, err = await process.communicate()
-    return process.returncode or 0, out.decode("utf-8", "replace"), err.decode("utf-8", "replace")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
-import json
 import zipfile
 from collections.abc import Callable
 from functools import partial
@@ -15,8 +15,8 @@ from fastapi.responses import FileResponse, PlainTextResponse, Response
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
-from irbcal.app import steps
-from irbcal.app.jobs import Jobs, captured, shown
+from irbcal.app import columns, steps
+from irbcal.app.jobs import Jobs, shown
 from irbcal.app.project import Project
 from irbcal.app.steps import MAKERS, PAGES, Option, Page, Step
 from irbcal.errors import IrbcalError
@@ -31,6 +31,9 @@ h1 { font-size: 1.6rem; line-height: 1.3; margin: 0; } h2 { font-size: 1.15rem; 
 nav a { display: flex; gap: .7rem; align-items: center; padding: .6rem 1rem; color: inherit; text-decoration: none; }
 .nicegui-link { color: #17528a; }
 nav a[aria-current] { background: #17528a22; font-weight: 600; }
+:is([role="status"], [role="alert"], .drawn):empty { display: none; }
+table.columns { border-collapse: collapse; }
+table.columns :is(td, th) { padding: .15rem .7rem .15rem 0; text-align: left; font-weight: normal; }
 nav a:focus-visible, button:focus-visible { outline: 3px solid #c77700; }
 """
 LARGEST_DROP = 500_000_000
@@ -40,7 +43,7 @@ LOOK_EVERY_S = 0.5
 Looks = list[Callable[[], object]]
 """What a page shows is brought up to date in place: an element that is drawn anew under a click loses it."""
 ROBOT_FILES = (".urdf", ".xacro")
-UNITS = {"units.joints": ["deg", "rad"], "units.lengths": ["mm", "m", "in"]}
+UNITS = {"units.joints": ["deg", "rad"], "units.lengths": ["mm", "m", "inch"]}
 
 
 def build(application: FastAPI, project: Project) -> None:
@@ -119,9 +122,9 @@ def _look(looks: Looks) -> None:
         look()
 
 
-def _drawn(of: Callable[[], Any], draw: Callable[[Any], None], looks: Looks) -> None:
+def _drawn(of: Callable[[], Any], draw: Callable[[Any], object], looks: Looks) -> None:
     """Draw what something holds now, and anew only when it holds something else."""
-    place = ui.column().classes("w-full gap-1")
+    place = ui.column().classes("drawn w-full gap-1")
     last: Any = None
 
     def look() -> None:
@@ -265,83 +268,103 @@ def _difference(project: Project, joints: str, place: str) -> str:
 
 
 def _columns(project: Project) -> None:
-    """What the columns hold, as it is understood, and how that is corrected."""
-    place = ui.column().classes("w-full")
+    """What the columns mean, as it is understood, and how that is corrected: a choice for each."""
+    now = columns.Understanding("", "", (), (), 6, {}, [])
+    asked: Any = None
+    looks: Looks = []
+    fields: list[list[Any]] = []
 
     async def look() -> None:
-        if not project.files("data"):
+        nonlocal now, asked
+        files = [(name, (project.folder / name).stat().st_mtime_ns) for name in project.files("data")]
+        question = (files, project.robot, project.choices().get("data"))
+        if question == asked or not (files or now.tables):
             return
-        values = project.choices().get("data", {})
-        robot = ["--robot", project.robot] if project.robot else []
-        words = ["import", *project.files("data"), *robot, *steps.sets(values), "--dry-run", "--json"]
-        place.clear()
-        with place:
-            ui.spinner()
-        code, text, complaint = await captured(words, project.folder)
-        place.clear()
-        with place:
-            if code != 0:
-                ui.label(complaint.removeprefix("irbcal: ")).classes("text-negative").props('role="alert"')
-            else:
-                _understood(json.loads(text), project, look)
+        asked = question
+        waiting.set_visibility(True)
+        now = await asyncio.to_thread(columns.understood, project)
+        waiting.set_visibility(False)
+        _look(looks)
 
-    ui.button("Look at the columns", icon="search", on_click=look).props("outline")
+    def change(table: int, k: int, event: Any) -> None:
+        words = [list(of_table.words) for of_table in now.tables]
+        if event.value is None or event.value == words[table][k]:
+            return  # set by the page itself
+        words[table] = columns.chosen(words[table], k, event.value, now.joints)
+        said, _ = columns.changes([(of.keys, new) for of, new in zip(now.tables, words, strict=True)], now.joints)
+        units = {key: value for key, value in said_before().items() if not key.startswith("columns.")}
+        named = {of.source: new for of, new in zip(now.tables, words, strict=True)}
+        project.choose("data", set=units | said, words=named)
 
+    def said_before() -> dict[str, str]:
+        return dict(project.choices().get("data", {}).get("set", {}))
 
-def _understood(result: dict[str, Any], project: Project, look: Callable[[], Any]) -> None:
-    """The table of columns, the first rows, and the fields that correct them."""
-    counts = ", ".join(f"{name} {row['measured']}" for name, row in result["targets"].items())
-    lost = f"; {result['lost']} lost points" if result["lost"] else ""
-    ui.label(f"{result['poses']} poses; points: {counts}{lost}.").classes("font-bold").props('role="status"')
-    for warning in result["warnings"]:
-        ui.label(warning)
-    columns = result["map"].get("columns", {})
-    chosen = project.choices().get("data", {}).get("set", {})
+    def change_unit(key: str, event: Any) -> None:
+        if event.value != now.units.get(key, said_before().get(key, "")):
+            project.choose("data", set=said_before() | {key: event.value})
 
-    async def change(key: str, value: str) -> None:
-        project.choose("data", set=project.choices().get("data", {}).get("set", {}) | {key: value})
-        await look()
+    def table(structure: list[tuple[str, tuple[str | int, ...], tuple[str, ...]]]) -> None:
+        fields.clear()
+        for number, (source, keys, samples) in enumerate(structure):
+            ui.label(source).classes("font-bold")
+            with ui.element("table").classes("columns"):
+                with ui.element("tr"):
+                    for title in ("column", "means", "first values"):
+                        with ui.element("th").props('scope="col"'):
+                            ui.label(title)
+                fields.append([])
+                for k, (key, cells) in enumerate(zip(keys, samples, strict=True)):
+                    with ui.element("tr"):
+                        with ui.element("th").props('scope="row"'):
+                            ui.label(str(key))
+                        with ui.element("td"):
+                            field = ui.select([], on_change=partial(change, number, k)).classes("w-44")
+                            field.props["aria-label"] = f"What column {key} of {source} means"
+                            fields[-1].append(field.props("dense options-dense outlined"))
+                        with ui.element("td"):
+                            ui.label(cells)
 
-    with ui.row().classes("items-end"):
-        for key, units in UNITS.items():
-            unit = result["map"].get("units", {}).get(key.partition(".")[2])
-            label = f"Unit of {key.partition('.')[2]}"
-            ui.select(["", *units], label=label, value=unit if unit in units else "").classes("w-40").on_value_change(
-                lambda event, key=key: change(key, event.value)
+    def update() -> None:
+        missing = columns.changes([(of_table.keys, of_table.words) for of_table in now.tables], now.joints)[1]
+        sentence.text = now.sentence
+        complaint.text = now.complaint and (missing or now.complaint)
+        for of_table, of_fields in zip(now.tables, fields, strict=True):
+            offered = columns.choices([word for one in now.tables for word in one.words], now.joints)
+            for field, word in zip(of_fields, of_table.words, strict=True):
+                if field.options != offered or field.value != word:
+                    field.set_options(offered, value=word)
+        for key, field in units.items():
+            field.set_visibility(bool(now.tables))
+            field.value = now.units.get(key, said_before().get(key, ""))
+        forget.set_visibility(bool(said_before() or project.choices().get("data", {}).get("words")))
+
+    def rows(first: list[dict[str, Any]]) -> None:
+        if first:
+            header = [{"name": key, "label": key, "field": key, "align": "right"} for key in first[0]]
+            ui.table(rows=first, columns=header, title="The first rows as they are understood").classes("w-full").props(
+                "dense flat"
             )
-        if chosen:
 
-            async def forget() -> None:
-                project.choose("data", set={})
-                await look()
-
-            ui.button("Forget my corrections", on_click=forget).props("flat")
-    names = sorted({name for entry in columns.values() for name in _names(entry)})
-    joints = columns.get("joints") or []
+    with ui.row().classes("items-center gap-3"):
+        sentence = ui.label().classes("font-bold").props('role="status"')
+        waiting = ui.spinner()
+        waiting.set_visibility(False)
+    complaint = ui.label().classes("text-negative").props('role="alert"')
+    _drawn(lambda: now.notes, lambda notes: [ui.label(f"{note}.") for note in notes], looks)
     with ui.row().classes("items-end"):
-        for k, name in enumerate(joints):
-
-            async def move(event: Any, k: int = k) -> None:
-                await change("columns.joints", json.dumps([*joints[:k], event.value, *joints[k + 1 :]]))
-
-            ui.select(names, label=f"Joint {k + 1}", value=name, with_input=True, new_value_mode="add-unique").classes(
+        units = {
+            key: ui.select(["", *names], label=f"Unit of {key[6:]}", on_change=partial(change_unit, key)).classes(
                 "w-40"
-            ).on_value_change(move)
-    first = result["first_rows"]
-    if first:
-        header = [{"name": key, "label": key, "field": key, "align": "right"} for key in first[0]]
-        ui.table(rows=first, columns=header, title="The first rows as they are understood").classes("w-full").props(
-            "dense flat"
-        )
-
-
-def _names(entry: Any) -> list[str]:
-    """Column names in an entry of a map."""
-    if isinstance(entry, str):
-        return [entry]
-    if isinstance(entry, dict):
-        entry = list(entry.values())
-    return [name for inner in entry for name in _names(inner)] if isinstance(entry, list) else []
+            )
+            for key, names in UNITS.items()
+        }
+        forget = ui.button("Forget my corrections", on_click=lambda: project.choose("data", set={}, words={}))
+        forget.props("flat")
+    _drawn(lambda: [(one.source, one.keys, one.samples) for one in now.tables], table, looks)
+    _drawn(lambda: now.rows, rows, looks)
+    looks.append(update)
+    update()
+    ui.timer(LOOK_EVERY_S, look)
 
 
 def _field(option: Option, step: Step, project: Project) -> None:
@@ -456,7 +479,7 @@ def _step(step: Step, project: Project, jobs: Jobs, looks: Looks) -> None:
 
 def _files(step: Step, project: Project, files: list[tuple[str, int]]) -> None:
     """Downloads, and pages in frames."""
-    with ui.row().classes("gap-4"):
+    with ui.row().classes("drawn gap-4"):
         for name, _ in files:
             folder = (project.folder / name).is_dir()
             ui.link(f"{name}.zip" if folder else name, f"/folder/{name}" if folder else f"/files/{name}?download=1")

@@ -21,7 +21,7 @@ from irbcal.io.opening import open_nominal
 from irbcal.measurement import table
 from irbcal.measurement.columns import JOINTS
 from irbcal.measurement.imports import tables
-from irbcal.measurement.imports.column_map import Changes, ImportMap, changed, read_map, validated
+from irbcal.measurement.imports.column_map import Changes, DeclaredColumns, ImportMap, changed, read_map, validated
 from irbcal.measurement.imports.reader import Imported, refuse_sources, understand
 from irbcal.measurement.imports.recognition import recognise
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
@@ -184,9 +184,13 @@ def recognised(
         return understand(sources, read_map(OWN_FORMAT, set_))
     changes = dict(set_) if isinstance(set_, Mapping) else dict(text.partition("=")[::2] for text in set_)
     declared = {DECLARED[key.strip()]: str(value).strip() for key, value in changes.items() if key.strip() in DECLARED}
-    recognition = recognise(sources, arm, joints, declared)
+    said = {key.strip(): value for key, value in changes.items() if key.strip().startswith("columns.")}
+    of_columns = changed("{}", "--set", said if isinstance(set_, Mapping) else [f"{k}={v}" for k, v in said.items()])
+    columns = validated(DeclaredColumns, of_columns["columns"], "--set columns") if said else None
+    recognition = recognise(sources, arm, joints, declared, columns)
     import_map = recognition.map
-    others = {key: value for key, value in changes.items() if key.strip() not in DECLARED}
+    done = {*DECLARED, "columns.joints", "columns.position"}
+    others = {key: value for key, value in changes.items() if key.strip() not in done}
     if others:
         others_as_set = others if isinstance(set_, Mapping) else [f"{key}={value}" for key, value in others.items()]
         values = changed(_yaml_of(import_map), "the recognised map", others_as_set)

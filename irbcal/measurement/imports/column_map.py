@@ -129,6 +129,12 @@ class Columns(_MapModel):
     optional: list[Literal["programmed", "orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
 
 
+class DeclaredColumns(Columns):
+    """Some of the columns, as a user declares them."""
+
+    position: Three | dict[Name, Three] | None = None  # type: ignore[assignment]
+
+
 class Units(_MapModel):
     """Units of the file: joints (one unit, or one for each joint), lengths, angles of an orientation, time."""
 

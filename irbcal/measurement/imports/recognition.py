@@ -31,7 +31,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import POSITION, joint_columns, joint_units
 from irbcal.measurement.imports import reader, tables
-from irbcal.measurement.imports.column_map import Dialect, ImportMap, pattern_regex, validated
+from irbcal.measurement.imports.column_map import DeclaredColumns, Dialect, ImportMap, pattern_regex, validated
 from irbcal.measurement.imports.tables import BLANKS, TextTable, short
 from irbcal.measurement.table import REFERENCE_PREFIX
 from irbcal.modeling.arm import Arm
@@ -197,7 +197,7 @@ def _sheet(source: str) -> Sheet | None:
     for k in range(table.width):
         axes = table.cells[k].str.casefold()
         if len(axes) >= 3 * FEWEST_ROWS and len(axes) % 3 == 0 and (axes == np.resize(tables.AXES, len(axes))).all():
-            layout["axis"] = _column(table, k)
+            layout["axis"] = table.key(k)
             table = tables.read(source, validated(Dialect, layout, source), excuses)
             break
     return Sheet(source, layout, table, tuple(comments), tuple(left_out))
@@ -568,7 +568,7 @@ def _labels(sheet: Sheet, roles: Roles, poses: int | None) -> Iterator[_Labels]:
     text = {k: values for k, values in text.items() if len(set(values)) > 1 or len(values) == 1}
     of_one = None in roles.positions or not roles.positions
     count = len(table.cells)
-    column = {k: _column(table, k) for k in text}
+    column = {k: table.key(k) for k in text}
     hinted = {hint: [k for k in text if roles.labels[k] == hint] for hint in ("pose", "target", "name", "")}
     pose = next((k for k in hinted["pose"] if poses is None or len(set(text[k])) == poses), None)
     if not of_one or not roles.positions:  # targets have columns of their own, or there are none
@@ -602,12 +602,6 @@ def _labels(sheet: Sheet, roles: Roles, poses: int | None) -> Iterator[_Labels]:
             yield _Labels({"pose": column[k], "fixed": "smr1"}, text[k])
     if poses is None or poses == count:
         yield _Labels({"fixed": "smr1"}, None)
-
-
-def _column(table: TextTable, k: int) -> str | int:
-    """A column as the map names it."""
-    name = table.names[k] if table.names else ""
-    return name if name and table.names is not None and table.names.count(name) == 1 else k + 1
 
 
 def _patterns(names: Sequence[str], poses: int | None) -> list[str] | None:
@@ -861,6 +855,7 @@ def recognise(
     arm: Arm | None = None,
     joints: str | PathLike[str] | None = None,
     declared: Mapping[str, str] | None = None,
+    columns: DeclaredColumns | None = None,
 ) -> Recognised:
     """Understand files without a map.
 
@@ -874,6 +869,8 @@ def recognise(
         The file with joints, where it is to be no other.
     declared : dict of str to str, optional
         Units of ``joints`` and ``lengths``, whatever the files say.
+    columns : DeclaredColumns, optional
+        What columns mean, whatever their names say; the rest is recognised.
 
     Raises
     ------
@@ -890,7 +887,13 @@ def recognise(
         if not of_file:
             unread.append(str(path))
         for sheet in of_file:
-            understood.append((sheet, [_with_units(roles, declared or {}) for roles in _roles(sheet, dof)]))
+            answers = likely_roles(sheet, dof, columns)
+            understood.append((sheet, [_with_units(roles, declared or {}) for roles in answers]))
+    if columns is not None and understood:
+        named = columns.position.values() if isinstance(columns.position, dict) else [columns.position or []]
+        for key in [*(columns.joints or []), *(key for three in named for key in three)]:
+            if all(_place(sheet.table, key) is None for sheet, _ in understood):
+                understood[0][0].table.find(key, "what is declared")
     both, points, only_joints = [], [], []
     measured_elsewhere = any(roles.positions and not roles.computed for _, answers in understood for roles in answers)
     for sheet, answers in understood:
@@ -913,6 +916,59 @@ def recognise(
     used = {*recognised.sources, recognised.joints}
     unused = [name for name in [*(sheet.source for sheet, _ in understood), *programs] if name not in used]
     return replace(recognised, notes=(*recognised.notes, *(f"{name} is not used" for name in unused)))
+
+
+def likely_roles(sheet: Sheet, dof: int | None, columns: DeclaredColumns | None = None) -> list[Roles]:
+    """What the columns of a table may hold, the likeliest first; those that are declared hold what is said."""
+    answers = list(_roles(sheet, dof))
+    if columns is None:
+        return answers
+    return [_as_declared(sheet, roles, columns) for roles in answers or [Roles()]]
+
+
+def _as_declared(sheet: Sheet, roles: Roles, columns: DeclaredColumns) -> Roles:
+    """The roles of a table with what is declared of columns that it has."""
+    table, units = sheet.table, _declared_units(sheet.preamble)
+
+    def places(keys: Sequence[str | int]) -> tuple[int, ...]:
+        out = [_place(table, key) for key in keys]
+        return () if None in out else tuple(k for k in out if k is not None)
+
+    joints = places(columns.joints or ())
+    named = columns.position if isinstance(columns.position, dict) else {None: columns.position or []}
+    positions = {target: three for target, keys in named.items() if (three := places(keys))}
+    if set(joints) & {k for three in positions.values() for k in three}:
+        return roles  # columns by numbers, of another table
+    if joints:
+        others = {target: three for target, three in roles.positions.items() if not set(three) & set(joints)}
+        roles = replace(roles, joints=joints, programmed=(), positions=others)
+        roles = replace(roles, joint_unit=_unit(table, joints) or units.get("joints"))
+    if positions:
+        taken = {k for three in positions.values() for k in three}
+        unit = _unit(table, sorted(taken)) or units.get("lengths")
+        roles = replace(roles, positions=positions, length_unit=unit, computed=False)
+        if taken & {*roles.joints, *roles.programmed}:
+            roles = replace(roles, joints=(), programmed=())
+    declared = {hint: places(keys if isinstance(keys, list) else [keys]) for hint, keys in _hints(columns).items()}
+    used = {*roles.joints, *roles.programmed, *(k for three in roles.positions.values() for k in three)}
+    kept = {k: hint for k, hint in roles.labels.items() if k not in used and hint not in declared}
+    return replace(roles, labels=kept | {k: hint for hint, places_of in declared.items() for k in places_of})
+
+
+def _place(table: TextTable, key: str | int) -> int | None:
+    """Where a table has a column; None where it has not."""
+    return None if table.names is None and isinstance(key, str) else table.find(key, "what is declared", optional=True)
+
+
+def _hints(columns: DeclaredColumns) -> dict[str, Any]:
+    values = {"pose": columns.pose, "target": columns.target, "name": columns.name}
+    return {hint: keys for hint, keys in values.items() if keys is not None}
+
+
+def _unit(table: TextTable, columns: Sequence[int]) -> str | None:
+    """The unit that the header or the cells of columns declare; None for none, or several."""
+    units = {(_parsed(table.names[k]).unit if table.names else None) or table.units.get(k) for k in columns} - {None}
+    return next(iter(units)) if len(units) == 1 else None
 
 
 def _with_units(roles: Roles, declared: Mapping[str, str]) -> Roles:
@@ -985,16 +1041,22 @@ def _candidates(
         yield from _apart(points, name, joints_table)
 
 
+def columns_of(sheet: Sheet, roles: Roles) -> dict[str, Any]:
+    """Columns of numbers as keys and values of a map."""
+    columns: dict[str, Any] = {}
+    triples = {name: [sheet.table.key(k) for k in three] for name, three in roles.positions.items()}
+    columns["position"] = triples.get(None, triples)
+    if roles.joints:
+        columns["joints"] = [sheet.table.key(k) for k in roles.joints]
+    if roles.programmed:
+        columns["programmed"] = [sheet.table.key(k) for k in roles.programmed]
+    return columns
+
+
 def _base_values(table: _Table) -> dict[str, Any]:
     """File and columns of numbers as keys and values of a map."""
     sheet, roles = table
-    columns: dict[str, Any] = {}
-    triples = {name: [_column(sheet.table, k) for k in three] for name, three in roles.positions.items()}
-    columns["position"] = triples.get(None, triples)
-    if roles.joints:
-        columns["joints"] = [_column(sheet.table, k) for k in roles.joints]
-    if roles.programmed:
-        columns["programmed"] = [_column(sheet.table, k) for k in roles.programmed]
+    columns = columns_of(sheet, roles)
     names = {_folded(name): name for name in sheet.table.names or ()}
     if "simulated" in names:
         columns["keep"] = {"simulated": names["simulated"]}
@@ -1067,9 +1129,9 @@ def _apart(points: Sequence[_Table], joints: str, joints_table: _Table | None) -
         count = len(sheet.table.cells)
         labels = next(_labels(sheet, roles, None))
         names_of_joints = labels.poses
-        columns: dict[str, Any] = {"joints": [_column(sheet.table, k) for k in roles.joints]}
+        columns: dict[str, Any] = {"joints": [sheet.table.key(k) for k in roles.joints]}
         if roles.programmed:
-            columns["programmed"] = [_column(sheet.table, k) for k in roles.programmed]
+            columns["programmed"] = [sheet.table.key(k) for k in roles.programmed]
         if "pose" in labels.keys:
             columns["pose"] = labels.keys["pose"]
         joint_values = {"joints_file": {"file": sheet.layout, "columns": columns, "units": {}}}
@@ -1372,7 +1434,7 @@ def _columns_in_words(table: _Table, values: Mapping[str, Any]) -> list[tuple[st
         named = columns.get(key)
         for column in named if isinstance(named, list) else [named]:
             for k in range(sheet.table.width):
-                if column is not None and _column(sheet.table, k) == column:
+                if column is not None and sheet.table.key(k) == column:
                     text = " ".join(values.get("names", [])) if key == "name" else key
                     out.setdefault(k, (text, ""))
     return [(sheet.table.label(k), *out.get(k, ("not used", ""))) for k in range(sheet.table.width)]

@@ -110,6 +110,11 @@ class TextTable:
         """Name of column k for messages: from the header, or its number from 1."""
         return self.names[k] if self.names and self.names[k] else str(k + 1)
 
+    def key(self, k: int) -> str | int:
+        """Column k as a map names it: by its name, or by its number from 1 where that is not the only such name."""
+        name = self.names[k] if self.names else ""
+        return name if name and self.names is not None and self.names.count(name) == 1 else k + 1
+
     def fault(self, sentence: str, row: int, *columns: int) -> MeasurementError:
         """The error that refuses a row, counted from 0; messages name its line and the columns."""
         labels = [self.label(k) for k in columns]

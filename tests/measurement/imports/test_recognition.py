@@ -358,3 +358,31 @@ def test_a_number_written_unlike_the_others_is_refused_with_its_row(tmp_path):
     path = write(tmp_path / "j.csv", HEADER, *rows[:4], ";".join(cells), *rows[5:])
     with pytest.raises(MeasurementError, match=r"j\.csv: row 6, column A3: expected a joint in each row.*'gone'"):
         recognise([path], ARM)
+
+
+def test_what_is_said_of_columns_goes_before_their_names(tmp_path):
+    q, points = measured(targets=("K1", "K2"))
+    letters = "ABCDEFabcdef"
+    rows = [";".join(map(str, [*q[i], *points[i].ravel()])) for i in range(len(q))]
+    nameless = write(tmp_path / "a.csv", ";".join(letters), *rows)
+    assert "expected columns of points" in refusal(nameless)
+    said = ["columns.joints=[A, B, C, D, E, F]", "columns.position={left: [a, b, c], right: [d, e, f]}"]
+    with pytest.raises(MeasurementError, match="expected columns of points"):
+        irbcal.import_measurements(nameless, robot="irb120", set_=said[:1])
+    # names that lie: two joints exchanged
+    lying = write(tmp_path / "b.csv", "A1;A3;A2;A4;A5;A6;X1;Y1;Z1;X2;Y2;Z2", *rows)
+    assert "none that agree with it" in refusal(lying)
+    in_order = {"columns.joints": ["A1", "A3", "A2", "A4", "A5", "A6"]}
+    mended = irbcal.import_measurements(lying, robot="irb120", set_=in_order)
+    # points in a file, joints in another
+    cloud = write(tmp_path / "c.csv", "u;v;w;s;t;r", *(";".join(map(str, points[i].ravel())) for i in range(len(q))))
+    turns = write(tmp_path / "d.csv", "k;l;m;n;o;p", *(";".join(map(str, row)) for row in q))
+    elsewhere = {"columns.joints": list("klmnop"), "columns.position": {"left": list("uvw"), "right": list("str")}}
+    apart = irbcal.import_measurements(cloud, turns, robot="irb120", set_=elsewhere)
+    for imported in (irbcal.import_measurements(nameless, robot="irb120", set_=said), mended, apart):
+        assert np.abs(imported.table[XYZ].to_numpy() - points.reshape(-1, 3)).max() < 1e-9
+        assert np.abs(imported.table[JOINTS].to_numpy() - np.repeat(q, 2, axis=0)).max() < 1e-9
+    with pytest.raises(MeasurementError, match="there is no column 'Q'"):
+        irbcal.import_measurements(nameless, robot="irb120", set_={"columns.joints": list("QBCDEF")})
+    with pytest.raises(MeasurementError, match="joints: expected a valid list"):
+        irbcal.import_measurements(nameless, robot="irb120", set_=["columns.joints=seven"])
