@@ -25,7 +25,7 @@ from irbcal.cli.signature import (
 from irbcal.errors import IrbcalError
 from irbcal.identification.choices import Model
 from irbcal.io import robots
-from irbcal.reports.languages import Language
+from irbcal.reports.languages import LANGUAGES, Language
 from irbcal.units import MM as MM_PER_M
 
 STEPS = 6
@@ -189,7 +189,10 @@ def evaluate(
     report: Annotated[Path | None, typer.Option(help="Write a certificate to print and sign (HTML, A4).")] = None,
     figures: Annotated[Path | None, typer.Option(help="Folder for the certificate's figures (PNG).")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).")] = None,
-    language: Annotated[Language, typer.Option(help="Of the certificate; figures and data stay English.")] = "en",
+    language: Annotated[
+        Language,
+        typer.Option(metavar=f"<{' | '.join(LANGUAGES)}>", help="Of the certificate; figures and data stay English."),
+    ] = "en",
     fail_if_worse: FailIfWorse = False,
     verbose: Verbose = False,
     json: Json = False,

@@ -123,7 +123,7 @@ JOINTS = numbers("J1,…,J6", 6, units=[DEG])
         "Points": ("points", "re_express", "start", "posture", "instructions", "harmless", "split_points"),
         "Controllers": ("controller_model", "pulses", "where"),
     },
-    texts=PROGRAM_TEXTS,
+    texts=PROGRAM_TEXTS | {"payload": "Mass carried, kg; that of most poses of the fit unless given."},
 )
 def filter_program(
     options: dict[str, Any],

@@ -400,7 +400,7 @@ def evaluate(
     same_tool : bool
         With a load that the calibration does not know the reflectors are where they were with its usual load.
     tolerance : float, optional
-        Metres: judge the calibrated robot by it, see `irbcal.validation.verdict`.
+        What the calibrated robot is judged by, metres, see `irbcal.validation.verdict`.
     rule : {"mean3sigma", "max", "percentile"}, optional
         What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th.
     tracker_u95 : float, optional
