@@ -37,6 +37,8 @@ INK, BODY, GLASS, TEAL, CUBE, PATH = (
     for text in ("#3a4149", "#f2f2ee", "#20262c", "#0b7a75", "#7a4fa3", "#0b7a75")
 )
 """Colours of tracker (ink, body, glass), references, cube and path."""
+COARSE_TRIANGLES = 6_000
+"""About so many triangles has a robot whose picture moves where there is no graphics card."""
 AXES = np.array([[214, 39, 40], [44, 160, 44], [31, 95, 214]]) / 255
 """Colours of x, y and z."""
 
@@ -92,8 +94,9 @@ class _Body(g.Geometry):  # type: ignore[misc]  # meshcat has no types
 def record(scene: PageScene) -> Recorder:
     """Draw a scene's still bodies.
 
-    Nodes: ``/irbcal/robot/K`` (link K), ``/irbcal/tracker``, ``/irbcal/references``, ``/irbcal/cube``,
-    ``/irbcal/features``, ``/irbcal/cell``, ``/irbcal/path``. Names from files are never part of a node's path.
+    Nodes: ``/irbcal/robot/K`` (link K) and ``/irbcal/robot/K/coarse`` (while it moves), ``/irbcal/tracker``,
+    ``/irbcal/references``, ``/irbcal/cube``, ``/irbcal/features``, ``/irbcal/cell``, ``/irbcal/path``. Names from files
+    are never part of a node's path.
     """
     recorder = Recorder()
     view = Visualizer(window=recorder)
@@ -101,8 +104,11 @@ def record(scene: PageScene) -> Recorder:
     view["/Background"].set_property("bottom_color", [0.80, 0.84, 0.88])
     view["/Axes"].set_property("visible", False)
     view["/Grid"].set_property("visible", False)
+    share = _coarse_share(scene)
     for k, mesh in scene.meshes.items():
         _add(view, f"/irbcal/robot/{k}", mesh)
+        if share < 1:
+            _add(view, f"/irbcal/robot/{k}/coarse", shapes.coarser(mesh, share))
     if scene.tracker:
         _add(view, "/irbcal/tracker", _tracker(scene))
     if scene.references:
@@ -123,6 +129,11 @@ def record(scene: PageScene) -> Recorder:
         colour = int(sum(int(255 * v) << s for v, s in zip(PATH, (16, 8, 0), strict=True)))
         view["/irbcal/path"].set_object(g.Line(geometry, g.LineBasicMaterial(color=colour)))
     return recorder
+
+
+def _coarse_share(scene: PageScene) -> float:
+    """Share of the robot's triangles that is drawn while it moves."""
+    return COARSE_TRIANGLES / max(sum(len(mesh.faces) for mesh in scene.meshes.values()), 1)
 
 
 def _add(view: Any, path: str, mesh: shapes.Mesh, **material: Any) -> None:
@@ -203,6 +214,7 @@ SCRIPTS = (
     "begin",
     "robots",
     "errors",
+    "figures",
     "layers",
     "pose",
     "list",
@@ -265,6 +277,7 @@ def content(scene: PageScene) -> dict[str, Any]:
         "robot": _drawn(scene.drawn),
         "ghost": None if scene.ghost is None else _drawn(scene.ghost),
         "meshes": sorted(scene.meshes),
+        "coarse": _coarse_share(scene) < 1,
         "reach": scene.reach,
         "joints": {
             "names": list(arm.joint_names),

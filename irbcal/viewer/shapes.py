@@ -76,6 +76,34 @@ def smooth(triangles: FloatArray, colours: FloatArray) -> Mesh:
     )
 
 
+FEWEST_TRIANGLES = 60
+"""Bodies of one colour keep at least so many."""
+
+
+def coarser(mesh: Mesh, share: float) -> Mesh:
+    """A mesh with about this share of the triangles, the bodies of each colour by themselves.
+
+    Edges are collapsed where the squared distances from the planes around them grow least (Garland and Heckbert 1997).
+    """
+    import fast_simplification
+
+    corners = mesh.vertices[mesh.faces]
+    palette, colour = np.unique(mesh.colours[mesh.faces[:, 0]], axis=0, return_inverse=True)
+    bodies, colours = [], []
+    for k, rgb in enumerate(palette):
+        body = corners[colour.reshape(-1) == k]
+        fewer = max(int(share * len(body)), FEWEST_TRIANGLES)
+        if fewer < len(body):
+            points = body.reshape(-1, 3)
+            vertex = _equal_rows(points)
+            _, first = np.unique(vertex, return_index=True)
+            places, faces = fast_simplification.simplify(points[first], vertex.reshape(-1, 3), target_count=fewer)
+            body = places[faces]
+        bodies.append(body)
+        colours.append(np.broadcast_to(rgb / 255, (len(body), 3)))
+    return smooth(np.concatenate(bodies).astype(float), np.concatenate(colours))
+
+
 def _equal_rows(rows: NDArray[np.float32]) -> IntArray:
     """A number for each row, the same for equal rows."""
     rows = np.ascontiguousarray(rows + np.float32(0))  # -0 becomes 0

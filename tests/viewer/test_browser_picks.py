@@ -182,8 +182,10 @@ def test_orientation_errors_are_frames(browser, cell, tmp_path):
     assert factor > 10
     drawn = {}
     for name in ("modelled_axes", "axes"):
-        M = np.array(page(f"Array.from(irbcalView.body.{name}.instanceMatrix.array)")).reshape(40, 3, 4, 4)
-        drawn[name] = np.swapaxes(M[:, :, 1, :3] / np.linalg.norm(M[:, :, 1, :3], axis=2, keepdims=True), 1, 2)
+        way = np.array(page(f"Array.from(irbcalView.body.{name}.geometry.attributes.way.array)")).reshape(40, 3, 4, 3)[
+            :, :, 0
+        ]
+        drawn[name] = np.swapaxes(way / np.linalg.norm(way, axis=2, keepdims=True), 1, 2)
     np.testing.assert_allclose(drawn["modelled_axes"], expected, rtol=0, atol=1e-5)
     # the measured frame is turned away that many times as far as it was measured
     turn = np.einsum("nij,nij->n", drawn["axes"], drawn["modelled_axes"])

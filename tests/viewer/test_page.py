@@ -76,7 +76,8 @@ def test_every_body_is_recorded(cell):
     recorder = page.record(scene)
     commands = [umsgpack.unpackb(command) for command in recorder.commands]
     drawn = {command["path"] for command in commands if command["type"] == "set_object"}
-    assert drawn == {*(f"/irbcal/robot/{k}" for k in scene.meshes), "/irbcal/tracker", "/irbcal/cube"}
+    links = {f"/irbcal/robot/{k}{coarse}" for k in scene.meshes for coarse in ("", "/coarse")}
+    assert drawn == {*links, "/irbcal/tracker", "/irbcal/cube"}
     assert len(recorder.as_text()) == len(commands)
 
 

@@ -41,6 +41,47 @@ def test_shading_is_smooth_on_a_sphere_and_sharp_on_a_box():
     assert (box.colours == 128).all()
 
 
+def surface_points(mesh):
+    corners = mesh.vertices[mesh.faces].astype(float)
+    return np.concatenate([corners.reshape(-1, 3), corners.mean(axis=1)])
+
+
+def test_coarser_bodies_keep_their_shape_and_colours():
+    ball = shapes.sphere(0.2)
+    cubes = np.concatenate([shapes.moved(shapes.box([0.1] * 3), [1 + 0.1 * k, 0, 0]) for k in range(8)])
+    colours = np.repeat([[1.0, 0, 0], [0, 0, 1.0]], [len(ball), len(cubes)], axis=0)
+    coarse = shapes.coarser(shapes.smooth(np.concatenate([ball, cubes]), colours), 0.3)
+    red = (coarse.colours == [255, 0, 0]).all(axis=1)
+    assert (red | (coarse.colours == [0, 0, 255]).all(axis=1)).all()
+    of_ball = red[coarse.faces[:, 0]]
+    assert (red[coarse.faces].all(axis=1) == of_ball).all()  # no face has two colours
+    assert abs(of_ball.sum() - 0.3 * 960) < 4  # 64 of the ball's 1,024 have no area
+    assert (~of_ball).sum() == 60
+    parts = [shapes.Mesh(coarse.vertices, coarse.normals, coarse.colours, coarse.faces[k]) for k in (of_ball, ~of_ball)]
+    assert np.abs(np.linalg.norm(surface_points(parts[0]), axis=1) - 0.2).max() < 0.02
+    assert volume(coarse.vertices[parts[0].faces].astype(float)) == pytest.approx(4 / 3 * np.pi * 0.008, rel=0.07)
+    off_cubes = np.abs(surface_points(parts[1]) - [1.35, 0, 0]) - [0.4, 0.05, 0.05]
+    assert off_cubes.max() < 1e-6
+
+
+def test_a_coarser_robot_stays_within_millimetres():
+    from trimesh.triangles import closest_point
+
+    import irbcal
+
+    mesh = irbcal.view("irb1600").scene.meshes[1]
+    coarse = shapes.coarser(mesh, 0.25)
+    assert len(coarse.faces) < 0.26 * len(mesh.faces)
+    assert set(map(tuple, coarse.colours)) == set(map(tuple, mesh.colours))
+    rng = np.random.default_rng(1)
+    for one, other in ((mesh, coarse), (coarse, mesh)):
+        triangles, few = other.vertices[other.faces].astype(float), rng.choice(surface_points(one), 150)
+        on_it = closest_point(np.tile(triangles, (len(few), 1, 1)), np.repeat(few, len(triangles), axis=0))
+        away = np.linalg.norm(on_it.reshape(len(few), -1, 3) - few[:, None], axis=2).min(axis=1)
+        assert away.max() < 6e-3
+        assert away.mean() < 1e-3
+
+
 def test_links_move_as_pinocchio_says():
     import pinocchio as pin
 

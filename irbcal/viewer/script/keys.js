@@ -54,5 +54,5 @@ state.begun = true;
 go_to_address();
 viewer.render();
 byId("waiting").remove();
-window.irbcalView = { viewer, state, poses, points, body, slots: () => slots, labels, on_screen, point, magnification, top_mm,
+window.irbcalView = { viewer, state, poses, points, body, slots: () => slots, labels, hurry, on_screen, point, magnification, top_mm,
   largest, seconds: (performance.now() - started) / 1e3 };

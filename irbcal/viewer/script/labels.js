@@ -73,7 +73,7 @@ function place_labels() {
 }
 const render = viewer.render.bind(viewer);
 viewer.render = function () {
-  render();
+  at_its_pace(render);
   place_labels();
   if (labels.length) looking = looking || setTimeout(hide_labels, 100);
 };

@@ -22,16 +22,14 @@ const body = {};
 const WAY_PIECES = 40; // of the way to the next pose
 if (points) {
   if (measured) {
-    body.measured = instanced(["measured"], new THREE.OctahedronGeometry(2.1 * radius, 0), {}, total);
-    body.shaft = instanced(["vectors", "shaft"], rod_of(0.55, 4), {}, total);
-    body.head = instanced(["vectors", "head"], upward(new THREE.ConeGeometry(1.5 * radius, 1, 6, 1)), {}, total);
+    body.measured = marks(["measured"], total, 4.2 * radius, 0);
+    body.vectors = rods(["vectors"], total, 0.5, true);
   }
-  body.modelled = instanced(["modelled"], new THREE.BoxGeometry(1.62 * radius, 1.62 * radius, 1.62 * radius),
-    measured ? { color: 0xffffff, emissive: 0x555555 } : {}, total, measured);
+  body.modelled = marks(["modelled"], total, (measured ? 1.35 : 1.9) * radius, 2 * radius, measured);
   if (in_plan) body.way = instanced(["next", "way"], rod_of(0.5), { color: 0x1f72bd }, WAY_PIECES);
   if (oriented.length) {
-    body.axes = instanced(["frames", "measured"], rod_of(0.5), {}, 3 * oriented.length);
-    body.modelled_axes = instanced(["frames", "modelled"], rod_of(0.3), { transparent: true, opacity: 0.55 }, 3 * oriented.length);
+    body.axes = rods(["frames", "measured"], 3 * oriented.length, 0.5, false);
+    body.modelled_axes = rods(["frames", "modelled"], 3 * oriented.length, 0.3, false, 0.55);
   }
 }
 body.shown = instanced(["shown"], new THREE.SphereGeometry(2.1 * radius, 20, 14),
@@ -57,33 +55,21 @@ function paint_points() { // colours that differ between light and dark
 paint_points();
 
 let slots = new Int32Array(total).fill(-1);
+const WHITE = new THREE.Color(0xffffff);
+const triple = (values, row) => values.subarray(3 * row, 3 * row + 3);
 function write_point(row) {
   const slot = slots[row];
   if (slot < 0) return;
-  const shown = points.pose[row] === state.pose;
-  const from = point(points.at[state.model], row);
-  const next = points.pose[row] === state.next;
-  scale.setScalar(shown || next ? 1.5 : measured || state.whole ? 1 : 0.8);
-  body.modelled.setMatrixAt(slot, scratch.compose(from, STILL, scale));
-  if (!measured) {
-    body.modelled.setColorAt(slot, next ? plan_colours.blue : shown || state.whole ? kind_colours[0] : plan_colours.faint);
-    return;
-  }
-  const kind = kind_of(points.pose[row]);
-  scale.setScalar((shown ? 1.5 : 1) * (kind ? 0.8 : 1));
-  body.measured.setMatrixAt(slot, scratch.compose(point(points.measured, row), STILL, scale));
-  body.measured.setColorAt(slot, kind_colours[kind]);
-  way.copy(point(points.error[state.model], row)).multiplyScalar(magnification());
-  const length = way.length();
-  if (length > 0) way.divideScalar(length);
-  else way.copy(UP);
-  const head = Math.min(0.5 * length, 6 * radius);
-  const width = Math.max(Math.min(1, length / (12 * radius)), 0.4) * (shown ? 1.8 : kind ? 0.7 : 1);
-  rod(body.shaft, slot, from, way, length - head, width);
-  rod(body.head, slot, from.addScaledVector(way, length - head), way, head, width);
-  const colour = colour_of(size[state.model][row]);
-  body.shaft.setColorAt(slot, colour);
-  body.head.setColorAt(slot, colour);
+  const shown = points.pose[row] === state.pose, next = points.pose[row] === state.next, kind = kind_of(points.pose[row]);
+  const from = triple(points.at[state.model], row);
+  const colour = measured ? WHITE : next ? plan_colours.blue : shown || state.whole ? kind_colours[0] : plan_colours.faint;
+  body.modelled.write(slot, { position: from, colour: bytes_of(colour), size: [shown || next ? 1.5 : measured || state.whole ? 1 : 0.8] });
+  if (!measured) return;
+  body.measured.write(slot,
+    { position: triple(points.measured, row), colour: bytes_of(kind_colours[kind]), size: [(shown ? 1.5 : 1) * (kind ? 0.8 : 1)] });
+  const vector = triple(points.error[state.model], row).map((value) => value * magnification());
+  const width = Math.max(Math.min(1, Math.hypot(...vector) / (12 * radius)), 0.4) * (shown ? 1.8 : kind ? 0.7 : 1);
+  body.vectors.write(slot, { position: from, way: vector, width: [width], colour: bytes_of(colour_of(size[state.model][row])) });
 }
 const AXES = [["#d62728", [1, 0, 0]], ["#2ca02c", [0, 1, 0]], ["#1f5fd6", [0, 0, 1]]]
   .map(([colour, axis]) => [new THREE.Color(colour), new THREE.Vector3(...axis)]);
@@ -97,35 +83,65 @@ function write_frames() { // at each measured point the modelled frame, thin, an
   let slot = 0;
   for (const row of oriented) {
     if (slots[row] < 0) continue;
-    const at = point(points.measured, row), length = (points.pose[row] === state.pose ? 24 : 14) * radius;
+    const at = triple(points.measured, row), length = (points.pose[row] === state.pose ? 24 : 14) * radius;
     const modelled = turned(points.attitude[state.model], 6 * row, 1);
     const magnified = turned(points.attitude[state.model], 6 * row + 3, state.turning[state.model]).multiply(modelled);
-    for (const [colour, axis] of AXES) {
-      rod(body.axes, slot, at, axis.clone().applyQuaternion(magnified), length, 1);
-      rod(body.modelled_axes, slot, at, axis.clone().applyQuaternion(modelled), 1.25 * length, 1);
-      body.axes.setColorAt(slot, colour);
-      body.modelled_axes.setColorAt(slot, colour);
-      slot++;
+    for (const [rgb, axis] of AXES) {
+      const of_rod = { position: at, width: [1], colour: bytes_of(rgb) };
+      body.axes.write(slot, { ...of_rod, way: axis.clone().applyQuaternion(magnified).multiplyScalar(length).toArray() });
+      body.modelled_axes.write(slot++, { ...of_rod, way: axis.clone().applyQuaternion(modelled).multiplyScalar(1.25 * length).toArray() });
     }
   }
-  body.axes.count = body.modelled_axes.count = slot;
+  body.axes.show(slot);
+  body.modelled_axes.show(slot);
 }
-const layer_meshes = () => [body.measured, body.modelled, body.shaft, body.head].filter(Boolean);
+const point_layers = () => [body.measured, body.modelled, body.vectors].filter(Boolean);
 function touch() {
-  for (const mesh of [...layer_meshes(), body.axes, body.modelled_axes].filter(Boolean)) {
-    mesh.instanceMatrix.needsUpdate = true;
-    if (mesh.instanceColor) mesh.instanceColor.needsUpdate = true;
-  }
+  for (const mesh of [...point_layers(), body.axes, body.modelled_axes].filter(Boolean))
+    for (const name in mesh.geometry.attributes) if (name !== "corner") mesh.geometry.attributes[name].needsUpdate = true;
   viewer.set_dirty();
+}
+let drawn = 0, hurried = false;
+const AT_ONCE = 3000; // points in a picture that moves: those with the largest errors, or some of all of a plan
+function show_points() {
+  for (const mesh of point_layers()) mesh.show(drawn, hurried && drawn > AT_ONCE / 10, hurried ? AT_ONCE : drawn);
 }
 function fill() {
   if (!points) return;
-  let count = 0;
-  for (let row = 0; row < total; row++) {
-    slots[row] = is_drawn(points.pose[row]) ? count++ : -1;
-    write_point(row);
-  }
+  const weight = measured ? size[state.model] : Float32Array.from({ length: total }, (_, row) => (0.618034 * row) % 1);
+  slots.fill(-1);
+  const rows = [];
+  for (let row = 0; row < total; row++) if (is_drawn(points.pose[row])) rows.push(row);
+  rows.sort((a, b) => weight[b] - weight[a]).forEach((row, slot) => (slots[row] = slot));
+  rows.forEach(write_point);
+  drawn = rows.length;
   write_frames();
-  for (const mesh of layer_meshes()) mesh.count = count;
+  show_points();
   touch();
+}
+
+// A picture that took long is coarser while watcher or robot move: 150 ms of rest draw everything again.
+const LONG = 40; // milliseconds
+let slow = false, eye = null, resting = 0;
+function hurry(on) {
+  if (hurried === on) return;
+  hurried = on;
+  for (const [whole, coarse] of looks) [whole.visible, coarse.visible] = [!on, on];
+  viewer.renderer.setPixelRatio(devicePixelRatio * (on ? 2 / 3 : 1));
+  if (points) show_points();
+}
+function at_its_pace(render) {
+  viewer.camera.updateMatrixWorld();
+  const moves = state.playing || (eye !== null && !eye.equals(viewer.camera.matrixWorld));
+  eye = viewer.camera.matrixWorld.clone();
+  hurry(slow && moves);
+  const start = performance.now();
+  render();
+  clearTimeout(resting);
+  if (moves) resting = setTimeout(() => viewer.set_dirty(), 150);
+  else {
+    const gl = viewer.renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits for the picture
+    slow = performance.now() - start > LONG;
+  }
 }

@@ -55,7 +55,7 @@ function on_way(from, to, part) { // commanded and effective joints between two 
 function show_next(from, to) { // the robot in the next pose, as a ghost, and the way of the first target to it
   const place = (theta) => places(data.robot, theta);
   const tip = (matrices) => target_places[0].clone().applyMatrix4(matrices[data.robot.tip]);
-  for (const twin of next_twins) twin.visible = to >= 0;
+  next_material.visible = to >= 0;
   body.way.count = to >= 0 ? WAY_PIECES : 0;
   set_label(now_label, `pose ${poses.ids[from]}`, tip(place(joint_row(poses.effective, from))));
   set_label(next_label, to >= 0 ? `next: pose ${poses.ids[to]}` : "", now_label.place);

@@ -49,25 +49,27 @@ function effective(q) { // the joint map: see irbcal.modeling.joint_map
 const ghost_material = new THREE.MeshPhongMaterial({
   color: 0xb7c9da, transparent: true, opacity: 0.42, depthWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1,
 });
-if (data.ghost)
-  for (const k of data.meshes) {
-    const body = viewer.scene_tree.find(["irbcal", "robot", String(k), "<object>"]).object;
-    const twin = new THREE.Mesh(body.geometry, ghost_material);
-    twin.renderOrder = 2;
-    viewer.set_object(["irbcal", "ghost", String(k)], twin);
+const body_of = (...path) => viewer.scene_tree.find(["irbcal", ...path, "<object>"]).object;
+const looks = []; // bodies of each link, and coarser ones where the robot has very many triangles
+if (data.coarse) for (const k of data.meshes.map(String)) looks.push([body_of("robot", k), body_of("robot", k, "coarse")]);
+function twin_of_robot(layer, material) {
+  const twin = (body, ...path) => {
+    const mesh = new THREE.Mesh(body.geometry, material);
+    mesh.renderOrder = 2;
+    viewer.set_object(["irbcal", layer, ...path], mesh);
+    return mesh;
+  };
+  for (const k of data.meshes.map(String)) {
+    const whole = twin(body_of("robot", k), k);
+    if (data.coarse) looks.push([whole, twin(body_of("robot", k, "coarse"), k, "coarse")]);
   }
-
-const next_twins = []; // the robot in the next pose of a plan
-const next_material = ghost_material.clone();
+}
+if (data.ghost) twin_of_robot("ghost", ghost_material);
+const next_material = ghost_material.clone(); // the robot in the next pose of a plan
 next_material.color.set(0x3f8fd8);
 next_material.opacity = 0.34;
-if (data.mode === "plan")
-  for (const k of data.meshes) {
-    const twin = new THREE.Mesh(viewer.scene_tree.find(["irbcal", "robot", String(k), "<object>"]).object.geometry, next_material);
-    twin.renderOrder = 2;
-    next_twins.push(twin);
-    viewer.set_object(["irbcal", "next", String(k)], twin);
-  }
+if (data.mode === "plan") twin_of_robot("next", next_material);
+for (const [, coarse] of looks) coarse.visible = false;
 
 function set_links(name, matrices) {
   for (const k of data.meshes)
