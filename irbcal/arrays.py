@@ -23,25 +23,9 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 NameArray: TypeAlias = NDArray[np.object_]
 """Names (str) in an array of objects."""
 
-LINE = 8
-"""Numbers in a line of the processor's cache."""
-
 K = TypeVar("K")
 V = TypeVar("V")
 S = TypeVar("S", bound=np.generic)
-
-
-def aligned(*shape: int) -> FloatArray:
-    """An empty array that starts with a line of the cache.
-
-    numpy's arithmetic takes half the time where what it writes starts so; `numpy.empty` gives a multiple of 16 bytes.
-    """
-    numbers = math.prod(shape)
-    if numbers < 64 * LINE:  # too few to be worth the search
-        return np.empty(shape)
-    buffer = np.empty(numbers + LINE)
-    first = -buffer.ctypes.data % (8 * LINE) // 8
-    return buffer[first : first + numbers].reshape(shape)
 
 
 @contextmanager

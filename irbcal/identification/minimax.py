@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned, row_arithmetic
+from irbcal.arrays import BoolArray, FloatArray, IntArray, row_arithmetic
 from irbcal.errors import IdentificationError
 from irbcal.identification.least_squares import Record, S, Solution, VectorProblem, distances, largest, line_search
 from irbcal.identification.problem import Problem, State
@@ -144,7 +144,7 @@ def _normal_matrix(v: FloatArray, beta: FloatArray, A: FloatArray) -> FloatArray
     Each is ``beta^-2 (2 g g^T - G^T diag(1, -1, -1, -1) G)`` with ``g = G^T (v0, -v1)``.
     """
     n, _, m = A.shape
-    stack = aligned(n, 4, m)
+    stack = np.empty((n, 4, m))
     a, scale = stack[:, 3], 1.0 / beta
     np.multiply(A[:, 0], v[1], out=a)
     for k in (1, 2):

@@ -37,6 +37,7 @@ def _loaded() -> tuple[Any, str]:
 
 _compiled, STATE = _loaded()
 Kernel, Motion = getattr(_compiled, "Kernel", None), getattr(_compiled, "Motion", None)
+cos_sin: Any = getattr(_compiled, "cos_sin", None)
 
 
 def made(numbers: dict[str, Any]) -> Any:

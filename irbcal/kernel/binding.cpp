@@ -44,6 +44,27 @@ struct Robot {
   double reach = 1.0, difference = 0.0, starts[6 * starts_of_all] = {};
 };
 
+// Cosines, then sines (2, n), of angles.
+template <class S>
+inline void cos_sin_of(const double* x, double* out, std::ptrdiff_t n) noexcept {
+  constexpr std::ptrdiff_t together = side_by_side<S>;
+  for (std::ptrdiff_t first = 0; first < n; first += together) {
+    const std::ptrdiff_t count = n - first < together ? n - first : together;
+    S sine, cosine;
+    if (count < together) {
+      sine_cosine(gathered<S>(x, 1, first, count), sine, cosine);
+      scatter(cosine, out, 1, first, count);
+      scatter(sine, out + n, 1, first, count);
+      return;
+    }
+    S angle;
+    std::memcpy(&angle, x + first, sizeof(S));
+    sine_cosine(angle, sine, cosine);
+    std::memcpy(out + first, &cosine, sizeof(S));
+    std::memcpy(out + n + first, &sine, sizeof(S));
+  }
+}
+
 // Four poses side by side where the processor adds four doubles at once; the few one by one.
 #if defined(SIDE_BY_SIDE)
 const bool wide = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
@@ -56,6 +77,7 @@ SIDE_BY_SIDE void effective_together(const Robot& r, const double* q, double* ou
 SIDE_BY_SIDE void jacobians_together(const Robot& r, const double* q, int reference, double* out, Py_ssize_t n) {
   jacobians_of<Lanes>(r, q, Stops{}, reference, out, n);
 }
+SIDE_BY_SIDE void cos_sin_together(const double* x, double* out, Py_ssize_t n) { cos_sin_of<Lanes>(x, out, n); }
 SIDE_BY_SIDE Py_ssize_t inverses_together(const Robot& r, const Wanted& w, Py_ssize_t n) { return inverses_of<Lanes>(r, w, n); }
 SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* out, bool* valid, Py_ssize_t n) {
   branches_of<Lanes>(r, T, out, valid, n);
@@ -77,6 +99,10 @@ void effectives(const Robot& r, const double* q, const Stops& stops, double* out
 void jacobians(const Robot& r, const double* q, const Stops& stops, int reference, double* out, Py_ssize_t n) {
   TOGETHER(jacobians, !stops.known(), r, q, reference, out, n);
   jacobians_of<double>(r, q, stops, reference, out, n);
+}
+void cos_sin(const double* x, double* out, Py_ssize_t n) {
+  TOGETHER(cos_sin, true, x, out, n);
+  cos_sin_of<double>(x, out, n);
 }
 Py_ssize_t inverses(const Robot& r, const Wanted& w, Py_ssize_t n) {
   TOGETHER(inverses, true, r, w, n);
@@ -186,6 +212,17 @@ PyObject* kernel_effective(PyObject* self, PyObject* const* args, Py_ssize_t cou
   if (!a.take(r, args[0], args[1], false, args[2], r.joints)) Py_RETURN_FALSE;
   unlocked(a.q.rows(), [&] { effectives(r, a.q.data(), a.stops, a.out.data(), a.q.rows()); });
   Py_RETURN_TRUE;
+}
+
+PyObject* cos_sin_of_angles(PyObject*, PyObject* const* args, Py_ssize_t count) {
+  if (!count_is(count, 2)) return nullptr;
+  Array x, out;
+  if (!x.take(args[0]) || !out.take(args[1], true) || out.size() != 2 * x.size()) {
+    PyErr_SetString(PyExc_ValueError, "expected rows of doubles, and twice as many for their cosines and sines");
+    return nullptr;
+  }
+  unlocked(x.size(), [&] { cos_sin(x.data(), out.data(), x.size()); });
+  Py_RETURN_NONE;
 }
 
 PyObject* kernel_map_slopes(PyObject* self, PyObject* const* args, Py_ssize_t count) {
@@ -663,7 +700,10 @@ int on_import(PyObject* module) {
 }
 
 PyModuleDef_Slot module_slots[] = {{Py_mod_exec, reinterpret_cast<void*>(on_import)}, {0, nullptr}};
-PyModuleDef module = {PyModuleDef_HEAD_INIT, "compiled", "The compiled kernel.", 0, nullptr, module_slots, nullptr, nullptr, nullptr};
+PyMethodDef functions[] = {
+    {"cos_sin", method(cos_sin_of_angles), METH_FASTCALL, "cos_sin(angles, out): cosines and sines (2, ...)"},
+    {nullptr, nullptr, 0, nullptr}};
+PyModuleDef module = {PyModuleDef_HEAD_INIT, "compiled", "The compiled kernel.", 0, functions, module_slots, nullptr, nullptr, nullptr};
 
 }  // namespace
 

@@ -22,7 +22,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, Locked, aligned, handed_on, lock, row_arithmetic
+from irbcal.arrays import BoolArray, FloatArray, Locked, handed_on, lock, row_arithmetic
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import DEG, MM
@@ -175,7 +175,7 @@ def _walk(
 ) -> FloatArray:
     """The tip's x, y, z axes and origin, (4, 3, n); ``store`` (6, joints, 3, n) takes what `ChainFrames` has."""
     cosines, sines = cos_sin(joints)
-    axes, tip, spare = (aligned(k, 3, joints.shape[1]) for k in (4, 4, 2))
+    axes, tip, spare = (np.empty((k, 3, joints.shape[1])) for k in (4, 4, 2))
     axes[:] = T_base_0[:3].T[:, :, None]
     x, y, z, o = axes
     for i, (alpha, a, theta, d, beta, b, slides) in enumerate(table.rows):
@@ -217,7 +217,7 @@ def chain_frames(
     T_last_tip : ndarray, shape (4, 4), optional
         Identity unless given.
     """
-    store = aligned(6, len(joints), 3, joints.shape[1])
+    store = np.empty((6, len(joints), 3, joints.shape[1]))
     tip = _walk(table, joints, T_base_0, T_last_tip, store)
     x_before, o_before, z, o, y_tilt, o_tilt = handed_on(store)
     return ChainFrames(x_before, o_before, z, o, y_tilt, o_tilt, handed_on(tip))

@@ -1,9 +1,17 @@
-"""Cosines and sines against mpmath."""
+"""Cosines and sines against mpmath, by the compiled kernel and by numpy."""
 
 import mpmath
 import numpy as np
+import pytest
 
+from irbcal import kernel
 from irbcal.modeling.cos_sin import cos_sin
+
+
+@pytest.fixture(autouse=True, params=["as installed", "numpy"])
+def path(request, monkeypatch):
+    if request.param == "numpy":
+        monkeypatch.setattr(kernel, "Kernel", None)
 
 
 def test_against_mpmath():
@@ -27,3 +35,7 @@ def test_quarter_turns_and_shapes():
     assert cos_sin(np.zeros(3))[0].tolist() == [1.0, 1.0, 1.0]
     with np.errstate(invalid="ignore"):
         assert np.isnan(cos_sin(np.array([np.nan, np.inf]))).all()
+    assert np.array_equal(
+        cos_sin(np.arange(40.0).reshape(5, 8).T), np.transpose(cos_sin(np.arange(40.0).reshape(5, 8)), (0, 2, 1))
+    )
+    assert [value.shape for value in cos_sin(0.5)] == [(), ()]

@@ -20,9 +20,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import AXES, Basis, Family, Term, revolute
-from irbcal.modeling.terms.waves import Combinations, Expansion, expanded_lever
+from irbcal.modeling.terms.waves import Expansion, Turns, expanded_lever
 
 SIZE = 3e-4
 VECTORS = ("x", "y", "z")
@@ -84,9 +85,8 @@ class Gravity(Basis):
         )
         if waves is None:
             return self.values(terms, situation)
-        out = np.zeros((len(terms), len(situation.motion)))
-        out[waves.targets] = waves.values @ waves.cosines_and_sines(situation.motion.q.T)
-        return out
+        turns, weights = waves
+        return np.asarray(weights @ np.concatenate(cos_sin(turns @ situation.motion.q.T)))
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
         """Waves of the joints that carry the axis or the link."""
@@ -113,11 +113,24 @@ class _Turning:
 
 
 @lru_cache(maxsize=32)
-def _waves(turning: _Turning, levers: tuple[Lever, ...], gravity: tuple[float, ...]) -> Combinations | None:
-    """Levers of an arm as waves, numbered in their order; None where one has too many."""
-    expansions = [expanded_lever(turning.arm, *lever, gravity) for lever in levers]
-    waves = [(k, *wave) for k, lever in enumerate(expansions) if lever is not None for wave in lever.items()]
-    return None if None in expansions else Combinations.of(waves, len(turning.arm.joint_names))
+def _waves(
+    turning: _Turning, levers: tuple[Lever, ...], gravity: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Levers of an arm as waves: turns (waves, joints), weights of cosines and sines (levers, 2 waves).
+
+    None where a lever has too many.
+    """
+    column: dict[Turns, int] = {}
+    entries = []
+    for row, lever in enumerate(levers):
+        expansion = expanded_lever(turning.arm, *lever, gravity)
+        if expansion is None:
+            return None
+        entries += [(row, column.setdefault(turns, len(column)), weight) for turns, weight in expansion.items()]
+    weights = np.zeros((2, len(levers), len(column)))
+    for row, wave, weight in entries:
+        weights[:, row, wave] = weight.real, -weight.imag
+    return np.array([*column]).reshape(-1, len(turning.arm.joint_names)), np.hstack([*weights])
 
 
 def _vector(term: Term) -> tuple[float, ...]:

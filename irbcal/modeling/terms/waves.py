@@ -11,19 +11,15 @@ P_- exp(-i q)`` for every joint between the axis and the link: `expanded_lever`.
 from __future__ import annotations
 
 import cmath
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Mapping
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.cos_sin import cos_sin
 
-ComplexArray: TypeAlias = NDArray[np.complex128]
 Turns: TypeAlias = tuple[float, ...]
 """Whole numbers of turns of each joint; the first that is not zero is positive."""
 Expansion: TypeAlias = Mapping[Turns, complex]
@@ -31,96 +27,8 @@ Expansion: TypeAlias = Mapping[Turns, complex]
 
 MOST = 400
 """Waves that a lever may have: a wrist's have some tens."""
-FEW = 64
-"""Poses for which products of exponentials take longer than cosines and sines."""
 NOTHING = 1e-18
 """Weights below are rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class Combinations:
-    """Waves of combinations of joints.
-
-    Attributes
-    ----------
-    turns : ndarray, shape (waves, joints)
-    targets : ndarray of int, shape (targets,)
-        Joints that they move.
-    weights : ndarray of complex, shape (targets, waves)
-    """
-
-    turns: FloatArray
-    targets: IntArray
-    weights: ComplexArray
-
-    @staticmethod
-    def of(waves: Sequence[tuple[int, Turns, complex]], joints: int) -> Combinations:
-        """From the joint moved, the turns and the weight of each."""
-        column = {turns: k for k, turns in enumerate(dict.fromkeys(turns for _, turns, _ in waves))}
-        targets = np.unique(np.array([joint for joint, _, _ in waves], dtype=int))
-        weights = np.zeros((len(targets), len(column)), dtype=complex)
-        for joint, turns, weight in waves:
-            weights[np.searchsorted(targets, joint), column[turns]] += weight
-        return Combinations(np.array(list(column), dtype=float).reshape(-1, joints), targets, weights)
-
-    @cached_property
-    def values(self) -> FloatArray:
-        """What multiplies cosines and sines, shape (targets, 2 waves)."""
-        return np.hstack([self.weights.real, -self.weights.imag])
-
-    @cached_property
-    def _products(self) -> tuple[list[tuple[int, int, int]], IntArray, IntArray]:
-        """How exponentials of combinations are made of those of joints, where that takes fewer cosines and sines.
-
-        Returns
-        -------
-        steps : list of (int, int, int)
-            Each product: the one that it is made from (-1: one), and a joint whose exponential (1) or its conjugate
-            (-1) it takes.
-        product : ndarray of int
-            Of each wave; -1 for those that are computed by themselves.
-        joints : ndarray of int
-            Whose exponentials are needed.
-        """
-        step_of: dict[Turns, int] = {}
-        steps: list[tuple[int, int, int]] = []
-
-        def product(turns: Turns) -> int:
-            if turns not in step_of:
-                last = max(k for k, n in enumerate(turns) if n)
-                less = (*turns[:last], 0.0, *turns[last + 1 :])
-                steps.append((product(less) if any(less) else -1, last, int(turns[last])))
-                step_of[turns] = len(steps) - 1
-            return step_of[turns]
-
-        every = [tuple(row) for row in self.turns.tolist()]
-        chosen = [turns for turns in every if set(map(abs, turns)) <= {0.0, 1.0}]
-        joints = np.flatnonzero(np.any(np.array(chosen).reshape(-1, self.turns.shape[1]), axis=0))
-        if len(chosen) <= 2 * len(joints):
-            return [], np.full(len(every), -1), joints[:0]
-        return steps, np.array([product(turns) if turns in chosen else -1 for turns in every]), joints
-
-    def cosines_and_sines(self, q: FloatArray) -> FloatArray:
-        """Of the waves at joints q (joints, n), shape (2 waves, n)."""
-        steps, product, joints = self._products
-        n, count = q.shape[1], len(self.turns)
-        out = np.empty((2, count, n))
-        if not steps or n < FEW:
-            cos_sin(self.turns @ q, out=out)
-            return out.reshape(2 * count, n)
-        phasors = np.empty((len(joints), n), dtype=complex)
-        phasors.real, phasors.imag = cos_sin(q[joints])
-        factors = {sign: dict(zip(joints.tolist(), z, strict=True)) for sign, z in ((1, phasors), (-1, phasors.conj()))}
-        products = np.empty((len(steps), n), dtype=complex)
-        for k, (parent, joint, sign) in enumerate(steps):
-            products[k] = factors[sign][joint]
-            if parent >= 0:
-                products[k] *= products[parent]
-        by_product = product >= 0
-        out[0, by_product], out[1, by_product] = products.real[product[by_product]], products.imag[product[by_product]]
-        if not by_product.all():
-            out[:, ~by_product] = cos_sin(self.turns[~by_product] @ q)
-        return out.reshape(2 * count, n)
 
 
 def summed(expansions: Iterable[Expansion | None]) -> Expansion | None:

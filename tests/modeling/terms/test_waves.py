@@ -1,7 +1,6 @@
 """Terms as waves: against the functions that they stand for."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import arm
@@ -11,7 +10,7 @@ from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.terms.gravity import Gravity
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.waves import Combinations, expanded_lever
+from irbcal.modeling.terms.waves import expanded_lever
 
 DOWN = (0.0, 0.0, -1.0)
 
@@ -51,13 +50,3 @@ def test_a_wrist_has_tens_of_waves_and_a_long_chain_too_many():
     anyhow = random_arm(np.random.default_rng(1), 9, False)
     anyhow = anyhow.with_table(DHMTable(*(getattr(anyhow.table, k) for k in ("alpha", "a", "theta", "d", "beta", "b"))))
     assert expanded_lever(anyhow, 0, 8, (0.1, 0.2, 0.3), DOWN) is None
-
-
-@pytest.mark.parametrize("n", [1, 33, 200])
-def test_products_of_exponentials_are_cosines_and_sines_of_sums(n):
-    rng = np.random.default_rng(3)
-    keys = [(int(rng.integers(0, 6)), tuple(float(x) for x in rng.integers(-1, 2, 6))) for _ in range(150)]
-    waves = Combinations.of([(*key, 1.0 + 0.0j) for key in keys], 6)
-    q = rng.uniform(-3, 3, (6, n))
-    expected = np.vstack([np.cos(waves.turns @ q), np.sin(waves.turns @ q)])
-    np.testing.assert_allclose(waves.cosines_and_sines(q), expected, rtol=0, atol=1e-14)
