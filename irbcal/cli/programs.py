@@ -96,7 +96,7 @@ def where(text: str, maker: Maker | None) -> tuple[FloatArray, FloatArray]:
         pieces = []
     sizes = [len(piece) for piece in pieces]
     if maker is None or sizes != [6, 6] or not (np.abs(np.array(pieces)) < LARGEST_MM).all():
-        raise typer.BadParameter(f"expected six joints=six numbers of the pose, found {text!r}", param_hint="--where")
+        raise typer.BadParameter(f"expected J1,…,J6=X,Y,Z,O,A,T, found {text!r}", param_hint="--where")
     return np.array(pieces[0]) * maker.joint, maker.poses(np.array([pieces[1]]))[0]
 
 

@@ -19,7 +19,7 @@ from irbcal.errors import IrbcalError
     flags={"q": "--joints"},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
-        "q": "CSV with the columns q1_deg … q6_deg (q1_mm of a rail): commanded joints; - for standard input.",
+        "q": "CSV with columns q1_deg, q2_deg … (or q1_rad …, q1_mm of a rail): commanded joints; - for stdin.",
     },
 )
 def fk(options: dict[str, Any], json: JsonLines = False) -> None:

@@ -59,7 +59,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import csv_bytes
-from irbcal.options import names, number, pulses_per_degree
+from irbcal.options import names, number, pulses_per_degree, shown
 from irbcal.safe_files import refuse_overwriting, write_set
 from irbcal.units import MM
 
@@ -579,8 +579,11 @@ def joints_of_place(name: str, q: ArrayLike | None, nominal: Arm, language: lang
         joints = np.array(q, dtype=float)
     except (TypeError, ValueError):
         joints = np.zeros(0)
-    if joints.shape != (6,) or not nominal.six_revolute:
-        raise OptionError(f"{name}: expected six joints of an arm with six revolute joints", parameter=name)
+    if not nominal.six_revolute:
+        message = f"{name} is for arms with six revolute joints, {nominal.name} has {nominal.joints_listed}"
+        raise OptionError(message, parameter=name)
+    if joints.shape != (6,):
+        raise OptionError(f"{name}: expected six joints, found {shown(q)}", parameter=name)
     maker = language.MAKER
     joints = nominal.from_controller(joints[None])[0] if maker is None else maker.of(nominal).joints(joints)
     if not ((joints >= nominal.lower - BEYOND) & (joints <= nominal.upper + BEYOND)).all():

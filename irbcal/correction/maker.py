@@ -125,7 +125,9 @@ class Maker(Locked):
             If it is not six revolute joints that point as in the maker's URDFs.
         """
         if not arm.six_revolute:
-            raise ProgramError(f"{self.name} targets are of six revolute joints, {arm.name} has others", file=source)
+            raise ProgramError(
+                f"{self.name} targets are of six revolute joints, {arm.name} has {arm.joints_listed}", file=source
+            )
         axes = axes_of(arm)
         if self.axes and axes != self.axes:
             raise ProgramError(

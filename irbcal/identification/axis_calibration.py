@@ -306,7 +306,9 @@ def calibrate_by_axes(
         If there is no such way with parallel axes.
     """
     if not arm.six_revolute:
-        raise IdentificationError(f"the method circles is for arms with six revolute joints, {arm.name} has others")
+        raise IdentificationError(
+            f"the method circles is for arms with six revolute joints, {arm.name} has {arm.joints_listed}"
+        )
     axes = measure_axes(points)
     moves = axes.moves
     places_in_tip = _known(known_targets, moves.target_names)

@@ -80,6 +80,7 @@ def _within(expected: str, most: float, unit: float = 1.0) -> ColumnKind:
 DECLARED: Mapping[str, ColumnKind] = {
     r"q[1-9]\d?_deg": _within("a joint angle in degrees", LARGEST_ANGLE_DEG, DEG),
     r"c[1-9]\d?_deg": _within("a programmed joint angle in degrees", LARGEST_ANGLE_DEG, DEG),
+    r"[qc][1-9]\d?_rad": _within("a joint angle in radians", LARGEST_ANGLE_DEG * DEG),
     r"q[1-9]\d?_mm": _within("a joint's travel in mm", LARGEST_POSITION_MM, MM),
     r"c[1-9]\d?_mm": _within("a joint's programmed travel in mm", LARGEST_POSITION_MM, MM),
     r"[xyz]_mm": _within("a position within 1 km in mm", LARGEST_POSITION_MM, MM),
@@ -656,16 +657,14 @@ def check_header(
         twice = [k for k in set(numbered) if numbered.count(k) > 1]
         if twice:
             raise MeasurementError(f"joint {twice[0]} stands there in degrees and in mm", file=source, row=row)
-        last = numbered[-1] if numbered else len(JOINTS)
+        last = numbered[-1] if numbered else 1
         joints = [f"q{k}_deg" for k in range(1, last + 1) if f"q{k}_mm" not in names]
         position = required.index(ALL_JOINTS)
         required = [*required[:position], *joints, *required[position + 1 :]]
     missing = [name for name in required if name not in names]
     if missing:
         hint = ""
-        if any(name.removesuffix("_deg") + "_rad" in names for name in missing):
-            hint = "; joints are expected in degrees (q1_deg … q6_deg), found radians"
-        elif any(name.removesuffix("_mm") + "_m" in names for name in missing):
+        if any(name.removesuffix("_mm") + "_m" in names for name in missing):
             hint = "; positions are expected in millimetres (x_mm, y_mm, z_mm), found metres"
         raise MeasurementError(
             f"missing column {', '.join(missing)}; found {listed(names)}{hint}", file=source, row=row

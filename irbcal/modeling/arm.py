@@ -87,6 +87,13 @@ class Arm:
         return [f"q{i}_{'mm' if slides else 'deg'}" for i, slides in enumerate(self.table.prismatic, start=1)]
 
     @property
+    def joints_listed(self) -> str:
+        """How many joints there are, their names and which of them slide, for messages."""
+        slides = self.table.prismatic.tolist()
+        names = (f"{name} slides" if k else name for name, k in zip(self.joint_names, slides, strict=True))
+        return f"{len(slides)} ({', '.join(names)})"
+
+    @property
     def joint_units(self) -> FloatArray:
         """SI value of one unit of each column of `joint_columns`, shape (n,)."""
         return np.where(self.table.prismatic, MM, DEG)
@@ -155,7 +162,9 @@ class Arm:
     @cached_property
     def _bending(self) -> tuple[FloatArray, Stiffness]:
         if not self.six_revolute:
-            raise RobotError(f"the arm-stiffness model is for six revolute joints, {self.name} has others")
+            raise RobotError(
+                f"the arm-stiffness model is for six revolute joints, {self.name} has {self.joints_listed}"
+            )
         chain = dhm.chain_frames(self.table, self.table.offsets[:, None], self.T_base_0)
         z, o = chain.z[:, :, 0], chain.o[:, :, 0]
         axis = z[1]

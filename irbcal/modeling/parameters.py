@@ -150,7 +150,7 @@ def level_parameters(level: str, arm: Arm | None = None) -> tuple[Parameter, ...
         if level == "nominal" or arm is None or arm.six_revolute:
             return tuple(parameter(name) for name in THESIS_LEVELS[level])
         raise IdentificationError(
-            f"model {level} is for arms with six revolute joints, {arm.name} has {_joints(arm)}: choose one of "
+            f"model {level} is for arms with six revolute joints, {arm.name} has {arm.joints_listed}: choose one of "
             f"{', '.join(GENERAL_LEVELS)}",
             parameter="model",
         )
@@ -160,12 +160,6 @@ def level_parameters(level: str, arm: Arm | None = None) -> tuple[Parameter, ...
         kinds: tuple[Kind, ...] = GEOMETRIC if level == "placement" else ("d",) if slides[i - 1] else ("theta",)
         names += [f"delta_{kind}{i}" for kind in kinds]
     return tuple(parameter(name) for name in names)
-
-
-def _joints(arm: Arm) -> str:
-    slides = int(arm.table.prismatic.sum())
-    turns = len(arm.joint_names) - slides
-    return f"{turns} revolute and {slides} prismatic" if slides else f"{turns}"
 
 
 def all_names(arm: Arm | None = None) -> tuple[str, ...]:

@@ -134,7 +134,7 @@ def _of_the_thesis(
     import pinocchio as pin
 
     if not arm.six_revolute:
-        raise RobotError(f"the arm-stiffness model is for six revolute joints, {arm.name} has others")
+        raise RobotError(f"the arm-stiffness model is for six revolute joints, {arm.name} has {arm.joints_listed}")
     theta = np.zeros(6)
     if wrist is not None:
         theta[3:] = wrist

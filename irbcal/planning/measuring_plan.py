@@ -290,7 +290,7 @@ def _fault(arm: Arm, language: languages.Language, request: PlanRequest) -> str:
     if language.write_moves is None:
         return f"{language.NAME} has no moves to write"
     if not arm.six_revolute:
-        return f"{language.NAME} programs are of six revolute joints, {arm.name} has others"
+        return f"{language.NAME} programs are of six revolute joints, {arm.name} has {arm.joints_listed}"
     if language.MAKER is not None and language.MAKER.pulses and not request.pulses:
         return f"{language.NAME} holds pulses: give the pulses per degree of the six joints (--pulses)"
     try:

@@ -848,7 +848,8 @@ def ballbar(
     saved = open_calibration(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     if joints is None and len(nominal.joint_names) != len(CENTER_JOINTS):
-        raise OptionError(f"{nominal.name} has not six joints: give those in the circle's centre", parameter="joints")
+        message = f"give the joints in the circle's centre: {nominal.name} has {nominal.joints_listed}"
+        raise OptionError(message, parameter="joints")
     q = nominal.check_joints(CENTER_JOINTS if joints is None else joints)[0]
     T_tip_tcp = tool_frame(tool)
     path = circle(nominal, q, bar, T_tip_tcp, normal, start, height, tilt)

@@ -337,7 +337,10 @@ def _missed(problem: FeatureProblem, state: FeatureState) -> tuple[FloatArray, F
         across = np.linalg.pinv(
             of_group.residuals.point @ R, rcond=0.3
         )  # along the view images tell little: it is left out
-        shift[group.rows] = -np.einsum("mik,mk->mi", across, of_group.residuals.r)
+        ways = -np.einsum("mik,mk->mi", across, of_group.residuals.r)
+        if of_group.residuals.size is not None:  # a picture: as long as its corners miss, as in the report
+            ways *= (of_group.residuals.size / np.maximum(np.linalg.norm(ways, axis=1), 1e-15))[:, None]
+        shift[group.rows] = ways
         origin[group.rows] = of_group.p
         if group.kind.name == "offset-on-tool":  # where the sensor says that the ball is
             origin[group.rows] = of_group.values["centre"] - shift[group.rows]

@@ -100,7 +100,7 @@ WRONG = (
     (["--pulses", "a,b"], "expected 6 numbers"),
     (["--tool", "1=0,0"], "expected NAME="),
     (["--frame", "0,0,0,0,0,0"], "expected NAME="),
-    (["--where", "1,2,3"], "expected six joints=six numbers"),
+    (["--where", "1,2,3"], "expected J1,…,J6=X,Y,Z,O,A,T"),
 )
 
 

@@ -1,8 +1,10 @@
 """Motions that are corrected as a whole: the calibrated robot's tip against the nominal one's, along the way."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from history_cases import sided_robot
 from support import arm, example_robot, random_robot
@@ -10,6 +12,7 @@ from support import arm, example_robot, random_robot
 import irbcal
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import ros
+from irbcal.correction.languages import table as csv_program
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import urdf
 from irbcal.modeling.robot import Robot
@@ -150,6 +153,25 @@ def test_what_is_written_is_read(tmp_path, name, known):
         else:
             assert one == pytest.approx(expected, abs=1e-11)
     assert found.names == nominal.joint_names
+
+
+def test_joints_speeds_and_accelerations_in_radians_are_the_same_motion_and_stay_radians(tmp_path):
+    robot, nominal = frame_robot()
+    names = nominal.joint_columns
+    degrees = motion(nominal).to_frame()
+    radians = degrees.rename(columns=lambda name: name.replace("_deg", "_rad"))
+    radians[radians.columns[1:]] = np.radians(degrees[degrees.columns[1:]])
+    written = []
+    for table in (degrees, radians):
+        path = tmp_path / "a.csv"
+        table.to_csv(path, index=False, float_format="%.15g")
+        assert irbcal.read_trajectory(path, "irb120").dq == pytest.approx(motion(nominal).dq, abs=1e-12)
+        found = filter_program(robot, nominal, csv_program.along_time(csv_program.read(path), nominal), "abc")
+        written.append(pd.read_csv(io.BytesIO(found.files[str(path)])))
+    assert list(written[1].columns[1:-1]) == [name.replace("_deg", "_rad") for name in written[0].columns[1:-1]]
+    values = [table[table.columns[1:-1]].to_numpy() for table in written]
+    assert np.degrees(values[1]) == pytest.approx(values[0], abs=2e-6)  # six decimals of degrees, eight of radians
+    assert np.abs(written[0][names] - degrees[names]).max().max() > 1e-3
 
 
 def test_other_files_are_refused(tmp_path):

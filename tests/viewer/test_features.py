@@ -146,7 +146,9 @@ def test_cameras_and_boards_are_drawn_where_they_stand():
         assert np.linalg.norm(drawn[f"{kind} 0"].T_scene[:3, 3] - at) < 2e-3
         np.testing.assert_allclose(drawn[f"{kind} 0"].T_scene[:3, 2], own["attitude"][:, 2], atol=2e-3)
         assert len(scene.points.pose) == 12
-        assert np.linalg.norm(scene.points.measured - scene.points.calibrated, axis=1).max() < 1e-4
+        for model in ("calibrated", "nominal"):  # the millimetres of the report
+            said = np.array(getattr(found.record.points, f"{model}_mm"))
+            assert scene.points.distance(model) / MM == pytest.approx(said, abs=1e-6)
 
 
 def test_a_level_and_the_frame_of_whole_poses_have_bodies():

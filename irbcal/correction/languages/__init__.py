@@ -267,7 +267,9 @@ def write(language: Language, moves: Moves) -> dict[str, bytes]:
     if language.MAKER is not None:
         language.MAKER.check(moves.arm, moves.arm.name)
     elif not moves.arm.six_revolute:
-        raise ProgramError(f"{language.NAME} moves are of six revolute joints, {moves.arm.name} has others")
+        raise ProgramError(
+            f"{language.NAME} moves are of six revolute joints, {moves.arm.name} has {moves.arm.joints_listed}"
+        )
     contents = {name: text.encode("ascii") for name, text in language.write_moves(moves).items()}
     setup = ControllerSetup({}, {}, unknown_frames(), moves.pulses)
     with tempfile.TemporaryDirectory() as folder:

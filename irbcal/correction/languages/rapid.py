@@ -2045,7 +2045,9 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
     Tools and work objects that one of them defines in numbers serve all others of its task.
     """
     if not arm.six_revolute:
-        raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=files[0])
+        raise ProgramError(
+            f"RAPID targets are of six revolute joints, {arm.name} has {arm.joints_listed}", file=files[0]
+        )
     contents, _ = each_read(files, read_bytes)
     instructions = _instructions(contents, setup.instructions.get("rapid", {}))
     modules, unread = each_read(files, lambda path: Literals(_listing(read_bytes(path), str(path)), instructions))

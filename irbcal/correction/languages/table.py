@@ -1,8 +1,8 @@
 """Programs as CSV: one target in each row, joints or poses of the tip in the base link.
 
-The columns are those of the arm's joints, such as ``q1_deg`` … ``q6_deg``, or ``x_mm``, ``y_mm``, ``z_mm``, ``qw``,
-``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. Joints with a column ``time_s`` are one
-motion (`irbcal.correction.languages.table`). A corrected file bears a column
+The columns are those of the arm's joints, such as ``q1_deg`` … ``q6_deg`` (or ``q1_rad`` …), or ``x_mm``, ``y_mm``,
+``z_mm``, ``qw``, ``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. Joints with a column
+``time_s`` are one motion (`irbcal.correction.languages.table`). A corrected file bears a column
 ``irbcal_filtered`` with the fingerprint of the calibration. Errors name the file, the row (line of the file, the header
 being line 1) and the column.
 """
@@ -51,6 +51,7 @@ from irbcal.measurement.columns import (
 )
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import ENDS, Trajectory
+from irbcal.units import DEG
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -175,7 +176,7 @@ def with_values(
 
 def _new_column(name: str, values: FloatArray, text: NameArray, chosen: BoolArray) -> tuple[str, NameArray]:
     """Format and cells of a column with new values for the chosen rows."""
-    decimals = QUATERNION_DECIMALS if name in QUATERNION else DECIMALS
+    decimals = QUATERNION_DECIMALS if name in QUATERNION else DECIMALS + 2 * ("_rad" in name)
     form = f"%.{decimals}f"
     rounded = np.round(values, decimals) + 0.0  # no negative zero
     if chosen.all():
@@ -232,7 +233,8 @@ class TimedTable(TableProgram):
             return {self.source: self.data}
         counted = _counted(self.commands, self.arm.to_controller(np.eye(len(self.columns))).T)
         frame = counted.to_frame()
-        more = {name: frame[name].to_numpy() for name in frame.columns if name[0] in "va"}
+        names = _as_written([name for name in frame.columns if name[0] in "va"], self.table.columns)
+        more = {name: frame[of].to_numpy() * (1.0 if name == of else DEG) for of, name in names.items()}
         return {self.source: with_values(self, fake.q, fingerprint, more=more)}
 
 
@@ -262,9 +264,12 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
         times = InputTable(table, source).numbers(TIME, expected="a time in seconds")
         for letter, end in ENDS[1:]:
             columns = [f"{letter}{name[1:]}{end}" for name in arm.joint_columns]
-            if any(name in table.columns for name in columns):
-                check_header(list(table.columns), columns, source)
-                found[letter] = InputTable(table, source).si(columns) * arm.joint_units
+            names = _as_written(columns, table.columns)
+            if any(name in table.columns for name in names.values()):
+                check_header(list(table.columns), list(names.values()), source)
+                as_written = np.array([name == of for of, name in names.items()])
+                units = np.where(as_written, arm.joint_units, 1.0)
+                found[letter] = InputTable(table, source).si(list(names.values())) * units
     except MeasurementError as error:
         refusal = ProgramError(str(error))
         refusal.file, refusal.row, refusal.column = error.file, error.row, error.column
@@ -376,9 +381,15 @@ def _mark_of(table: pd.DataFrame) -> str | None:
     return marks[0] if marks else None
 
 
+def _as_written(names: Sequence[str], header: Sequence[str] | pd.Index) -> dict[str, str]:
+    """Columns of degrees (``q1_deg``, ``v1_deg_s``) and what a header has for them, such as ``q1_rad``."""
+    radians = {name: name.replace("_deg", "_rad") for name in names}
+    return {name: radians[name] if radians[name] in header else name for name in names}
+
+
 def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kind, tuple[str, ...]]:
     """Joints or poses and their columns, from the header."""
-    kinds: dict[Kind, tuple[str, ...]] = {"joint": tuple(joints), "pose": tuple(POSE)}
+    kinds: dict[Kind, tuple[str, ...]] = {"joint": tuple(_as_written(joints, names).values()), "pose": tuple(POSE)}
     complete = {kind: all(name in names for name in columns) for kind, columns in kinds.items()}
     if all(complete.values()):
         raise ProgramError("expected columns of joints or of poses, found both", file=source, row=1)
@@ -386,7 +397,7 @@ def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kin
         if all_there:
             return kind, kinds[kind]
     for columns in kinds.values():
-        metric = [name.replace("_deg", "_rad").replace("_mm", "_m") for name in columns]
+        metric = [name.replace("_mm", "_m") for name in columns]
         if any(name in names for name in (*columns, *metric)):
             check_header(names, columns, source)
     expected = f"columns {joints[0]} … {joints[-1]} (joints) or {', '.join(POSE)} (poses)"

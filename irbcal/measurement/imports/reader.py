@@ -18,7 +18,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.columns import POSITION, QUATERNION, joint_columns, programmed_columns
+from irbcal.measurement.columns import POSITION, QUATERNION, in_degrees, joint_columns, programmed_columns
 from irbcal.measurement.imports import tables
 from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap, JointRules, has_field
 from irbcal.measurement.imports.tables import (
@@ -678,9 +678,10 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
         programmed = layout.columns.programmed or ()
     else:
         header = text.names or ()
-        names = columns = joint_columns(header)
-        programmed = programmed_columns(header, str(path))
-        units = [name.rpartition("_")[2] for name in columns]
+        as_written = {in_degrees(name): name for name in header}
+        names = spelt = [as_written[name] for name in joint_columns(as_written)]
+        programmed = [as_written[name] for name in programmed_columns(as_written, str(path))]
+        units = [name.rpartition("_")[2] for name in spelt]
         pose, group = ("pose" if "pose" in header else None), ("group" if "group" in header else None)
         target = "target" if "target" in header else None
         if not names:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import POSITION, QUATERNION, split_cells
+from irbcal.measurement.columns import POSITION, QUATERNION, in_degrees, split_cells
 from irbcal.measurement.imports.column_map import RESERVED, Column, Dialect, ImportMap, pattern_regex
 from irbcal.safe_files import read_bytes, zip_archive, zip_member
 from irbcal.units import DEG, MM
@@ -126,11 +126,13 @@ class TextTable:
 
     @cached_property
     def _places(self) -> tuple[dict[str, list[int]], ...]:
-        """Places of the header's names in three spellings, from the strictest to the loosest."""
-        spellings: tuple[dict[str, list[int]], ...] = ({}, {}, {})
+        """Places of the header's names in four spellings, from the strictest to the loosest."""
+        spellings: tuple[dict[str, list[int]], ...] = ({}, {}, {}, {})
         for k, name in enumerate(self.names or ()):
             bare = _without_unit(name)[0]
-            for by_spelling, text in zip(spellings, (name, _folded(name), _folded(bare)), strict=True):
+            for by_spelling, text in zip(
+                spellings, (name, _folded(name), _folded(bare), in_degrees(name)), strict=True
+            ):
                 by_spelling.setdefault(text, []).append(k)
         return spellings
 
@@ -143,7 +145,8 @@ class TextTable:
     def find(self, column: str | int, use: str, optional: bool = False) -> int | None:
         """Index of a column.
 
-        Names are compared as they are, then without regard to case and blanks, then without a unit in brackets.
+        Names are compared as they are, then without regard to case and blanks, then without a unit in brackets; then
+        ``q1_rad`` serves for ``q1_deg``.
 
         Parameters
         ----------
@@ -172,7 +175,8 @@ class TextTable:
                 f"the name {column!r}",
                 file=self.source,
             )
-        for by_spelling, text in zip(self._places, (column.strip(), _folded(column), _folded(column)), strict=True):
+        asked = column.strip()
+        for by_spelling, text in zip(self._places, (asked, _folded(column), _folded(column), asked), strict=True):
             matches = by_spelling.get(text, [])
             if len(matches) > 1:
                 raise self.header_fault(
@@ -1096,6 +1100,8 @@ def joint_values(
         )
     out = {}
     for number, (k, unit) in enumerate(zip(columns, units, strict=True), 1):
+        if text.names and in_degrees(text.names[k]) != text.names[k]:  # q1_rad says its unit itself
+            unit = "rad"
         text.check_unit(k, unit, "joints in")
         turns = unit in ANGLE_DEG
         quantity = "a joint angle" if turns else "a joint's travel"

@@ -139,7 +139,9 @@ class OrthoParallel(Locked):
             If the arm has not six revolute joints, or an entry of the table does not fit; the message says which.
         """
         if not arm.six_revolute:
-            raise RobotError(f"the closed-form inverse is for arms with six revolute joints, {arm.name} has others")
+            raise RobotError(
+                f"the closed-form inverse is for arms with six revolute joints, {arm.name} has {arm.joints_listed}"
+            )
         table = arm.table
         angles = np.round((table.alpha - _CANONICAL) / np.pi)
         _refuse(arm, "alpha", table.alpha - _CANONICAL - np.pi * angles, table.alpha, range(1, 6), tolerance)

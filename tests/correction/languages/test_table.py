@@ -62,7 +62,7 @@ def test_poses_are_read_in_metres():
     ("content", "expected"),
     [
         (data(JOINTS.replace("q3_deg", "q3"), ROW), "row 1: missing column q3_deg; found name, q1_deg"),
-        (data(JOINTS.replace("_deg", "_rad"), ROW), "joints are expected in degrees (q1_deg … q6_deg), found radians"),
+        (data(JOINTS.replace("_deg", "_rad"), ROW.replace("30", "x")), "column q3_rad: expected a joint angle in radians"),
         (data(POSES.replace("qz", "q4"), POSE), "row 1: missing column qz; found x_mm"),
         (data("a,b", "1,2"), "row 1: expected columns q1_deg … q6_deg (joints) or x_mm, y_mm, z_mm, qw, qx, qy, qz (poses), found a, b"),
         (data(JOINTS + "," + POSES, ROW + "," + POSE), "row 1: expected columns of joints or of poses, found both"),

@@ -370,6 +370,17 @@ def test_degrees_declared_as_radians_are_seen_in_them_too(tmp_path):
     assert "these look like deg" in text
 
 
+def test_joints_in_radians_need_no_map(tmp_path):
+    points = write(tmp_path / "smr1.csv", "x,y,z", "1000,2,3", "1000,4,5")
+    joints = write(tmp_path / "joints.csv", "q1_rad,q2_rad,c1_rad,c2_rad", "0.1,0.2,0.11,0.21", "0.3,0.4,0.31,0.41")
+    table = understood(points, "per-target", "units.lengths=mm", joints=joints).table
+    assert np.radians(table[["q2_deg", "c1_deg"]]).to_numpy() == pytest.approx(np.array([[0.2, 0.11], [0.4, 0.31]]))
+    header = f"pose,{','.join(f'q{k}_rad' for k in range(1, 7))},target,x_mm,y_mm,z_mm"
+    own = write(tmp_path / "own.csv", header, "1,0.1,0.2,0,0,0,0,a,1000,2,3")
+    table = understood(own, "irbcal", "joints.signs=[1, -1, 1, 1, 1, 1]").table
+    assert np.radians(table[["q1_deg", "q2_deg"]]).to_numpy() == pytest.approx(np.array([[0.1, -0.2]]))
+
+
 @pytest.mark.parametrize("own", [True, False])
 def test_joints_files_hold_them(tmp_path, own):
     points = write(tmp_path / "smr1.csv", "x,y,z", "1000,2,3", "1000,4,5")
