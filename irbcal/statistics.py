@@ -118,7 +118,7 @@ def statistics(distance: ArrayLike) -> Statistics | None:
     Parameters
     ----------
     distance : array_like, shape (m,)
-        Metres.
+        Metres; those of four bytes, of long files, are added up without a copy.
 
     Returns
     -------
@@ -126,18 +126,25 @@ def statistics(distance: ArrayLike) -> Statistics | None:
         ``n``, ``mean_mm``, ``sigma_mm`` (with n - 1), ``max_mm``, ``mean_plus_3sigma_mm``, ``rms_mm``;
         None for no distances.
     """
-    d = np.asarray(distance, dtype=float) / MM
+    d = np.asarray(distance)
     if not len(d):
         return None
-    sigma = _sigma(d)
-    mean = float(d.mean())
+    n = len(d)
+    if d.dtype == np.float32:
+        mean = float(d.mean(dtype=float)) / MM
+        square = float(np.einsum("i,i->", d, d, dtype=float)) / n / MM**2
+        sigma = float(np.sqrt(max(square - mean**2, 0.0) * n / (n - 1))) if n > 1 else 0.0
+        largest = float(d.max()) / MM
+    else:
+        d = d.astype(float) / MM
+        mean, square, sigma, largest = float(d.mean()), float(np.mean(d**2)), _sigma(d), float(d.max())
     return {
-        "n": len(d),
+        "n": n,
         "mean_mm": mean,
         "sigma_mm": sigma,
-        "max_mm": float(d.max()),
+        "max_mm": largest,
         "mean_plus_3sigma_mm": mean + 3 * sigma,
-        "rms_mm": float(np.sqrt(np.mean(d**2))),
+        "rms_mm": float(np.sqrt(square)),
     }
 
 

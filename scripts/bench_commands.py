@@ -51,9 +51,9 @@ def spent(*words, times=3):
     return best
 
 
-def measured_file(points, path):
-    """A measurement file (CSV) of points."""
-    table = {"pose": points.pose + 1}
+def measured_file(points, path, first=1):
+    """A measurement file (CSV) of points, whose poses are counted from ``first``."""
+    table = {"pose": points.pose + first}
     for joint, column in enumerate(np.degrees(points.q)[points.pose].T, start=1):
         table[f"q{joint}_deg"] = np.round(column, 6)
     table["target"] = np.array(points.target_names)[points.target]
@@ -113,9 +113,8 @@ def large(add, folder, simulated, arm):
         add(f"irbcal calibrate, {objective}, {poses:,} poses x 3", *spent(*words, "--objective", objective, times=1))
 
 
-def huge(add, folder, simulated, arm):
-    """A million poses with three targets each: seconds and memory; asked are less than 4 GiB."""
-    poses = 1_000_000
+def huge(add, folder, simulated, arm, poses=1_000_000):
+    """A million poses with three targets each: seconds and memory; asked are less than 4 GiB. Then files in pieces."""
     fit = measured_file(simulated(arm, poses), folder / "fit.csv")
     proof = measured_file(simulated(arm, poses, drawn=9), folder / "proof.csv")
     out = folder / "huge"
@@ -123,11 +122,12 @@ def huge(add, folder, simulated, arm):
     add(f"irbcal calibrate, model 34, {poses:,} poses x 3", *spent(*calibrate, times=1))
     add(f"irbcal evaluate, {poses:,} poses x 3", *spent("evaluate", out, proof, times=1))
     before = None
-    for poses in (1_000_000, 4_000_000):
+    step = poses // 4
+    for poses in (poses, 4 * poses):
         path = folder / f"long{poses}.csv"
-        for k in range(poses // 250_000):
-            points = simulated(arm, 250_000, drawn=100 + k)
-            measured_file(points.take(points.target == 0), folder / "some.csv")
+        for k in range(poses // step):
+            points = simulated(arm, step, drawn=100 + k)
+            measured_file(points.take(points.target == 0), folder / "some.csv", 1 + k * step)
             header, _, rows = (folder / "some.csv").read_bytes().partition(b"\n")
             with open(path, "ab") as stream:
                 stream.write(rows if k else header + b"\n" + rows)

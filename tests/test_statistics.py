@@ -6,6 +6,7 @@ from scipy import special
 
 from irbcal import statistics as distributions
 from irbcal.statistics import rotation_statistics, statistics, statistics_by
+from irbcal.validation.accuracy import percentiles
 
 
 def test_normal_distribution():
@@ -71,3 +72,10 @@ def test_statistics_by_label():
     assert list(found) == ["a", "b"]
     assert (found["a"]["n"], found["b"]["n"]) == (1, 2)
     assert found["b"]["mean_mm"] == pytest.approx(2.0, abs=1e-12)
+
+
+def test_distances_of_four_bytes_have_the_statistics_of_eight():
+    d = np.random.default_rng(3).uniform(1e-3, 1.2e-3, 100_001).astype(np.float32)
+    assert statistics(d) == pytest.approx(statistics(d.astype(float)), rel=1e-9)
+    assert percentiles(d) == pytest.approx(percentiles(d.astype(float)), rel=1e-6)
+    assert statistics(d[:1])["sigma_mm"] == 0.0

@@ -45,10 +45,12 @@ PERCENTILES = (50, 90, 95, 99)
 
 def percentiles(distance: ArrayLike) -> dict[str, float] | None:
     """`PERCENTILES` of distances in metres, interpolated linearly: ``p50_mm`` and so on; None for no distances."""
-    d = np.asarray(distance, dtype=float) / MM
+    d = np.asarray(distance)
     if not len(d):
         return None
-    return {f"p{p}_mm": float(value) for p, value in zip(PERCENTILES, np.percentile(d, PERCENTILES), strict=True)}
+    values = np.percentile(d if d.dtype == np.float32 else d / MM, PERCENTILES)
+    in_mm = values.astype(float) / MM if d.dtype == np.float32 else values
+    return {f"p{p}_mm": float(value) for p, value in zip(PERCENTILES, in_mm, strict=True)}
 
 
 def largest_covers(poses: int, confidence: float = 0.95) -> float:

@@ -113,11 +113,13 @@ def verdict(
         What poses these are, in words that follow "poses"; by default that the fit saw them, or never did.
     """
     a, b = np.asarray(nominal), np.asarray(calibrated)
-    number = consecutive(pose)
-    gain = np.bincount(number, a - b) / np.bincount(number)
+    gain, labels = a - b, np.asarray(pose)
+    if labels.dtype.kind not in "iu" or not (labels[1:] > labels[:-1]).all():  # else a pose has one point
+        number = consecutive(labels)
+        gain = np.bincount(number, gain) / np.bincount(number)
     n = len(gain)
-    error = float(gain.std(ddof=1) / np.sqrt(n)) if n > 1 else np.inf
-    mean = float(gain.mean())
+    error = float(gain.std(ddof=1, dtype=float) / np.sqrt(n)) if n > 1 else np.inf
+    mean = float(gain.mean(dtype=float))
     outcome: Outcome = "better" if mean > CLEAR * error else "worse" if mean < -CLEAR * error else "no better"
     means = [float(errors.mean(dtype=float)) for errors in (a, b)]
     figures = f"mean {means[1]:.3f} mm against {means[0]:.3f} mm, largest {b.max():.3f} against {a.max():.3f} mm"

@@ -356,3 +356,13 @@ def test_errors_of_one_place_count_once():
         alone = upper_bound(rule, figure(d), d, np.arange(20))[0]
         again = upper_bound(rule, figure(d), np.tile(d, 5), np.tile(np.arange(20), 5))[0]
         assert again == pytest.approx(alone, rel=1e-12)
+
+
+@pytest.mark.parametrize("spread", [0.02, 3.0])
+def test_poses_of_one_point_are_judged_alike_by_number_and_by_name(spread):
+    rng = np.random.default_rng(4)
+    nominal, calibrated = 1.0 + spread * rng.random((2, 300))
+    by_number, by_name = (
+        verdict(nominal, calibrated, labels) for labels in (np.arange(300), [f"p{k:03}" for k in range(300)])
+    )
+    assert by_number == by_name
