@@ -55,10 +55,9 @@ class Overview(Result):
         types = {stored.robot["type"] for stored in self.latest}
         changed = sum(step.real for step in self.changes.values())
         out = sum(map(len, self.outstanding.values()))
-        headline = (
-            f"{kind}{sum(self.times.values())} calibrations of {len(self.latest)} robots of {len(types)} "
-            f"type{'s' if len(types) != 1 else ''}; {changed} changed since the calibration before, {out} stand out"
-        )
+        counts = {"calibration": sum(self.times.values()), "robot": len(self.latest), "type": len(types)}
+        text = " of ".join(f"{count} {name}{'s' if count != 1 else ''}" for name, count in counts.items())
+        headline = f"{kind}{text}; {changed} changed since the calibration before, {out} stand out"
         rows = tuple(
             (
                 stored.robot["id"],

@@ -268,7 +268,12 @@ def of_joints(joints: Sequence[int | None]) -> str:
 
 def plus_minus(value: float, low: float, high: float, size: float, digits: int = 4) -> str:
     """A value with half its interval, in a unit."""
-    return f"{value / size:.{digits}f} ± {(high - low) / 2 / size:.{digits}f}"
+    return f"{rounded(value / size, digits)} ± {(high - low) / 2 / size:.{digits}f}"
+
+
+def rounded(value: float, digits: int) -> str:
+    """A number with some decimals; what rounds to zero has no sign."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def evidence_in_words(term: JointTerm) -> str:
@@ -321,7 +326,7 @@ def terms_table(terms: Sequence[JointTerm], title: str = MOVES_TITLE, slides: Sl
             rows.append((joint, name, term.note, None, None, None, "not tested"))
             continue
         values = "\n".join(values_in_words(term, slides))
-        worth = (f"{term.evidence:.1f}", f"{term.probability:.3f}", term.moves / MM)
+        worth = (rounded(term.evidence, 1), f"{term.probability:.3f}", term.moves / MM)
         rows.append((joint, name, values, *worth, term.verdict))
     return Table(title, columns, tuple(rows))
 
@@ -333,7 +338,7 @@ def values_in_words(term: JointTerm, slides: Slides) -> list[str]:
     lines = []
     for name, value, low, high in zip(term.names, term.values, term.low, term.high, strict=True):
         label = f"{name} " if len(term.values) > 1 else ""
-        lines.append(f"{label}{value / size:.{digits}f} ± {(high - low) / 2 / size:.{digits}f}")
+        lines.append(label + plus_minus(value, low, high, size, digits))
     if term.frequency is not None and len(term.frequency) == 3:
         frequency, low, high = term.frequency
         lines.append(f"frequency {frequency:.4f} ({low:.4f} to {high:.4f})")
