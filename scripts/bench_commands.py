@@ -123,9 +123,9 @@ def huge(add, folder, simulated, arm, poses=1_000_000):
     add(f"irbcal evaluate, {poses:,} poses x 3", *spent("evaluate", out, proof, times=1))
     before = None
     step = poses // 4
-    for poses in (poses, 4 * poses):
-        path = folder / f"long{poses}.csv"
-        for k in range(poses // step):
+    for count in (poses, 4 * poses):
+        path = folder / f"long{count}.csv"
+        for k in range(count // step):
             points = simulated(arm, step, drawn=100 + k)
             measured_file(points.take(points.target == 0), folder / "some.csv", 1 + k * step)
             header, _, rows = (folder / "some.csv").read_bytes().partition(b"\n")
@@ -133,7 +133,7 @@ def huge(add, folder, simulated, arm, poses=1_000_000):
                 stream.write(rows if k else header + b"\n" + rows)
         seconds, memory = spent("evaluate", out, path, times=1)
         slope = math.log(seconds / before) / math.log(4.0) if before else None
-        add(f"irbcal evaluate, {poses:,} poses x 1, in pieces, largest process", seconds, memory, None, slope)
+        add(f"irbcal evaluate, {count:,} poses x 1, in pieces, largest process", seconds, memory, None, slope)
         before = seconds
 
 
