@@ -8,7 +8,7 @@ drifts slowly: how much of the motion from pose to pose is drift and how much is
 the noise is taken out (`without_noise`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -192,23 +192,54 @@ def _smoothed(y: FloatArray, variance: FloatArray) -> FloatArray:
     The cosine transform makes the walk's numbers independent of one another, with the variance
     ``q / (2 - 2 cos(pi j / n))``: by it q is the most probable one (with the mean variance of the noise).
     """
-    from scipy.fft import dct
-    from scipy.linalg import solveh_banded
-    from scipy.optimize import minimize_scalar
-
     n, r = len(y), float(variance.mean())
-    squares = dct(y, norm="ortho")[1:] ** 2
+    folded = np.fft.fft(np.r_[y[::2], y[1::2][::-1]])[1:]  # the cosine transform of Makhoul 1980
+    squares = (folded * np.exp(-0.5j * np.pi * np.arange(1, n) / n)).real ** 2 * 2.0 / n
     spectrum = 1.0 / (2.0 - 2.0 * np.cos(np.pi * np.arange(1, n) / n))
 
     def unlikely(log_ratio: float) -> float:
         total = r * (1.0 + np.exp(log_ratio) * spectrum)
         return float(np.sum(np.log(total) + squares / total))
 
-    q = r * np.exp(minimize_scalar(unlikely, bounds=LOG_RATIOS, method="bounded").x)
-    banded = np.zeros((2, n))
-    banded[0, 1:] = -1.0 / q
-    banded[1] = 1.0 / variance + np.r_[1.0, np.full(n - 2, 2.0), 1.0] / q
-    return np.asarray(solveh_banded(banded, y / variance))
+    q = r * np.exp(_lowest(unlikely, *LOG_RATIOS))
+    diagonal = 1.0 / variance + np.r_[1.0, np.full(n - 2, 2.0), 1.0] / q
+    return _tridiagonal(diagonal, np.full(n - 1, -1.0 / q), y / variance)
+
+
+def _lowest(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function with one minimum between two ends has it, to 1e-6: golden sections."""
+    share = (np.sqrt(5.0) - 1.0) / 2.0
+    left, right = high - share * (high - low), low + share * (high - low)
+    at_left, at_right = function(left), function(right)
+    while high - low > 1e-6:
+        if at_left < at_right:
+            high, right, at_right = right, left, at_left
+            left = high - share * (high - low)
+            at_left = function(left)
+        else:
+            low, left, at_left = left, right, at_right
+            right = low + share * (high - low)
+            at_right = function(right)
+    return (low + high) / 2.0
+
+
+def _tridiagonal(diagonal: FloatArray, beside: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution of a symmetric, diagonally dominant tridiagonal system: every second unknown is eliminated."""
+    if len(diagonal) == 1:
+        return right / diagonal
+    x = np.empty_like(right)
+    before, after = beside[::2], beside[1::2]  # of unknown 1, 3 ...; the last may have none after it
+    n = len(before)
+    low, high = before / diagonal[: 2 * n : 2], after / diagonal[2::2]
+    fewer, rest = diagonal[1::2] - low * before, right[1::2] - low * right[: 2 * n : 2]
+    fewer[: len(after)] -= high * after
+    rest[: len(after)] -= high * right[2::2]
+    x[1::2] = _tridiagonal(fewer, -high[: n - 1] * before[1:], rest)
+    even = right[::2].copy()
+    even[:n] -= before * x[1::2]
+    even[1:] -= after * x[1::2][: len(after)]
+    x[::2] = even / diagonal[::2]
+    return x
 
 
 def _moved(T: FloatArray, points: FloatArray) -> FloatArray:

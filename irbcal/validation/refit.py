@@ -148,13 +148,15 @@ class Refit:
 
         The points of a pose share the error of the robot there, so that they count as one.
         """
+        if not self.zeros:
+            return []
         from scipy.special import stdtrit
 
         local = np.array([placed.targets[name] for name in points.target_names])
         _, A, miss = self._equations(placed, placed.T_world_base, local, *_tips(placed, points), points)
         freedom = 3 * points.poses - A.shape[1]
-        if not self.zeros or freedom < 1:
-            return [f"{points.poses} poses are too few to tell how certain the zeros are"] * bool(self.zeros)
+        if freedom < 1:
+            return [f"{points.poses} poses are too few to tell how certain the zeros are"]
         covariance = np.linalg.inv(A.T @ A) * (miss @ miss) / freedom
         std = np.sqrt(np.diagonal(covariance)[-len(self.zeros) :])
         u95 = stdtrit(freedom, 0.975) * std

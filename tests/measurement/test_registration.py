@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import fft, linalg, optimize
 from support import assert_same_poses, random_rotation
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement import registration as registrations
 from irbcal.measurement.registration import register, without_noise
 from irbcal.modeling import frames
 
@@ -97,3 +99,23 @@ def test_a_registration_without_noise_stays():
     stations = frames.inverse(drifting(40, 1e-4, 0.0, 1)[1])
     raw = register(seen_from(stations), NAMES, "m.csv")
     assert without_noise(raw, seen_from(stations), NAMES) is raw
+
+
+@pytest.mark.parametrize(("n", "drift"), [(2, 1.0), (7, 0.1), (64, 1e-3), (1001, 0.05)])
+def test_the_most_probable_walk_is_that_of_scipy(n, drift):
+    rng = np.random.default_rng(n)
+    y = np.cumsum(drift * rng.standard_normal(n)) + rng.standard_normal(n)
+    variance = rng.uniform(0.5, 1.5, n)
+    r, squares = variance.mean(), fft.dct(y, norm="ortho")[1:] ** 2
+    spectrum = 1.0 / (2.0 - 2.0 * np.cos(np.pi * np.arange(1, n) / n))
+
+    def unlikely(u):
+        return np.sum(np.log(r * (1 + np.exp(u) * spectrum)) + squares / (r * (1 + np.exp(u) * spectrum)))
+
+    best = optimize.minimize_scalar(
+        unlikely, bounds=registrations.LOG_RATIOS, method="bounded", options={"xatol": 1e-9}
+    )
+    q = r * np.exp(best.x)
+    banded = np.array([np.r_[0.0, np.full(n - 1, -1 / q)], 1 / variance + np.r_[1.0, np.full(n - 2, 2.0), 1.0] / q])
+    expected = linalg.solveh_banded(banded, y / variance)
+    np.testing.assert_allclose(registrations._smoothed(y, variance), expected, rtol=0, atol=3e-6 * np.abs(y).max())
