@@ -494,20 +494,23 @@ def _written(
     """Write what was asked for, all or nothing; files of folders that were searched lie as they did there."""
     searched = [path for path in given.programs if path.is_dir()]
     contents: dict[Path, bytes] = {}
-    table = csv_bytes(filtered.to_frame(), float_format="%.6f")
+
+    def table() -> bytes:
+        return csv_bytes(filtered.to_frame(), float_format="%.6f")
+
     if changes is not None:
-        contents[Path(changes)] = table
+        contents[Path(changes)] = table()
     if out is not None and Path(out).suffix.lower() == ".zip":
         if len(given.archives) != 1 or len(given.programs) != 1:
             raise OptionError("out: a zip archive is written of one that was given, expected a folder", parameter="out")
         ((inside, archive),) = given.archives.items()
         files = {Path(name).relative_to(inside).as_posix(): data for name, data in filtered.files.items()}
-        contents[Path(out)] = packed(archive, {CHANGES: table} | files)
+        contents[Path(out)] = packed(archive, {CHANGES: table()} | files)
         filtered = replace(filtered, written=Path(out))
     elif out is not None:
         targets_of_files = _places(Path(out), filtered.files, folder, searched)
         if searched and folder:
-            targets_of_files.setdefault(Path(out) / CHANGES, table)
+            targets_of_files.setdefault(Path(out) / CHANGES, table())
         refuse_overwriting({"out": [*targets_of_files], "changes": changes}, [*filtered.files])
         contents |= targets_of_files
         filtered = replace(filtered, written=Path(out))
