@@ -120,7 +120,7 @@ def test_the_whole_job_in_a_browser_gives_what_the_shell_gives(context, samples,
         assert run(page, "Correct the programs").startswith("done")
         page = server.only_page(context, "certificate")
         drop(page, samples / "verification.csv")
-        page.get_by_label("Tolerance", exact=True).fill("0.5")
+        page.get_by_label("Tolerance, mm", exact=True).fill("0.5")
         page.get_by_label("Serial number").fill("1600-77")
         assert run(page, "Judge the robot").startswith("done")
         assert "1600-77" in (folder / "certificate.html").read_text(encoding="utf-8")
@@ -319,6 +319,7 @@ def test_options_are_those_of_the_command_line(tmp_path):
     project = Project.open(tmp_path / "new")
     for step in steps.STEPS.values():
         assert all(option.explanation for option in step.asked), step.name
+    assert set(steps.LABELS) <= {option.name[2:] for step in steps.STEPS.values() for option in step.asked}
     project.choose("robot", robot="irb1600")
     project.choose("result", **{"--holdout": "0.3", "--model": "34", "--same-tool": True, "--session-by": ""})
     assert steps.STEPS["result"].commands(project)[0] == [

@@ -143,9 +143,9 @@ class Jobs:
         """
         if self.running:
             return None
-        output = ""
+        output, began = "", time.monotonic()
         for arguments in commands:
-            job = self.last[step] = Job(step, list(arguments), output + f"$ {shown(arguments)}\n")
+            job = self.last[step] = Job(step, list(arguments), output + f"$ {shown(arguments)}\n", began=began)
             await job.run(self.folder)
             output = job.output + "\n"
             if not job.good or job.stopped:

@@ -6,6 +6,7 @@ import asyncio
 import io
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import PurePosixPath
 from typing import Any
@@ -201,7 +202,9 @@ def _choose_robot(project: Project, looks: Looks) -> None:
             project.choose("robot", robot=event.value or "")
             _look(looks)
 
-    choice = ui.select(known, label="Robot", with_input=True, clearable=True, on_change=choose).classes("w-96")
+    choice = ui.select(known, label="Robot", with_input=True, clearable=True, on_change=choose).classes(
+        "w-96 max-w-full"
+    )
 
     def look() -> None:
         dropped = [path for path in project.files("robot") if path.endswith(ROBOT_FILES)]
@@ -219,9 +222,11 @@ def _pendant(project: Project) -> None:
     """Compare a pose with what the pendant shows."""
     with ui.expansion("Compare a pose with the pendant", icon="rule").classes("w-full max-w-3xl"):
         joints = ui.input("Joints as the pendant shows them, degrees", placeholder="0, -14, 14, 0, 0, 0").classes(
-            "w-96"
+            "w-96 max-w-full"
         )
-        place = ui.input("Tool 0 in the base as the pendant shows it, mm", placeholder="x, y, z").classes("w-96")
+        place = ui.input("Tool 0 in the base as the pendant shows it, mm", placeholder="x, y, z").classes(
+            "w-96 max-w-full"
+        )
         answer = ui.label().props('role="status"')
 
         def compare() -> None:
@@ -274,19 +279,24 @@ def _columns(project: Project) -> None:
     looks: Looks = []
     fields: list[list[Any]] = []
 
+    def question() -> Any:
+        files = [(name, (project.folder / name).stat().st_mtime_ns) for name in project.files("data")]
+        return files, project.robot, project.choices().get("data")
+
     async def look() -> None:
         nonlocal now, asked
-        files = [(name, (project.folder / name).stat().st_mtime_ns) for name in project.files("data")]
-        question = (files, project.robot, project.choices().get("data"))
-        if question == asked or not (files or now.tables):
+        if question() == asked or not (project.files("data") or now.tables):
             return
-        asked = question
+        asked = question()
         waiting.set_visibility(True)
-        now = await asyncio.to_thread(columns.understood, project)
+        answer = await asyncio.to_thread(columns.understood, project)
         waiting.set_visibility(False)
-        _look(looks)
+        if question() == asked:  # else a choice was made meanwhile, and the next look asks for it
+            now = answer
+            _look(looks)
 
     def change(table: int, k: int, event: Any) -> None:
+        nonlocal now
         words = [list(of_table.words) for of_table in now.tables]
         if event.value is None or event.value == words[table][k]:
             return  # set by the page itself
@@ -295,6 +305,8 @@ def _columns(project: Project) -> None:
         units = {key: value for key, value in said_before().items() if not key.startswith("columns.")}
         named = {of.source: new for of, new in zip(now.tables, words, strict=True)}
         project.choose("data", set=units | said, words=named)
+        now = replace(now, tables=tuple(replace(of, words=tuple(named[of.source])) for of in now.tables))
+        _look(looks)
 
     def said_before() -> dict[str, str]:
         return dict(project.choices().get("data", {}).get("set", {}))
@@ -377,10 +389,10 @@ def _field(option: Option, step: Step, project: Project) -> None:
     elif option.kind == "choice":
         choices = {"": "default"} | {name: name for name in option.choices}
         element = ui.select(choices, label=option.label, value=value if value in choices else "", on_change=keep)
-        element.classes("w-56")
+        element.classes("w-72")
     else:
         element = ui.input(option.label, value=str(value or ""), placeholder=option.hint, on_change=keep)
-        element.classes("w-56")
+        element.classes("w-72")
     with element:
         ui.tooltip(option.explanation).classes("text-sm max-w-md")
 
@@ -396,7 +408,7 @@ def _fields(step: Step, project: Project) -> None:
     def text(name: str, label: str, area: bool = False) -> None:
         keep = partial(_keep, project, step.name, name)
         element: Any = (ui.textarea if area else ui.input)(label, value=str(values.get(name, "")), on_change=keep)
-        element.classes("w-96" if area else "w-56")
+        element.classes("w-96 max-w-full" if area else "w-72")
 
     with ui.row().classes("items-end gap-4"):
         if step.name == "cell":
@@ -404,7 +416,7 @@ def _fields(step: Step, project: Project) -> None:
             makers = {name: name or "none" for name in MAKERS}
             ui.select(
                 makers, label="Numbers for the controller of", value=values.get("maker", ""), on_change=keep
-            ).classes("w-56")
+            ).classes("w-72")
             text("declared", "What the controller has, a line each: --tool grip=… or --wobj 1=…", area=True)
         if step.name == "programs":
             keep = partial(_keep, project, "programs", "cell")
@@ -485,5 +497,6 @@ def _files(step: Step, project: Project, files: list[tuple[str, int]]) -> None:
             ui.link(f"{name}.zip" if folder else name, f"/folder/{name}" if folder else f"/files/{name}?download=1")
     for name, changed in files:
         if name in step.pages:
-            ui.link("Open in a tab of its own, to print it or to keep it as PDF", f"/files/{name}", new_tab=True)
+            text = f"Open {name} in a tab of its own, to print it or to keep it as PDF"
+            ui.link(text, f"/files/{name}", new_tab=True)
             ui.element("iframe").props(f'src="/files/{name}?{changed}" title="{name}"')

@@ -20,6 +20,39 @@ PLAN, MEASURED, FOLDER, CELL = "plan", "measured.csv", "my-robot", "cell.json"
 VIEW, STORE, CERTIFICATE = "view.html", "fleet.db", "certificate.html"
 MAKERS = ("", "abb", "fanuc", "kawasaki", "kuka", "staubli", "ur", "yaskawa")
 Values = Mapping[str, Any]
+LABELS = {
+    "optimal": "Number of poses, the best ones",
+    "criterion": "What is best",
+    "targets": "Reflectors: number, names or file",
+    "tracker": "Place of the tracker X,Y,Z, mm",
+    "payload": "Payload, kg",
+    "payload-place": "Centre of the payload X,Y,Z, mm",
+    "device": "Device in place of the tracker",
+    "poses": "Number of poses with a device",
+    "model": "Error model",
+    "holdout": "Held-out poses: share or number",
+    "split": "Which poses are held out",
+    "same-tool": "Reflectors stayed when the load changed",
+    "session-by": "Column that names the session",
+    "controller-frames": "Frames of the controller",
+    "points": "Points: offline or taught",
+    "start": "Joints at the start J1,…,J6, deg",
+    "tool": "Tool, NAME=…",
+    "wobj": "Work object, NAME=…",
+    "path-tolerance": "Path tolerance, mm",
+    "split-points": "Points with an offset get their own",
+    "allow-partial": "Write although targets are left as they are",
+    "tolerance": "Tolerance, mm",
+    "rule": "What must be within the tolerance",
+    "region-only": "Only for the region of these poses",
+    "tracker-u95-mm": "Tracker uncertainty (95 %), mm",
+    "refit-base": "The tracker was moved",
+    "refit-tool": "The reflectors were mounted anew",
+    "id": "Name of the robot",
+    "serial": "Serial number",
+    "date": "Date of the measurement",
+}
+"""What a page calls an option whose name a technician would have to look up."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +80,8 @@ class Option:
     @property
     def label(self) -> str:
         """The name in words."""
-        return self.name.lstrip("-").replace("-", " ").capitalize()
+        name = self.name.lstrip("-")
+        return LABELS.get(name, name.replace("-", " ").capitalize())
 
 
 @dataclass(frozen=True)

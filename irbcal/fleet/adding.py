@@ -209,7 +209,8 @@ class Added(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """How many."""
-        return [f"{len(self.added)} calibrations added to {self.store}, {len(self.there)} were there"]
+        many = "" if len(self.added) == 1 else "s"
+        return [f"{len(self.added)} calibration{many} added to {self.store}, {len(self.there)} were there"]
 
     CONTENT = "store added there"
 

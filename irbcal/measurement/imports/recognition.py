@@ -298,6 +298,10 @@ def _fixed(lines: Sequence[str], cells: Sequence[Sequence[str]], decimal: str) -
     return starts
 
 
+COMMENTS = ("//", "#", "%", "!", "*")
+"""What lines begin with that other programs write for people."""
+
+
 def _header(cells: Sequence[Sequence[str]], first: int, width: int) -> tuple[int, int, bool]:
     """Line of the first title (from 0), the number of rows of titles, and whether a row of units follows."""
     titles, units, top = 0, False, first
@@ -311,7 +315,8 @@ def _header(cells: Sequence[Sequence[str]], first: int, width: int) -> tuple[int
             units, top = True, k
         elif not titles and len(row) >= max(2, (min(width, len(cells[first])) + 1) // 2) and len(cells[k]) <= width + 1:
             numbers = _numbers_in(row, ".")
-            if numbers > len(row) // 2 or any(cell.endswith((":", "\uff1a")) for cell in row):
+            remark = row[0].startswith(COMMENTS) and len(row) < width  # a comment with commas, not a row of titles
+            if remark or numbers > len(row) // 2 or any(cell.endswith((":", "\uff1a")) for cell in row):
                 break
             titles, top = 1, k
         elif 1 <= titles < 5 and len(row) >= 2 and len(cells[k]) <= width + 1 and _repeats(cells[top]):

@@ -386,3 +386,14 @@ def test_what_is_said_of_columns_goes_before_their_names(tmp_path):
         irbcal.import_measurements(nameless, robot="irb120", set_={"columns.joints": list("QBCDEF")})
     with pytest.raises(MeasurementError, match="joints: expected a valid list"):
         irbcal.import_measurements(nameless, robot="irb120", set_=["columns.joints=seven"])
+
+
+def test_a_comment_with_commas_is_no_header(tmp_path):
+    q, points = measured()
+    names = [f"P{i}_K{k + 1}, " + ", ".join(map(str, points[i, k])) for i in range(len(q)) for k in range(2)]
+    cloud = write(tmp_path / "points.txt", "// SIMULATED points, working frame: tracker, millimetres", *names)
+    turns = write(
+        tmp_path / "joints.csv", "pose,A1,A2,A3,A4,A5,A6", *(f"P{i}," + ",".join(map(str, q[i])) for i in range(20))
+    )
+    imported = irbcal.import_measurements(cloud, turns, robot="irb120")
+    assert np.abs(imported.table[XYZ].to_numpy() - points.reshape(-1, 3)).max() < 1e-9
