@@ -36,6 +36,7 @@ from .fleet.prior import fleet_prior as fleet_prior
 from .identification.evidence import identify_evidence as identify_evidence
 from .identification.evidence_fit import EvidenceFit as EvidenceFit
 from .io.calibration_folder import sign as sign
+from .io.corners import corners as corners
 from .io.dh_table import DhRobot as DhRobot
 from .io.dh_table import urdf_from_dh as urdf_from_dh
 from .io.importing import import_measurements as import_measurements
@@ -47,7 +48,6 @@ from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
 from .measurement.imports.feature_rows import import_features as import_features
 from .measurement.lens import lens as lens
-from .measurement.pictures import corners as corners
 from .measurement.table import read_measurements as read_measurements
 from .modeling.trajectory import Trajectory as Trajectory
 from .planners.calibrated_model import CalibratedModel as CalibratedModel

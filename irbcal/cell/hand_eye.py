@@ -23,6 +23,7 @@ from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
 from irbcal.identification.images import numbered_alike
 from irbcal.identification.observations import DIMENSIONS
+from irbcal.io.corners import corners
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
 from irbcal.io.schema import PoseSection
 from irbcal.measurement import features, imaging, pictures, recordings
@@ -272,7 +273,7 @@ def hand_eye(
         notes += shown.notes()
     elif images is not None:
         cells = cells.rename(columns=dict(zip(POSE, FLANGE, strict=True)) if set(POSE) <= set(cells.columns) else {})
-        shown = pictures.corners(images, cells, features)
+        shown = corners(images, cells, features)
         cells = shown.to_frame()
         notes += shown.notes()
     features, lenses = with_lenses(cells, features)

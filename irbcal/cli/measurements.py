@@ -122,13 +122,13 @@ def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:
     return summary
 
 
-@command("corners", arguments=("images",))
+@command("corners", arguments=("images",), typed={"robot": Typed(str, None)})
 def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """Find the corners of boards in pictures: rows for calibrate --features.
 
     Needs OpenCV: pip install 'irbcal[camera]'.
     """
-    refuse_overwriting({"out": out}, [options["joints"], options["features"]])
+    refuse_overwriting({"out": out}, [options[name] for name in ("joints", "features") if name in options])
     result = public("corners")(**options)
     result.save(out)
     show.result(result, json, f"Written to {out}", out=str(out))

@@ -80,9 +80,14 @@ def _kalibr(target: Mapping[str, Any]) -> dict[str, str]:
         if target["rowSpacingMeters"] != target["colSpacingMeters"]:
             raise ValueError("squares are no squares")
         return _cells("chessboard", int(across or 0) + 1, int(along or 0) + 1, target["rowSpacingMeters"])
-    if kind == "circlegrid" and not target.get("asymmetricGrid"):
-        return _cells("circles", int(across or 0), int(along or 0), target["spacingMeters"])
-    raise ValueError(f"{kind} of Kalibr's, expected a checkerboard or a symmetric circlegrid")
+    if kind == "circlegrid":  # in a row of an asymmetric grid neighbours are two spacings apart
+        pattern, spacings = ("circles-staggered", 2) if target.get("asymmetricGrid") else ("circles", 1)
+        return _cells(pattern, int(across or 0), int(along or 0), spacings * float(target["spacingMeters"]))
+    if kind == "aprilgrid":
+        side = float(target["tagSize"])
+        cells = _cells("aprilgrid", target["tagCols"], target["tagRows"], side * (1.0 + float(target["tagSpacing"])))
+        return cells | {"marker_mm": f"{1e3 * side:.9g}", "dictionary": "DICT_APRILTAG_36h11"}
+    raise ValueError(f"{kind} of Kalibr's, expected an aprilgrid, a checkerboard or a circlegrid")
 
 
 def _industrial(finder: Mapping[str, Any]) -> dict[str, str]:

@@ -140,6 +140,15 @@ def _of_markers(board: Board) -> FloatArray:
     return np.asarray((_grid(board.across, board.along, board.pitch)[:, None] + square).reshape(-1, 2))
 
 
+def _of_aprilgrid(board: Board) -> FloatArray:
+    """The four corners of each tag: numbered from the lower left tag on, y upwards.
+
+    As Kalibr prints tags, the corner that OpenCV takes for the upper left one is the lower right one.
+    """
+    square = board.marker * np.array([[1, 0], [0, 0], [0, 1], [1, 1]])
+    return np.asarray((_grid(board.across, board.along, board.pitch)[:, None] + square).reshape(-1, 2))
+
+
 NOTHING = np.zeros(0, dtype=int), np.zeros((0, 2))
 
 
@@ -200,8 +209,9 @@ def _staggered_circles(cv2: Any, board: Board) -> Finder:
     return _circles(cv2, board, "ASYMMETRIC")
 
 
-def _markers(cv2: Any, board: Board) -> Finder:
+def _markers(cv2: Any, board: Board, border: int = 1) -> Finder:
     options = cv2.aruco.DetectorParameters()
+    options.markerBorderBits = border
     options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     detector = cv2.aruco.ArucoDetector(_dictionary(cv2, board), options)
     at = {int(number): k for k, number in enumerate(_numbers(board, 1))}
@@ -217,6 +227,23 @@ def _markers(cv2: Any, board: Board) -> Finder:
             each = [(k, p) for k, p in each if sum(k == other for other, _ in each) == 1]
         number = np.array([4 * k + i for k, _ in each for i in range(4)], dtype=int)
         return number, np.reshape([p for _, p in each], (-1, 2)).astype(float)
+
+    return find
+
+
+def _aprilgrid(cv2: Any, board: Board) -> Finder:
+    """Tags with a border of two bits; squares touch their corners, which are found as the saddle points they are."""
+    coarse = _markers(cv2, board, border=2)
+
+    def find(grey: Any) -> tuple[IntArray, FloatArray]:
+        number, uv = coarse(grey)
+        if not len(number):
+            return NOTHING
+        side = np.linalg.norm(np.diff(uv.reshape(-1, 4, 2), axis=1), axis=2).min()
+        half = int(np.clip(0.1 * side, 2, 10))  # a border of two bits is a fifth of the side
+        ends = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
+        fine = cv2.cornerSubPix(grey, np.ascontiguousarray(uv[:, None], dtype=np.float32), (half, half), (-1, -1), ends)
+        return number, fine[:, 0].astype(float)
 
     return find
 
@@ -238,6 +265,7 @@ PATTERNS: Mapping[str, Pattern] = {
     ),
     "circles-staggered": Pattern(_staggered, _staggered_circles, 2, turnable=lambda board: board.along % 2 == 0),
     "markers": Pattern(_of_markers, _markers, 1, markers=True),
+    "aprilgrid": Pattern(_of_aprilgrid, _aprilgrid, 1, markers=True),
 }
 """Boards by the name in the column ``pattern``.
 

@@ -6,7 +6,7 @@ distortion a lens gets is decided by pictures that were left out of the fit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -22,6 +22,7 @@ from irbcal.measurement.boards import opencv
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
 from irbcal.measurement.pictures import boards_of, no_board, read_picture
+from irbcal.measurement.recordings import rosbag
 from irbcal.safe_files import refuse_overwriting
 from irbcal.summary import Paragraph, Result, Table
 
@@ -153,7 +154,14 @@ class LensCalibration(Result):
             )
             told.append(Table(f"Lens of {lens.camera}", ("number", "value", "± 95 %"), rows))
         missed = ", ".join(self.missed[:10]) + (f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else "")
-        return [*told, *([f"Note: left out, with fewer than {imaging.FEWEST} corners: {missed}"] if missed else [])]
+        return [
+            *told,
+            *(
+                [f"Note: left out, with fewer than {imaging.FEWEST} corners or all but one on one line: {missed}"]
+                if missed
+                else []
+            ),
+        ]
 
 
 def lens(
@@ -168,7 +176,7 @@ def lens(
     Parameters
     ----------
     images : str or Path
-        Folder of the pictures; of several boards or cameras, a folder for each feature in it.
+        Folder of the pictures; of several boards or cameras, a folder for each feature in it. Or a bag of ROS 2.
     features : str, Path or DataFrame
         Cameras and boards as for corners, or a board of Kalibr's or industrial_calibration's (YAML); nothing needs to
         be known of the lens.
@@ -193,14 +201,14 @@ def lens(
     rows = given_rows(features, static=True)
     boards = boards_of(rows, name_of)
     folder = Path(images)
+    of_bag = rosbag.pictures_over_time(folder, rows) if rosbag.is_bag(folder) else None
     shown: dict[str, dict[str, Corners]] = {}
     sizes: dict[str, tuple[int, int]] = {}
     missed: list[str] = []
     for name, board in boards.items():
-        of_board = folder if len(boards) == 1 and not (folder / name).is_dir() else folder / name
-        for path in _pictures(of_board):
-            grey = read_picture(path)
-            label = path.relative_to(folder).as_posix()
+        for label, grey in (
+            _pictures(folder, name, len(boards) == 1) if of_bag is None else of_bag.get(name, {}).items()
+        ):
             if grey is None:
                 raise MeasurementError(f"there is no picture {label} that OpenCV reads", file=str(folder))
             size = sizes.setdefault(board.camera, board.size or grey.shape[::-1])
@@ -210,7 +218,7 @@ def lens(
                     file=str(folder),
                 )
             number, uv = board.find(grey)
-            if len(number) < imaging.FEWEST:
+            if not _tell_a_homography(board.board.corners[number]):
                 missed.append(label)
                 continue
             shown.setdefault(board.camera, {})[label] = board.board.corners[number], uv
@@ -272,10 +280,26 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
     return _features(rows, lenses), lenses
 
 
-def _pictures(folder: Path) -> list[Path]:
-    if not folder.is_dir():
-        raise MeasurementError("there is no such folder of pictures", file=str(folder))
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
+def _pictures(folder: Path, name: str, alone: bool) -> Iterator[tuple[str, Any]]:
+    """Names of a feature's pictures, and these in grey."""
+    of_board = folder if alone and not (folder / name).is_dir() else folder / name
+    if not of_board.is_dir():
+        raise MeasurementError("there is no such folder of pictures", file=str(of_board))
+    for path in sorted(path for path in of_board.iterdir() if path.suffix.lower() in ENDINGS):
+        yield path.relative_to(folder).as_posix(), read_picture(path)
+
+
+def _tell_a_homography(xy: FloatArray) -> bool:
+    """Whether corners (n, 2) are at least four, of which not all, nor all but one, are on one line.
+
+    Others let OpenCV start from a place far from the truth, and spoil the lens of all pictures.
+    """
+    if len(xy) < imaging.FEWEST:
+        return False
+    x = xy - xy.mean(axis=0)
+    squares = x.T @ x - len(x) / (len(x) - 1.0) * x[:, :, None] * x[:, None]  # without each corner in turn
+    least, most = np.linalg.eigvalsh(squares).T
+    return bool((least >= 1e-6 * most).all())
 
 
 def _features(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataFrame:

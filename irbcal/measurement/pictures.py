@@ -39,11 +39,14 @@ class FoundCorners(Result):
         Images with a board.
     missed : tuple of (str, int)
         Images that are left out, and how many corners were found in them.
+    understood : tuple of str
+        How a recording was understood.
     """
 
     table: pd.DataFrame
     images: int
     missed: tuple[tuple[str, int], ...]
+    understood: tuple[str, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as the first file of ``irbcal calibrate --features``."""
@@ -61,12 +64,15 @@ class FoundCorners(Result):
         return [f"{len(self.table)} corners in {self.images} images", *(f"Note: {note}" for note in self.notes())]
 
     def notes(self) -> list[str]:
-        """Which images were left out."""
+        """How a recording was understood, and which images were left out."""
         if not self.missed:
-            return []
+            return [*self.understood]
         names = ", ".join(f"{name} ({count})" for name, count in self.missed[:10])
         more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
-        return [f"left out, with fewer than {imaging.FEWEST} corners or all on one line: {names}{more}"]
+        return [
+            *self.understood,
+            f"left out, with fewer than {imaging.FEWEST} corners or all on one line: {names}{more}",
+        ]
 
     def save(self, out: str | Path) -> Path:
         """Write the rows as CSV.
@@ -105,33 +111,8 @@ class Seen:
     row: dict[str, str]
 
 
-def corners(images: str | Path, joints: TableLike, features: TableLike) -> FoundCorners:
-    """Find the corners of boards in pictures.
-
-    Parameters
-    ----------
-    images : str or Path
-        Folder of the pictures (PNG, JPEG, TIFF, ...).
-    joints : str, Path or DataFrame
-        A row a picture: ``image`` (its file's name), joints (``q1_deg`` ...), and what the rows shall have besides:
-        ``pose`` (the picture's name unless given), ``feature``, and what names of features are made of, as ``place``.
-    features : str, Path or DataFrame
-        The features' file of the calibration (`irbcal.measurement.imaging`); boards with markers have ``dictionary``
-        (OpenCV's name, such as ``DICT_5X5_100``) and ``marker_mm`` (three quarters of the square unless given), too.
-
-    Raises
-    ------
-    MeasurementError
-        If a file does not keep its format, a picture cannot be read, or there is no board in any.
-    OptionError
-        If OpenCV is not installed.
-    """
-    folder = Path(images)
-    return corners_of(lambda picture: read_picture(folder / picture), joints, features, str(folder))
-
-
 def corners_of(read: Callable[[str], Any], joints: TableLike, features: TableLike, where: str) -> FoundCorners:
-    """`corners`, of pictures in grey by their names; None where there is none that OpenCV reads."""
+    """Corners of pictures in grey by their names; None where there is none that OpenCV reads."""
     listed = InputTable.read(joints, [IMAGE])
     for name in columns.joint_columns(listed.names):
         listed.numbers(name)

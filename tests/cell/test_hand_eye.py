@@ -10,8 +10,8 @@ from support import assert_same_poses, on_a_rail
 
 from irbcal.cell.hand_eye import FLANGE, hand_eye
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.io.corners import corners
 from irbcal.measurement import imaging
-from irbcal.measurement.pictures import corners
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
 

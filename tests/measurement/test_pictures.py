@@ -100,6 +100,52 @@ def of_markers(cv2, words, across, along, first):
     return drawn, (across, along), np.array(middles) + 39.5
 
 
+def aprilgrid(codes, across, along):
+    """A grid as Kalibr prints it: numbers from below, a border of two bits, squares of three bits between the tags."""
+    bit, gap = 6, 18
+    pitch = 10 * bit + gap
+    size = (along * pitch + 3 * gap, across * pitch + 3 * gap)
+    drawn, at = np.full(size, 255, dtype=np.uint8), []
+    for k, code in enumerate(codes):
+        x, y = 2 * gap + k % across * pitch, size[0] - gap - (k // across + 1) * pitch
+        tag = np.zeros((10, 10), dtype=np.uint8)
+        tag[2:8, 2:8] = [[255 * (code >> (35 - 6 * i - j) & 1) for j in range(6)] for i in range(6)]
+        drawn[y : y + 10 * bit, x : x + 10 * bit] = np.kron(tag, np.ones((bit, bit), dtype=np.uint8))
+        for a in (x - gap, x + 10 * bit):
+            for b in (y - gap, y + 10 * bit):
+                drawn[b : b + gap, a : a + gap] = 0
+        at += [(x + a * 10 * bit, y + b * 10 * bit) for a, b in ((1, 1), (0, 1), (0, 0), (1, 0))]
+    return drawn, np.array(at) - 0.5
+
+
+T36H11 = [0xD5D628584, 0xD97F18B49, 0xDD280910E, 0xE479E9C98, 0xEBCBCA822, 0xF31DAB3AC]
+"""The first codes of the family, whose first bit is the upper left one (Olson 2011)."""
+
+
+@pytest.mark.parametrize("H", [0, 1])
+def test_a_grid_of_kalibr_is_found(H, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    drawn, at = aprilgrid(T36H11, 3, 2)
+    H = np.array([[1.4, -0.6, 260.0], [0.6, 1.2, 20.0], [-1e-4, 3e-4, 1.0]]) if H else np.diag([2.0, 2.0, 1.0])
+    shown = cv2.warpPerspective(drawn, H, SIZE, borderValue=255)
+    cv2.imwrite(str(tmp_path / "0.png"), cv2.GaussianBlur(shown, (3, 3), 0.7))
+    (tmp_path / "grid.yaml").write_text(
+        "{target_type: aprilgrid, tagCols: 3, tagRows: 2, tagSize: 0.05, tagSpacing: 0.3}"
+    )
+    (tmp_path / "f.csv").write_text("feature,kind,board\nboard,image-on-tool,grid.yaml\n")
+    joints = pd.DataFrame({f"q{k}_deg": [1.0] for k in range(1, 7)}).assign(image="0.png")
+    table = irbcal.corners(tmp_path, joints, tmp_path / "f.csv").to_frame()
+    number = table.corner.to_numpy(dtype=int)
+    assert sorted(number) == list(range(24))
+    there = np.column_stack([at, np.ones(len(at))]) @ H.T
+    miss = table[["u_px", "v_px"]].to_numpy(dtype=float) - (there[:, :2] / there[:, 2:])[number]
+    assert np.abs(miss).max() < 0.25
+    board = (
+        imaging.board_of(features.given_rows(tmp_path / "f.csv")[0]).corners / 0.05 * 60
+    )  # y upwards, in the drawing down
+    np.testing.assert_allclose((board - board[0]) * [1, -1], at - at[0], rtol=0, atol=1e-9)
+
+
 CORNERS = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
 

@@ -4,9 +4,11 @@ import json
 
 import feature_cases as cases
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
+import irbcal
 from irbcal.cell.hand_eye import hand_eye
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import board_formats, imaging, lens_formats
@@ -186,13 +188,18 @@ def test_boards_of_kalibr_and_of_the_target_finder(tmp_path):
     with pytest.raises(MeasurementError, match="does not say where the camera is"):
         given_rows(tmp_path / "target.yaml")
     assert given_rows(tmp_path / "target.yaml", static=True)[0]["kind"] == "image"
+    circles = {"target_type": "circlegrid", "targetCols": 4, "targetRows": 11, "spacingMeters": 0.02}
+    (tmp_path / "target.yaml").write_text(yaml.safe_dump(circles | {"asymmetricGrid": True}))
+    staggered = imaging.board_of(given_rows(tmp_path / "f.csv")[0])  # as OpenCV's tutorial numbers and places them
+    there = [(0.02 * (2 * i + j % 2), 0.02 * j) for j in range(11) for i in range(4)]
+    np.testing.assert_allclose(staggered.corners, there, rtol=0, atol=1e-12)
     cells = board_formats.board({"target_finder": {**CHARUCO, "dictionary": 10}}, "f")
     assert cells["dictionary"] == "DICT_6X6_250"
     cv2 = pytest.importorskip("cv2")
     for number, name in enumerate(board_formats.DICTIONARIES):
         assert getattr(cv2.aruco, name) == number
     for wrong, sentence in [
-        ({"target_type": "aprilgrid"}, "aprilgrid of Kalibr's, expected"),
+        ({"target_type": "aprilgrid"}, "not understood: 'tagSize'"),
         ({**chess, "colSpacingMeters": 0.05}, "squares are no squares"),
         ({**CHARUCO, "dictionary": 99}, "not understood"),
         ({"type": "rct_ros_tools::ModifiedCircleGridTargetFinderPlugin", "rows": 10}, "ModifiedCircleGridTargetFinder"),
@@ -276,11 +283,18 @@ def bag(folder, arm, plugin, encoding, names=None):
         position = joints_at(t)[order] + rng.uniform(-2e-5, 2e-5, 6)
         return kind["sensor_msgs/msg/JointState"](header(t), names, position, np.zeros(0), np.zeros(0))
 
+    def info(t):
+        K, region = np.array([900.0, 0, 400, 0, 900, 300, 0, 0, 1]), kind["sensor_msgs/msg/RegionOfInterest"]
+        P = np.insert(K.reshape(3, 3), 3, 0.0, axis=1).ravel()
+        sizes = (600, 800, "plumb_bob", np.zeros(5), K, np.eye(3).ravel(), P, 0, 0, region(0, 0, 0, 0, False))
+        return kind["sensor_msgs/msg/CameraInfo"](header(t), *sizes)
+
     with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
         for topic, make, step in (
             ("/joint_states", states, 0.02),
             ("/hand/image", picture, 0.5),
             ("/probe", point, 0.5),
+            ("/hand/camera_info", info, 5.0),
         ):
             first = make(100.0 - 100.0)
             to = writer.add_connection(topic, first.__msgtype__, typestore=store)
@@ -314,6 +328,31 @@ def test_a_bag_of_ros_2_gives_the_camera(plugin, encoding, tmp_path, program):
     middle = rows.xyz[points, 2] - 3.0 * np.arange(STANDS)  # the time of the point
     assert (middle > 0.2).all()
     assert (middle < 1.8).all()
+
+
+def test_a_bag_has_corners_and_lens_in_it(tmp_path, program):
+    """The lens that the bag itself says is taken; from the pictures alone comes the same one."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    q, camera_on = bag(tmp_path / "run", cases.arm(), rosbag2.StoragePlugin.MCAP, "bgr8")
+    heads = "feature,kind,target,squares_x,squares_y,square_mm,marker_mm,dictionary"
+    (tmp_path / "f.csv").write_text(f"{heads}\nboard,image-on-tool,hand,8,6,30,20,6X6_250\n")
+    given = ["--features", tmp_path / "f.csv"]
+    result = program("hand-eye", tmp_path / "run", *given, "--robot", "irb1600", "--json")
+    camera = next(frame for frame in result["frames"] if frame["device"] == "camera")
+    np.testing.assert_allclose([camera[f"{axis}_mm"] for axis in "xyz"], camera_on[:3, 3] / MM, rtol=0, atol=0.6)
+    assert not result["lens"]
+    out = tmp_path / "corners.csv"
+    found = program("corners", tmp_path / "run", *given, "--robot", "irb1600", "--out", out, "--json")
+    assert found["images"] == STANDS
+    rows = pd.read_csv(out).drop_duplicates("pose")
+    np.testing.assert_allclose(np.radians(rows[[f"q{k}_deg" for k in range(1, 7)]]), q, rtol=0, atol=2e-5)
+    with pytest.raises(OptionError, match="name the table that has the joints"):
+        irbcal.corners(tmp_path, None, tmp_path / "f.csv")
+    (lens,) = program("lens", tmp_path / "run", *given, "--json")["lenses"]
+    assert lens["pictures"] > 40
+    assert lens["width_px"] == 800
+    for name, true in (("fx_px", 900.0), ("fy_px", 900.0), ("cx_px", 400.0), ("cy_px", 300.0)):
+        assert abs(lens[name]["value"] - true) < 3.0 * lens[name]["u95"] + 0.5
 
 
 def test_a_bag_of_another_robot_is_refused(tmp_path):

@@ -5,7 +5,8 @@ The reading is that of the package ``rosbags``, which is not installed with irbc
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
 from irbcal.measurement.columns import POSITION, TableLike
 from irbcal.measurement.features import given_rows
+from irbcal.measurement.lens_formats import ros
 from irbcal.measurement.pictures import IMAGE
 from irbcal.measurement.recordings import Recording
 from irbcal.modeling.arm import Arm
@@ -28,9 +30,12 @@ STILL_S = 0.5
 """The robot stands where no joint moved by more than `STILL` for so long, seconds."""
 STILL = 5e-4
 """Radians (metres)."""
+MOST = 60
+"""Pictures of a camera that a lens is calibrated from."""
 GAP_S = 1.0
 """Between joint states, above which nothing is known of the robot."""
 JOINTS, POINT = "sensor_msgs/msg/JointState", "geometry_msgs/msg/PointStamped"
+INFO, INFO_FIELDS = "sensor_msgs/msg/CameraInfo", ("k", "d", "width", "height", "distortion_model")
 PICTURES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 CHANNELS = {"mono8": 1, "8UC1": 1, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
 """Of the pictures that are read, by their encoding."""
@@ -38,11 +43,49 @@ CHANNELS = {"mono8": 1, "8UC1": 1, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, 
 
 def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Recording | None:
     """The recording; None where this is no bag."""
-    folder = path if path.is_dir() else path.parent
-    if path.suffix not in (".mcap", ".db3") and not (path.is_dir() and (path / "metadata.yaml").is_file()):
+    if not is_bag(path):
         return None
     if arm is None:
         raise OptionError("robot: name the robot whose joints the bag has", parameter="robot")
+    if features is None:
+        return Recording(pd.DataFrame(), None)
+    with _opened(path) as bag:
+        return _recorded(bag, arm, given_rows(features), features, str(path))
+
+
+def is_bag(path: Path) -> bool:
+    """Whether this is a bag by its name."""
+    return path.suffix in (".mcap", ".db3") or (path.is_dir() and (path / "metadata.yaml").is_file())
+
+
+def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict[str, Any]]:
+    """Up to `MOST` pictures in grey of each feature, evenly over the bag, by their names; of lenses alone.
+
+    Raises
+    ------
+    MeasurementError
+        If it is no bag, or its topics do not tell the cameras.
+    """
+    out: dict[str, dict[str, Any]] = {}
+    with _opened(path) as bag:
+        for topic, of_topic in _cameras(bag, rows, str(path)).items():
+            for row in of_topic:
+                connections = [c for c in bag.connections if c.topic == topic and c.msgtype in PICTURES]
+                count = sum(c.msgcount for c in connections)
+                chosen = set(np.linspace(0, count - 1, min(count, MOST)).round().astype(int).tolist())
+                for k, (connection, _, data) in enumerate(bag.messages(connections)):
+                    if k in chosen:
+                        grey = _grey(bag.deserialize(data, connection.msgtype), str(path))
+                        out.setdefault(row["feature"], {})[f"{topic} {k + 1}"] = grey
+    if not out:
+        raise MeasurementError("there are no pictures of these cameras in the bag", file=str(path))
+    return out
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The bag; what the package says of damaged ones is refused in one sentence."""
+    folder = path if path.is_dir() else path.parent
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
@@ -50,13 +93,11 @@ def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Reco
         raise OptionError(
             "bags need the package rosbags, which is not installed here: pip install 'irbcal[ros]'"
         ) from None
-    if features is None:
-        return Recording(pd.DataFrame(), None)
     source = path if path.is_dir() or not (folder / "metadata.yaml").is_file() else folder
     try:
         with AnyReader([source], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
-            return _recorded(bag, arm, given_rows(features), features, str(path))
-    except MeasurementError:
+            yield bag
+    except (MeasurementError, OptionError):
         raise
     except (AnyReaderError, OSError, ValueError, KeyError, TypeError, AssertionError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -88,7 +129,8 @@ def _recorded(bag: Any, arm: Arm, rows: list[dict[str, str]], features: TableLik
     at = cells.pop("stand").to_numpy()
     cells = cells.assign(**{name: values[at] for name, values in joints.items()})
     note = f"the robot stood {len(start)} times for {STILL_S:g} s and longer; {len(set(at))} of them were used"
-    return Recording(cells, features, pictures=taken or None, notes=(note,))
+    lenses = _lenses(bag, rows, source)
+    return Recording(cells, features if lenses is None else lenses, pictures=taken or None, notes=(note,))
 
 
 def _time(message: Any, recorded: int) -> float:
@@ -148,28 +190,58 @@ def _pictures(
     bag: Any, rows: list[dict[str, str]], start: FloatArray, end: FloatArray, source: str
 ) -> Mapping[tuple[str, int], Any]:
     """The picture nearest to the middle of each stand, by feature."""
-    shown = [row for row in rows if row["kind"] in imaging.TARGETS]
-    topics = sorted({c.topic for c in bag.connections if c.msgtype in PICTURES})
-    if not shown or not topics:
-        return {}
-    of = {t: [r for r in shown if imaging.camera_and_board(r)[0] in t.split("/")] for t in topics}
-    if len(topics) == 1:
-        of = {topics[0]: of[topics[0]] or shown}
-    if not any(of.values()) or any(len(features) > 1 for features in of.values()):
-        raise MeasurementError(
-            f"pictures of {', '.join(topics)}: expected one feature for each, its camera named by a part of the topic",
-            file=source,
-        )
+    of = _cameras(bag, rows, source)
     best: dict[tuple[str, int], tuple[float, Any]] = {}
     for topic, at, message in _messages(bag, PICTURES):
         k = _stand_of(at, start, end)
-        if k < 0 or not of[topic]:
+        if k < 0 or not of.get(topic):
             continue
         key = of[topic][0]["feature"], k
         off = abs(at - 0.5 * (start[k] + end[k]))
         if key not in best or off < best[key][0]:
             best[key] = off, message
     return {key: message for key, (_, message) in best.items()}
+
+
+def _cameras(bag: Any, rows: list[dict[str, str]], source: str) -> Mapping[str, list[dict[str, str]]]:
+    """The feature that the pictures of a topic show, by topic."""
+    shown = [row for row in rows if row["kind"] in imaging.TARGETS]
+    of = _by_topic(bag, shown, PICTURES)
+    if shown and of and (not any(of.values()) or any(len(features) > 1 for features in of.values())):
+        raise MeasurementError(
+            f"pictures of {', '.join(of)}: expected one feature for each, its camera named by a part of the topic",
+            file=source,
+        )
+    return of
+
+
+def _by_topic(bag: Any, shown: list[dict[str, str]], kinds: tuple[str, ...]) -> dict[str, list[dict[str, str]]]:
+    """Features by topics of some kinds, a part of which names the camera; of a single topic all where none does."""
+    topics = sorted({c.topic for c in bag.connections if c.msgtype in kinds})
+    of = {t: [r for r in shown if imaging.camera_and_board(r)[0] in t.split("/")] for t in topics}
+    return {topics[0]: of[topics[0]] or shown} if len(topics) == 1 else of
+
+
+def _lenses(bag: Any, rows: list[dict[str, str]], source: str) -> pd.DataFrame | None:
+    """The features with lenses of the bag's `INFO`, where the features do not say them; None where there are none."""
+    unknown = [row for row in rows if row["kind"] in imaging.TARGETS and not row.get(imaging.LENS[0])]
+    of = _by_topic(bag, unknown, (INFO,))
+    filled = False
+    for topic, _, message in _messages(bag, (INFO,)) if unknown else ():
+        if not of[topic] or not message.k[0]:  # zeros: the camera is not calibrated
+            continue
+        try:
+            cameras = ros.read({name: getattr(message, name) for name in INFO_FIELDS})
+        except ValueError as error:
+            raise MeasurementError(f"{topic}: this is no lens: {error}", file=source) from None
+        for numbers, size in (cameras or {}).values():
+            for row in of.pop(topic):
+                row |= dict(zip(imaging.LENS, (repr(float(x)) for x in numbers), strict=True))
+                row |= dict(zip(imaging.SIZE, map(str, size), strict=True))
+                filled = True
+        of[topic] = []
+    rest = [{name: cell for name, cell in row.items() if name not in ("row", "source")} for row in rows]
+    return pd.DataFrame(rest).fillna("") if filled else None
 
 
 def _points(
