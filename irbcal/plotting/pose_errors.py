@@ -360,10 +360,15 @@ def _view(label: str, model: str, view: tuple[str, int, int, str, str], ends: tu
     return panel
 
 
-def workspace(poses: PoseErrors) -> Chart:
-    """Mean error of each pose where it was measured."""
+def workspace(poses: PoseErrors, tolerance_mm: float | None = None) -> Chart:
+    """Mean error of each pose where it was measured; its colour is a share of the tolerance, where there is one."""
     label = f"Position errors of the {poses.name} poses over the workspace"
-    edges, class_names = _classes(np.concatenate([model.per_pose for model in poses.models.values()]) / MM)
+    if tolerance_mm is None:
+        edges, class_names = _classes(np.concatenate([model.per_pose for model in poses.models.values()]) / MM)
+        colours = "each colour has about the same share of all errors shown"
+    else:
+        edges, class_names = _in_words([f"{tolerance_mm * k / (CLASSES - 1):.4g}" for k in range(1, CLASSES)])
+        colours = "each colour is a quarter of the tolerance and the last is beyond it"
     xyz, ends = poses.mean_place() / MM, _space(poses)
     drawings = []
     for view in VIEWS:
@@ -380,10 +385,7 @@ def workspace(poses: PoseErrors) -> Chart:
                 _dots(panel, x, y, f"error{k}", said, titled[rows], size=_mark_size(len(error)) * (0.9 + 0.12 * k))
             drawings.append(panel.drawing)
     legend: list[LegendEntry] = [(f"error{k}", "o", text) for k, text in enumerate(class_names)]
-    caption = (
-        f"{label}, seen along z and along y of the base link (cross: its origin); each colour has about the same share "
-        "of all errors shown"
-    )
+    caption = f"{label}, seen along z and along y of the base link (cross: its origin); {colours}"
     return Chart("workspace", caption, drawings, legend, len(poses.models))
 
 
@@ -396,7 +398,11 @@ def _classes(errors: FloatArray) -> tuple[FloatArray, list[str]]:
     for value in quantiles:
         nearest = int(np.argmin(np.abs(np.log(round_values / value))))
         chosen.append(max(nearest, chosen[-1] + 1) if chosen else nearest)
-    text = [f"{round_values[k]:.10g}" for k in chosen]
+    return _in_words([f"{round_values[k]:.10g}" for k in chosen])
+
+
+def _in_words(text: Sequence[str]) -> tuple[FloatArray, list[str]]:
+    """Inner edges of classes as numbers, and the classes in words."""
     edges = np.array([float(edge) for edge in text])
     between = [f"{a} to {b} mm" for a, b in pairwise(text)]
     return edges, [f"below {text[0]} mm", *between, f"{text[-1]} mm and more"]

@@ -142,9 +142,10 @@ def draw(evaluation: Evaluation) -> list[Chart]:
     """Errors of the calibrated robot by pose, with the tolerance, and over the workspace; error vectors of both."""
     conformity = evaluation.conformity
     calibrated = _calibrated(evaluation)
+    tolerance_mm = None if conformity is None else conformity.tolerance_mm
     return [
-        errors_by_pose(calibrated, None if conformity is None else conformity.tolerance_mm),
-        workspace(calibrated),
+        errors_by_pose(calibrated, tolerance_mm),
+        workspace(calibrated, tolerance_mm),
         vectors(evaluation.errors),
     ]
 

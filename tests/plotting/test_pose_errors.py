@@ -57,6 +57,17 @@ def test_classes_of_errors_have_as_many_decimals(poses):
     assert len(decimals) == 1
 
 
+def test_colours_are_shares_of_the_tolerance(poses):
+    chart = pose_errors.workspace(poses, 0.5)
+    names = ["below 0.125 mm", "0.125 to 0.25 mm", "0.25 to 0.375 mm", "0.375 to 0.5 mm", "0.5 mm and more"]
+    assert [words for _, _, words in chart.legend] == names
+    dots = [item for item in chart.drawings[0].items if isinstance(item, Dots)]
+    error = next(iter(poses.models.values())).per_pose * 1e3
+    shares = np.minimum(np.floor(error / 0.125), 4).astype(int)
+    counts = {item.colour: len(item.xy) for item in dots if item.colour.startswith("error")}
+    assert counts == {f"error{k}": int((shares == k).sum()) for k in set(shares)}
+
+
 def test_worst_poses_are_those_of_the_table_of_points(demo_calibration):
     record = irbcal.load(demo_calibration).record
     found = irbcal.evaluate(record, robots.demo_file("demo_verification.csv"))
