@@ -1,7 +1,7 @@
 """Inverse kinematics by damped Newton steps alone, for arms without a closed form: any serial arm, batches.
 
 From the seed first, then within the limits from joints around it; poses that this does not solve are tried again from
-random joints. Of the solutions within the limits the one nearest to the seed is taken. Arms with more joints than a
+random joints, and from the ends of all joints' ranges. Of the solutions within the limits the one nearest to the seed is taken. Arms with more joints than a
 pose needs stay near the start.
 """
 
@@ -21,9 +21,11 @@ from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
-ROUNDS = ((40, 0, False), (40, 2, True), (160, 2, True), (640, 2, True))
-"""Number of random starts, `newton.solve`'s straighten, and whether joints stay within the limits on the way, one after
-the other for the poses still left."""
+ROUNDS = ((40, 0, False), (40, 2, True), (0, 0, True), (160, 2, True), (560, 2, True))
+"""Number of random starts (0: `_ends`), `newton.solve`'s straighten, and whether joints stay within the limits on the
+way, one after the other for the poses still left."""
+
+MOST_ENDS = 256
 
 AROUND = 0.03
 """Radians (metres): standard deviation of the starts around a seed."""
@@ -101,11 +103,11 @@ def solve(
                 unsolved = todo[~search.solved[todo]]
                 if number:
                     unsolved = unsolved[chain.merit(*search.errors[:, unsolved]) < HOPELESS]
-                starts = nominal.random_joints(count, number)[:, None]  # the same whatever a pose's neighbours
-                again = partial(search.random, starts, straighten, bounded)
-                step = max(1, MANY // count)
+                starts = nominal.random_joints(count, number) if count else _ends(nominal)
+                again = partial(search.random, starts[:, None], straighten, bounded)
+                step = max(1, MANY // len(starts))
                 blocks = [unsolved[k : k + step] for k in range(0, len(unsolved), step)]
-                for _ in parallel.threads(again, blocks, START_S * count * len(unsolved)):
+                for _ in parallel.threads(again, blocks, START_S * len(starts) * len(unsolved)):
                     pass
     reason = np.full(n, Reason.NOT_FOUND)
     reason[~good_seed], reason[~good_pose] = Reason.BAD_SEED, Reason.NOT_A_POSE
@@ -128,6 +130,18 @@ def reach(arm: Arm) -> float:
     """Largest distance of the tip from the middle of its places at random joints, metres."""
     tip = arm.forward(arm.random_joints(200, 0))[:, :3, 3]
     return float(np.linalg.norm(tip - tip.mean(axis=0), axis=1).max())
+
+
+def _ends(arm: Arm) -> FloatArray:
+    """Each joint at an end of its range, in all combinations (at most `MOST_ENDS`); random where it has no end.
+
+    From anywhere else steps seldom come to joints most of which lie at limits.
+    """
+    joints = len(arm.lower)
+    some = np.random.default_rng(0).integers(0, 2**joints, MOST_ENDS)
+    number = np.arange(2**joints) if 2**joints <= MOST_ENDS else some
+    ends = np.where(number[:, None] >> np.arange(joints) & 1, arm.upper, arm.lower)
+    return np.where(np.isfinite(ends), ends, arm.random_joints(len(ends), 0))
 
 
 class _Search:

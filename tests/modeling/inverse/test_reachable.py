@@ -17,6 +17,13 @@ def test_no_reachable_pose_stays_unsolved(name, kind):
     assert not unsolved(opened, opened.robot.poses(q)).any()
 
 
+def test_joints_all_at_limits_are_found():
+    opened = with_errors("panda", 2.4)
+    arm = opened.nominal
+    q = np.where(np.random.default_rng(0).random((60, 7)) < 0.5, arm.lower, arm.upper)
+    assert not unsolved(opened, opened.robot.poses(q)).any()
+
+
 @pytest.mark.parametrize(("name", "kind"), [*(("irb1600", kind) for kind in KINDS), ("panda", at_limits)])
 def test_a_seed_beside_the_solution_bounds_the_search(name, kind):
     opened = with_errors(name, 2.4)
