@@ -30,8 +30,9 @@ MOST_ENDS = 256
 AROUND = 0.03
 """Radians (metres): standard deviation of the starts around a seed."""
 
-HOPELESS = 0.02
-"""Merit (see `newton.CalibratedChain.merit`) below which the first round comes where a pose is within reach."""
+HOPELESS = (0.2, 0.02)
+"""Merit (see `newton.CalibratedChain.merit`) below which the first round comes where a pose is within reach, and below
+which the first two come."""
 
 MANY = 16_384
 """Starts that are worked on at a time, in each thread."""
@@ -102,7 +103,7 @@ def solve(
             for number, (count, straighten, bounded) in enumerate(ROUNDS):
                 unsolved = todo[~search.solved[todo]]
                 if number:
-                    unsolved = unsolved[chain.merit(*search.errors[:, unsolved]) < HOPELESS]
+                    unsolved = unsolved[chain.merit(*search.errors[:, unsolved]) < HOPELESS[min(number, 2) - 1]]
                 starts = nominal.random_joints(count, number) if count else _ends(nominal)
                 again = partial(search.random, starts[:, None], straighten, bounded)
                 step = max(1, MANY // len(starts))

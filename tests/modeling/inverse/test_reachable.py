@@ -17,6 +17,13 @@ def test_no_reachable_pose_stays_unsolved(name, kind):
     assert not unsolved(opened, opened.robot.poses(q)).any()
 
 
+def test_a_pose_is_not_given_up_after_the_first_starts():
+    """Next to a singularity of the wrist all of them end 56 mm off."""
+    opened = with_errors("ur3", 2.4)
+    q = [[0.47842090041522056, -2.7722226360887516, 0.035773601950668935, -1.8505965448007133, 4.2525e-11, -2.11259488]]
+    assert not unsolved(opened, opened.robot.poses(np.array(q))).any()
+
+
 def test_joints_all_at_limits_are_found():
     opened = with_errors("panda", 2.4)
     arm = opened.nominal
