@@ -1,8 +1,8 @@
 """Inverse kinematics by damped Newton steps alone, for arms without a closed form: any serial arm, batches.
 
 From the seed first, then within the limits from joints around it; poses that this does not solve are tried again from
-random joints, and from the ends of all joints' ranges. Of the solutions within the limits the one nearest to the seed is taken. Arms with more joints than a
-pose needs stay near the start.
+random joints, and from the ends of all joints' ranges. Of the solutions within the limits the one nearest to the seed
+is taken. Arms with more joints than a pose needs stay near the start.
 """
 
 from __future__ import annotations
