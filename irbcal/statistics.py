@@ -48,8 +48,8 @@ def f_beyond(value: float, freedom: float, freedom_below: float) -> float:
     if not value > 0.0:
         return 1.0 if value <= 0.0 else math.nan
     x = freedom_below / (freedom_below + freedom * value)
-    if x == 1.0:
-        return 1.0
+    if x in (0.0, 1.0):
+        return x
     a, b = freedom_below / 2.0, freedom / 2.0
     front = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
     if x < (a + 1.0) / (a + b + 2.0):

@@ -24,6 +24,7 @@ def test_f_distribution():
         expected = special.fdtrc(a, b, value)
         assert abs(distributions.f_beyond(value, a, b) - expected) < 1e-11 * expected + 1e-12
     assert distributions.f_beyond(0.0, 3, 5) == 1.0
+    assert distributions.f_beyond(np.inf, 3, 5) == 0.0
     assert np.isnan(distributions.f_beyond(np.nan, 3, 5))
 
 
@@ -79,3 +80,10 @@ def test_distances_of_four_bytes_have_the_statistics_of_eight():
     assert statistics(d) == pytest.approx(statistics(d.astype(float)), rel=1e-9)
     assert percentiles(d) == pytest.approx(percentiles(d.astype(float)), rel=1e-6)
     assert statistics(d[:1])["sigma_mm"] == 0.0
+
+
+@pytest.mark.parametrize("freedom", [(31.5, 2000.0), (6000.0, 31.0), (6e5, 3e5), (3e6, 1e6)])
+def test_the_f_distribution_of_many_points(freedom):
+    for share in (1e-4, 0.049, 0.051, 0.5):
+        value = special.fdtri(*freedom, 1.0 - share)
+        assert distributions.f_beyond(value, *freedom) == pytest.approx(share, rel=1e-6)

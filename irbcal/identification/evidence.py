@@ -50,6 +50,7 @@ from irbcal.modeling.terms.harmonics import HIGHEST, LONGEST, band_group
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
+from irbcal.statistics import f_beyond
 from irbcal.units import MM, UNIT_OUTSIDE
 
 FEWEST = 10
@@ -435,8 +436,6 @@ def _lagging(
     problem: Problem, motion: Motion, superset: Sequence[Term], geometry: Sequence[Term]
 ) -> tuple[bool, float]:
     """Whether readings lag, and by how much residuals fall if a share of the last move is taken from each pose."""
-    from scipy.special import fdtri
-
     sizes, spare = [], []
     for project in (False, True):
         state = linear_model.geometry_solution(problem, motion, geometry, project)
@@ -446,8 +445,8 @@ def _lagging(
         found = fit_term_set(linear, sums, middle, t)
         sizes.append(np.sqrt(found.s2))
         spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
-    chance = np.sqrt(fdtri(*spare, GATE_CERTAINTY))
-    return bool(sizes[0] > READINGS_GATE * chance * sizes[1]), float(sizes[0] / sizes[1])
+    ratio = float(sizes[0] / sizes[1])
+    return f_beyond((ratio / READINGS_GATE) ** 2, *spare) < 1.0 - GATE_CERTAINTY, ratio
 
 
 def identify_evidence(

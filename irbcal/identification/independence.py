@@ -13,6 +13,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification.evidence_maximisation import Posterior
 from irbcal.identification.linear_model import LinearModel
+from irbcal.statistics import f_beyond
 
 FEWEST = 30
 """Degrees of freedom of either part below which nothing is said."""
@@ -55,10 +56,8 @@ def along_and_across(linear: LinearModel, columns: IntArray, fit: Posterior) -> 
 
 def independent(linear: LinearModel, columns: IntArray, fit: Posterior) -> bool:
     """Whether what a fit leaves over is as small along rigid motions of a pose as across them."""
-    from scipy.stats import f
-
     squares, freedom = along_and_across(linear, columns, fit)
     if freedom.min() < FEWEST or not (squares > 0.0).all():
         return False
     along, across = squares / freedom
-    return bool(along <= across * f.ppf(CERTAINTY, *freedom))
+    return f_beyond(along / across, *freedom) >= 1.0 - CERTAINTY

@@ -260,7 +260,7 @@ def seven_joints():
     """An arm that a RAPID target cannot hold."""
 
     class Arm:
-        name, six_revolute = "seven", False
+        name, six_revolute, joints_listed = "seven", False, "7 (j1, j2, j3, j4, j5, j6, j7)"
 
     return Arm()
 
