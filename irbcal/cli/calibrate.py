@@ -214,7 +214,7 @@ def evaluate(
     else:
         show.tell(result.report(verbose))
         for folder, files in written.items():
-            show.say(f"Written to {folder}: {', '.join(files)}")
+            show.say(f"Written to {', '.join(str(folder / name) for name in files)}")
     if result.conformity is not None and not result.conformity:
         raise typer.Exit(show.NOT_TRUSTED)
     show.fail(result.verdict, fail_if_worse)
