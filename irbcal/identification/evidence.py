@@ -193,10 +193,10 @@ class Averaging:
             return
         for tau in reversed(taus[:-1]):
             other = term_sets.with_tau(item.term_set, self.superset, tau)
-            found = self.fit(other, self.evidence_temper, item.by_evidence)
-            if found.log_evidence <= item.by_evidence.log_evidence:
+            shorter = self.fit(other, self.evidence_temper, item.by_evidence)
+            if shorter.log_evidence <= item.by_evidence.log_evidence:
                 break
-            item.term_set, item.by_evidence = other, found
+            item.term_set, item.by_evidence = other, shorter
 
     def weigh(self, compared: list[ComparedTermSet], weights: FloatArray) -> None:
         """Fit the term sets that have a weight by their evidence, and divide it by squared leave-one-out residuals."""
@@ -442,9 +442,9 @@ def _lagging(
         linear = Linearisation(problem, state, motion, superset, project)
         middle = term_sets.make(superset, ["gravity", "gain", "harmonics"], 2, None)
         sums, t = linear.sums(middle.columns(linear.flat)), fit_temper(linear.per_pose)
-        found = fit_term_set(linear, sums, middle, t)
-        sizes.append(np.sqrt(found.s2))
-        spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
+        fit = fit_term_set(linear, sums, middle, t)
+        sizes.append(np.sqrt(fit.s2))
+        spare.append(max(t * sums.equations - linear.flat - float(fit.gammas.sum()), 1.0))
     ratio = float(sizes[0] / sizes[1])
     return f_beyond((ratio / READINGS_GATE) ** 2, *spare) < 1.0 - GATE_CERTAINTY, ratio
 
@@ -670,13 +670,15 @@ def _scan(
         # 0.141 mm and the intervals' coverage from 96 to 92 %
         return [], None
     fits = best.by_evidence, best.by_fit
-    found, spectrum = gears.scan(linear, best.term_set, averaging.part(best.term_set), fits, say, averaging.independent)
-    added = [term for item in found for term in gear_terms(item.joint, item.cycles_per_turn)]
+    cycles, spectrum = gears.scan(
+        linear, best.term_set, averaging.part(best.term_set), fits, say, averaging.independent
+    )
+    added = [term for item in cycles for term in gear_terms(item.joint, item.cycles_per_turn)]
     places = list(range(len(averaging.superset), len(averaging.superset) + len(added)))
     averaging.superset += added
     for item in averaging.kept if added else ():
         item.term_set = item.term_set.extended(places, [term.group for term in added])
-    return found, spectrum
+    return cycles, spectrum
 
 
 def check_averaging(arm: Arm, poses: int) -> None:
@@ -737,19 +739,19 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, ready.taus[-1] if ready.taus else None)
     sums = ready.sums.part(choice.columns(flat))
     t = evidence_temper(ready.linear.per_pose)
-    found = maximise_evidence(sums, flat, choice.group, choice.caps, t)
+    posterior = maximise_evidence(sums, flat, choice.group, choice.caps, t)
     terms = [superset[k] for k in choice.terms]
-    mine = np.array([taken(term) for term in terms], dtype=bool)
-    prior = np.where(mine, WIDE**-2.0, 1.0 / found.variances[choice.group])
-    A = (t / found.s2) * sums.H + np.diag(np.concatenate([np.zeros(flat), prior]))
-    own = np.concatenate([np.zeros(flat, dtype=bool), mine])
+    of_type = np.array([taken(term) for term in terms], dtype=bool)
+    prior = np.where(of_type, WIDE**-2.0, 1.0 / posterior.variances[choice.group])
+    A = (t / posterior.s2) * sums.H + np.diag(np.concatenate([np.zeros(flat), prior]))
+    of_type_columns = np.concatenate([np.zeros(flat, dtype=bool), of_type])
     covariance = np.linalg.inv(A)
-    values = covariance @ ((t / found.s2) * sums.g)
-    size = np.array([term.size for term in terms])[mine]
+    values = covariance @ ((t / posterior.s2) * sums.g)
+    size = np.array([term.size for term in terms])[of_type]
     return TypeTerms(
-        tuple(term for term, own_term in zip(terms, mine, strict=True) if own_term),
-        size * values[own],
-        np.outer(size, size) * covariance[np.ix_(own, own)],
+        tuple(term for term, own_term in zip(terms, of_type, strict=True) if own_term),
+        size * values[of_type_columns],
+        np.outer(size, size) * covariance[np.ix_(of_type_columns, of_type_columns)],
     )
 
 
