@@ -298,8 +298,8 @@ def _tell_a_homography(xy: FloatArray) -> bool:
         return False
     x = xy - xy.mean(axis=0)
     squares = x.T @ x - len(x) / (len(x) - 1.0) * x[:, :, None] * x[:, None]  # without each corner in turn
-    least, most = np.linalg.eigvalsh(squares).T
-    return bool((least >= 1e-6 * most).all())
+    smallest, largest = np.linalg.eigvalsh(squares).T
+    return bool((smallest >= 1e-6 * largest).all())
 
 
 def _features(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataFrame:

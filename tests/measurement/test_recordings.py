@@ -73,6 +73,45 @@ def test_samples_of_easy_handeye_give_the_camera_and_its_file_back(kind, tmp_pat
     np.testing.assert_allclose([camera[f"{axis}_mm"] for axis in "xyz"], truth[:3, 3] / MM, rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize(("kind", "ending"), [("eye_in_hand", "yaml"), ("eye_on_base", "json")])
+def test_poses_that_opencv_wrote_give_the_camera(kind, ending, tmp_path):
+    """OpenCV itself writes the file; each pose is what its name says, wherever the camera is."""
+    cv2 = pytest.importorskip("cv2")
+    taken, truth = samples(kind, np.random.default_rng(5))
+    poses = [(_matrix(each["robot"]), _matrix(each["tracking"])) for each in taken]
+    name = "gripper2base" if kind == "eye_in_hand" else "base2gripper"  # as samples of easy_handeye2 have it
+    path = tmp_path / f"poses.{ending}"
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for of, which in ((name, 0), ("target2cam", 1)):
+        for letter in "Rt":
+            file.startWriteStruct(f"{letter}_{of}", cv2.FileNode_SEQ)
+            for pair in poses:
+                T = pair[which]
+                file.write(
+                    "", T[:3, :3] if letter == "R" and which else T[:3, 3:] if letter == "t" else _vector(cv2, T)
+                )
+            file.endWriteStruct()
+    file.release()
+    row = "marker,image-on-tool,camera" if kind == "eye_in_hand" else "camera,image,marker"
+    (tmp_path / "f.csv").write_text(f"feature,kind,target\n{row}\n")
+    camera = next(frame for frame in hand_eye(path, tmp_path / "f.csv").devices if frame.device == "camera")
+    np.testing.assert_allclose(camera.T, truth, rtol=0, atol=1e-8)
+    if ending == "yaml":
+        path.write_text(path.read_text().replace("R_target2cam", "R_other"))
+        with pytest.raises(MeasurementError, match="expected R_target2cam and t_target2cam"):
+            hand_eye(path, tmp_path / "f.csv")
+
+
+def _vector(cv2, T):
+    return cv2.Rodrigues(T[:3, :3])[0]
+
+
+def _matrix(pose):
+    x, y, z, w = pose["rotation"].values()
+    turn = frames.matrix_from_quaternion(np.array([w, x, y, z]))
+    return frames.transform(turn, np.array(list(pose["translation"].values())))
+
+
 def test_samples_with_noise_are_never_worse_than_by_opencv(tmp_path):
     cv2 = pytest.importorskip("cv2")
     errors = []

@@ -175,8 +175,8 @@ class TextTable:
                 f"the name {column!r}",
                 file=self.source,
             )
-        asked = column.strip()
-        for by_spelling, text in zip(self._places, (asked, _folded(column), _folded(column), asked), strict=True):
+        stripped = column.strip()
+        for by_spelling, text in zip(self._places, (stripped, _folded(column), _folded(column), stripped), strict=True):
             matches = by_spelling.get(text, [])
             if len(matches) > 1:
                 raise self.header_fault(

@@ -61,7 +61,7 @@ def read(path: Path) -> dict[str, tuple[FloatArray, tuple[int, int]]]:
     MeasurementError
         If it is of no known format, or of a lens that is no pinhole with Brown's distortion.
     """
-    content = _content(path)
+    content = content_of(path)
     for name in FORMATS:
         try:
             cameras: dict[str, tuple[FloatArray, tuple[int, int]]] | None = _module(name).read(content)
@@ -78,7 +78,7 @@ def read(path: Path) -> dict[str, tuple[FloatArray, tuple[int, int]]]:
     raise MeasurementError(f"expected a lens: {known}", file=str(path))
 
 
-def _content(path: Path) -> Any:
+def content_of(path: Path) -> Any:
     """What a file of YAML, JSON or OpenCV's XML holds."""
     data = read_bytes(path, MeasurementError)
     if not data.lstrip().startswith(b"<"):

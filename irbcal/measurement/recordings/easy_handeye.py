@@ -46,10 +46,15 @@ def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Reco
     robot, marker = (
         transforms([(str(path), _flat(sample, name)) for sample in samples]) for name in ("robot", "tracking")
     )
-    row = _feature(path, features)
     T_flange, T_marker = (InputTable(poses, str(path)).poses() for poses in (robot, marker))
-    if row["kind"] == TYPES["eye_on_base"]:
+    if _feature(path, features)["kind"] == TYPES["eye_on_base"]:
         T_flange = frames.inverse(T_flange)
+    return of_markers(path, features, T_flange, T_marker)
+
+
+def of_markers(path: Path, features: TableLike | None, T_flange: FloatArray, T_marker: FloatArray) -> Recording:
+    """Poses (n, 4, 4) of the flange in the base and of a marker in the camera as corners of a square."""
+    row = _feature(path, features)
     corners = SQUARE @ T_marker[:, :3, :3].transpose(0, 2, 1) + T_marker[:, None, :3, 3]
     if not (corners[:, :, 2] > 0.0).all():
         k = int(np.flatnonzero(~(corners[:, :, 2] > 0.0).all(axis=1))[0])

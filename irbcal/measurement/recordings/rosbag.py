@@ -206,42 +206,47 @@ def _pictures(
 def _cameras(bag: Any, rows: list[dict[str, str]], source: str) -> Mapping[str, list[dict[str, str]]]:
     """The feature that the pictures of a topic show, by topic."""
     shown = [row for row in rows if row["kind"] in imaging.TARGETS]
-    of = _by_topic(bag, shown, PICTURES)
-    if shown and of and (not any(of.values()) or any(len(features) > 1 for features in of.values())):
+    features_of = _by_topic(bag, shown, PICTURES)
+    if (
+        shown
+        and features_of
+        and (not any(features_of.values()) or any(len(features) > 1 for features in features_of.values()))
+    ):
         raise MeasurementError(
-            f"pictures of {', '.join(of)}: expected one feature for each, its camera named by a part of the topic",
+            f"pictures of {', '.join(features_of)}: expected one feature for each, its camera named by a part of the "
+            "topic",
             file=source,
         )
-    return of
+    return features_of
 
 
 def _by_topic(bag: Any, shown: list[dict[str, str]], kinds: tuple[str, ...]) -> dict[str, list[dict[str, str]]]:
     """Features by topics of some kinds, a part of which names the camera; of a single topic all where none does."""
     topics = sorted({c.topic for c in bag.connections if c.msgtype in kinds})
-    of = {t: [r for r in shown if imaging.camera_and_board(r)[0] in t.split("/")] for t in topics}
-    return {topics[0]: of[topics[0]] or shown} if len(topics) == 1 else of
+    features_of = {t: [r for r in shown if imaging.camera_and_board(r)[0] in t.split("/")] for t in topics}
+    return {topics[0]: features_of[topics[0]] or shown} if len(topics) == 1 else features_of
 
 
 def _lenses(bag: Any, rows: list[dict[str, str]], source: str) -> pd.DataFrame | None:
     """The features with lenses of the bag's `INFO`, where the features do not say them; None where there are none."""
     unknown = [row for row in rows if row["kind"] in imaging.TARGETS and not row.get(imaging.LENS[0])]
-    of = _by_topic(bag, unknown, (INFO,))
+    features_of = _by_topic(bag, unknown, (INFO,))
     filled = False
     for topic, _, message in _messages(bag, (INFO,)) if unknown else ():
-        if not of[topic] or not message.k[0]:  # zeros: the camera is not calibrated
+        if not features_of[topic] or not message.k[0]:  # zeros: the camera is not calibrated
             continue
         try:
             cameras = ros.read({name: getattr(message, name) for name in INFO_FIELDS})
         except ValueError as error:
             raise MeasurementError(f"{topic}: this is no lens: {error}", file=source) from None
         for numbers, size in (cameras or {}).values():
-            for row in of.pop(topic):
+            for row in features_of.pop(topic):
                 row |= dict(zip(imaging.LENS, (repr(float(x)) for x in numbers), strict=True))
                 row |= dict(zip(imaging.SIZE, map(str, size), strict=True))
                 filled = True
-        of[topic] = []
-    rest = [{name: cell for name, cell in row.items() if name not in ("row", "source")} for row in rows]
-    return pd.DataFrame(rest).fillna("") if filled else None
+        features_of[topic] = []
+    cells = [{name: cell for name, cell in row.items() if name not in ("row", "source")} for row in rows]
+    return pd.DataFrame(cells).fillna("") if filled else None
 
 
 def _points(
