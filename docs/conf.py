@@ -13,7 +13,8 @@ author = "The irbcal authors"
 copyright = "The irbcal authors"
 release = version = irbcal.__version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "reference"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "reference", "formulas"]
+html_math_renderer = "mathml"
 exclude_patterns = ["_build", "_extensions", "jupyter_execute", ".jupyter_cache"]
 html_theme = "furo"
 html_title = f"irbcal {release}"
@@ -22,7 +23,7 @@ html_show_sourcelink = False
 html_static_path = ["_static"]
 html_css_files = ["wide.css"]
 
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(HERE / "_build" / "notebooks")

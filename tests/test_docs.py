@@ -36,3 +36,4 @@ def test_the_site_builds_without_warnings(tmp_path):
     assert "--holdout" in commands
     outside = re.findall(r'(?:src|href)="(https?://[^"]+\.(?:js|css|woff2?))"', front)
     assert outside == [], "the site needs no network"
+    assert "<msqrt>" in (tmp_path / "predictions.html").read_text(encoding="utf-8"), "formulas are MathML"
