@@ -112,6 +112,8 @@ class PoseErrors(Locked):
         Measured place of each point in the base link, metres.
     what : str
         What the errors are: ``position error``, or ``distance from feature``.
+    arm : ndarray, shape (k, 3), or None
+        A line along the arm at home in the base link, metres, see `irbcal.modeling.home.line_at_home`.
     """
 
     name: str
@@ -122,6 +124,7 @@ class PoseErrors(Locked):
     models: Mapping[str, ModelErrors]
     place: FloatArray | None
     what: str = field(default=POSITION, kw_only=True)
+    arm: FloatArray | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
         return f"<PoseErrors: {len(self.pose_names)} {self.name} poses, {len(self.pose)} points, {dict(self.models)!r}>"
@@ -340,16 +343,17 @@ VIEWS = (("from above", 0, 1, "x (mm)", "y (mm)"), ("from the side", 0, 2, "x (m
 
 
 def _space(poses: PoseErrors) -> tuple[FloatArray, FloatArray]:
-    """Ends of each view around the measured places and the base."""
-    xyz = np.vstack([poses.mean_place() / MM, np.zeros(3)])
+    """Ends of each view around the measured places, the base and the arm."""
+    xyz = np.vstack([poses.mean_place() / MM, np.zeros(3), *([] if poses.arm is None else [poses.arm / MM])])
     low, high = xyz.min(axis=0), xyz.max(axis=0)
     margin = 0.06 * max((high - low).max(), 1.0)
     return low - margin, high + margin
 
 
-def _view(label: str, model: str, view: tuple[str, int, int, str, str], ends: tuple[FloatArray, FloatArray]) -> Panel:
+def _view(poses: PoseErrors, label: str, model: str, view: tuple[str, int, int, str, str]) -> Panel:
+    """Axes of a view with the base's origin and the arm."""
     plane, i, j, x_label, y_label = view
-    low, high = ends
+    low, high = _space(poses)
     wide, tall = high[i] - low[i], high[j] - low[j]
     drawing = Drawing(f"{label}, {model}, {plane}", float(np.clip(330.0 * tall / wide, 190.0, 420.0)) + 70.0)
     panel = Panel(
@@ -357,6 +361,9 @@ def _view(label: str, model: str, view: tuple[str, int, int, str, str], ends: tu
     )
     panel.line([-0.02 * wide, 0.02 * wide], [0, 0], "soft", 1.4)
     panel.line([0, 0], [-0.02 * wide, 0.02 * wide], "soft", 1.4)
+    if poses.arm is not None:
+        panel.line(poses.arm[:, i] / MM, poses.arm[:, j] / MM, "soft", 7.0, opacity=0.25)
+        panel.dots(poses.arm[2:-1:2, i] / MM, poses.arm[2:-1:2, j] / MM, "soft", 8.0, opacity=0.35)
     return panel
 
 
@@ -369,11 +376,11 @@ def workspace(poses: PoseErrors, tolerance_mm: float | None = None) -> Chart:
     else:
         edges, class_names = _in_words([f"{tolerance_mm * k / (CLASSES - 1):.4g}" for k in range(1, CLASSES)])
         colours = "each colour is a quarter of the tolerance and the last is beyond it"
-    xyz, ends = poses.mean_place() / MM, _space(poses)
+    xyz = poses.mean_place() / MM
     drawings = []
     for view in VIEWS:
         for name, model in poses.models.items():
-            panel = _view(label, name, view, ends)
+            panel = _view(poses, label, name, view)
             error = model.per_pose / MM
             which = np.digitize(error, edges)
             texts = [f"pose {pose}: {name} {e:.3f} mm" for pose, e in zip(poses.pose_names, error, strict=True)]
@@ -385,7 +392,8 @@ def workspace(poses: PoseErrors, tolerance_mm: float | None = None) -> Chart:
                 _dots(panel, x, y, f"error{k}", said, titled[rows], size=_mark_size(len(error)) * (0.9 + 0.12 * k))
             drawings.append(panel.drawing)
     legend: list[LegendEntry] = [(f"error{k}", "o", text) for k, text in enumerate(class_names)]
-    caption = f"{label}, seen along z and along y of the base link (cross: its origin); {colours}"
+    caption = f"{label}, seen along z and along y of the base link (cross: its origin, grey: the arm at home); "
+    caption += colours
     return Chart("workspace", caption, drawings, legend, len(poses.models))
 
 
@@ -413,7 +421,7 @@ def vectors(poses: PoseErrors) -> Chart:
     n = len(poses.pose_names)
     rows = np.unique(np.linspace(0, n - 1, min(n, MOST_ARROWS)).astype(int))
     error = {name: model.mean_vector(poses.pose) / MM for name, model in poses.models.items()}
-    low, high = ends = _space(poses)
+    low, high = _space(poses)
     size = max(np.quantile(np.linalg.norm(e, axis=1), 0.95) for e in error.values())
     factor = round_number(ARROW * float((high - low)[:2].max()) / max(size, 1e-9))
     label = f"Error vectors of the {poses.name} poses, {factor:g} times enlarged"
@@ -422,7 +430,7 @@ def vectors(poses: PoseErrors) -> Chart:
     for view in VIEWS:
         _, i, j, *_ = view
         for name, e in error.items():
-            panel = _view(label, name, view, ends)
+            panel = _view(poses, label, name, view)
             start, arrow = xyz[rows][:, [i, j]], factor * e[rows][:, [i, j]]
             tip = panel.at(*(start + arrow).T)
             foot = panel.at(*start.T)

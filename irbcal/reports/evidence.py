@@ -15,6 +15,7 @@ from irbcal.joint_analysis.residuals import ResidualAnalysis, analyse_residuals
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
+from irbcal.modeling.home import line_at_home
 from irbcal.plotting.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
 from irbcal.units import MM
 from irbcal.validation import accuracy
@@ -165,6 +166,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         direction,
         count,
         what=POSITION if c.features is None else FROM_FEATURE,
+        arm=line_at_home(robots["nominal"].arm),
     )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from html import escape, unescape
 from html.parser import HTMLParser
 from importlib.resources import files
@@ -76,7 +76,7 @@ class Catalogue:
     ----------
     language : str
     plain : dict of str to str
-    patterns : sequence of Pattern
+    patterns : sequence of Message
         Those that say most come first.
     """
 
@@ -106,23 +106,23 @@ class Catalogue:
         return said
 
     def _message(self, text: str) -> str | None:
-        """The whole text as one message; None where the catalogue does not know it."""
+        """The whole text as one message; None where the catalogue does not know it, or what stands in its places."""
         if text in self.plain:
             return self.plain[text]
-        for pattern in self.patterns:
-            match = pattern.expression.fullmatch(text) if pattern.longest in text else None
+        for message in self.patterns:
+            match = message.expression.fullmatch(text) if message.longest in text else None
             if match is not None and not any(SENTENCES.search(part) for part in match.groups()):
-                parts = dict(zip(pattern.places, match.groups(), strict=True))
-                return PLACE.sub(partial(self._part, parts), pattern.said)
+                parts = [self._part(place, part) for place, part in zip(message.places, match.groups(), strict=True)]
+                if None not in parts:
+                    names = (place[1:-1] for place in message.places)
+                    return message.said.format_map(dict(zip(names, parts, strict=True)))
         return None
 
-    def _part(self, parts: Mapping[str, str], place: re.Match[str]) -> str:
-        """What stands in a place: a list by its members where all are known, else as a whole, else member by member."""
-        text = parts[place.group()]
-        if place.group(1) in ("n", "name"):
+    def _part(self, place: str, text: str) -> str | None:
+        """What stands in a place: a number or a name as it is, else a list by its members, or a message."""
+        if PLACE.sub(r"\1", place) in ("n", "name") or not WORD.search(text):
             return text
-        said = self._members(text) or self._message(text)
-        return ", ".join(self._message(member) or member for member in text.split(", ")) if said is None else said
+        return self._members(text) or self._message(text)
 
     def _members(self, text: str) -> str | None:
         """A list by its members; None where one of them is not known."""
@@ -150,7 +150,7 @@ def catalogue(language: Language) -> Catalogue:
         for place, text in zip(places, texts[1:], strict=True):
             expression += (NUMBER if PLACE.sub(r"\1", place) == "n" else "(.+?)") + re.escape(text)
         patterns.append(Message(re.compile(expression), entry.msgstr, places, max(texts, key=len)))
-    patterns.sort(key=lambda pattern: -len(pattern.expression.pattern))
+    patterns.sort(key=lambda message: -len(message.expression.pattern))
     return Catalogue(language, plain, patterns)
 
 

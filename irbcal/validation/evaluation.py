@@ -24,6 +24,7 @@ from irbcal.measurement.repeats import repeat_groups
 from irbcal.measurement.table import shared_table
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.home import line_at_home
 from irbcal.modeling.lost_zeros import lost_joints
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked, number, place
@@ -950,6 +951,7 @@ def _pose_errors(robots: Mapping[str, Robot], points: PointSet, errors: Mapping[
         tuple(str(name) for name in points.names()),
         models,
         frames.apply(T_base_world, points.xyz),
+        arm=line_at_home(robots["nominal"].arm),
     )
 
 

@@ -1,19 +1,28 @@
-"""What an arm is commanded: where it is at home, and how many decimals there are."""
+"""A line along the arm at home, for drawings."""
 
 import numpy as np
 import pytest
-from planning_support import gantry, setting
-from support import arm
 
+from irbcal.io import robots, urdf
 from irbcal.modeling import home
-from irbcal.planning import choosing
 
 
-def test_joints_are_what_can_be_commanded():
-    q = np.degrees(choosing.random_poses(setting(), 30, "g", 0).q)
-    assert np.abs(q - np.round(q, 4)).max() < 1e-11
-
-
-def test_home_is_zero_or_the_middle_of_limits_that_leave_no_room():
-    assert home.home_joints(arm()).tolist() == [0.0] * 6
-    assert home.home_joints(gantry()) == pytest.approx([0.6, 0.0, 0.6])
+@pytest.mark.parametrize("name", ["irb1600", "panda", "ur10"])
+def test_the_line_meets_each_joint_axis_and_ends_at_the_tip(name):
+    pin = pytest.importorskip("pinocchio")
+    arm = urdf.read(name).arm
+    model = pin.buildModelFromUrdf(str(robots.robot_file(name)))
+    q, data, line = home.home_joints(arm), model.createData(), home.line_at_home(arm)
+    configuration = pin.neutral(model)
+    for joint, value in zip(arm.joint_names, q, strict=True):
+        configuration[model.joints[model.getJointId(joint)].idx_q] = value
+    pin.computeJointJacobians(model, data, configuration)
+    pin.updateFramePlacements(model, data)
+    base = data.oMf[model.getFrameId(arm.base_link)]
+    assert line[0].tolist() == [0.0, 0.0, 0.0]
+    assert np.abs(line[-1] - base.actInv(data.oMf[model.getFrameId(arm.tip_link)]).translation).max() < 1e-9
+    for joint, origin in zip(arm.joint_names, line[2:-1:2], strict=True):
+        k = model.getJointId(joint)
+        axis = data.J[3:, model.joints[k].idx_v]
+        across = np.cross(axis, base.act(origin) - data.oMi[k].translation)
+        assert np.linalg.norm(across) < 1e-9

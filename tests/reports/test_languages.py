@@ -169,3 +169,10 @@ def test_from_the_command_line(demo_calibration, tmp_path):
     assert CliRunner().invoke(app, [*call, "--report", str(tmp_path / "d.html"), "--language", "it"]).exit_code != 0
     assert CliRunner().invoke(app, [*call, "--language", "de"]).exit_code != 0
     assert [path.name for path in tmp_path.iterdir()] == ["c.html"]
+
+
+def test_a_message_whose_places_hold_unknown_words_is_none():
+    """A caption with a comma more would else be taken for another one, and stay English within."""
+    caption = "Position errors of the measured poses over the workspace, calibrated, from above"
+    assert "lang" not in translated(page_of(f"<p>{caption}</p>"), "fr").partition("<body>")[2]
+    assert '<span lang="en">' in translated(page_of(f"<p>{caption.replace('calibrated', 'tomorrow')}</p>"), "fr")
