@@ -89,6 +89,7 @@ def test_the_whole_job_in_a_browser_gives_what_the_shell_gives(context, samples,
     try:
         page = server.only_page(context, "robot")
         drop(page, samples / "my_robot.urdf")
+        page.get_by_role("img", name="irb1600_6_145 at home").wait_for()
         page.get_by_role("button", name=re.compile("Compare a pose")).click()
         page.get_by_label("Joints as the pendant").fill("0, 0, 0, 0, 0, 0")
         page.get_by_label("Tool 0 in the base").fill("815, 0, 1186.5")

@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from html import escape
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -212,10 +213,30 @@ def _choose_robot(project: Project, looks: Looks) -> None:
         value = project.robot if project.robot in names else None
         if names != choice.options or value != choice.value:
             choice.set_options(names, value=value)
+        if project.robot != drawn[0]:
+            drawn[0] = project.robot
+            picture.set_content(_picture(project))
 
+    drawn = [""]
+    picture = ui.html("", sanitize=False).classes("w-full max-w-3xl")
     looks.append(look)
     look()
     _pendant(project)
+
+
+def _picture(project: Project) -> str:
+    """The chosen arm at home as SVG; nothing where its file cannot be read, which the step says."""
+    import irbcal
+    from irbcal.plotting.pose_errors import arm_at_home
+
+    robot = project.robot
+    try:
+        arm = irbcal.read_urdf(project.folder / robot if project.has(robot) else robot).arm
+    except IrbcalError:
+        return ""
+    svg = arm_at_home(arm).content("svg").decode("utf-8").partition("?>")[2]
+    fitting = svg.replace("<svg ", '<svg style="max-width: 100%; height: auto" ', 1)
+    return f'<div role="img" aria-label="{escape(arm.name)} at home">{fitting}</div>'
 
 
 def _pendant(project: Project) -> None:

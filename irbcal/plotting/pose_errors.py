@@ -14,6 +14,8 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import OptionError
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import line_at_home
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Lines, Panel, Sign, Text, fixed, round_number, up_to
 from irbcal.statistics import normal_quantile
 from irbcal.units import DEG, MM
@@ -352,19 +354,36 @@ def _space(poses: PoseErrors) -> tuple[FloatArray, FloatArray]:
 
 def _view(poses: PoseErrors, label: str, model: str, view: tuple[str, int, int, str, str]) -> Panel:
     """Axes of a view with the base's origin and the arm."""
-    plane, i, j, x_label, y_label = view
-    low, high = _space(poses)
+    return _with_arm(f"{label}, {model}, {view[0]}", f"{model}, {view[0]}", view, _space(poses), poses.arm)
+
+
+def _with_arm(
+    label: str,
+    title: str,
+    view: tuple[str, int, int, str, str],
+    ends: tuple[FloatArray, FloatArray],
+    arm: FloatArray | None,
+) -> Panel:
+    _, i, j, x_label, y_label = view
+    low, high = ends
     wide, tall = high[i] - low[i], high[j] - low[j]
-    drawing = Drawing(f"{label}, {model}, {plane}", float(np.clip(330.0 * tall / wide, 190.0, 420.0)) + 70.0)
-    panel = Panel(
-        drawing, (low[i], high[i]), (low[j], high[j]), x_label, y_label, title=f"{model}, {plane}", equal=True
-    )
+    drawing = Drawing(label, float(np.clip(330.0 * tall / wide, 190.0, 420.0)) + 70.0)
+    panel = Panel(drawing, (low[i], high[i]), (low[j], high[j]), x_label, y_label, title=title, equal=True)
     panel.line([-0.02 * wide, 0.02 * wide], [0, 0], "soft", 1.4)
     panel.line([0, 0], [-0.02 * wide, 0.02 * wide], "soft", 1.4)
-    if poses.arm is not None:
-        panel.line(poses.arm[:, i] / MM, poses.arm[:, j] / MM, "soft", 7.0, opacity=0.25)
-        panel.dots(poses.arm[2:-1:2, i] / MM, poses.arm[2:-1:2, j] / MM, "soft", 8.0, opacity=0.35)
+    if arm is not None:
+        panel.line(arm[:, i] / MM, arm[:, j] / MM, "soft", 7.0, opacity=0.25)
+        panel.dots(arm[2:-1:2, i] / MM, arm[2:-1:2, j] / MM, "soft", 8.0, opacity=0.35)
     return panel
+
+
+def arm_at_home(arm: Arm) -> Chart:
+    """An arm at home from above and from the side: its joints, and how large it is."""
+    line = line_at_home(arm)
+    low, high = line.min(axis=0) / MM, line.max(axis=0) / MM
+    margin = 0.25 * (high - low).max()
+    panels = [_with_arm(f"{arm.name}, {v[0]}", v[0], v, (low - margin, high + margin), line) for v in VIEWS]
+    return Chart("arm", f"{arm.name} at home", [panel.drawing for panel in panels], [])
 
 
 def workspace(poses: PoseErrors, tolerance_mm: float | None = None) -> Chart:
