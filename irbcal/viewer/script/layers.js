@@ -127,7 +127,7 @@ function hurry(on) {
   if (hurried === on) return;
   hurried = on;
   for (const [whole, coarse] of looks) [whole.visible, coarse.visible] = [!on, on];
-  viewer.renderer.setPixelRatio(devicePixelRatio * (on ? 2 / 3 : 1));
+  viewer.renderer.setPixelRatio(devicePixelRatio * (on ? 0.6 : 1));
   if (points) show_points();
 }
 function at_its_pace(render) {
