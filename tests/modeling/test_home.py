@@ -21,8 +21,9 @@ def test_the_line_meets_each_joint_axis_and_ends_at_the_tip(name):
     base = data.oMf[model.getFrameId(arm.base_link)]
     assert line[0].tolist() == [0.0, 0.0, 0.0]
     assert np.abs(line[-1] - base.actInv(data.oMf[model.getFrameId(arm.tip_link)]).translation).max() < 1e-9
-    for joint, origin in zip(arm.joint_names, line[2:-1:2], strict=True):
+    for j, joint in enumerate(arm.joint_names):
+        before, foot, origin = (base.act(point) for point in line[2 * j : 2 * j + 3])
         k = model.getJointId(joint)
         axis = data.J[3:, model.joints[k].idx_v]
-        across = np.cross(axis, base.act(origin) - data.oMi[k].translation)
-        assert np.linalg.norm(across) < 1e-9
+        assert np.linalg.norm(np.cross(axis, origin - data.oMi[k].translation)) < 1e-9
+        assert j == 0 or abs(axis @ (foot - before)) < 1e-9  # the common normal first, then along the axis

@@ -145,6 +145,12 @@ def page_of(body):
     return f'<!DOCTYPE html>\n<html lang="en"><body>{body}</body></html>'
 
 
+def test_code_and_the_sentence_after_a_name_are_no_part_of_a_message():
+    sentences = "Calibrated with irbcal 1.0, evaluated with irbcal 2.0. Nothing: every measured point was used."
+    body = translated(page_of(f"<p>{sentences} <code>Signature</code></p>"), "de").partition("<body>")[2]
+    assert "ausgewertet mit irbcal 2.0. Nichts: Jeder Messpunkt wurde benutzt. <code>Signature</code>" in body
+
+
 def test_what_is_unknown_stays_english_and_says_so():
     page = page_of("<p>Nothing: every measured point was used. A sentence of tomorrow.</p>")
     other = translated(page, "fr")
