@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass
 from datetime import date
 from functools import cache
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +29,13 @@ S = TypeVar("S", bound=np.generic)
 
 
 @contextmanager
-def row_arithmetic(errors: Literal["ignore"] | None = None) -> Iterator[None]:
-    """Arithmetic on rows of numbers of one type without buffers; ``errors`` is for `numpy.errstate`.
+def row_arithmetic() -> Iterator[None]:
+    """Arithmetic on rows of numbers of one type without buffers.
 
     numpy copies rows that are shorter than its buffer through it before it broadcasts them or strides over them, which
     takes two to four times as long as the arithmetic. The setting ends with the block, and is this thread's own.
     """
-    with np.errstate(invalid=errors, divide=errors, over=errors):
+    with np.errstate():
         np.setbufsize(16)
         yield
 

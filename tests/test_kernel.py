@@ -19,7 +19,7 @@ from term_cases import framed_robot
 from irbcal import kernel
 from irbcal.errors import RobotError
 from irbcal.modeling.inverse import calibrated_arm, closed_form, fixed_point
-from irbcal.modeling.inverse.result import Method
+from irbcal.modeling.inverse.result import Method, Reason
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parts import compiled as kernel_of
 from irbcal.planners.calibrated_model import CalibratedModel
@@ -194,36 +194,46 @@ def test_the_inverse_is_that_of_numpy(size, monkeypatch):
     regular = np.abs(np.sin(found.joints[:, 4])) > 0.2  # elsewhere the tolerance leaves more of joints 4 and 6 open
     np.testing.assert_allclose(found.joints[regular], expected.joints[regular], rtol=0, atol=1e-8)
     for k, one in enumerate(some):
-        if one.method[0] != Method.FIXED_POINT:  # Newton's steps are numpy's, whose sums depend on the neighbours
-            continue
         for field in fields(one):
             np.testing.assert_array_equal(getattr(one, field.name), getattr(found, field.name)[k : k + 1])
 
 
 @compiled
-def test_poses_next_to_singularities_and_limits_leave_nothing_to_numpy(monkeypatch):
-    nominal = arm()
-    robot = random_robot(nominal, "34", np.random.default_rng(2))
-    rng = np.random.default_rng(4)
-    q = nominal.random_joints(600, 3)
-    q[:200, 4] = rng.uniform(-0.01, 0.01, 200)  # the wrist stretched, then joint 3 at a limit
-    q[200:300, 2] = nominal.upper[2] - 1e-6
-    T, seed = robot.poses(q), q + 5e-3 * rng.standard_normal(q.shape)
-    found, left, numbers, flags = out = fixed_point.room(len(q))
-    own = fixed_point.kernel_of(robot, nominal)
-    assert own.inverses(T, None, seed, 1e-10, 1e-10, *out, 6) == len(q)
-    assert flags[0].all()
-    assert flags[1].all()
-    assert set(numbers[2]) == {Method.FIXED_POINT, Method.NEWTON}
-    assert left[:2].max() <= 1e-10
-    assert own.inverses(T, None, seed, 1e-10, 1e-10, *fixed_point.room(len(q)), 0) < 0.9 * len(q)  # without a search
+@pytest.mark.parametrize("asked", ["seed", "seed, not thorough", "configuration", "seed and configuration"])
+def test_what_stays_unsolved_is_told_as_by_numpy(asked, monkeypatch):
+    """Next to singularities, at limits, beyond limits and reach: joints, reasons and the errors that are left."""
+    nominal, rng = arm(), np.random.default_rng(4)
+    robot = random_robot(nominal, "34b", np.random.default_rng(3))
+    q = nominal.random_joints(360, 3)
+    q[:60, 4] = rng.uniform(-0.01, 0.01, 60)
+    q[60:120, 2] = -np.pi / 2  # the arm stretched
+    q[120:150, 2] = nominal.upper[2] - 1e-6
+    q[150:210] += rng.uniform(-1.0, 1.0, (60, 6))
+    T = robot.poses(q)
+    T[100:240, :3, 3] *= rng.uniform(0.5, 1.6, (140, 1))
+    T[3], T[4, :3, :3] = np.nan, 1.1 * T[4, :3, :3]
+    seed = q + 1e-2 * rng.standard_normal(q.shape)
+    seed[4:6, 1] = np.nan
+    how = {"thorough": False} if "not" in asked else {}
+    how |= {"seed": seed} if "seed" in asked else {}
+    how |= {"configuration": rng.integers(0, 8, len(q))} if "configuration" in asked else {}
+    assert fixed_point.kernel_of(robot, nominal) is not None
+    found = calibrated_arm.solve(robot, nominal, T, **how)
     plain = by_numpy(monkeypatch, robot)
+    expected = calibrated_arm.solve(plain, nominal, T, **how)
     fixed_point.kernel_of.cache_clear()
-    assert np.abs(plain.forward(found) - T).max() < 3e-10
-    expected = calibrated_arm.solve(plain, nominal, T[150:250], seed[150:250])
-    fixed_point.kernel_of.cache_clear()
-    assert expected.inside.all()
-    assert flags[2].mean() > 0.95
+    for name in ("converged", "inside", "configuration", "branch_kept", "method", "reason"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+    assert set(found.method) == {Method.NONE, Method.FIXED_POINT, Method.NEWTON}
+    assert {Reason.NOT_A_POSE, Reason.OUT_OF_REACH, Reason.NOT_FOUND} < set(found.reason)
+    assert (found.reason == Reason.BAD_SEED).sum() == ("seed" in asked)
+    lost = ~found.converged
+    np.testing.assert_array_equal(np.isnan(found.joints).any(axis=1), lost)
+    for name in ("position_residual", "rotation_residual"):
+        left = getattr(found, name)[lost]
+        np.testing.assert_allclose(left, getattr(expected, name)[lost], rtol=0, atol=1e-9)
+        assert np.isnan(left).sum() == (3 if "seed" in asked else 2)
+    assert np.abs(plain.forward(found.joints[~lost]) - T[~lost]).max() < 3e-10
 
 
 @compiled

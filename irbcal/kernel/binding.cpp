@@ -78,7 +78,7 @@ SIDE_BY_SIDE void jacobians_together(const Robot& r, const double* q, int refere
   jacobians_of<Lanes>(r, q, Stops{}, reference, out, n);
 }
 SIDE_BY_SIDE void cos_sin_together(const double* x, double* out, Py_ssize_t n) { cos_sin_of<Lanes>(x, out, n); }
-SIDE_BY_SIDE Py_ssize_t inverses_together(const Robot& r, const Wanted& w, Py_ssize_t n) { return inverses_of<Lanes>(r, w, n); }
+SIDE_BY_SIDE void inverses_together(const Robot& r, const Wanted& w, Py_ssize_t n) { inverses_of<Lanes>(r, w, n); }
 SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* out, bool* valid, Py_ssize_t n) {
   branches_of<Lanes>(r, T, out, valid, n);
 }
@@ -104,9 +104,9 @@ void cos_sin(const double* x, double* out, Py_ssize_t n) {
   TOGETHER(cos_sin, true, x, out, n);
   cos_sin_of<double>(x, out, n);
 }
-Py_ssize_t inverses(const Robot& r, const Wanted& w, Py_ssize_t n) {
+void inverses(const Robot& r, const Wanted& w, Py_ssize_t n) {
   TOGETHER(inverses, true, r, w, n);
-  return inverses_of<double>(r, w, n);
+  inverses_of<double>(r, w, n);
 }
 void branches(const Robot& r, const double* T, double* out, bool* valid, Py_ssize_t n) {
   TOGETHER(branches, true, r, T, out, valid, n);
@@ -274,27 +274,28 @@ PyObject* kernel_inverses(PyObject* self, PyObject* const* args, Py_ssize_t coun
   w.rotation = PyFloat_AsDouble(args[4]);
   w.stages = static_cast<int>(std::min(PyLong_AsLong(args[9]), static_cast<long>(most_stages)));
   if (PyErr_Occurred()) return nullptr;
-  if (!r.has_closed_form || !T.take(args[0]) || !q.take(args[5], true) || !left.take(args[6], true)) Py_RETURN_NONE;
-  if (!whole.take(args[7], true, "lq") || !flags.take(args[8], true, "?")) Py_RETURN_NONE;
+  if (!r.has_closed_form || !T.take(args[0]) || !q.take(args[5], true) || !left.take(args[6], true)) Py_RETURN_FALSE;
+  if (!whole.take(args[7], true, "lq") || !flags.take(args[8], true, "?")) Py_RETURN_FALSE;
   const Py_ssize_t n = T.rows();
-  if (!T.are_poses() || !q.is(n, 6) || left.size() != 3 * n || flags.size() != 3 * n) Py_RETURN_NONE;
-  if (whole.size() != 4 * n || whole.bytes() != 8) Py_RETURN_NONE;
+  if (!T.are_poses() || !q.is(n, 6) || left.size() != 2 * n || flags.size() != 3 * n) Py_RETURN_FALSE;
+  if (whole.size() != 4 * n || whole.bytes() != 8) Py_RETURN_FALSE;
   if (args[1] != Py_None) {
-    if (!signs.take(args[1]) || !signs.is(n, 3)) Py_RETURN_NONE;
+    if (!signs.take(args[1]) || !signs.is(n, 3)) Py_RETURN_FALSE;
     w.signs = signs.data();
   }
   if (args[2] != Py_None) {
-    if (!near.take(args[2]) || near.size() != 6 * n) Py_RETURN_NONE;
+    if (!near.take(args[2]) || near.size() != 6 * n) Py_RETURN_FALSE;
     w.near = near.data();
+    for (Py_ssize_t k = 0; k < near.size(); ++k)
+      if (std::abs(w.near[k]) > r.far[k % 6]) Py_RETURN_FALSE;
   }
   w.T = T.data();
   w.q = q.data();
   w.left = left.data();
   w.numbers = whole.data<std::int64_t>();
   w.flags = flags.data<bool>();
-  Py_ssize_t done = 0;
-  unlocked(n, [&] { done = inverses(r, w, n); });
-  return PyLong_FromSsize_t(done);
+  unlocked(n, [&] { inverses(r, w, n); });
+  Py_RETURN_TRUE;
 }
 
 PyObject* kernel_branches(PyObject* self, PyObject* const* args, Py_ssize_t count) {
@@ -661,7 +662,7 @@ PyMethodDef methods[] = {
     {"jacobians", method(kernel_jacobians), METH_FASTCALL, "jacobians(q, stops, reference, out): (n, 6, joints)"},
     {"rates", method(kernel_rates), METH_FASTCALL, "rates(q, dq, reference, out): time derivatives of jacobians"},
     {"inverses", method(kernel_inverses), METH_FASTCALL,
-     "inverses(T, signs, near, position, rotation, q, left, numbers, flags, stages): as Wanted in kernel.hpp; how many are done"},
+     "inverses(T, signs, near, position, rotation, q, left, numbers, flags, stages): as Wanted in kernel.hpp; False where refused"},
     {"newton", method(kernel_newton), METH_FASTCALL,
      "newton(T, q, reach, position, rotation, straighten, patience, limits, found): q in place; errors, evaluations (n, 3)"},
     {"branches", method(kernel_branches), METH_FASTCALL, "branches(T, out, valid): joints (48), radius, margins (3) of n poses; (8, n)"},

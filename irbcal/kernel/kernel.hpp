@@ -1093,21 +1093,36 @@ constexpr Stage stages[] = {{1, 0, 10, false}, {12, 1, 3, true}, {6, 0, 10, fals
                             {96, 2, 10, false}, {64, 2, 30, false}, {1, 2, 100, false}};
 constexpr double around = 0.03;  // radians: of the starts around a seed
 constexpr double near_seed = 0.1;  // radians: in whatever branch, such a solution is the one of the seed
+constexpr double close_enough = 0.1;  // of the distance between the arms' tips: what is left of a pose that may be reached
 constexpr int most_stages = 7, starts_of_all = 12 + 6 + 24 + 96 + 64;
 
+// Whether the nominal arm does not reach a pose, nor the calibrated one nearly so.
+template <class Robot>
+inline bool beyond(const Robot& r, double margin, double position) noexcept {
+  return margin < 0.0 && !(position <= close_enough * r.difference);
+}
+
 // Newton's steps for a pose that the fixed point left, from where it came to, then from many starts: until one ends in the
-// branch, or next to near, and within the limits. As irbcal/modeling/inverse/calibrated_arm.py has it; what it cannot do is left unsolved.
+// branch, or next to near, and within the limits. As irbcal/modeling/inverse/calibrated_arm.py has it. True where out is a
+// better solution than before; without any, its errors are those of the best joints.
 // first_rank: of the solution in out; infinite where it is none, -2 where it is one in the branch but beyond the limits.
 // r.starts: six standard normal numbers for each start; r.difference: metres between the tips of nominal and calibrated arm.
 template <class Robot>
 IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const double* signs, const double* near, int count,
                    double position, double rotation, double first_rank, Solution<double>& out) noexcept {
-  const bool lacking = out.margin > -2.0 * r.difference;
+  bool lacking = out.margin > -2.0 * r.difference;
   const ClosedForm& a = r.closed;
   double pulled[6], best[6], best_rank = first_rank, left[2] = {out.position, out.rotation};
   start_of(r, wanted, signs, near, pulled);
   const bool finite = std::isfinite(out.q[0] + out.q[1] + out.q[2] + out.q[3] + out.q[4] + out.q[5]);
   std::copy(finite ? out.q : pulled, (finite ? out.q : pulled) + 6, best);
+  if (!lacking) {  // how far the pose is from the nearest joints
+    Linear<Robot> at;
+    linearise(r, wanted, r.reach, true, best, at);
+    left[0] = at.position;
+    left[1] = at.rotation;
+    out.steps += 1.0;
+  }
   const double q5 = angle_of(a, pulled, 4);
   const bool plain = std::abs(q5 - pi * std::nearbyint(q5 / pi)) > 0.05 && std::abs(radius_of(a, pulled)) > 5.0 * r.difference;
   bool folds = true;
@@ -1123,8 +1138,8 @@ IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const doub
     const Stage& stage = stages[s];
     const double* of = next;
     if (stage.starts > 1) next += 6 * stage.starts;
+    if (stage.starts > 6) lacking = lacking && folds && !(plain && beyond(r, out.margin, left[0]));
     if (stage.within ? !near_is_there : !lacking) continue;  // a seed may be across a singularity from its solution
-    if (stage.starts > 6 && (!folds || (plain && out.margin < 0.0 && !(left[0] <= 0.1 * r.difference)))) break;
     const Steps steps{position, rotation, stage.straighten, stage.patience, stage.within ? r.lower : nullptr, r.upper};
     for (int k = 0; k < stage.starts && best_rank > -4.0; ++k) {
       double q[6], p = 0.0, t = 0.0, there[3];
@@ -1178,11 +1193,10 @@ IRBCAL_APART bool search(const Robot& r, const Frame<double>& wanted, const doub
     }
     if (stage.starts >= 6 && !stage.within && best_rank <= -3.0) break;
   }
-  if (!(best_rank < 0.0)) return false;
   std::copy(best, best + 6, out.q);
   out.position = left[0];
   out.rotation = left[1];
-  return true;
+  return best_rank < std::min(first_rank, 0.0);
 }
 
 // ------------------------------------------------------------------ many poses
@@ -1374,92 +1388,90 @@ struct Wanted {  // arrays of poses and what becomes of them
   const double *T, *signs, *near;  // (n, 4, 4); (n, 3) or null: those of near, else all 1; (n, 6) or null
   double position, rotation;
   int stages;             // of search: how many are gone through
-  double *q, *left;       // (n, 6); errors of position and rotation, margin (3, n)
-  std::int64_t* numbers;  // steps; where done branch found and method: 1, or 2 where searched; 0 (4, n)
-  bool* flags;            // done; within the limits; branch found is the one asked for (3, n)
+  double *q, *left;       // (n, 6), no numbers where none were found; errors of position and rotation of the best (2, n)
+  std::int64_t* numbers;  // steps; branch, -1 without; method: 1, 2 where searched, 0 without; reason (4, n)
+  bool* flags;            // converged; within the limits; in the branch asked for (3, n)
 };
+enum Reason : std::int64_t { converged, not_a_pose, bad_seed, out_of_reach, not_found };  // as in inverse/result.py
 
-// How many are done, so that nothing is left to be tried: within tolerances, from a seed within all bounds, for what is a
-// pose.
 template <class S, class Robot>
-inline std::ptrdiff_t inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_t n) noexcept {
+inline void inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_t n) noexcept {
   constexpr std::ptrdiff_t together = side_by_side<S>;
-  std::ptrdiff_t all_done = 0;
   for (std::ptrdiff_t first = 0; first < n; first += together) {
     const std::ptrdiff_t count = n - first < together ? n - first : together;
     S signs[3], near[6], there[3];
     const Frame<S> wanted = frame_of<S>(w.T, first, count);
-    auto done = rigid(wanted) & last_row(w.T, first, count, S{});
+    const auto pose = rigid(wanted) & last_row(w.T, first, count, S{});
+    auto usable = pose;
     if (w.near != nullptr)
       for (int i = 0; i < 6; ++i) {
         near[i] = gathered<S>(w.near + i, 6, first, count);
-        done = done & (magnitude(near[i]) <= r.far[i]) & (magnitude(near[i]) < infinity);
+        usable = usable & (magnitude(near[i]) < infinity);
       }
     for (int i = 0; i < 3; ++i) signs[i] = w.signs == nullptr ? all<S>(1.0) : gathered<S>(w.signs + i, 3, first, count);
     if (w.signs == nullptr && w.near != nullptr) branch_signs(r.closed, near, signs);
     const Solution<S> out =
         fixed_point(r, r.closed, wanted, signs, w.near == nullptr ? nullptr : near, r.reach, w.position, w.rotation);
     branch_signs(r.closed, out.q, there);
-    const S usable = done ? all<S>(1.0) : S{};
-    const auto solved = (out.position <= w.position) & (out.rotation <= w.rotation);
-    const S converged = solved ? all<S>(1.0) : S{};
-    done = done & solved;
+    const auto solved = usable & (out.position <= w.position) & (out.rotation <= w.rotation);
+    auto done = solved;
     for (int i = 0; i < 6; ++i) {
       done = done & (out.q[i] >= r.lower[i] - limit_tolerance) & (out.q[i] <= r.upper[i] + limit_tolerance);
       scatter(out.q[i], w.q + i, 6, first, count);
     }
     scatter(out.position, w.left, 1, first, count);
     scatter(out.rotation, w.left + n, 1, first, count);
-    scatter(out.margin, w.left + 2 * n, 1, first, count);
     const auto number = [](const auto* s) { return 0.5 * (7.0 - 4.0 * s[0] - 2.0 * s[1] - s[2]); };
-    const S each[4] = {done ? all<S>(1.0) : S{}, out.steps, number(there), number(signs)};
+    const auto as_number = [](const auto& condition) { return condition ? all<S>(1.0) : S{}; };
+    const S each[7] = {out.steps, number(there), number(signs), as_number(done), as_number(solved), as_number(usable), as_number(pose)};
     for (std::ptrdiff_t k = 0; k < count; ++k) {
-      double of[4];
-      for (int i = 0; i < 4; ++i) of[i] = lane(each[i], k);
-      bool good = of[0] != 0.0, searched = false, inside = good;
-      if (!good && lane(usable, k) != 0.0) {
-        double wanted_signs[3], found_signs[3];
+      double of[7];
+      for (int i = 0; i < 7; ++i) of[i] = lane(each[i], k);
+      std::int64_t* const numbers = w.numbers + first + k;
+      bool* const flags = w.flags + first + k;
+      bool good = of[4] != 0.0, searched = false, inside = of[3] != 0.0;
+      numbers[3 * n] = converged;
+      if (!inside) {
         double* const q = w.q + 6 * (first + k);
-        for (int i = 0; i < 3; ++i) wanted_signs[i] = lane(signs[i], k);
         Solution<double> one;
         std::copy(q, q + 6, one.q);
-        one.position = lane(out.position, k);
-        one.rotation = lane(out.rotation, k);
-        one.margin = lane(out.margin, k);
-        one.steps = of[1];
-        const double* close = w.near == nullptr ? nullptr : w.near + 6 * (first + k);
-        const Frame<double> pose = frame_of<double>(w.T, first + k, 1);
-        good = lane(converged, k) != 0.0;
-        if (!good) good = searched = search(r, pose, wanted_signs, close, w.stages, w.position, w.rotation, infinity, one);
-        inside = good && (within_limits(r, one.q) || into_limits(r, pose, close, w.position, w.rotation, one));
-        if (good && !inside && !searched && w.stages > 1) {  // next to a singularity a branch has several solutions
-          const double q5 = angle_of(r.closed, one.q, 4), apart = std::min(std::abs(radius_of(r.closed, one.q)), one.margin);
-          const bool singular = std::abs(q5 - pi * std::nearbyint(q5 / pi)) < 0.1 || apart < 20.0 * r.difference;
-          searched = search(r, pose, wanted_signs, close, singular ? w.stages : 2, w.position, w.rotation, -2.0, one);
-          inside = within_limits(r, one.q) || into_limits(r, pose, close, w.position, w.rotation, one);
+        one.position = one.rotation = not_a_number;
+        one.steps = 0.0;
+        numbers[3 * n] = of[6] != 0.0 ? bad_seed : not_a_pose;
+        if (of[5] != 0.0) {
+          double wanted_signs[3], signs_there[3];
+          for (int i = 0; i < 3; ++i) wanted_signs[i] = lane(signs[i], k);
+          one.position = lane(out.position, k);
+          one.rotation = lane(out.rotation, k);
+          one.margin = lane(out.margin, k);
+          one.steps = of[0];
+          const double* close = w.near == nullptr ? nullptr : w.near + 6 * (first + k);
+          const Frame<double> target = frame_of<double>(w.T, first + k, 1);
+          if (!good) good = searched = search(r, target, wanted_signs, close, w.stages, w.position, w.rotation, infinity, one);
+          inside = good && (within_limits(r, one.q) || into_limits(r, target, close, w.position, w.rotation, one));
+          if (good && !inside && !searched && w.stages > 1) {  // next to a singularity a branch has several solutions
+            const double q5 = angle_of(r.closed, one.q, 4), apart = std::min(std::abs(radius_of(r.closed, one.q)), one.margin);
+            const bool singular = std::abs(q5 - pi * std::nearbyint(q5 / pi)) < 0.1 || apart < 20.0 * r.difference;
+            searched = search(r, target, wanted_signs, close, singular ? w.stages : 2, w.position, w.rotation, -2.0, one);
+            inside = within_limits(r, one.q) || into_limits(r, target, close, w.position, w.rotation, one);
+          }
+          branch_signs(r.closed, one.q, signs_there);
+          of[1] = number(signs_there);
+          numbers[3 * n] = good ? converged : beyond(r, one.margin, one.position) ? out_of_reach : not_found;
         }
-        if (good) {
-          std::copy(one.q, one.q + 6, q);
-          w.left[first + k] = one.position;
-          w.left[n + first + k] = one.rotation;
-          branch_signs(r.closed, one.q, found_signs);
-          of[1] = one.steps;
-          of[2] = number(found_signs);
-        }
+        for (int i = 0; i < 6; ++i) q[i] = good ? one.q[i] : not_a_number;
+        w.left[first + k] = one.position;
+        w.left[n + first + k] = one.rotation;
+        of[0] = one.steps;
       }
-      all_done += good;
-      std::int64_t* numbers = w.numbers + first + k;
-      bool* flags = w.flags + first + k;
-      numbers[0] = static_cast<std::int64_t>(of[1]);
-      numbers[n] = good ? static_cast<std::int64_t>(of[2]) : -1;
+      numbers[0] = static_cast<std::int64_t>(of[0]);
+      numbers[n] = good ? static_cast<std::int64_t>(of[1]) : -1;
       numbers[2 * n] = good + searched;
-      numbers[3 * n] = 0;
       flags[0] = good;
-      flags[n] = good && inside;
-      flags[2 * n] = of[2] == of[3];
+      flags[n] = inside;
+      flags[2 * n] = good && of[1] == of[2];
     }
   }
-  return all_done;
 }
 
 // Joints (8, 6, n), then distance from axis 1 and margins of reach in front and behind (3, n); which branches reach (8, n).

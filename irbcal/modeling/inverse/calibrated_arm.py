@@ -3,36 +3,50 @@ r"""Inverse kinematics of a calibrated robot (Nubiola 2011, section 6.2), for ba
 The fixed point of the thesis (`irbcal.modeling.inverse.fixed_point`) takes most poses there. Poses for
 which it stalls change over to damped Newton steps (Levenberg-Marquardt) on the geometric Jacobian of the
 calibrated arm times that of its joint map, from several starts. What neither solves is flagged with the reason.
+The compiled kernel does all of it where there is one (`inverses_of` in ``kernel.hpp``); numpy is its oracle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from dataclasses import fields
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, row_arithmetic
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
-from irbcal.modeling.inverse.fixed_point import FixedPoint, FixedPointState, difference, kernel_of, room, starts_of
+from irbcal.modeling.inverse.fixed_point import (
+    NEAR_NOMINAL,
+    difference,
+    kernel_of,
+    next_fake,
+    same_turn,
+    start_turns,
+    starts_of,
+)
+from irbcal.modeling.inverse.orthoparallel import OrthoParallel
 from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
 __all__ = ["InverseResult", "Method", "Reason", "solve", "solve_nearest"]
 
-BLOCK = 8192
-"""Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
+PIECE = 2048
+"""Poses that numpy works on at a time, for memory."""
 
-FEW = 32
-"""Poses for which what is done around an iteration takes longer than the iteration."""
+ITERATIONS = 24
+"""Nubiola 2011, Table 6.1, needs three; arms far from their nominal ones up to twenty."""
+
+STALLED = 0.5
+"""An iteration that leaves more than this share of the error is given up for Newton's steps."""
 
 Stage: TypeAlias = tuple[int, int, int, bool]
-NEWTON_STARTS: tuple[Stage, ...] = (
+STAGES: tuple[Stage, ...] = (
     (1, 0, 10, False),
     (12, 1, 3, True),
     (6, 0, 10, False),
@@ -103,39 +117,74 @@ def solve(
     RobotError
         If shapes do not fit, the seed looks like degrees, or the nominal arm has no closed-form inverse.
     """
-    if configuration is None:
-        quick = _few_by_kernel(
-            robot, nominal, T_base_tip, seed, position, rotation, len(NEWTON_STARTS) if thorough else 1
-        )
-        if quick is not None:
-            return quick
-    stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
-    with row_arithmetic("ignore"):
-        return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
+    tolerance = position, rotation
+    return _solved(robot, nominal, T_base_tip, seed, configuration, tolerance, len(STAGES) if thorough else 1)
 
 
-def _few_by_kernel(
-    robot: Robot, nominal: Arm, T: ArrayLike, seed: ArrayLike | None, position: float, rotation: float, stages: int
+def _solved(
+    robot: Robot,
+    nominal: Arm,
+    T: ArrayLike,
+    seed: ArrayLike | None,
+    configuration: ArrayLike | None,
+    tolerance: tuple[float, float],
+    stages: int,
+) -> InverseResult:
+    """The result of `solve`, where so many of `STAGES` are gone through."""
+    kernel = kernel_of(robot, nominal)
+    if kernel is not None and configuration is None and isinstance(T, np.ndarray):
+        result = _by_kernel(kernel, T, None, seed, tolerance, stages)  # as they are, which it mostly takes
+        if result is not None:
+            return result
+    T = np.ascontiguousarray(check_poses(T))
+    near = None
+    if seed is not None:
+        near = nominal.check_joints(seed)
+        if len(near) not in (1, len(T)):
+            raise RobotError(f"seed joints need shape (6,) or ({len(T)}, 6), found {near.shape}", parameter="seed")
+        near = np.ascontiguousarray(np.broadcast_to(near, (len(T), 6)))
+    branch = None if configuration is None else closed_form.check_configuration(configuration, len(T))
+    if kernel is not None:
+        signs = None if branch is None else np.ascontiguousarray(branch_signs(branch).T)
+        result = _by_kernel(kernel, T, signs, near, tolerance, stages)
+        if result is not None:
+            return result
+    parts = []
+    for first in range(0, max(len(T), 1), PIECE):
+        rows = slice(first, first + PIECE)
+        near_rows, branch_rows = None if near is None else near[rows], None if branch is None else branch[rows]
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            solver = _Solver(robot, nominal, T[rows], near_rows, branch_rows, tolerance)
+            parts.append(solver.solve(STAGES[:stages]))
+    names = [field.name for field in fields(InverseResult)]
+    return InverseResult(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _by_kernel(
+    kernel: Any,
+    T: FloatArray,
+    signs: FloatArray | None,
+    near: ArrayLike | None,
+    tolerance: tuple[float, float],
+    stages: int,
 ) -> InverseResult | None:
-    """The result of `solve` for a few poses where the compiled kernel leaves nothing to be done; else None."""
-    n = len(T) if isinstance(T, np.ndarray) and T.ndim == 3 and T.shape[1:] == (4, 4) else 0
-    kernel = kernel_of(robot, nominal) if 0 < n <= FEW else None
-    if kernel is None:
+    """Inverses of poses T (n, 4, 4) by the compiled kernel; None where it refuses what it is given."""
+    n = len(T)
+    joints, left = np.empty((n, 6)), np.empty((2, n))
+    numbers, flags = np.empty((4, n), dtype=np.int64), np.empty((3, n), dtype=bool)
+    if not kernel.inverses(T, signs, near, *tolerance, joints, left, numbers, flags, stages):
         return None
-    q, left, numbers, flags = room(n)
-    if kernel.inverses(T, None, seed, position, rotation, q, left, numbers, flags, stages) != n:
-        return None
-    for array in (q, left, numbers, flags):
+    for array in (joints, left, numbers, flags):
         array.setflags(write=False)
-    steps, branch, method, reason = numbers
-    converged, inside, kept = flags
+    iterations, configuration, method, reason = numbers
+    converged, inside, branch_kept = flags
     return InverseResult.of_new(
-        joints=q,
+        joints=joints,
         converged=converged,
         inside=inside,
-        configuration=branch,
-        branch_kept=kept,
-        iterations=steps,
+        configuration=configuration,
+        branch_kept=branch_kept,
+        iterations=iterations,
         method=method,
         position_residual=left[0],
         rotation_residual=left[1],
@@ -156,39 +205,51 @@ def solve_nearest(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: Float
     T = check_poses(T_base_tip)
     seed, branch = closed_form.nearest(nominal, closed_form.branches(nominal, T), near)
     seed = np.where(branch[:, None] >= 0, seed, near)
-    solver = _Solver(robot, nominal, 1e-10, 1e-10, NEWTON_STARTS[:4])
-    with row_arithmetic("ignore"):
-        result = solver.solve(T, seed, None)
-        for stages in (NEWTON_STARTS[:1], NEWTON_STARTS[:3], NEWTON_STARTS[:4], NEWTON_STARTS):
-            solver.stages = stages
-            for configuration in (None, *range(8)):
-                outside = np.flatnonzero(~result.inside & (result.reason != Reason.NOT_A_POSE))
-                if not len(outside):
-                    return result
-                start = seed[outside] if configuration is None else near
-                result = result.improved(outside, solver.solve(T[outside], start, configuration))
+    tolerance = 1e-10, 1e-10
+    result = _solved(robot, nominal, T, seed, None, tolerance, 4)
+    for stages in (1, 3, 4, len(STAGES)):
+        for configuration in (None, *range(8)):
+            outside = np.flatnonzero(~result.inside & (result.reason != Reason.NOT_A_POSE))
+            if not len(outside):
+                return result
+            start = seed[outside] if configuration is None else near
+            second = _solved(robot, nominal, T[outside], start, configuration, tolerance, stages)
+            result = result.improved(outside, second)
     return result
 
 
 class _Solver:
+    """The inverse by numpy: for poses (n, 4, 4), joints (n, 6) to stay near, and branches (n,)."""
+
     def __init__(
         self,
         robot: Robot,
         nominal: Arm,
-        position: float,
-        rotation: float,
-        stages: Sequence[Stage] = NEWTON_STARTS,
+        T: FloatArray,
+        near: FloatArray | None,
+        branch: IntArray | None,
+        tolerance: tuple[float, float],
     ) -> None:
-        self.stages = stages
-        self.robot, self.nominal = robot, nominal
-        self.iteration = FixedPoint(robot, nominal, position, rotation)
-        self.closed, self.chain, self.good = self.iteration.closed, self.iteration.chain, self.iteration.good
-        self.pull = PULL * self.closed.reach
+        n = len(T)
+        self.nominal, self.tolerance = nominal, tolerance
+        self.closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
+        self.chain = newton.CalibratedChain(robot, self.closed.reach)
+        self.difference = difference(robot, nominal)
+        self.H = pose_columns(T)
+        self.bad_pose, self.bad_seed = ~usable(T, self.H), np.zeros(n, dtype=bool)
+        self.near = None
+        if near is not None:
+            self.bad_seed = np.isnan(near.sum(axis=1))
+            self.near = np.nan_to_num(near).T
+            branch = self.closed.configuration(self.near.T) if branch is None else branch
+        self.branch = np.zeros(n, dtype=int) if branch is None else branch
+        self.q = np.full((6, n), np.nan)  # the best known, their errors, and how good they are
+        self.position, self.rotation, self.margin = np.full((3, n), np.nan)
+        self.iterations, self.method, self.rank = np.zeros(n, dtype=int), np.zeros(n, dtype=int), np.full(n, np.inf)
 
-    @property
-    def difference(self) -> float:
-        """See `irbcal.modeling.inverse.fixed_point.difference`."""
-        return difference(self.robot, self.nominal)
+    def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
+        """Whether both errors (n,) are within the tolerances."""
+        return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
 
     def inside(self, joints: FloatArray) -> BoolArray:
         """Whether joints (6, n) are within the limits as they are."""
@@ -196,225 +257,161 @@ class _Solver:
         upper = self.nominal.upper + closed_form.LIMIT_TOLERANCE
         return np.logical_and.reduce((joints >= lower[:, None]) & (joints <= upper[:, None]), axis=0)
 
-    def out_of_reach(self, state: FixedPointState, rows: IntArray | slice) -> BoolArray:
-        """Whether the nominal arm does not reach poses, nor the calibrated one nearly so."""
-        return (state.margin[rows] < 0) & ~(state.position[rows] <= CLOSE * self.difference)
+    def out_of_reach(self) -> BoolArray:
+        """Whether the nominal arm does not reach poses, nor the calibrated one nearly so, (n,)."""
+        return (self.margin < 0) & ~(self.position <= CLOSE * self.difference)
 
-    # -------------------------------------------------------------- all poses
+    def close(self, rows: IntArray) -> FloatArray | None:
+        """Joints (6, k) that some poses are to stay near."""
+        return None if self.near is None else self.near[:, rows]
 
-    def asked_for(
-        self, n: int, seed: ArrayLike | None, configuration: ArrayLike | None
-    ) -> tuple[FloatArray | None, BoolArray, IntArray]:
-        """Joints to stay near (6, n) where there are seeds, which of these are not finite (n,), and branches (n,)."""
-        near, bad_seed = None, np.zeros(n, dtype=bool)
-        branch = np.zeros(n, dtype=int)
-        if seed is not None:
-            joints = self.nominal.check_joints(seed)
-            if len(joints) not in (1, n):
-                raise RobotError(f"seed joints need shape (6,) or ({n}, 6), found {joints.shape}", parameter="seed")
-            bad_seed = np.broadcast_to(~np.isfinite(joints).all(axis=1), (n,))
-            near = np.broadcast_to(np.where(np.isfinite(joints), joints, 0.0), (n, 6)).T
-        if configuration is not None:
-            branch = closed_form.check_configuration(configuration, n)
-        elif near is not None:
-            branch = self.closed.configuration(near.T)
-        return near, bad_seed, branch
-
-    def solve(self, T_base_tip: ArrayLike, seed: ArrayLike | None, configuration: ArrayLike | None) -> InverseResult:
-        """Joints for poses of the tip, shape (n, 4, 4), near seeds or in configurations, by a fixed point."""
-        T = check_poses(T_base_tip)
-        n = len(T)
-        near, bad_seed, branch = self.asked_for(n, seed, configuration)
-        state = FixedPointState(n)
-        blocks = [slice(start, start + BLOCK) for start in range(0, n, BLOCK)]
-        bad_pose = np.concatenate([~usable(T[k], pose_columns(T[k])) for k in blocks] or [np.zeros(0, dtype=bool)])
-        todo = np.flatnonzero(~bad_pose & ~bad_seed)
-        signs, close = branch_signs(branch[todo]), None if near is None else near[:, todo]
-        if not self.iteration.compiled(T, todo, signs, close, state, len(self.stages)):
-            for block in blocks:
-                H = pose_columns(T[todo[block]])
-                close_here = None if close is None else close[:, block]
-                self.iteration.run(todo[block], H, signs[:, block], close_here, state)
-        done = self.good(state.position, state.rotation)
-        state.method[done & (state.method == Method.NONE)] = Method.FIXED_POINT
-        self._newton(np.flatnonzero(~done & ~bad_pose & ~bad_seed), T, branch, near, state)
-        beyond = self._into_limits(T, near, state)
-        if len(self.stages) > 1 and len(beyond):
+    def solve(self, stages: Sequence[Stage]) -> InverseResult:
+        """Joints of all poses."""
+        todo = np.flatnonzero(~self.bad_pose & ~self.bad_seed)
+        self.fixed_point(todo)
+        done = self.good(self.position, self.rotation)
+        self.method[done] = Method.FIXED_POINT
+        self.search(todo[~done[todo]], stages)
+        beyond = self.into_limits()
+        if len(stages) > 1:  # next to a singularity a branch has several solutions
             beyond = beyond[done[beyond]]
-            singular = self.singular(state)[beyond]
-            state.rank[beyond] = -2.0
-            self._newton(beyond[singular], T, branch, near, state)
-            self._newton(beyond[~singular], T, branch, near, state, 2)
-            self._into_limits(T, near, state)
-        return self._result(state, branch, bad_pose, bad_seed)
-
-    def _into_limits(self, T: FloatArray, near: FloatArray | None, state: FixedPointState) -> IntArray:
-        """Bring solutions beyond a limit back by whole turns, and by what the tolerance leaves open, where possible.
-
-        Those that stay beyond are returned.
-        """
-        beyond = self.good(state.position, state.rotation) & ~self.inside(state.q)
-        for start in range(0, len(rows := np.flatnonzero(beyond)), BLOCK):
-            block = rows[start : start + BLOCK]
-            close = None if near is None else near[:, block]
-            fits, q, errors, evaluations = newton.into_limits(
-                self.chain, self.nominal, pose_columns(T[block]), state.q[:, block], close
-            )
-            block = block[fits]
-            state.iterations[block] += evaluations
-            take = self.good(*errors)
-            block = block[take]
-            state.q[:, block], (state.position[block], state.rotation[block]) = q[:, take], errors[:, take]
-            beyond[block] = False
-        return np.flatnonzero(beyond)
-
-    def _result(
-        self, state: FixedPointState, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray
-    ) -> InverseResult:
-        converged = self.good(state.position, state.rotation)
-        configuration = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
-        state.q[:, ~converged] = np.nan
-        reason = np.full(len(branch), Reason.NOT_FOUND)
-        if not converged.all():
-            reason[self.out_of_reach(state, slice(None))] = Reason.OUT_OF_REACH
-        reason[bad_seed], reason[bad_pose], reason[converged] = Reason.BAD_SEED, Reason.NOT_A_POSE, Reason.CONVERGED
+            wrist, radius = self.closed.wrist_angle(self.q.T), np.abs(self.closed.radius(self.q.T))
+            singular = ((wrist < SINGULAR) | (np.minimum(radius, self.margin) < 20 * self.difference))[beyond]
+            self.rank[beyond] = -2.0
+            self.search(beyond[singular], stages)
+            self.search(beyond[~singular], stages[:2])
+            self.into_limits()
+        converged = self.good(self.position, self.rotation)
+        configuration = np.where(converged, self.closed.configuration(np.nan_to_num(self.q).T), -1)
+        conditions = [self.bad_pose, self.bad_seed, converged, self.out_of_reach()]
+        reasons = [Reason.NOT_A_POSE, Reason.BAD_SEED, Reason.CONVERGED, Reason.OUT_OF_REACH]
+        joints = np.where(converged, self.q, np.nan)
         return InverseResult(
-            joints=state.q.T.copy(),
+            joints=joints.T,
             converged=converged,
-            inside=self.inside(state.q),
+            inside=self.inside(joints),
             configuration=configuration,
-            branch_kept=configuration == branch,
-            iterations=state.iterations,
-            method=np.where(converged, state.method, Method.NONE),
-            position_residual=state.position,
-            rotation_residual=state.rotation,
-            reason=reason,
+            branch_kept=configuration == self.branch,
+            iterations=self.iterations,
+            method=np.where(converged, self.method, Method.NONE),
+            position_residual=self.position,
+            rotation_residual=self.rotation,
+            reason=np.select(conditions, reasons, Reason.NOT_FOUND),
         )
+
+    def fixed_point(self, rows: IntArray) -> None:
+        """The iteration of Nubiola 2011, Figure 6.2, until each pose is done or stalls."""
+        fake, last, q = self.H[:, :, rows], np.full(len(rows), np.inf), None
+        for count in range(1, ITERATIONS + 1):
+            if not len(rows):
+                return
+            H = self.H[:, :, rows]
+            q_new, margin = self.closed.branch(fake.reshape(12, -1), branch_signs(self.branch[rows]))
+            if q is None:
+                self.margin[rows] = margin
+                q = start_turns(self.nominal, q_new, self.close(rows))
+            else:
+                q = same_turn(q_new, q)
+            tip = self.chain.tip(q)
+            position, rotation = newton.errors(tip, H)
+            merit = self.chain.merit(position, rotation)
+            better = merit < last  # False for NaN: not within reach
+            self._keep(rows[better], q[:, better], position[better], rotation[better])
+            self.iterations[rows] = count
+            on = np.flatnonzero((merit <= STALLED * last) & ~self.good(position, rotation))
+            fake = next_fake(fake[..., on], tip[..., on], H[..., on])
+            rows, last, q = rows[on], merit[on], q[:, on]
+
+    def _keep(self, rows: IntArray, q: FloatArray, position: FloatArray, rotation: FloatArray) -> None:
+        self.q[:, rows], self.position[rows], self.rotation[rows] = q, position, rotation
+
+    def into_limits(self) -> IntArray:
+        """Bring solutions beyond a limit back where possible; those that stay beyond are returned."""
+        beyond = np.flatnonzero(self.good(self.position, self.rotation) & ~self.inside(self.q))
+        fits, q, errors, evaluations = newton.into_limits(
+            self.chain, self.nominal, self.H[:, :, beyond], self.q[:, beyond], self.close(beyond)
+        )
+        self.iterations[beyond[fits]] += evaluations
+        take = self.good(*errors)
+        self._keep(beyond[fits][take], q[:, take], *errors[:, take])
+        return beyond[~self.inside(self.q[:, beyond])]
 
     # -------------------------------------------------------------- damped Newton
 
-    def singular(self, state: FixedPointState) -> BoolArray:
-        """Whether joints are next to a singularity, where a branch of a calibrated arm has several solutions, (n,)."""
-        wrist, radius = self.closed.wrist_angle(state.q.T), np.abs(self.closed.radius(state.q.T))
-        return (wrist < SINGULAR) | (np.minimum(radius, state.margin) < 20 * self.difference)
-
-    def _newton(
-        self,
-        rows: IntArray,
-        T: FloatArray,
-        branch: IntArray,
-        near: FloatArray | None,
-        state: FixedPointState,
-        stages: int | None = None,
-    ) -> None:
-        for start in range(0, len(rows), BLOCK):
-            block = rows[start : start + BLOCK]
-            close = None if near is None else near[:, block]
-            self._newton_starts(pose_columns(T[block]), branch[block], close, block, state, self.stages[:stages])
-
-    def _newton_starts(
-        self,
-        H: FloatArray,
-        branch: IntArray,
-        near: FloatArray | None,
-        rows: IntArray,
-        state: FixedPointState,
-        stages: Sequence[Stage],
-    ) -> None:
+    def search(self, rows: IntArray, stages: Sequence[Stage]) -> None:
         """Newton's steps for poses that the fixed point left: from where it came to, then from many starts at once."""
-        pulled, state.margin[rows] = self.closed.branch(H.reshape(12, -1), branch_signs(branch), self.pull)
-        pulled = self.iteration.start_turns(pulled, near)
-        start = np.where(np.isfinite(state.q[:, rows]).all(axis=0), state.q[:, rows], pulled)
-        lacking = state.margin[rows] > -2.0 * self.difference
+        if not len(rows):
+            return
+        pull, lower, upper = PULL * self.closed.reach, self.nominal.lower[:, None], self.nominal.upper[:, None]
+        H, signs, near = self.H[:, :, rows], branch_signs(self.branch[rows]), self.close(rows)
+        pulled, self.margin[rows] = self.closed.branch(H.reshape(12, -1), signs, pull)
+        pulled = start_turns(self.nominal, pulled, near)
+        start = np.where(np.isfinite(self.q[:, rows]).all(axis=0), self.q[:, rows], pulled)
+        lacking = self.margin[rows] > -2.0 * self.difference
         beyond = rows[~lacking]  # how far they are from the nearest joints is all there is to say
         errors = newton.errors(self.chain.tip(start[:, ~lacking]), H[:, :, ~lacking])
-        state.position[beyond], state.rotation[beyond] = errors
-        state.iterations[beyond] += 1
+        self.position[beyond], self.rotation[beyond] = errors
+        self.iterations[beyond] += 1
         # at the limit of the reach alone a few starts are enough to know; with another singularity they are not
-        plain = (self.closed.wrist_angle(pulled.T) > 0.05) & (
-            np.abs(self.closed.radius(pulled.T)) > 5 * self.difference
-        )
+        radius = np.abs(self.closed.radius(pulled.T))
+        plain = (self.closed.wrist_angle(pulled.T) > 0.05) & (radius > 5 * self.difference)
         # upper arm and forearm are where the wrist centre wants them, but for the fold of the stretched arm
-        lower, upper = (limit[1:3, None] for limit in (self.nominal.lower - FOLD, self.nominal.upper + FOLD))
-        folds = ((pulled[1:3] >= lower) & (pulled[1:3] <= upper)).all(axis=0)
-        seeded = np.zeros(len(rows), dtype=bool) if near is None else self.closed.configuration(near.T) == branch
-        for starts, straighten, patience, within in stages:
-            if starts > 6:
-                lacking &= folds & ~(plain & self.out_of_reach(state, rows))
+        folds = ((pulled[1:3] >= lower[1:3] - FOLD) & (pulled[1:3] <= upper[1:3] + FOLD)).all(axis=0)
+        seeded = np.zeros(len(rows), dtype=bool)
+        if near is not None:
+            seeded = self.closed.configuration(near.T) == self.branch[rows]
+        for count, straighten, patience, within in stages:
+            if count > 6:
+                lacking &= folds & ~(plain & self.out_of_reach()[rows])
             # a seed may be across a singularity from its solution
-            unsolved = np.flatnonzero(seeded & (state.rank[rows] > -4.0) if within else lacking)
-            for first in range(0, len(unsolved), BLOCK // starts):
-                todo = unsolved[first : first + BLOCK // starts]
-                goal = H[:, :, todo]
-                normal = iter(starts_of(starts))
-                close = None if near is None else near[:, todo]
-                best = state.q[:, rows[todo]]
-                tried = [np.where(np.isfinite(best), best, start[:, todo])]
-                if within and near is not None:
-                    low, high = self.nominal.lower[:, None], self.nominal.upper[:, None]
-                    steps = np.zeros((6, 1)), *(AROUND * starts_of(starts)[: starts - 1, :, None])
-                    tried = [np.clip(near[:, todo] + step, low, high) for step in steps]
-                elif starts > 1:
-                    tried = [pulled[:, todo], *([] if close is None else [close])]
-                while len(tried) < starts:
-                    # solutions of targets moved a little: on all sides of the holes that errors leave at singularities
-                    turn, shift = next(normal).reshape(2, 3, 1)
-                    turn = turn * (0.01, 0.0, 0.03)[len(tried) % 3]
-                    shift = shift * (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
-                    start_pose = newton.moved(goal, turn, shift)
-                    q, _ = self.closed.branch(start_pose.reshape(12, -1), branch_signs(branch[todo]), self.pull)
-                    tried.append(self.iteration.start_turns(q, close))
-                these = branch[todo], close, rows[todo]
-                how = straighten, patience, (self.nominal.lower, self.nominal.upper) if within else None
-                lacking[todo] &= self._newton_choice(goal, np.stack(tried, axis=1), *these, state, how)
-            if starts >= 6 and not within:
-                lacking &= ~(state.rank[rows] <= -3.0)
+            todo = np.flatnonzero(seeded & (self.rank[rows] > -4.0) if within else lacking)
+            if not len(todo):
+                continue
+            normal, best, limits = iter(starts_of(count)), self.q[:, rows[todo]], None
+            tried = [np.where(np.isfinite(best), best, start[:, todo])]
+            if within and near is not None:
+                limits = self.nominal.lower, self.nominal.upper
+                steps = np.zeros((6, 1)), *(AROUND * starts_of(count)[: count - 1, :, None])
+                tried = [np.clip(near[:, todo] + step, lower, upper) for step in steps]
+            elif count > 1:
+                tried = [pulled[:, todo], *([] if near is None else [near[:, todo]])]
+            while len(tried) < count:
+                # solutions of targets moved a little: on all sides of the holes that errors leave at singularities
+                turn, shift = next(normal).reshape(2, 3, 1)
+                turn = turn * (0.01, 0.0, 0.03)[len(tried) % 3]
+                shift = shift * (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
+                moved = newton.moved(H[:, :, todo], turn, shift).reshape(12, -1)
+                q, _ = self.closed.branch(moved, signs[:, todo], pull)
+                tried.append(start_turns(self.nominal, q, None if near is None else near[:, todo]))
+            self._best(rows[todo], np.stack(tried, axis=1), straighten, patience, limits)
+            lacking[todo] &= self.rank[rows[todo]] > -4.0
+            if count >= 6 and not within:
+                lacking &= self.rank[rows] > -3.0
 
-    def _newton_choice(
-        self,
-        H: FloatArray,
-        starts: FloatArray,
-        branch: IntArray,
-        near: FloatArray | None,
-        rows: IntArray,
-        state: FixedPointState,
-        how: tuple[int, int, tuple[FloatArray, FloatArray] | None],
-    ) -> BoolArray:
-        """Run from all starts (6, k, n), keep the best: which lack one in branch (by the seed) and limits, (n,).
-
-        ``how`` are `newton.solve`'s last arguments.
-        """
+    def _best(self, rows: IntArray, starts: FloatArray, *how: Any) -> None:
+        """Run from all starts (6, k, n) of n poses, and keep what is best; ``how``: `newton.solve`'s last arguments."""
         _, k, n = starts.shape
-        targets = np.ascontiguousarray(np.broadcast_to(H[:, :, None], (4, 3, k, n))).reshape(4, 3, -1)
-        q, position, rotation, evaluations = newton.solve(
-            self.chain, targets, starts.reshape(6, -1).copy(), self.iteration.tolerance, *how
-        )
-        every_near = None if near is None else np.tile(near, k)
+        every = np.tile(rows, k)
+        H, near = self.H[:, :, every], self.close(every)
+        q, position, rotation, evaluations = newton.solve(self.chain, H, starts.reshape(6, -1), self.tolerance, *how)
         beyond = np.flatnonzero(self.good(position, rotation) & ~self.inside(q))
-        if len(beyond):
-            close = None if every_near is None else every_near[:, beyond]
-            fits, back, left, more = newton.into_limits(
-                self.chain, self.nominal, targets[:, :, beyond], q[:, beyond], close
-            )
-            evaluations[beyond[fits]] += more
-            take = self.good(*left)
-            beyond = beyond[fits][take]
-            q[:, beyond], position[beyond], rotation[beyond] = back[:, take], *left[:, take]
-        state.iterations[rows] += evaluations.reshape(k, n).sum(axis=0)
-        same_branch = self.closed.configuration(q.T) == np.tile(branch, k)
-        if every_near is not None:
-            same_branch |= np.abs(q - every_near).max(axis=0) < NEAR_SEED
-        inside = self.inside(q)
-        # a solution within the limits, then one in its branch, then the least error; the first of equals
-        rank = np.where(
-            self.good(position, rotation), -1.0 - same_branch - 2.0 * inside, self.chain.merit(position, rotation)
+        fits, back, left, more = newton.into_limits(
+            self.chain, self.nominal, H[:, :, beyond], q[:, beyond], self.close(every[beyond])
         )
+        evaluations[beyond[fits]] += more
+        take = self.good(*left)
+        beyond = beyond[fits][take]
+        q[:, beyond], position[beyond], rotation[beyond] = back[:, take], *left[:, take]
+        self.iterations[rows] += evaluations.reshape(k, n).sum(axis=0)
+        same_branch = self.closed.configuration(q.T) == self.branch[every]
+        if near is not None:
+            same_branch |= np.abs(q - near).max(axis=0) < NEAR_SEED
+        # a solution within the limits, then one in its branch, then the least error; the first of equals
+        merit = self.chain.merit(position, rotation)
+        rank = np.where(self.good(position, rotation), -1.0 - same_branch - 2.0 * self.inside(q), merit)
         rank = np.where(np.isnan(rank), np.inf, rank).reshape(k, n)
         best = rank.min(axis=0)
-        take = best < state.rank[rows]
+        take = best < self.rank[rows]
         column = (np.argmin(rank, axis=0) * n + np.arange(n))[take]
-        where = rows[take]
-        state.q[:, where], state.rank[where] = q[:, column], best[take]
-        state.position[where], state.rotation[where] = position[column], rotation[column]
-        state.method[where] = Method.NEWTON
-        return state.rank[rows] > -4.0
+        self._keep(rows[take], q[:, column], position[column], rotation[column])
+        self.rank[rows[take]], self.method[rows[take]] = best[take], Method.NEWTON

@@ -159,13 +159,12 @@ def solve(
             J, e = J[go], e[go]
             running: list[NDArray[Any]] = [v[..., go] for v in (index, q, H, cost, errors, damping, bound, waited)]
             index, q, H, cost, errors, damping, bound, waited = running
-        free = J if limits is None else _free(J, e, q, *limits)
-        trial = q + _step(free, e, damping * np.minimum(np.sqrt(cost), 1.0) + SMALLEST)
-        J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
-        for _ in range(straighten):
-            trial += _step(J_new if limits is None else _free(J_new, e_new, trial, *limits), e_new, WEAK)
+        trial, J_new, e_new, weight = q, J, e, damping * np.minimum(np.sqrt(cost), 1.0) + SMALLEST
+        for k in range(1 + straighten):
+            free = J_new if limits is None else _free(J_new, e_new, trial, *limits)
+            trial = trial + _step(free, e_new, WEAK if k else weight)
             if limits is not None:
-                np.clip(trial, limits[0][:, None], limits[1][:, None], out=trial)
+                trial = np.clip(trial, limits[0][:, None], limits[1][:, None])
             J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
         evaluations[index] += 1 + straighten
         better = cost_new < cost
