@@ -481,7 +481,7 @@ def read(measurements: MeasurementFiles, robot: str | Path | None, options: Opti
         earlier=earlier,
         known_targets=targets,
         prior=prior_file.of_robot(options.prior, nominal.arm.name, source[1], points.simulated),
-        notes=tuple(_robot_notes(file, saved)),
+        notes=tuple(_robot_notes(file, saved, nominal.arm)),
     )
 
 
@@ -508,21 +508,29 @@ def _source(robot: str | Path, package_dirs: Sequence[str | Path]) -> tuple[str,
     return robots.robot_file(robot).name, hashlib.sha256(urdf.source_bytes(robot, package_dirs)).hexdigest()
 
 
-def _robot_notes(file: Path, saved: Saved | None) -> list[str]:
-    """A note on a robot that is that of a calibration, or on a URDF that a calibration wrote."""
+def _robot_notes(file: Path, saved: Saved | None, arm: Arm) -> list[str]:
+    """Notes on a base link that moves, and on a robot that is of a calibration, or a URDF that a calibration wrote."""
+    notes = []
+    if arm.joints_up:
+        notes.append(
+            f"{arm.base_link} moves with {arm.joint_names[0]}: gravity has no fixed direction in it, so no error model "
+            "has terms of weight and loads."
+        )
     if saved is not None:
         return [
+            *notes,
             f"The robot is the one that the calibration {saved.folder.resolve().name} began from. Its measurements are "
             "fitted together with the new ones, so that its joint map is kept as far as they say so; held out are new "
-            "poses only."
+            "poses only.",
         ]
     mark = urdf.fingerprint(file.read_bytes(), str(file))
     if mark is None:
-        return []
+        return notes
     return [
+        *notes,
         f"The URDF is that of an earlier calibration ({mark[:8]}), whose joint map is not in it: what this calibration "
         "finds takes its place, and programs are corrected for a controller that computes with this URDF. To add "
-        "measurements to the earlier one, use --with and its folder."
+        "measurements to the earlier one, use --with and its folder.",
     ]
 
 
@@ -987,7 +995,7 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
         nominal_source=_source(robot, options.package_dirs),
         measurements=rows.as_measurements(),
         feature_rows=rows,
-        notes=tuple(_robot_notes(file, None)),
+        notes=tuple(_robot_notes(file, None, nominal.arm)),
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.cell import external_axes
 from irbcal.cell.cell_file import CellFile
+from irbcal.errors import RobotError
 from irbcal.io import urdf, urdf_xml
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -59,6 +60,8 @@ def with_cell(data: bytes, arm: Arm, cell: CellFile) -> bytes:
         etree.SubElement(joint, "limit", lower=lower, upper=upper, effort="0", velocity="0")
         links[edge.child] = link, frames.transform(None, -place)
         if edge.child == BASE:
+            if arm.joints_up:
+                raise RobotError(f"a track needs a base that stands: {arm.base_link} moves with {arm.joint_names[0]}")
             T_root = links[BASE][1] @ frames.inverse(robot.T_root_base)
             urdf_xml.add_joint(root, link, robot.root_link, T_root, new_link=None)
             links[BASE] = arm.base_link, np.eye(4)

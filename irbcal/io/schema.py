@@ -696,7 +696,8 @@ Pose: TypeAlias = Annotated[
 class RobotSection(Section):
     """The arm: names, limits (null where there is none) and the constant frames around the DHM chain.
 
-    Joint types are ``revolute`` and ``prismatic``; limits are in degrees and mm.
+    Joint types are ``revolute`` and ``prismatic``; limits are in degrees and mm. ``joints_up`` is how many of
+    the first joints lead up a tree.
     """
 
     name: Name
@@ -713,6 +714,7 @@ class RobotSection(Section):
     dhm_nominal: list[Row]
     dhm_calibrated: list[Row]
     coupling: list[list[float]] | None = None
+    joints_up: int | None = None
 
     @staticmethod
     def of(arm: Arm, calibrated: DHMTable, urdf: str, sha256: str) -> RobotSection:
@@ -736,6 +738,7 @@ class RobotSection(Section):
             dhm_nominal=Row.of(arm.table),
             dhm_calibrated=Row.of(calibrated),
             coupling=None if arm.coupling is None else arm.coupling.tolist(),
+            joints_up=arm.joints_up or None,
         )
 
     @property
@@ -761,6 +764,7 @@ class RobotSection(Section):
             self.base_link,
             self.tip_link,
             coupling.matrix(self.coupling, len(slides)),
+            self.joints_up or 0,
         )
 
 

@@ -1,10 +1,14 @@
 """URDF to DHM and back.
 
-Reading takes any serial arm of revolute and prismatic joints between a base and a tip link to a DHM table plus the
+Reading takes any chain of revolute and prismatic joints between a base and a tip link to a DHM table plus the
 constant place of each link frame in its DHM frame. Writing patches the joint origins in the original XML
 tree: with ``F_i`` the link frame in DHM frame i and ``S_i`` the corrected DHM step at zero joints, the
 corrected origin of joint i is ``F_{i-1}^-1 S_i F_i``, so that axes, visuals, collisions and inertials keep
 their place in their links. Everything else stays as it was. The XML itself is in `irbcal.io.urdf_xml`.
+
+Base and tip may be on two branches of a tree. The chain then goes up from the base link to the link that both hang on,
+and down to the tip. A joint on the way up moves its parent link against its child: it turns about the axis reversed,
+and its origin, inverted, comes after its motion. So the step before joint i + 1 stands in the origin of joint i there.
 
 A file ``NAME.coupling.yaml`` beside a URDF declares how its controller counts coupled joints.
 """
@@ -177,9 +181,11 @@ class UrdfArm(Locked):
     joint_elements : tuple of int
         Position of the chain's moving joints among the document's ``joint`` elements.
     T_dhm_link : ndarray, shape (joints + 1, 4, 4)
-        Link frame in its DHM frame: base link in frame 0, then the child link of each moving joint.
+        Link frame in its DHM frame: base link in frame 0, then the child link of each moving joint (at zero, fixed to
+        the parent link, of a joint on the way up).
     T_link_parent : ndarray, shape (joints, 4, 4)
-        Parent link of each moving joint in the link frame before it (fixed joints in between).
+        Parent link of each moving joint (child link of one on the way up) in the link frame before it (fixed joints in
+        between).
     child_links : tuple of str
         Child link of each moving joint.
     root_link : str
@@ -289,9 +295,10 @@ def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | Non
     for name in (base, tip):
         if name not in links:
             raise RobotError(f"there is no link {name!r}; links are {', '.join(links)}", file=source)
-    path = _path(base, tip, by_child, source)
-    moving = _moving(path, base, tip, source)
-    return _build(root.get("name") or Path(source).stem, tree, path, moving, base, tip, root_link, by_child, source)
+    up, down = _path(base, tip, by_child)
+    moving = _moving([*up, *down], base, tip, source)
+    name = root.get("name") or Path(source).stem
+    return _build(name, tree, up, down, moving, base, tip, root_link, by_child, source)
 
 
 def _limits(element: XmlElement, kind: str, title: str, source: str) -> tuple[float, float]:
@@ -370,15 +377,22 @@ def _check_structure(links: Sequence[str], joints: Sequence[_Joint], source: str
     return roots[0]
 
 
-def _path(base: str, tip: str, by_child: Mapping[str, _Joint], source: str) -> list[_Joint]:
-    path: list[_Joint] = []
-    link = tip
-    while link != base:
-        if link not in by_child:
-            raise RobotError(f"there is no chain of joints from link {base!r} to link {tip!r}", file=source)
-        path.append(by_child[link])
+def _path(base: str, tip: str, by_child: Mapping[str, _Joint]) -> tuple[list[_Joint], list[_Joint]]:
+    """Joints from the base link up to the link that base and tip hang on, and from there down to the tip."""
+    up, down = (_above(link, by_child) for link in (base, tip))
+    while up and down and up[-1] is down[-1]:
+        up.pop()
+        down.pop()
+    return up, down[::-1]
+
+
+def _above(link: str, by_child: Mapping[str, _Joint]) -> list[_Joint]:
+    """Joints between a link and the root, from the link on."""
+    joints = []
+    while link in by_child:
+        joints.append(by_child[link])
         link = by_child[link].parent
-    return path[::-1]
+    return joints
 
 
 def _moving(path: Sequence[_Joint], base: str, tip: str, source: str) -> list[_Joint]:
@@ -400,7 +414,8 @@ def _moving(path: Sequence[_Joint], base: str, tip: str, source: str) -> list[_J
 def _build(
     name: str,
     tree: XmlTree,
-    path: Sequence[_Joint],
+    up: Sequence[_Joint],
+    down: Sequence[_Joint],
     moving: Sequence[_Joint],
     base: str,
     tip: str,
@@ -411,14 +426,18 @@ def _build(
     """DHM table and link offsets of the chain at zero joints."""
     T = np.eye(4)
     link_frames, parent_frames = [np.eye(4)], []
-    for joint in path:
+    for k, joint in enumerate((*up, *down)):
         if joint in moving:
             parent_frames.append(frames.inverse(link_frames[-1]) @ T)
-        T = T @ joint.T_parent_joint
+        T_child = T if k < len(up) else T @ joint.T_parent_joint
         if joint in moving:
-            link_frames.append(T)
+            link_frames.append(T_child)
+        T = T @ frames.inverse(joint.T_parent_joint) if k < len(up) else T_child
     points = np.array([link[:3, 3] for link in link_frames[1:]])
-    axes = np.array([link[:3, :3] @ joint.axis for link, joint in zip(link_frames[1:], moving, strict=True)])
+    joints_up = sum(joint in moving for joint in up)
+    signs = np.where(np.arange(len(moving)) < joints_up, -1.0, 1.0)
+    axes = np.array([T_link[:3, :3] @ joint.axis for T_link, joint in zip(link_frames[1:], moving, strict=True)])
+    axes = axes * signs[:, None]
     slides = [joint.kind == "prismatic" for joint in moving]
     table, T_base_0, T_last_tip = dhm_from_axes(points, axes, T, slides)
     arm = Arm(
@@ -431,6 +450,7 @@ def _build(
         np.array([joint.upper for joint in moving]),
         base,
         tip,
+        joints_up=joints_up,
     )
     T_base_dhm = [T_base_0]
     for i in range(len(moving)):
@@ -467,15 +487,40 @@ def joint_origins(urdf: UrdfArm, arm: Arm) -> dict[str, FloatArray]:
     dict of str to ndarray, shape (4, 4)
         Joint name -> joint frame in its parent link; exactly as read where the table's row is as read.
     """
+    up, F = urdf.arm.joints_up, urdf.T_dhm_link
+    old, new = (
+        [frames.inverse(F[i]) @ each.table.step(i) @ F[i + 1] for i in range(len(F) - 1)] for each in (urdf.arm, arm)
+    )
+    if up and not np.array_equal(old[0], new[0]):
+        new[1] = _past_first_joint(urdf, frames.inverse(old[0]) @ new[0]) @ new[1]
     origins = {}
     for i, position in enumerate(urdf.joint_elements):
         element = urdf.tree.getroot().findall("joint")[position]
-        T_link_dhm = frames.inverse(urdf.T_link_parent[i]) @ frames.inverse(urdf.T_dhm_link[i])
-        old = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
-        new = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
         name = element.get("name")
-        origins[name] = urdf_xml.origin(element, f"joint {name!r}", "") if np.array_equal(old, new) else new
+        origin = urdf_xml.origin(element, f"joint {name!r}", "")
+        if i >= up and not np.array_equal(old[i], new[i]):
+            origin = frames.inverse(urdf.T_link_parent[i]) @ new[i]
+        elif i < up - 1 and not np.array_equal(old[i + 1], new[i + 1]):
+            origin = origin @ old[i + 1] @ frames.inverse(new[i + 1])
+        origins[name] = origin
     return origins
+
+
+def _past_first_joint(urdf: UrdfArm, T: FloatArray) -> FloatArray:
+    """What a corrected place of the first joint, one on the way up, does after the joint's motion.
+
+    Raises
+    ------
+    RobotError
+        If it is no motion about and along the joint's axis: no origin in the URDF says where in the base link it is.
+    """
+    z = urdf.T_dhm_link[1, 2, :3]  # the axis in the link frame
+    if np.abs(T[:3, :3] @ z - z).max() > 1e-12 or np.abs(np.cross(T[:3, 3], z)).max() > 1e-12:
+        raise RobotError(
+            f"a URDF cannot hold another place of joint {urdf.arm.joint_names[0]} in {urdf.arm.base_link}: hold the "
+            "parameters of joint 1"
+        )
+    return T
 
 
 def with_joint_origins(data: bytes, origins: Mapping[str, FloatArray]) -> bytes:
@@ -594,7 +639,7 @@ def with_links(
     arm : Arm
         Its base and tip link.
     T_world_base : ndarray, shape (4, 4), optional
-        Adds a link ``world`` (the measuring frame) and a fixed joint to the root.
+        Adds a link ``world`` (the measuring frame) and a fixed joint to the root; to the base link where it moves.
     targets : dict of str to ndarray, shape (3,), optional
         Adds a link ``target_NAME`` for each reflector, fixed to the tip; metres.
     """
@@ -606,7 +651,10 @@ def with_links(
     if T_world_base is not None:
         world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
         T = T_world_base @ frames.inverse(urdf.T_root_base)
-        urdf_xml.add_joint(root, world, urdf.root_link, T, new_link=world)
+        if urdf.arm.joints_up:  # the root moves in the measuring frame, the base link does not
+            urdf_xml.add_joint(root, urdf.arm.base_link, world, frames.inverse(T_world_base))
+        else:
+            urdf_xml.add_joint(root, world, urdf.root_link, T, new_link=world)
     for name, xyz in (targets or {}).items():
         link = f"target_{name}"
         if link not in names:

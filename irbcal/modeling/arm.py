@@ -41,6 +41,9 @@ class Arm:
     coupling : ndarray, shape (n, n), optional
         Joints of the arm from those that its controller counts, ``q = coupling @ p``, where these differ: see
         `irbcal.modeling.coupling`. All joints but those in files are the arm's own.
+    joints_up : int
+        How many joints come first that lead from the base link up a tree to the link that base and tip hang on (a
+        camera's neck): gravity has no fixed direction in such a base link.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Arm:
     base_link: str = "base_link"
     tip_link: str = "tool0"
     coupling: FloatArray | None = None
+    joints_up: int = 0
 
     def __post_init__(self) -> None:
         for key in ("T_base_0", "T_last_tip", "lower", "upper"):
@@ -168,6 +172,8 @@ class Arm:
         chain = dhm.chain_frames(self.table, self.table.offsets[:, None], self.T_base_0)
         z, o = chain.z[:, :, 0], chain.o[:, :, 0]
         axis = z[1]
+        if self.joints_up:
+            raise RobotError(f"the arm-stiffness model needs a base that stands, {self.base_link} moves with joints")
         if abs(axis[2]) > NEARLY or float(np.linalg.norm(axis - z[2])) > NEARLY:
             raise RobotError(
                 f"the arm-stiffness model needs axes 2 and 3 horizontal and pointing the same way, but those of "

@@ -239,6 +239,10 @@ class CalibratedModel(AlongTime, Result):
     def __post_init__(self) -> None:
         import pinocchio as pin
 
+        if self.arm.joints_up:
+            raise CalibrationError(
+                f"planners need a base that stands: {self.arm.base_link} moves with {self.arm.joint_names[0]}"
+            )
         if self.joint_map is None:
             object.__setattr__(self, "joint_map", JointMap.identity(self.arm))
         try:

@@ -87,7 +87,8 @@ class CollisionModel:
         self.place = ArmInModel(self.model, arm)
         self.rest = pin.neutral(self.model)
         pin.framesForwardKinematics(self.model, self.data, self.rest)
-        self.T_universe_base = self.data.oMf[self.place.base].homogeneous
+        base = self.model.frames[self.place.base]
+        self.base_joint, self.T_joint_base = base.parentJoint, base.placement.homogeneous
         self.solids = self.geometry.ngeoms
         self._links = [self.model.frames[solid.parentFrame].name for solid in self.geometry.geometryObjects]
         self._add_pairs()
@@ -128,11 +129,12 @@ class CollisionModel:
         import pinocchio as pin
 
         self._obstacles.append((T_base, size))
-        T = pin.SE3(self.T_universe_base @ T_base)
+        T = pin.SE3(self.T_joint_base @ T_base)
         shape = coal.Sphere(*size) if len(size) == 1 else coal.Box(*size)
-        ball = self.geometry.addGeometryObject(pin.GeometryObject(f"obstacle_{self.geometry.ngeoms}", 0, T, shape))
+        name = f"obstacle_{self.geometry.ngeoms}"
+        ball = self.geometry.addGeometryObject(pin.GeometryObject(name, self.base_joint, T, shape))
         for k, solid in enumerate(self.geometry.geometryObjects[: self.solids]):
-            if solid.parentJoint > 0:
+            if solid.parentJoint != self.base_joint:
                 self.geometry.addCollisionPair(pin.CollisionPair(k, ball))
         self.geometry_data = self.geometry.createData()
 
@@ -238,13 +240,14 @@ class CollisionModel:
         rows, columns = np.nonzero(needed)
         along = beam[rows, columns] / length[rows, columns, None]
         middle = points[rows, columns] + along * (BEAM_GAP + longest / 2)
-        R_base, p_base = self.T_universe_base[:3, :3], self.T_universe_base[:3, 3]
+        R_base, p_base = self.T_joint_base[:3, :3], self.T_joint_base[:3, 3]
         R, middle = R_base @ _turned_to(along), middle @ R_base.T + p_base
         configurations = self._configurations(theta)
         for row in np.unique(rows):
             pin.updateGeometryPlacements(self.model, self.data, scene, data, configurations[row])
+            T_joint = self.data.oMi[self.base_joint]
             for m in range(starts[row], starts[row + 1]):
-                data.oMg[number] = pin.SE3(R[m], middle[m])
+                data.oMg[number] = T_joint * pin.SE3(R[m], middle[m])
                 out[row, columns[m]] = pin.computeCollisions(scene, data, True)
         return out
 

@@ -150,7 +150,11 @@ def weight_terms(arm: Arm, bodies: Bodies, compliance: Mapping[str, ArrayLike]) 
         With the payload.
     compliance : mapping of str to array_like, shape (joints,)
         Axis (``rx``, ``ry``, ``rz``) -> rad/Nm of each joint about it.
+
+    Nothing gives way where the base link moves: gravity has no fixed direction in it.
     """
+    if arm.joints_up:
+        return []
     V = moments(arm, bodies)
     beyond = np.cumsum(bodies.mass[::-1])[::-1]
     out: Amounts = []

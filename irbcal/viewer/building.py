@@ -110,7 +110,7 @@ def link_meshes(
     problems: dict[str, list[str]] = {}
     budget = MAX_TRIANGLES
     for k, link in enumerate(tree):
-        for visual in elements[link.name].findall("visual"):
+        for visual in elements[link.name].findall("visual") if link.name in elements else ():  # none of reversed joints
             try:
                 triangles, colours = _visual(visual, materials, finder, budget)
             except MeshProblem as problem:
@@ -481,7 +481,8 @@ def _slides(tree: Sequence[Link], joint: int) -> bool:
 
 def _drawn(urdf: UrdfArm, tree: tuple[Link, ...], T_scene_base: FloatArray) -> Drawn:
     names = [link.name for link in tree]
-    return Drawn(tree, T_scene_base @ frames.inverse(urdf.T_root_base), names.index(urdf.arm.tip_link))
+    T_base_first = np.eye(4) if urdf.arm.joints_up else frames.inverse(urdf.T_root_base)
+    return Drawn(tree, T_scene_base @ T_base_first, names.index(urdf.arm.tip_link))
 
 
 def tracker_at_origin(T_scene_world: FloatArray, references: Mapping[str, FloatArray], points: Points | None) -> bool:

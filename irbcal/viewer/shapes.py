@@ -6,7 +6,7 @@ Bodies are arrays of triangles, shape (m, 3, 3), in metres, counter-clockwise se
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -233,16 +233,32 @@ def links(urdf: UrdfArm) -> tuple[Link, ...]:
     Returns
     -------
     tuple of Link
-        The first is the root; joints that are not the arm's own stand at zero.
+        The first is the root; of an arm whose base moves it is the base link. Joints that are not the arm's own stand
+        at zero.
     """
     index = {name: k for k, name in enumerate(urdf.arm.joint_names)}
     by_parent: dict[str, list[XmlElement]] = {}
+    way_up: dict[str, XmlElement] = {}
     for element in urdf.tree.getroot().findall("joint"):
         by_parent.setdefault(element.find("parent").get("link"), []).append(element)
-    out = [Link(urdf.root_link, -1, np.eye(4))]
+        way_up[element.find("child").get("link")] = element
+    if not urdf.arm.joints_up:
+        way_up = {}
+    out = [Link(urdf.arm.base_link if urdf.arm.joints_up else urdf.root_link, -1, np.eye(4))]
+    walked: set[XmlElement] = set()
     for number, link in enumerate(out):  # the list grows while it is walked
+        if link.name in way_up and way_up[link.name] not in walked:
+            element = way_up[link.name]
+            walked.add(element)
+            down = _link(element, number, index)
+            # the joint's motion reversed, then the parent link behind it
+            out.append(replace(down, name=f"{element.get('name')} reversed", T_parent_joint=np.eye(4), axis=-down.axis))
+            parent = element.find("parent").get("link")
+            out.append(Link(parent, len(out) - 1, frames.inverse(down.T_parent_joint)))
         for element in by_parent.get(link.name, ()):
-            out.append(_link(element, number, index))
+            if element not in walked:
+                walked.add(element)
+                out.append(_link(element, number, index))
     return tuple(out)
 
 

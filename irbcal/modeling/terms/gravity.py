@@ -22,7 +22,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.situation import Motion, Situation
-from irbcal.modeling.terms.term import AXES, Basis, Family, Term, revolute
+from irbcal.modeling.terms.term import AXES, Basis, Family, Term, weighed
 from irbcal.modeling.terms.waves import Expansion, Turns, expanded_lever
 
 SIZE = 3e-4
@@ -189,7 +189,7 @@ def independent_levers(arm: Arm, axis: str) -> list[tuple[int, int, str]]:
     """
     situation = Situation(arm, Motion(arm.random_joints(POSES, SEED)))
     chosen = []
-    for j in revolute(arm):
+    for j in weighed(arm):
         candidates = [(j, k, vector) for k in range(j, len(arm.joint_names)) for vector in VECTORS]
         values = Gravity().values([_term(axis, *c, SIZE, "", "") for c in candidates], situation)
         spanned = np.full((1, POSES), POSES**-0.5)

@@ -11,7 +11,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.gravity import Gravity
 from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import Basis, Family, Term, revolute
+from irbcal.modeling.terms.term import Basis, Family, Term, weighed
 from irbcal.modeling.terms.waves import Expansion, summed
 
 SIZE = 5e-5
@@ -145,7 +145,7 @@ class Payload(Family):
     def terms(self, arm: Arm) -> list[Term]:
         """One term a revolute joint."""
         parameters = {"place": self.place}
-        return [Term(j, "rz", "payload", SIZE, self.name, self.name, "rad/(N m)", parameters) for j in revolute(arm)]
+        return [Term(j, "rz", "payload", SIZE, self.name, self.name, "rad/(N m)", parameters) for j in weighed(arm)]
 
 
 FAMILY = Payload()

@@ -197,3 +197,8 @@ def own_unit(arm: Arm, joint: int) -> str:
 def revolute(arm: Arm) -> list[int]:
     """Joints that turn, from 0."""
     return [j for j in range(len(arm.joint_names)) if not arm.table.prismatic[j]]
+
+
+def weighed(arm: Arm) -> list[int]:
+    """Joints that turn, from 0, in whose base link gravity has one direction: none where that link moves."""
+    return [] if arm.joints_up else revolute(arm)
