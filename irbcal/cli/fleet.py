@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.signature import Guarded, Json, Typed, command, for_typer, path_to_write, public
+from irbcal.cli.signature import MM, Guarded, Json, Typed, command, for_typer, path_to_write, public
 
 FAILED = 3
 """Exit code of a run in which robots failed."""
@@ -47,7 +47,7 @@ def add(options: dict[str, Any], json: Json = False) -> None:
     show.result(result, json)
 
 
-@command("fleet_list", typed={"store": STORE})
+@command("fleet_list", typed={"store": STORE, "tolerance": MM})
 def list_(options: dict[str, Any], json: Json = False) -> None:
     """All robots of a store, what changed in their last calibration, and which stand out of their type."""
     show.result(public("fleet_list")(**options), json)

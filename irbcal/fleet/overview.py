@@ -8,6 +8,8 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+import numpy as np
+
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet import STORE
 from irbcal.fleet.comparison import Change, Pair, Sisters, StandsOut, agreeing, changes, standing_out
@@ -58,6 +60,11 @@ class Overview(Result):
         counts = {"calibration": sum(self.times.values()), "robot": len(self.latest), "type": len(types)}
         text = " of ".join(f"{count} {name}{'s' if count != 1 else ''}" for name, count in counts.items())
         headline = f"{kind}{text}; {changed} changed since the calibration before, {out} stand out"
+        changes = [f"{robot}: {sentence}" for robot, sentences in self.changed.items() for sentence in sentences]
+        return [headline, self.table(), *changes, *self.outstanding_in_words()]
+
+    def table(self) -> Table:
+        """A row for each robot, of the first `LISTED`."""
         rows = tuple(
             (
                 stored.robot["id"],
@@ -73,17 +80,17 @@ class Overview(Result):
             for stored in self.latest[:LISTED]
         )
         columns = ("id", "serial", "type", "last", "times", "model", "nominal mm", "calibrated mm", "largest mm")
-        changes = [
-            f"{robot}: {sentence}" for robot, step in self.changes.items() if step.real for sentence in step.in_words()
-        ]
-        outstanding = [
+        more = len(self.latest) - LISTED
+        unlisted = f" ({more} more robots: --json, --type or irbcal fleet export name them)" if more > 0 else ""
+        return Table(f"Robots, by their last calibration{unlisted}", columns, rows)
+
+    def outstanding_in_words(self) -> list[str]:
+        """A sentence for each robot that stands out of its type."""
+        return [
             f"{entry.robot} stands out of type {type} ({entry.deviations:.0f} standard deviations): {entry.words}."
             for type, entries in self.outstanding.items()
             for entry in entries
         ]
-        more = len(self.latest) - LISTED
-        others = [f"and {more} more robots: --json, --type or irbcal fleet export name them"] if more > 0 else []
-        return [headline, Table("Robots, by their last calibration", columns, rows), *others, *changes, *outstanding]
 
     CONTENT = "simulated robots=_listed changed outstanding"
 
@@ -98,7 +105,13 @@ class Overview(Result):
         return {robot: step.in_words() for robot, step in self.changes.items() if step.real}
 
 
-def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: str | Path | None = None) -> Overview:
+def fleet_list(
+    store: str | Path = STORE,
+    *,
+    type: str | None = None,
+    report: str | Path | None = None,
+    tolerance: float | None = None,
+) -> Overview:
     """All robots of a store, what changed in their last calibration, and which stand out of their type.
 
     Parameters
@@ -108,13 +121,20 @@ def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: st
     type : str, optional
         Only robots of this type (name of the nominal robot).
     report : str or Path, optional
-        Page to write it to, HTML.
+        Page to write it to, HTML: drift curves, the worst robot first, what changed, all robots.
+    tolerance : float, optional
+        Largest mean error that is wanted, metres: a line of the page, on which robots beyond it come first.
 
     Raises
     ------
     CalibrationError
         If the store cannot be read, or has no such robots.
+    OptionError
+        If the tolerance is none, or there is no page to draw it on.
     """
+    if tolerance is not None and (report is None or not 0.0 < tolerance < np.inf):
+        wanted = "a page to draw it on (--report)" if report is None else f"a length above zero, found {tolerance:g}"
+        raise OptionError(f"tolerance: expected {wanted}", parameter="tolerance")
     with opened(store) as database:
         counts = database.counts(type)
         if not counts:
@@ -122,16 +142,19 @@ def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: st
         steps, fleet = _steps(database, type=type, last=2)
         fleet = list({level.robot: level for level in fleet}.values())
         latest = tuple(database.of_numbers([level.number for level in fleet], ()))
-    by_type: dict[str, list[Dated]] = {}
-    for level in fleet:
-        by_type.setdefault(level.type, []).append(level)
-    errors = {stored.robot["id"]: stored.calibration["heldout_mean_mm"] for stored in latest}
-    outstanding = {kind: tuple(robots) for kind, some in by_type.items() if (robots := standing_out(some, errors))}
-    times = {robot: count for robot, (count, _) in counts.items()}
-    simulated = any(of_simulated for _, of_simulated in counts.values())
-    overview = Overview(latest, times, simulated, {step.robot: step for step in steps}, outstanding)
-    if report is not None:
-        write_together(Path(report).parent, {Path(report).name: render_store(overview).encode()})
+        by_type: dict[str, list[Dated]] = {}
+        for level in fleet:
+            by_type.setdefault(level.type, []).append(level)
+        errors = {stored.robot["id"]: stored.calibration["heldout_mean_mm"] for stored in latest}
+        outstanding = {kind: tuple(robots) for kind, some in by_type.items() if (robots := standing_out(some, errors))}
+        times = {robot: count for robot, (count, _) in counts.items()}
+        simulated = any(of_simulated for _, of_simulated in counts.values())
+        overview = Overview(latest, times, simulated, {step.robot: step for step in steps}, outstanding)
+        if report is not None:
+            from irbcal.fleet.store_page import render_store
+
+            page = render_store(overview, database, store, Path(report).parent, type, tolerance)
+            write_together(Path(report).parent, {Path(report).name: page.encode()})
     return overview
 
 
@@ -326,23 +349,4 @@ def _schema(frame: pd.DataFrame) -> Any:
     known = {**dates, **floats}
     return pa.schema(
         [(name, known.get(str(name), types.get(column.dtype.kind, pa.string()))) for name, column in frame.items()]
-    )
-
-
-def render_store(overview: Overview) -> str:
-    """The page of a store's robots."""
-    from irbcal.plotting.charts import page_style
-    from irbcal.templates import environment
-
-    return (
-        environment("irbcal.fleet")
-        .get_template("store.html.j2")
-        .render(
-            title="Fleet",
-            style=page_style(),
-            simulated=overview.simulated,
-            headline=overview.headline(),
-            told=overview.report()[1:],
-            is_table=lambda value: isinstance(value, Table),
-        )
     )

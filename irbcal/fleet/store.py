@@ -657,6 +657,14 @@ class Store:
             rows = link.execute(chosen.group_by(calibrations.c.robot)).all()
         return {str(robot): (int(count), int(of_simulated)) for robot, count, of_simulated in rows}
 
+    def errors(self, type: str | None = None) -> list[dict[str, Any]]:
+        """Robot, type, number, date and held-out mean error of all calibrations, in the order of `numbers`."""
+        c = calibrations.c
+        chosen = sql.select(c.robot, robots.c.type, c.number, c.measured, c.heldout_mean_mm)
+        chosen = chosen.join_from(calibrations, robots).order_by(c.robot, c.measured, c.created, c.number)
+        with self.engine.connect() as link:
+            return _checked(link, chosen if type is None else chosen.where(robots.c.type == type))
+
     def robots(self) -> list[dict[str, str]]:
         """All robots by their ids."""
         with self.engine.connect() as link:

@@ -1,17 +1,19 @@
 """Calibration folders in a store: rows, lists and exports."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
 from fleet_support import manifest, measured
+from lxml import html
 from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.fleet import adding
+from irbcal.fleet import adding, store_page
 from irbcal.identification.fit import identify
 
 
@@ -76,11 +78,57 @@ def test_the_list_tells_what_changed(store, tmp_path):
     assert "R2: 2026-03-02 to 2026-07-01: CHANGED" in text
     page = (tmp_path / "page.html").read_text()
     assert "<strong>Simulated.</strong>" in page
-    assert "R2: 2026-03-02 to 2026-07-01: CHANGED" in page
+    assert "2026-03-02 to 2026-07-01: CHANGED" in page
     listed = json.loads(run("list", "--store", store, "--json"))["robots"]
     assert [(row["id"], row["times"], row["measured"]) for row in listed] == [
         (f"R{k}", 2, "2026-07-01") for k in range(3)
     ]
+
+
+def figures(page):
+    return [(figure.text_content(), figure) for figure in html.fromstring(page.read_bytes()).iter("figure")]
+
+
+def test_the_page_draws_errors_and_what_moved_the_most_drifted_robot_first(store, tmp_path, monkeypatch):
+    page = tmp_path / "page.html"
+    irbcal.fleet_list(store, report=page, tolerance=1.0)
+    assert [text.split()[0] for text, _ in figures(page)].index("R2") == 0
+    words, figure = figures(page)[0]
+    (moved,) = re.findall(r"2026-07-01: ([+-][\d.]+) ± ([\d.]+) degrees", words)  # 0.2 degrees were SIMULATED
+    assert "joint 3's zero" in words
+    assert abs(float(moved[0])) == pytest.approx(0.2, abs=2 * float(moved[1]) + 0.01)
+    errors = [json.loads(run("list", "--store", store, "--json"))["robots"][2]["heldout_mean_mm"]]
+    assert f"2026-07-01: {errors[0]:.3f} mm" in words
+    assert not any("joint" in text for text, _ in figures(page)[1:])
+    document = html.fromstring(page.read_bytes())
+    targets = {link.get("href") for link in document.iter("a")}
+    assert all(document.get_element_by_id(target[1:]) is not None for target in targets if target.startswith("#"))
+    assert (
+        "Joint 3's zero moved by"
+        in document.get_element_by_id(figure.xpath(".//a/@href")[0][1:]).getnext().text_content()
+    )
+    (command,) = [text for text in document.xpath("//pre/code/text()") if "R2" in text]
+    monkeypatch.chdir(page.parent)
+    assert CliRunner().invoke(main.app, command.split()[1:], catch_exceptions=False).exit_code == 0
+
+    irbcal.fleet_list(store, report=page, tolerance=0.001)  # all are beyond it: the most changed is still the first
+    assert figures(page)[0][0].startswith("R2")
+    with pytest.raises(OptionError, match="tolerance: expected a page to draw it on"):
+        irbcal.fleet_list(store, tolerance=0.001)
+
+
+def test_of_many_robots_the_page_draws_the_type_and_the_worst(store, tmp_path, monkeypatch):
+    monkeypatch.setattr(store_page, "MOST_ROBOTS", 1)
+    page = tmp_path / "page.html"
+    irbcal.fleet_list(store, report=page)
+    (of_type, _), (worst, _) = figures(page)
+    assert "3 robots, 1 changed" in of_type
+    assert worst.startswith("R2")
+    irbcal.fleet_export(tmp_path / "c.csv", store, what="calibrations")
+    table = pd.read_csv(tmp_path / "c.csv")
+    middle = table[table.measured == "2026-07-01"].heldout_mean_mm.median()
+    assert "2026-07-01, 3 calibrations: " in of_type
+    assert f", {middle:.3f}, " in of_type.partition("2026-07-01, 3 calibrations: ")[2][:30]
 
 
 def test_drift_names_the_zero_that_moved(store):
