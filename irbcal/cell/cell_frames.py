@@ -230,7 +230,7 @@ class Adjusted:
             Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, and terms of the
             last move, m^2.
         """
-        parts, variance = [], np.zeros(len(self.problem.rows))
+        blocks, variance = [], np.zeros(len(self.problem.rows))
         for of_group in self.by_group:
             group = of_group.group
             motion = self.problem.motion.select(group.rows)
@@ -240,8 +240,8 @@ class Adjusted:
             out = self.problem.by_arm(of_group, J, None)
             if self.root in of_group.view.signs and group.frame == WORLD:
                 out[:6] += self.problem.by_edge(of_group, self.root)
-            parts.append(out)
-        return self._stacked(parts, len(self.rows[0])), variance
+            blocks.append(out)
+        return self._stacked(blocks, len(self.rows[0])), variance
 
 
 def frame_name(kind: str, name: str) -> str:
@@ -284,8 +284,8 @@ def adjust(
         adjusted = replace(adjust(touches, robot, sigma, source, axes, nominal), zeros=tuple(zeros))
         A, r, _ = adjusted.rows
         of_frames, of_zeros = A[:, : -len(zeros)], A[:, -len(zeros) :]
-        left = of_zeros - of_frames @ np.linalg.lstsq(of_frames, of_zeros, rcond=None)[0]
-        if np.linalg.svd(left / np.linalg.norm(of_zeros, axis=0), compute_uv=False)[-1] < SHOWN:
+        unexplained = of_zeros - of_frames @ np.linalg.lstsq(of_frames, of_zeros, rcond=None)[0]
+        if np.linalg.svd(unexplained / np.linalg.norm(of_zeros, axis=0), compute_uv=False)[-1] < SHOWN:
             raise MeasurementError(
                 f"the touches do not show the zeros of joints {', '.join(map(str, zeros))}: touch from more sides with "
                 "the arm folded and stretched. Touches of what is sought itself never show the first joint's, nor the "
@@ -293,7 +293,7 @@ def adjust(
                 file=source,
             )
         step = np.zeros(len(robot.arm.joint_names))
-        step[np.array(zeros) - 1] = np.linalg.lstsq(left, -r, rcond=None)[0]
+        step[np.array(zeros) - 1] = np.linalg.lstsq(unexplained, -r, rcond=None)[0]
         touches = [replace(touch, q=touch.q + step) for touch in touches]
         if np.abs(step).max() < SMALL:
             break
@@ -305,19 +305,19 @@ def adjust(
     carried = sorted({frame_name(*t.on_flange) for t in touches} & framed)
     edges = [Edge(FLANGE, name) for name in carried]
     moving = external_axes.edges(axes, np.array([touch.e for touch in touches]))
-    known = {BASE: robot.T_world_base} | {
+    known_edges = {BASE: robot.T_world_base} | {
         edge_key(edge): edge.screw for edge in moving if nominal and edge.screw is not None
     }
     if axes:
         objects = dict.fromkeys(t.standing for t in touches if frame_name(*t.standing) in framed)
         edges += [Edge(external_axes.stand(axes, name), frame_name(kind, name)) for kind, name in objects]
         edges += [*moving, Edge(WORLD, root, robot.T_world_base)]
-    problem = FeatureProblem(robot.arm, rows, [], known, edges, robot)
+    problem = FeatureProblem(robot.arm, rows, [], known_edges, edges, robot)
     _refuse_too_few(touches, problem, source)
     try:
-        held = start_of_held_parts(touches, _tip_link(problem, moving, root))
+        held_poses = start_of_held_parts(touches, _tip_link(problem, moving, root))
         starts: dict[Key, FloatArray] = {}
-        for (kind, name), T in held.items():
+        for (kind, name), T in held_poses.items():
             key = (FRAME if frame_name(kind, name) in framed else "centre"), frame_name(kind, name)
             if kind == HELD_PART or key[0] == "centre":
                 starts[key] = T if key[0] == FRAME else T[:3, 3]
@@ -368,58 +368,59 @@ def _feature_rows(
     for k, touch in enumerate(touches):
         tip = frame_name(*touch.on_flange)
         tip = tip if tip in framed else FLANGE
-        of = frame_name(touch.frame, touch.name)
+        frame_key = frame_name(touch.frame, touch.name)
         stands = frame_name(*touch.standing)
-        if touch.frame == FIXED_TOOL and of not in framed:
-            features[of] = Feature(of, "point", touch.tool)
-            row("point", of, touch.tool, root, tip)
+        if touch.frame == FIXED_TOOL and frame_key not in framed:
+            features[frame_key] = Feature(frame_key, "point", touch.tool)
+            row("point", frame_key, touch.tool, root, tip)
         elif touch.frame == HELD_PART and touch.tracker is None:
             at = stands if stands in framed else root
             point[k] = np.zeros(3) if touch.xyz is None else touch.xyz
             if touch.point in SIDES and touch.xyz is None:
                 kind, axes, _ = SIDES[touch.point]
-                feature = Feature(f"{touch.point} of {of}", kind, stands, centre=np.zeros(3), axes=axes)
+                feature = Feature(f"{touch.point} of {frame_key}", kind, stands, centre=np.zeros(3), axes=axes)
                 features[feature.name] = feature
-                row(kind, feature.name, stands, of, at)
+                row(kind, feature.name, stands, frame_key, at)
             elif at == root:
-                features[stands] = Feature(stands, "point", of)
-                row("point", stands, of, root, of)
+                features[stands] = Feature(stands, "point", frame_key)
+                row("point", stands, frame_key, root, frame_key)
             else:
                 xyz[k] = np.zeros(3)
-                row("point", "", of, stands, of)
+                row("point", "", frame_key, stands, frame_key)
         elif touch.tracker is not None:
             xyz[k] = touch.tracker
             if touch.frame in ON_FLANGE:
                 point[k] = np.zeros(3) if touch.xyz is None else touch.xyz
-                row("point", "", touch.tool if touch.frame == TOOL else of, WORLD, tip)
+                row("point", "", touch.tool if touch.frame == TOOL else frame_key, WORLD, tip)
             else:
                 point[k] = touch.xyz
-                row("point", "", of, WORLD, of)
+                row("point", "", frame_key, WORLD, frame_key)
         elif touch.point in SIDES and touch.xyz is None:
             kind, axes, _ = SIDES[touch.point]
-            feature = Feature(f"{touch.point} of {of}", kind, touch.tool, centre=np.zeros(3), axes=axes)
+            feature = Feature(f"{touch.point} of {frame_key}", kind, touch.tool, centre=np.zeros(3), axes=axes)
             features[feature.name] = feature
             if touch.frame in STANDING:
-                row(kind, feature.name, touch.tool, of, tip)
+                row(kind, feature.name, touch.tool, frame_key, tip)
             else:
                 places = {t.point for t in touches if _at_place(t, touch.name)}
                 if len(places) != 1:
                     raise MeasurementError(
-                        f"{of}: its axes are shown at the place that its tip touches, of which there are {len(places)}",
+                        f"{frame_key}: its axes are shown at the place that its tip touches, "
+                        f"of which there are {len(places)}",
                         file=source,
                         row=touch.row,
                         column="point",
                     )
-                row(kind, feature.name, f"{places.pop()} of {of}", of, root)
+                row(kind, feature.name, f"{places.pop()} of {frame_key}", frame_key, root)
         elif touch.frame in STANDING and touch.xyz is None and touch.point != TAUGHT[0]:
-            name = f"{touch.point} of {of}"
+            name = f"{touch.point} of {frame_key}"
             features[name] = Feature(name, "point", touch.tool)
-            row("point", name, touch.tool, of, tip)
+            row("point", name, touch.tool, frame_key, tip)
         elif touch.frame in STANDING:
             xyz[k] = np.zeros(3) if touch.xyz is None else touch.xyz
-            row("point", "", touch.tool, of, tip)
+            row("point", "", touch.tool, frame_key, tip)
         else:
-            name = f"{touch.point} of {of}"
+            name = f"{touch.point} of {frame_key}"
             features[name] = Feature(name, touch.kind, touch.tool, touch.radius)
             row(touch.kind, name, touch.tool, root, tip)
     columns_of = {name: np.array(values, dtype=object) for name, values in text.items()}
@@ -509,16 +510,16 @@ def _refuse_too_few(touches: Sequence[Touch], problem: FeatureProblem, source: s
         if not any(map(_shows_axes, of_object)):
             continue
         title = frame_name(kind, name)
-        known = np.array([t.xyz for t in of_object if t.xyz is not None]).reshape(-1, 3)
-        if len(known) >= LEAST_SIDES:
-            if np.linalg.svd(known - known.mean(axis=0), compute_uv=False)[1] < LEAST_LENGTH:
+        given_points = np.array([t.xyz for t in of_object if t.xyz is not None]).reshape(-1, 3)
+        if len(given_points) >= LEAST_SIDES:
+            if np.linalg.svd(given_points - given_points.mean(axis=0), compute_uv=False)[1] < LEAST_LENGTH:
                 raise MeasurementError(f"{title}: its points with coordinates are on a line", file=source)
             continue
         missing = [point for point in TAUGHT if point not in {t.point for t in of_object if t.xyz is None}]
         if missing:
             raise MeasurementError(
                 f"{title}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing, and of "
-                f"three or more points with x_mm, y_mm, z_mm there are {len(known)}: it takes one or the other",
+                f"three or more points with x_mm, y_mm, z_mm there are {len(given_points)}: it takes one or the other",
                 file=source,
             )
 

@@ -368,15 +368,14 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
     """Ask for touches until an empty line; the file has each as soon as it was typed."""
     import pandas as pd
 
+    from irbcal.errors import MeasurementError
+    from irbcal.measurement.columns import parse_csv
     from irbcal.names import csv_bytes
-    from irbcal.safe_files import write_set
+    from irbcal.safe_files import read_bytes, write_set
 
     table = pd.DataFrame(columns=["frame", "name", "point", "tool"])
     if path.exists():
-        try:
-            table = pd.read_csv(path, dtype=str)
-        except (ValueError, OSError) as fault:
-            raise typer.BadParameter(f"{path} is no table of touches: {fault}", param_hint="--interactive") from None
+        table = parse_csv(read_bytes(path, MeasurementError), str(path), table.columns.tolist())
     show.say(
         "Each touch: frame name point tool (tool 1 socket, work_object 1 origin 1), then what the controller shows."
     )

@@ -180,47 +180,51 @@ class Averaging:
         """
         best, out = -np.inf, list[ComparedTermSet]()
         for choice in choices:
-            item = ComparedTermSet(choice, self.fit(choice, self.evidence_temper, give_up=best - give_up))
-            if item.by_evidence.log_evidence > best - give_up:
-                self._choose_tau(item, taus)
-            out.append(item)
-            best = max(best, item.by_evidence.log_evidence)
-        return out, term_sets.weights([item.by_evidence for item in out]), float(best)
+            candidate = ComparedTermSet(choice, self.fit(choice, self.evidence_temper, give_up=best - give_up))
+            if candidate.by_evidence.log_evidence > best - give_up:
+                self._choose_tau(candidate, taus)
+            out.append(candidate)
+            best = max(best, candidate.by_evidence.log_evidence)
+        return out, term_sets.weights([candidate.by_evidence for candidate in out]), float(best)
 
-    def _choose_tau(self, item: ComparedTermSet, taus: Sequence[float]) -> None:
+    def _choose_tau(self, candidate: ComparedTermSet, taus: Sequence[float]) -> None:
         """The time constant of a term set's warm-up with the largest log evidence, from the longest downwards."""
-        if term_sets.tau_of(item.term_set, self.superset) is None:
+        if term_sets.tau_of(candidate.term_set, self.superset) is None:
             return
         for tau in reversed(taus[:-1]):
-            other = term_sets.with_tau(item.term_set, self.superset, tau)
-            shorter = self.fit(other, self.evidence_temper, item.by_evidence)
-            if shorter.log_evidence <= item.by_evidence.log_evidence:
+            with_tau = term_sets.with_tau(candidate.term_set, self.superset, tau)
+            shorter = self.fit(with_tau, self.evidence_temper, candidate.by_evidence)
+            if shorter.log_evidence <= candidate.by_evidence.log_evidence:
                 break
-            item.term_set, item.by_evidence = other, shorter
+            candidate.term_set, candidate.by_evidence = with_tau, shorter
 
     def weigh(self, compared: list[ComparedTermSet], weights: FloatArray) -> None:
         """Fit the term sets that have a weight by their evidence, and divide it by squared leave-one-out residuals."""
         self.compared = compared
         chosen, precision = np.flatnonzero(weights), weights.copy()
         for k in chosen:
-            item = compared[k]
-            item.by_fit = self.fit(item.term_set, self.fit_temper, item.by_evidence)
+            candidate = compared[k]
+            candidate.by_fit = self.fit(candidate.term_set, self.fit_temper, candidate.by_evidence)
             if len(chosen) > 1:
-                u, _, row = leave_one_out.residuals(self.linear, item.term_set.columns(self.linear.flat), item.by_fit)
+                u, _, row = leave_one_out.residuals(
+                    self.linear, candidate.term_set.columns(self.linear.flat), candidate.by_fit
+                )
                 precision[k] /= np.mean(u[row >= 0] ** 2)  # zero where a direction is open
-        for item, weight in zip(compared, term_sets.shares(precision if precision.any() else weights), strict=True):
-            item.weight = float(weight)
-            item.by_fit = item.by_fit if weight > 0.0 else None
+        for candidate, weight in zip(
+            compared, term_sets.shares(precision if precision.any() else weights), strict=True
+        ):
+            candidate.weight = float(weight)
+            candidate.by_fit = candidate.by_fit if weight > 0.0 else None
 
     @property
     def kept(self) -> list[ComparedTermSet]:
         """Term sets with weight."""
-        return [item for item in self.compared if item.weight > 0.0]
+        return [candidate for candidate in self.compared if candidate.weight > 0.0]
 
     @property
     def union(self) -> IntArray:
         """Terms of the term sets with weight, places in the superset."""
-        return np.unique(np.concatenate([item.term_set.terms for item in self.kept]))
+        return np.unique(np.concatenate([candidate.term_set.terms for candidate in self.kept]))
 
     def average(
         self, linear: LinearModel, sums: NormalEquations, report: bool = True
@@ -244,43 +248,48 @@ class Averaging:
         results : dict
             The attributes of `EvidenceFit` that say how the average came about.
         """
-        kept, flat, union = self.kept, linear.flat, self.union
+        averaged, flat, union = self.kept, linear.flat, self.union
         width = flat + len(union)
-        places = [np.concatenate([np.arange(flat), flat + np.searchsorted(union, i.term_set.terms)]) for i in kept]
-        starts: list[Posterior | None] = [item.by_fit or item.by_evidence for item in kept]
+        columns_of = [
+            np.concatenate([np.arange(flat), flat + np.searchsorted(union, i.term_set.terms)]) for i in averaged
+        ]
+        starts: list[Posterior | None] = [candidate.by_fit or candidate.by_evidence for candidate in averaged]
         for last in (False, True):
             fits = [
-                fit_term_set(linear, sums.part(columns), item.term_set, self.fit_temper, start)
-                for item, columns, start in zip(kept, places, starts, strict=True)
+                fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_temper, start)
+                for candidate, columns, start in zip(averaged, columns_of, starts, strict=True)
             ]
             mean, second = np.zeros(width), np.zeros((width, width))
-            for item, columns, fit in zip(kept, places, fits, strict=True):
+            for candidate, columns, fit in zip(averaged, columns_of, fits, strict=True):
                 c, C = np.zeros(width), np.zeros((width, width))
                 c[columns], C[np.ix_(columns, columns)] = fit.c, fit.covariance * linear.widening(fit) ** 2
-                mean += item.weight * c
-                second += item.weight * (C + np.outer(c, c))
+                mean += candidate.weight * c
+                second += candidate.weight * (C + np.outer(c, c))
             better = linear if last else linear.improved(mean)
             if better is linear:
                 break
             linear, sums = better, better.sums()
             starts = [*fits] if linear.restarts else starts
-        for item, fit in zip(kept, fits, strict=True):
-            item.by_fit = fit
-        single, fifths = self._left_out(linear, places, fits, mean) if report else ({}, {})
-        top = max(range(len(kept)), key=lambda k: kept[k].weight)
+        for candidate, fit in zip(averaged, fits, strict=True):
+            candidate.by_fit = fit
+        single, fifths = self._left_out(linear, columns_of, fits, mean) if report else ({}, {})
+        top = max(range(len(averaged)), key=lambda k: averaged[k].weight)
         families: tuple[FamilyShown, ...] = ()
         if report:
-            names = [self.superset[k].family for k in kept[top].term_set.terms]
-            part = sums.part(places[top])
-            families = families_shown(part, flat, names, kept[top].term_set, self.evidence_temper, fits[top])
+            names = [self.superset[k].family for k in averaged[top].term_set.terms]
+            top_model = sums.part(columns_of[top])
+            families = families_shown(top_model, flat, names, averaged[top].term_set, self.evidence_temper, fits[top])
         results = {
-            "sigma": float(np.sqrt(sum(item.weight * fit.s2 for item, fit in zip(kept, fits, strict=True)))) * MM,
+            "sigma": float(
+                np.sqrt(sum(candidate.weight * fit.s2 for candidate, fit in zip(averaged, fits, strict=True)))
+            )
+            * MM,
             "leave_one_out": single,
             "leave_fifths_out": fifths,
-            "term_sets": tuple(self._row(item) for item in self.compared),
-            "groups": tuple(groups_of(kept, self.superset)),
+            "term_sets": tuple(self._row(candidate) for candidate in self.compared),
+            "groups": tuple(groups_of(averaged, self.superset)),
             "families": families,
-            "tau": term_sets.tau_of(kept[top].term_set, self.superset),
+            "tau": term_sets.tau_of(averaged[top].term_set, self.superset),
         }
         return linear, mean, second - np.outer(mean, mean), results
 
@@ -289,14 +298,14 @@ class Averaging:
     ) -> tuple[dict[str, float | None], dict[str, float | None]]:
         """Leave-one-pose-out and leave-a-fifth-out errors of the average, by target, metres."""
         single, fifths = list[FloatArray](), list[FloatArray]()
-        for item, columns, fit in zip(self.kept, places, fits, strict=True):
+        for candidate, columns, fit in zip(self.kept, places, fits, strict=True):
             u, pose, row = leave_one_out.residuals(linear, columns, fit)
-            optimism = LONGEST_OPTIMISM if item.term_set.highest > HIGHEST else 1.0
+            optimism = LONGEST_OPTIMISM if candidate.term_set.highest > HIGHEST else 1.0
             u = optimism * u
-            item.leave_one_out = leave_one_out.lengths(linear, u, pose, row)[""]
-            single.append(item.weight * u)
+            candidate.leave_one_out = leave_one_out.lengths(linear, u, pose, row)[""]
+            single.append(candidate.weight * u)
             if linear.sequence:
-                fifths.append(item.weight * optimism * leave_one_out.block_residuals(linear, columns, fit))
+                fifths.append(candidate.weight * optimism * leave_one_out.block_residuals(linear, columns, fit))
         loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
         e = np.concatenate([block.y - mean @ block.J for block in linear.blocks()])
         u = np.sum(single, axis=0)
@@ -304,23 +313,23 @@ class Averaging:
         self.alone = leave_one_out.standing_alone(e[row >= 0], u[row >= 0], linear.place[pose[row >= 0]])
         return loo, blocks[0] if blocks else loo
 
-    def _row(self, item: ComparedTermSet) -> TermSetResult:
+    def _row(self, candidate: ComparedTermSet) -> TermSetResult:
         return TermSetResult(
-            name=item.term_set.name,
-            terms=self.linear.flat + len(item.term_set.terms),
-            log_evidence=item.by_evidence.log_evidence,
-            weight=item.weight,
-            sigma_mm=None if item.by_fit is None else np.sqrt(item.by_fit.s2),
-            leave_one_out_mm=None if item.leave_one_out is None else item.leave_one_out / MM,
+            name=candidate.term_set.name,
+            terms=self.linear.flat + len(candidate.term_set.terms),
+            log_evidence=candidate.by_evidence.log_evidence,
+            weight=candidate.weight,
+            sigma_mm=None if candidate.by_fit is None else np.sqrt(candidate.by_fit.s2),
+            leave_one_out_mm=None if candidate.leave_one_out is None else candidate.leave_one_out / MM,
         )
 
 
-def groups_of(kept: list[ComparedTermSet], superset: Sequence[Term]) -> list[GroupResult]:
+def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list[GroupResult]:
     """What was expected of each group and what the data show of it, averaged over the term sets."""
     totals: dict[str, FloatArray] = {}
     members: dict[str, list[Term]] = {}
-    for item in kept:
-        fit, d = item.by_fit, item.term_set
+    for candidate in averaged:
+        fit, d = candidate.by_fit, candidate.term_set
         if fit is None:
             continue
         flat = len(fit.c) - len(d.terms)
@@ -331,7 +340,7 @@ def groups_of(kept: list[ComparedTermSet], superset: Sequence[Term]) -> list[Gro
         scatter = np.bincount(d.group, np.diagonal(fit.covariance)[flat:], len(d.groups)) / counts
         for k, name in enumerate(d.groups):
             row = np.array([fit.gammas[k], fit.variances[k] * unit[k], squares[k], scatter[k], 1.0])
-            totals[name] = totals.get(name, np.zeros(5)) + item.weight * row
+            totals[name] = totals.get(name, np.zeros(5)) + candidate.weight * row
             members.setdefault(name, [superset[j] for j in d.terms[d.group == k]])
     out = []
     for name, (seen, *squared, weight) in totals.items():
@@ -401,10 +410,10 @@ def prepare(
     points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
     loads, load_places = motion.payload_kg, motion.payload_place
     usual = usual_load(loads) if usual_kg is None else usual_kg
-    place = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
+    payload_centre = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
     if loads is not None and load_places is not None:
         of_usual = np.flatnonzero(loads == usual)
-        place = tuple(float(x) for x in load_places[of_usual[-1] if len(of_usual) else -1])
+        payload_centre = tuple(float(x) for x in load_places[of_usual[-1] if len(of_usual) else -1])
     geometry = GEOMETRY.terms(arm)
     problem = linear_model.geometry_problem(arm, points, geometry, known_targets)
     elapsed = motion.elapsed
@@ -414,7 +423,7 @@ def prepare(
         arm,
         terms,
         bool(motion.moves.any()),
-        place if loads is not None and len(np.unique(loads)) > 1 else None,
+        payload_centre if loads is not None and len(np.unique(loads)) > 1 else None,
         taus,
         motion.torques is not None,
         None if elapsed is None else float(elapsed.max()),
@@ -423,12 +432,12 @@ def prepare(
     if motion.readings and motion.moves.any():
         project, gain = _lagging(problem, motion, superset, geometry)
     state = linear_model.geometry_solution(problem, motion, geometry, project)
-    some, some_motion = problem, motion
+    subset, subset_motion = problem, motion
     if points.poses > COMPARED:
         chosen = np.zeros(points.poses, dtype=bool)
         chosen[np.random.default_rng(seed).permutation(points.poses)[:COMPARED]] = True
-        some, some_motion = problem.of_poses(chosen), motion.select(chosen)
-    linear = Linearisation(some, state, some_motion, superset, project)
+        subset, subset_motion = problem.of_poses(chosen), motion.select(chosen)
+    linear = Linearisation(subset, state, subset_motion, superset, project)
     return LinearisedPoints(problem, state, motion, linear, linear.sums(), taus, usual, gain)
 
 
@@ -510,61 +519,61 @@ def identify_evidence(
     if motion.q.shape != points.q.shape:
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
     say("fitting the geometry")
-    ready = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
-    averaging = Averaging(ready.linear, ready.sums)
-    tau = ready.taus[-1] if ready.taus else None
+    linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
+    averaging = Averaging(linearised.linear, linearised.sums)
+    tau = linearised.taus[-1] if linearised.taus else None
     choices = term_sets.candidates(averaging.superset, terms, tau)
     say(f"comparing {len(choices)} choices of terms")
-    compared, weights, best = averaging.weighed(choices, ready.taus)
+    compared, weights, best = averaging.weighed(choices, linearised.taus)
     if _each_counts(averaging, compared):
-        averaging = Averaging(ready.linear, ready.sums, independent=True)
-        compared, weights, best = averaging.weighed(choices, ready.taus)
+        averaging = Averaging(linearised.linear, linearised.sums, independent=True)
+        compared, weights, best = averaging.weighed(choices, linearised.taus)
     of_type = None
     if prior is not None:
-        compared, weights, of_type = _with_type(averaging, prior, ready.taus, (compared, weights, best))
+        compared, weights, of_type = _with_type(averaging, prior, linearised.taus, (compared, weights, best))
     averaging.weigh(compared, weights)
-    ready, averaging = _with_longer_series(ready, averaging, say)
-    harmonics, spectrum = _scan(averaging, ready.linear, say) if gear_scan else ([], None)
+    linearised, averaging = _with_longer_series(linearised, averaging, say)
+    harmonics, spectrum = _scan(averaging, linearised.linear, say) if gear_scan else ([], None)
     say("averaging")
-    union, flat, project = averaging.union, ready.linear.flat, ready.linear.projected
-    own = [averaging.superset[k] for k in union]
-    linear = Linearisation(ready.problem, ready.state, ready.motion, own, project)
-    if harmonics or len(ready.motion) != len(ready.linear.motion):
+    union, flat, project = averaging.union, linearised.linear.flat, linearised.linear.projected
+    terms_used = [averaging.superset[k] for k in union]
+    linear = Linearisation(linearised.problem, linearised.state, linearised.motion, terms_used, project)
+    if harmonics or len(linearised.motion) != len(linearised.linear.motion):
         sums = linear.sums()
     else:
-        sums = ready.sums.part(np.concatenate([np.arange(flat), flat + union]))
+        sums = linearised.sums.part(np.concatenate([np.arange(flat), flat + union]))
     _, mean, covariance, results = averaging.average(linear, sums)
     state, names = linear.moved(mean), points.target_names
     lagging = LAG_FAMILIES if project else ()
-    used = np.array([k for k, term in enumerate(own) if term.family not in lagging], dtype=int)
+    used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
     columns = np.concatenate([np.arange(flat), flat + used])
     scale = linear.sizes[columns]
-    other_bases = dict(zip(ready.problem.sessions[:-1], state.others, strict=True))
-    loads = ready.motion.payload_kg
-    stop = stop_numbers(points, motion) if len(ready.motion) < len(motion) else np.arange(len(motion))
-    outlying = np.zeros((len(ready.motion), len(names)))
-    seen = ready.problem.points
-    outlying[seen.pose, seen.target] = averaging.outlying[: len(seen)] * MM
+    other_bases = dict(zip(linearised.problem.sessions[:-1], state.others, strict=True))
+    loads = linearised.motion.payload_kg
+    stop = stop_numbers(points, motion) if len(linearised.motion) < len(motion) else np.arange(len(motion))
+    outlying = np.zeros((len(linearised.motion), len(names)))
+    points_used = linearised.problem.points
+    outlying[points_used.pose, points_used.target] = averaging.outlying[: len(points_used)] * MM
     return EvidenceFit(
         nominal=arm,
         arm=linear.problem.arm_at(state),
         points=into_one_frame(points, state.T_world_base, other_bases),
         motion=motion,
-        terms=tuple(own[k] for k in used),
+        terms=tuple(terms_used[k] for k in used),
         coefficients=scale[flat:] * mean[columns[flat:]],
         covariance=covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
         T_world_base=state.T_world_base,
         targets=dict(zip(names, state.targets, strict=True)),
-        free_targets=tuple(names[k] for k in ready.problem.free),
-        framed_targets=tuple(names[k] for k in ready.problem.framed),
-        target_rotations={names[k]: state.rotations[k] for k in ready.problem.framed},
+        free_targets=tuple(names[k] for k in linearised.problem.free),
+        framed_targets=tuple(names[k] for k in linearised.problem.framed),
+        target_rotations={names[k]: state.rotations[k] for k in linearised.problem.framed},
         gears=tuple(harmonics),
-        joint_ranges=np.array([ready.motion.q.min(axis=0), ready.motion.q.max(axis=0)]),
+        joint_ranges=np.array([linearised.motion.q.min(axis=0), linearised.motion.q.max(axis=0)]),
         kind=terms,
-        poses=len(ready.motion),
+        poses=len(linearised.motion),
         loads=() if loads is None else tuple(float(m) for m in np.unique(loads)),
-        usual_kg=ready.usual_kg,
-        readings_gain=ready.readings_gain,
+        usual_kg=linearised.usual_kg,
+        readings_gain=linearised.readings_gain,
         readings_projected=project,
         spectrum=spectrum,
         other_bases=other_bases,
@@ -583,7 +592,7 @@ def _each_counts(averaging: Averaging, compared: Sequence[ComparedTermSet]) -> b
     linear = averaging.linear
     if averaging.evidence_temper == 1.0 or linear.projected or linear.session is not None or (linear.target < 0).any():
         return False
-    best = max(compared, key=lambda item: item.by_evidence.log_evidence)
+    best = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence)
     fit = averaging.fit(best.term_set, 1.0, best.by_evidence)
     return independent(linear, best.term_set.columns(linear.flat), fit)
 
@@ -607,16 +616,20 @@ def log_evidence(
     IdentificationError
         If the data do not allow it.
     """
-    ready = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
-    averaging = Averaging(ready.linear, ready.sums)
-    choices = term_sets.candidates(averaging.superset, terms, ready.taus[-1] if ready.taus else None)
-    compared, _, _ = averaging.weighed(choices, ready.taus)
-    return float(np.logaddexp.reduce([item.by_evidence.log_evidence for item in compared]))
+    linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
+    averaging = Averaging(linearised.linear, linearised.sums)
+    choices = term_sets.candidates(averaging.superset, terms, linearised.taus[-1] if linearised.taus else None)
+    compared, _, _ = averaging.weighed(choices, linearised.taus)
+    return float(np.logaddexp.reduce([candidate.by_evidence.log_evidence for candidate in compared]))
 
 
-def _targets(known: Mapping[str, ArrayLike] | None) -> dict[str, FloatArray] | None:
+def _targets(known_targets: Mapping[str, ArrayLike] | None) -> dict[str, FloatArray] | None:
     """Known places as arrays."""
-    return None if known is None else {name: np.asarray(place, dtype=float) for name, place in known.items()}
+    return (
+        None
+        if known_targets is None
+        else {name: np.asarray(place, dtype=float) for name, place in known_targets.items()}
+    )
 
 
 def _with_type(
@@ -628,43 +641,45 @@ def _with_type(
     """Term sets without and with a type's prior, their weights, and what became of the prior."""
     compared, weights, best = alone
     choices = term_sets.with_type(averaging.superset, taus[-1] if taus else None, prior.expected)
-    others, their_weights, theirs = averaging.weighed(choices, taus)
-    top = max(others, key=lambda item: item.by_evidence.log_evidence)
-    without = max(compared, key=lambda item: item.by_evidence.log_evidence).by_evidence
+    with_type, their_weights, theirs = averaging.weighed(choices, taus)
+    top = max(with_type, key=lambda candidate: candidate.by_evidence.log_evidence)
+    without = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence).by_evidence
     part = averaging.part(top.term_set)
     test = chi_square_of_type(part, averaging.linear.flat, top.term_set, top.by_evidence, without.s2)
     weight = term_sets.share(theirs - best) if like_type(*test) else 0.0
     shares = np.concatenate([(1.0 - weight) * weights, weight * their_weights])
     result = TypePriorResult(prior.type, len(prior.sisters), prior.simulated, theirs - best, weight, *test)
-    return [*compared, *others], term_sets.shares(shares), result
+    return [*compared, *with_type], term_sets.shares(shares), result
 
 
 def _with_longer_series(
-    ready: LinearisedPoints, averaging: Averaging, say: Progress
+    linearised: LinearisedPoints, averaging: Averaging, say: Progress
 ) -> tuple[LinearisedPoints, Averaging]:
     """Where the long series of harmonics has most weight, the same term sets with a longer one join the comparison."""
-    best = max(averaging.compared, key=lambda item: item.weight)
-    if best.term_set.highest < HIGHEST or len(ready.motion) < FEWEST_FOR_LONGEST:
-        return ready, averaging
+    best = max(averaging.compared, key=lambda candidate: candidate.weight)
+    if best.term_set.highest < HIGHEST or len(linearised.motion) < FEWEST_FOR_LONGEST:
+        return linearised, averaging
     say(f"comparing harmonics to {LONGEST}")
-    more = HARMONICS.terms(ready.problem.arm, HIGHEST + 1, LONGEST)
-    linear = ready.linear.extended(more)
+    more = HARMONICS.terms(linearised.problem.arm, HIGHEST + 1, LONGEST)
+    linear = linearised.linear.extended(more)
     longer = Averaging(linear, linear.sums(), averaging.independent)
-    places = range(len(averaging.superset), len(longer.superset))
+    new_terms = range(len(averaging.superset), len(longer.superset))
     compared = list(averaging.compared)
-    for item in averaging.kept:
-        if item.term_set.highest == HIGHEST:
-            term_set = item.term_set.longer(places, [band_group(term, LONGEST) for term in more], LONGEST)
-            compared.append(ComparedTermSet(term_set, longer.fit(term_set, longer.evidence_temper, item.by_evidence)))
-    longer.weigh(compared, term_sets.weights([item.by_evidence for item in compared]))
-    return replace(ready, linear=linear, sums=longer.sums), longer
+    for candidate in averaging.kept:
+        if candidate.term_set.highest == HIGHEST:
+            term_set = candidate.term_set.longer(new_terms, [band_group(term, LONGEST) for term in more], LONGEST)
+            compared.append(
+                ComparedTermSet(term_set, longer.fit(term_set, longer.evidence_temper, candidate.by_evidence))
+            )
+    longer.weigh(compared, term_sets.weights([candidate.by_evidence for candidate in compared]))
+    return replace(linearised, linear=linear, sums=longer.sums), longer
 
 
 def _scan(
     averaging: Averaging, linear: Linearisation, say: Progress
 ) -> tuple[list[gears.GearFound], gears.GearSpectrum | None]:
     """Frequencies beyond the best term set; their terms join the superset and all term sets with weight."""
-    best = max(averaging.compared, key=lambda item: item.weight)
+    best = max(averaging.compared, key=lambda candidate: candidate.weight)
     if best.by_fit is None or best.term_set.bands:
         # beside long series single harmonics are accidents: on a UR10 they took the held-out mean from 0.134 to
         # 0.141 mm and the intervals' coverage from 96 to 92 %
@@ -673,11 +688,11 @@ def _scan(
     cycles, spectrum = gears.scan(
         linear, best.term_set, averaging.part(best.term_set), fits, say, averaging.independent
     )
-    added = [term for item in cycles for term in gear_terms(item.joint, item.cycles_per_turn)]
-    places = list(range(len(averaging.superset), len(averaging.superset) + len(added)))
+    added = [term for candidate in cycles for term in gear_terms(candidate.joint, candidate.cycles_per_turn)]
+    new_terms = list(range(len(averaging.superset), len(averaging.superset) + len(added)))
     averaging.superset += added
-    for item in averaging.kept if added else ():
-        item.term_set = item.term_set.extended(places, [term.group for term in added])
+    for candidate in averaging.kept if added else ():
+        candidate.term_set = candidate.term_set.extended(new_terms, [term.group for term in added])
     return cycles, spectrum
 
 
@@ -733,12 +748,12 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     IdentificationError
         If the poses do not determine base and targets.
     """
-    ready = prepare(arm, points, motion)
-    superset, flat = ready.linear.terms, ready.linear.flat
+    linearised = prepare(arm, points, motion)
+    superset, flat = linearised.linear.terms, linearised.linear.flat
     names = [*term_sets.TYPE_FAMILIES, "warm_up"]
-    choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, ready.taus[-1] if ready.taus else None)
-    sums = ready.sums.part(choice.columns(flat))
-    t = evidence_temper(ready.linear.per_pose)
+    choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, linearised.taus[-1] if linearised.taus else None)
+    sums = linearised.sums.part(choice.columns(flat))
+    t = evidence_temper(linearised.linear.per_pose)
     posterior = maximise_evidence(sums, flat, choice.group, choice.caps, t)
     terms = [superset[k] for k in choice.terms]
     of_type = np.array([taken(term) for term in terms], dtype=bool)
@@ -799,9 +814,9 @@ def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]
     cell = pose[points.pose] * len(points.target_names) + points.target
     cells, where = np.unique(cell, return_inverse=True)
     where = where.ravel()
-    seen = np.bincount(where)
-    xyz = np.column_stack([np.bincount(where, points.xyz[:, k]) for k in range(3)]) / seen[:, None]
-    u95 = None if points.u95 is None else np.bincount(where, points.u95) / seen
+    repeats = np.bincount(where)
+    xyz = np.column_stack([np.bincount(where, points.xyz[:, k]) for k in range(3)]) / repeats[:, None]
+    u95 = None if points.u95 is None else np.bincount(where, points.u95) / repeats
     load: dict[str, Any] = {k: v if v is None else v[first] for k, v in points.load().items()}
     merged = replace(
         points,

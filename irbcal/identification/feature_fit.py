@@ -117,9 +117,9 @@ class FeatureModel(LinearModel):
     @cached_property
     def _rows(self) -> Rows:
         """All rows, in the order of their poses."""
-        parts = list(self.problem.dense(self.state, self.chosen))
-        J, y = np.concatenate([part.J for part in parts], axis=1), np.concatenate([part.y for part in parts])
-        pose, row = (np.concatenate([getattr(part, name) for part in parts]) for name in ("pose", "row"))
+        blocks = list(self.problem.dense(self.state, self.chosen))
+        J, y = np.concatenate([block.J for block in blocks], axis=1), np.concatenate([block.y for block in blocks])
+        pose, row = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("pose", "row"))
         order = np.argsort(pose, kind="stable")
         return Rows(np.ascontiguousarray(J[:, order]), y[order], pose[order], row[order])
 
@@ -179,9 +179,9 @@ class FeatureFit(EvidenceFit):
     @property
     def nominal_robot(self) -> Robot:
         """The nominal robot with base and tool from the same rows."""
-        own, base = self.nominal_state.values, self.nominal_state.T_world_base
-        rotations = {name: own["axes", name] for name in self.target_rotations}
-        targets = {name: own[TOOL, name] for name in self.targets}
+        nominal_values, base = self.nominal_state.values, self.nominal_state.T_world_base
+        rotations = {name: nominal_values["axes", name] for name in self.target_rotations}
+        targets = {name: nominal_values[TOOL, name] for name in self.targets}
         return Robot(self.nominal, T_world_base=base, targets=targets, target_rotations=rotations)
 
     @property
@@ -207,8 +207,8 @@ class FeatureFit(EvidenceFit):
     def scale_measured(self) -> bool:
         """Whether some row or feature tells a length of the size of the arm."""
         problem = self.problem
-        known = [group for group in problem.groups if group.feature.centre is not None or group.measured]
-        return bool(problem.rows.lengths or known or any(group.kind.metric for group in problem.groups))
+        metric_groups = [group for group in problem.groups if group.feature.centre is not None or group.measured]
+        return bool(problem.rows.lengths or metric_groups or any(group.kind.metric for group in problem.groups))
 
     @property
     def scale_from(self) -> str:
@@ -216,19 +216,22 @@ class FeatureFit(EvidenceFit):
         problem = self.problem
         metric = [group for group in problem.groups if group.kind.metric]
         words = list(dict.fromkeys(group.kind.scale_of(group.feature) for group in metric))
-        others = [group for group in problem.groups if group.feature.centre is not None or group.measured]
-        return "" if problem.rows.lengths or others or "" in words else " and ".join(words)
+        metric_groups = [group for group in problem.groups if group.feature.centre is not None or group.measured]
+        return "" if problem.rows.lengths or metric_groups or "" in words else " and ".join(words)
 
     def doubts(self) -> list[str]:
         """What speaks against what was known beforehand of features: their own doubts, and fitted numbers far away."""
         problem, state = self.problem, self.state
-        found = [one.group.kind.doubt(one.observed, one.residuals) for one in problem.group_residuals(state)]
-        for (name, of), known in problem.expected.items():
-            value = float(state.values[name, of][0])
-            if abs(value - known.value[0]) > 2.0 * known.u95:
-                found.append(
-                    f"{name} of {of} comes out at {value:.6g}, {known.value[0]:.6g} was said: images and poses that "
-                    "do not belong together, or a lens that is another."
+        doubts = [
+            of_group.group.kind.doubt(of_group.observed, of_group.residuals)
+            for of_group in problem.group_residuals(state)
+        ]
+        for (name, feature_name), expected_length in problem.expected.items():
+            value = float(state.values[name, feature_name][0])
+            if abs(value - expected_length.value[0]) > 2.0 * expected_length.u95:
+                doubts.append(
+                    f"{name} of {feature_name} comes out at {value:.6g}, {expected_length.value[0]:.6g} was said: "
+                    "images and poses that do not belong together, or a lens that is another."
                 )
         larger = self._larger()
         if abs(larger) > TOO_LARGE:
@@ -237,16 +240,16 @@ class FeatureFit(EvidenceFit):
                 if self.scale_from
                 else ("which no arm is: a known length is wrong, or the URDF is another robot's")
             )
-            found.append(
+            doubts.append(
                 f"The robot comes out {abs(larger):.2%} {'larger' if larger > 0 else 'smaller'} than nominal, {rests}."
             )
-        return [text for text in dict.fromkeys(found) if text]
+        return [text for text in dict.fromkeys(doubts) if text]
 
     def _larger(self) -> float:
         """Share by which the calibrated arm is larger than the nominal one."""
-        nominal, own = self.nominal, self.arm
+        nominal, calibrated = self.nominal, self.arm
         q = nominal.random_joints(JOINTS, 0)
-        a, b = (arm.forward(q)[:, :3, 3] for arm in (nominal, own))
+        a, b = (arm.forward(q)[:, :3, 3] for arm in (nominal, calibrated))
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         return float(np.linalg.svd(a.T @ b, compute_uv=False).sum() / (a**2).sum()) - 1.0
 
@@ -272,9 +275,9 @@ class FeatureFit(EvidenceFit):
             across = across - (across @ (B := _whole(p.T))) @ np.linalg.pinv(B)
             G = across @ across.T / JOINTS
             columns = np.r_[6 + 3 * k : 9 + 3 * k, flat : len(self.covariance)]
-            left = float(np.sqrt(np.sum(G * self.covariance[np.ix_(columns, columns)])))
-            if left >= worst[1]:
-                worst = float(np.sqrt(prior @ np.diagonal(G)[3:])), left
+            variance_left = float(np.sqrt(np.sum(G * self.covariance[np.ix_(columns, columns)])))
+            if variance_left >= worst[1]:
+                worst = float(np.sqrt(prior @ np.diagonal(G)[3:])), variance_left
         return worst
 
 
@@ -292,7 +295,7 @@ def _whole(p: FloatArray) -> FloatArray:
 
 def identify_features(
     arm: Arm,
-    seen: FeatureSet,
+    features: FeatureSet,
     terms: str | Sequence[Parameter] = term_sets.JOINT_MAP,
     choices: Sequence[Sequence[str]] | None = None,
     progress: Progress | None = None,
@@ -306,7 +309,7 @@ def identify_features(
     ----------
     arm : Arm
         Nominal arm.
-    seen : FeatureSet
+    features : FeatureSet
     terms : str or sequence of Parameter
         ``joint-map`` or ``all``, see `irbcal.identification.term_sets`; or the error parameters of a level, which are
         fitted without others. They have the priors of model ``auto``, for rows at features leave directions open.
@@ -326,26 +329,28 @@ def identify_features(
         If the rows leave base, tool or features open, or are too few.
     """
     say = progress or (lambda text: None)
-    if seen.poses < FEWEST:
+    if features.poses < FEWEST:
         raise IdentificationError(
-            f"{seen.poses} poses at features are too few to identify a robot: at least {FEWEST} are needed, 50 or more "
-            "are better"
+            f"{features.poses} poses at features are too few to identify a robot: at least {FEWEST} are needed, "
+            "50 or more are better"
         )
-    elapsed = seen.motion().elapsed
+    elapsed = features.motion().elapsed
     end = None if elapsed is None else float(elapsed.max())
     taus = [] if elapsed is None else [share * float(np.ptp(elapsed)) for share in SHARES]
-    load = seen.payload_kg
+    load = features.payload_kg
     several = load is not None and len(np.unique(load)) > 1
-    place = usual_place(load, seen.payload_place, usual_load(load)) if load is not None and several else None
+    payload_centre = (
+        usual_place(load, features.payload_place, usual_load(load)) if load is not None and several else None
+    )
     if isinstance(terms, str):
-        superset = term_sets.superset(arm, terms, elapsed is not None, place, taus, end=end)
-        if not seen.programmed:
+        superset = term_sets.superset(arm, terms, elapsed is not None, payload_centre, taus, end=end)
+        if not features.programmed:
             superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
     else:
-        superset = sorted((term_of(item, arm) for item in terms), key=lambda term: term.family != "geometry")
+        superset = sorted((term_of(spelling, arm) for spelling in terms), key=lambda term: term.family != "geometry")
         terms, choices = term_sets.JOINT_MAP, [list({term.family for term in superset})]
-    problem = FeatureProblem(arm, seen, superset)
-    say(f"placing tool and features of {seen.poses} poses")
+    problem = FeatureProblem(arm, features, superset)
+    say(f"placing tool and features of {features.poses} poses")
     if start is None:
         nominal = feature_problem.start(problem)
     else:
@@ -365,7 +370,7 @@ def identify_features(
     assert isinstance(linear, FeatureModel)
     state = replace(linear.state, coefficients=linear.state.coefficients[union])
     covariance = covariance * np.outer(linear.sizes, linear.sizes)
-    smaller = FeatureProblem(arm, seen, linear.terms)
+    smaller = FeatureProblem(arm, features, linear.terms)
     reached: dict[str, Any] = {}
     if not goal.least_squares:
         say("minimising the objective")
@@ -374,8 +379,8 @@ def identify_features(
         if goal.objective != "rms":
             reached = {"objective": goal.objective, "value": solution.value, "lower_bound": solution.lower_bound}
     names = sorted({key[1] for key in problem.layout if key[0] == TOOL})
-    framed = sorted({key[1] for key in problem.layout if key[0] == "axes" and key[1] in set(seen.target)})
-    points = as_points(seen)
+    framed = sorted({key[1] for key in problem.layout if key[0] == "axes" and key[1] in set(features.target)})
+    points = as_points(features)
     return FeatureFit(
         nominal=arm,
         arm=smaller.arm_of(state),
@@ -389,9 +394,9 @@ def identify_features(
         free_targets=tuple(names),
         framed_targets=tuple(framed),
         target_rotations={name: state.values["axes", name] for name in framed},
-        joint_ranges=np.array([seen.q.min(axis=0), seen.q.max(axis=0)]),
+        joint_ranges=np.array([features.q.min(axis=0), features.q.max(axis=0)]),
         kind=terms,
-        poses=seen.poses,
+        poses=features.poses,
         loads=() if load is None else tuple(float(m) for m in np.unique(load)),
         usual_kg=usual_load(load),
         problem=smaller,
@@ -525,15 +530,17 @@ def _choices(
 ) -> list[TermSet]:
     if choices is None:
         each: list[float | None] = [*taus] or [None]
-        found = [one for tau in each for one in term_sets.candidates(superset, kind, tau)]
+        candidates_of_kind = [term_set for tau in each for term_set in term_sets.candidates(superset, kind, tau)]
         longest = max((order(term) for term in superset if term.family == "harmonics"), default=0)
-        found = [one for one in found if one.highest <= longest]
+        candidates_of_kind = [term_set for term_set in candidates_of_kind if term_set.highest <= longest]
     else:
-        found = [term_sets.make(superset, list(names), LOW, taus[-1] if taus else None) for names in choices]
+        candidates_of_kind = [
+            term_sets.make(superset, list(names), LOW, taus[-1] if taus else None) for names in choices
+        ]
     out: list[TermSet] = []
-    for one in found:  # without the longest series some are the same
-        if all(not np.array_equal(one.terms, other.terms) for other in out):
-            out.append(one)
+    for term_set in candidates_of_kind:  # without the longest series some are the same
+        if all(not np.array_equal(term_set.terms, earlier.terms) for earlier in out):
+            out.append(term_set)
     return out
 
 
@@ -541,17 +548,17 @@ def _geometry(problem: FeatureProblem, state: FeatureState) -> FeatureState:
     """Base, tool, features and constants by Gauss-Newton steps with their prior, its variance by evidence."""
     columns, t = np.flatnonzero(problem.geometry), fit_temper(problem.per_pose / 3.0)
     group, caps = np.zeros(len(columns), dtype=int), np.array([GEOMETRY_CAP])
-    found: Posterior | None = None
+    posterior: Posterior | None = None
     for _ in range(STEPS):
-        v, s2 = (None, None) if found is None else (found.variances, found.s2)
-        found = maximise_evidence(
+        v, s2 = (None, None) if posterior is None else (posterior.variances, posterior.s2)
+        posterior = maximise_evidence(
             problem.sums(state, columns), problem.flat, group, caps, t, v, s2, noise=problem.noise
         )
         step = np.zeros(problem.flat + len(problem.terms))
-        step[: problem.flat], step[problem.flat + columns] = found.c[: problem.flat], found.c[problem.flat :]
-        before, state = state, problem.moved(state, step)
-        far = np.abs(found.c[: problem.flat] * problem.sizes[: problem.flat]).max(initial=0.0)
-        if max(far, np.abs(state.coefficients - before.coefficients).max()) < 1e-7:
+        step[: problem.flat], step[problem.flat + columns] = posterior.c[: problem.flat], posterior.c[problem.flat :]
+        state_before, state = state, problem.moved(state, step)
+        far = np.abs(posterior.c[: problem.flat] * problem.sizes[: problem.flat]).max(initial=0.0)
+        if max(far, np.abs(state.coefficients - state_before.coefficients).max()) < 1e-7:
             break
     return state
 
@@ -566,8 +573,8 @@ def _of_robot(
 ) -> FloatArray:
     """The covariance of base, targets and terms: features are left out; an unknown base may follow the arm."""
     columns = list(range(6)) if BASE in problem.layout else [-1] * 6
-    for label, of in ((TOOL, names), ("axes", framed)):
-        for name in of:
+    for label, nouns in ((TOOL, names), ("axes", framed)):
+        for name in nouns:
             at = problem.layout[label, name][1]
             columns += range(at, at + 3)
     columns += range(problem.flat, len(covariance))
@@ -582,18 +589,18 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
     Places are then those among the features: how the arm as a whole stands on its base link (its height along axis 1,
     its zero of joint 1) cannot be seen, and does not count as uncertainty of points.
     """
-    flat, seen = len(C) - len(problem.terms), problem.rows
-    q, usual = _between(seen.q), usual_load(seen.payload_kg)
+    flat, rows = len(C) - len(problem.terms), problem.rows
+    q, usual = _between(rows.q), usual_load(rows.payload_kg)
     motion = Motion(q, payload_kg=None if usual is None else np.full(len(q), usual))
     path = chain.walk(problem.arm_of(state), *problem.term_map(state).split(motion))
     B, J = [], []
     for k, name in enumerate(names):
         p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], state.values[TOOL, name])
-        here = np.zeros((len(C), JOINTS, 3))
-        here[6 + 3 * k : 9 + 3 * k] = path.tip[:3].transpose(0, 2, 1)
-        here[flat:] = problem.points_by_terms(path, p.T, motion).transpose(0, 2, 1)
+        by_base = np.zeros((len(C), JOINTS, 3))
+        by_base[6 + 3 * k : 9 + 3 * k] = path.tip[:3].transpose(0, 2, 1)
+        by_base[flat:] = problem.points_by_terms(path, p.T, motion).transpose(0, 2, 1)
         B.append(_whole(p.T))
-        J.append(here.reshape(len(C), -1))
+        J.append(by_base.reshape(len(C), -1))
     A = np.eye(len(C))
     A[:6] = -np.linalg.pinv(np.concatenate(B), rcond=1e-9) @ np.concatenate(J, axis=1).T
     return np.asarray(A @ C @ A.T)
@@ -627,47 +634,47 @@ def held_out(
     """
     state = fit.state if calibrated else fit.nominal_state
     stay = {*fit.problem.rows.target, *fit.problem.rows.features}
-    mine = {key: value for key, value in state.values.items() if key[0] == TOOL or key[1] in stay}
-    strange = sorted(set(rows.target.astype(str)) - {key[1] for key in mine})
+    values_kept = {key: value for key, value in state.values.items() if key[0] == TOOL or key[1] in stay}
+    strange = sorted(set(rows.target.astype(str)) - {key[1] for key in values_kept})
     if strange:
         raise IdentificationError(f"target {strange[0]} is measured in the left-out rows only: its place is not known")
-    problem = FeatureProblem(fit.problem.arm, rows, fit.problem.terms, {**mine, BASE: state.T_world_base})
-    there = feature_problem.start_of_features(problem, state)
-    centres = {key[1]: value for key, value in {**state.values, **there.values}.items() if key[0] == "centre"}
-    mine_too = [one for one in lengths if {one.first, one.second} & set(rows.features)]
+    problem = FeatureProblem(fit.problem.arm, rows, fit.problem.terms, {**values_kept, BASE: state.T_world_base})
+    placed = feature_problem.start_of_features(problem, state)
+    centres = {key[1]: value for key, value in {**state.values, **placed.values}.items() if key[0] == "centre"}
+    lengths_of_rows = [length for length in lengths if {length.first, length.second} & set(rows.features)]
     errors = {
-        one.name: length_misses(centres[one.first], centres[one.second], one.length)[0]
-        for one in mine_too
-        if one.first in centres and one.second in centres
+        length.name: length_misses(centres[length.first], centres[length.second], length.length)[0]
+        for length in lengths_of_rows
+        if length.first in centres and length.second in centres
     }
-    return problem.distances(there), errors
+    return problem.distances(placed), errors
 
 
-def as_points(seen: FeatureSet) -> PointSet:
+def as_points(features: FeatureSet) -> PointSet:
     """Rows as points without measured places (zeros stand for them), one pose a row group."""
-    _, first, pose = np.unique(seen.pose_index, return_index=True, return_inverse=True)
+    _, first, pose = np.unique(features.pose_index, return_index=True, return_inverse=True)
     order = np.argsort(pose, kind="stable")
-    names = tuple(sorted(set(seen.target.astype(str))))
-    target = np.array([names.index(str(name)) for name in seen.target], dtype=int)
-    groups = seen.places("place") if "place" in seen.cells.columns else seen.places()
+    names = tuple(sorted(set(features.target.astype(str))))
+    target = np.array([names.index(str(name)) for name in features.target], dtype=int)
+    groups = features.places("place") if "place" in features.cells.columns else features.places()
     return PointSet(
-        seen.q[first],
+        features.q[first],
         pose[order],
         target[order],
-        np.zeros((len(seen), 3)),
+        np.zeros((len(features), 3)),
         names,
-        seen.pose[first],
+        features.pose[first],
         groups[first],
-        payload_kg=None if seen.payload_kg is None else seen.payload_kg[first],
-        payload_place=None if seen.payload_place is None else seen.payload_place[first],
+        payload_kg=None if features.payload_kg is None else features.payload_kg[first],
+        payload_place=None if features.payload_place is None else features.payload_place[first],
     )
 
 
-def shape_only(seen: FeatureSet) -> bool:
+def shape_only(features: FeatureSet) -> bool:
     """Whether (nearly) all rows say no more than that points lie in planes or on lines of unknown place."""
-    shapes = {name for name in seen.kinds() if name in KINDS and KINDS[name].shape_only}
-    others = sum(count for name, count in seen.kinds().items() if name not in shapes)
-    return bool(shapes) and others < 10 and not seen.lengths
+    shapes = {name for name in features.kinds() if name in KINDS and KINDS[name].shape_only}
+    of_position = sum(count for name, count in features.kinds().items() if name not in shapes)
+    return bool(shapes) and of_position < 10 and not features.lengths
 
 
 def frames_of(value: FloatArray) -> FloatArray:

@@ -197,10 +197,10 @@ class Fit(Result):
         reports = self.parameters()
         rows = tuple((row.name, row.value, row.std, row.unit, row.state) for row in reports)
         table = Table("Parameters with standard deviations", ("parameter", "value", "±", "unit", "state"), rows, 5)
-        held = [f"  held: {sentence}" for sentence in self.held()]
+        held_lines = [f"  held: {sentence}" for sentence in self.held()]
         other = [row for row in reports if row.name.startswith("stiffness_") and row.reason and row.reason != THROUGH]
-        held += [f"  {row.name}: {row.reason}" for row in other]
-        return (headline, table, *held)
+        held_lines += [f"  {row.name}: {row.reason}" for row in other]
+        return (headline, table, *held_lines)
 
     def _reached(self) -> str:
         """What the method reached, in words."""
@@ -256,16 +256,16 @@ def _report(fit: Fit) -> list[ParameterReport]:
     rotations = {names[j]: state.rotations[j] for j in fit.problem.framed}
     rows = outer_reports(bases, places, rotations, covariance, information.outer_null)
     b = fit.problem.outer
-    held = information.held_fraction()
+    held_fraction = information.held_fraction()
     sentences = _held_sentences(fit)
-    for j, item in enumerate(fit.problem.parameters):
+    for j, unknown in enumerate(fit.problem.parameters):
         value = state.errors[j]
         reason = "; ".join(text for members, text in sentences if j in members)
-        if held[j] > TIED:
-            kind: ParameterState = "held" if held[j] > HELD else "tied"
-            rows.append(ParameterReport.of(item.name, value, item.unit, None, kind, reason))
+        if held_fraction[j] > TIED:
+            kind: ParameterState = "held" if held_fraction[j] > HELD else "tied"
+            rows.append(ParameterReport.of(unknown.name, value, unknown.unit, None, kind, reason))
         else:
-            rows.append(ParameterReport.of(item.name, value, item.unit, std[b + j]))
+            rows.append(ParameterReport.of(unknown.name, value, unknown.unit, std[b + j]))
     if fit.stiffness_guess is not None:
         rows += _physical_stiffness(fit, fit.stiffness_guess, covariance[b:, b:])
     return rows
@@ -334,8 +334,8 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
     kinds = [p.kind for p in fit.problem.parameters]
     pair = [j for j, kind in enumerate(kinds) if kind == "stiffness"]
     A, B = fit.solution.state.errors[pair]
-    found, rows = guess.with_coefficients(A, B), list[ParameterReport]()
-    if found is None:
+    linear_fit, rows = guess.with_coefficients(A, B), list[ParameterReport]()
+    if linear_fit is None:
         reason = "no physical stiffness gives these A and B: the joint map uses A and B themselves"
         for name, unit in (("delta_L", "m"), ("L_G2", "m"), ("L_G1", "m"), ("m", "1")):
             rows.append(ParameterReport.of(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason))
@@ -344,7 +344,7 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
     steps = ((DIFFERENCE, 0.0), (-DIFFERENCE, 0.0), (0.0, DIFFERENCE), (0.0, -DIFFERENCE))
     around = [guess.with_coefficients(A + a, B + b) for a, b in steps]
     for name in ("delta_L", "L_G2"):
-        value = getattr(found, name)
+        value = getattr(linear_fit, name)
         if None in around:
             rows.append(
                 ParameterReport.of(
@@ -352,7 +352,7 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
                 )
             )
             continue
-        values = [getattr(item, name) for item in around]
+        values = [getattr(stiffness, name) for stiffness in around]
         gradient = np.array([values[0] - values[1], values[2] - values[3]]) / (2 * DIFFERENCE)
         reason = "from stiffness_A and stiffness_B with L_G1 and m at their guess"
         if name == "L_G2":  # as wrong as these guesses, whatever the data say
@@ -364,7 +364,7 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
             )
         )
     for name, unit in (("L_G1", "m"), ("m", "1")):
-        rows.append(ParameterReport.of(f"stiffness_{name}", getattr(found, name), unit, None, "held", THROUGH))
+        rows.append(ParameterReport.of(f"stiffness_{name}", getattr(linear_fit, name), unit, None, "held", THROUGH))
     return rows
 
 
@@ -557,10 +557,10 @@ def _measure(method: Method, objective: Objective, power: float) -> Callable[[Fl
     return rms if objective == "rms" else partial(robust.norm, p=power)
 
 
-def _moved(base: Fit, found: least_squares.Solution[State], course: History, **changes: Any) -> Fit:
+def _moved(base: Fit, solution: least_squares.Solution[State], course: History, **changes: Any) -> Fit:
     """The fit of another objective, with the least-squares fit that it started from."""
     return replace(
-        fit_of(base.problem, found, base.level, base.stiffness_guess), history=course, least_squares=base, **changes
+        fit_of(base.problem, solution, base.level, base.stiffness_guess), history=course, least_squares=base, **changes
     )
 
 
@@ -579,14 +579,14 @@ def _by_nelder_mead(
         pass
     else:
         errors = np.zeros(len(problem.parameters))
-        for k, item in enumerate(problem.parameters):
-            if item.kind in GEOMETRIC:
-                errors[k] = getattr(direct.corrections, item.kind)[item.index]
+        for k, unknown in enumerate(problem.parameters):
+            if unknown.kind in GEOMETRIC:
+                errors[k] = getattr(direct.corrections, unknown.kind)[unknown.index]
         targets = np.array([direct.robot.targets[name] for name in problem.points.target_names])
         start = replace(first, T_world_base=direct.robot.T_world_base, targets=targets, errors=errors)
     course = History(problem, watched, every=minimax.EVERY)
-    found = minimax.nelder_mead(problem, base.solution, start, record=course.record)
-    return _moved(base, found, course, method="nelder-mead", objective="max")
+    polished = minimax.nelder_mead(problem, base.solution, start, record=course.record)
+    return _moved(base, polished, course, method="nelder-mead", objective="max")
 
 
 def _by_circles(
@@ -596,8 +596,8 @@ def _by_circles(
 
     Its errors are the parameters; its certainty is that of the same poses.
     """
-    found = calibrate_by_axes(arm, points, parallel, known_targets=known_targets)
-    table, nominal = found.robot.table, arm.table
+    by_axes = calibrate_by_axes(arm, points, parallel, known_targets=known_targets)
+    table, nominal = by_axes.robot.table, arm.table
     chosen, errors = [], []
     for i in range(1, 6):
         for kind in GEOMETRIC:
@@ -605,9 +605,9 @@ def _by_circles(
             if kind not in ("beta", "b") or error != 0.0:
                 chosen.append(parameter(f"delta_{kind}{i + 1}"))
                 errors.append(error)
-    problem, _ = make_problem(arm, found.axes.moves, "26", known_targets, chosen)
-    targets = np.array([found.robot.targets[name] for name in problem.points.target_names])
-    state = State(found.robot.T_world_base, targets, np.array(errors))
+    problem, _ = make_problem(arm, by_axes.axes.moves, "26", known_targets, chosen)
+    targets = np.array([by_axes.robot.targets[name] for name in problem.points.target_names])
+    state = State(by_axes.robot.T_world_base, targets, np.array(errors))
     H, _, rss = problem.normal_equations(state)
     rms = float(np.sqrt(rss / len(problem.points)))
     solution = least_squares.Solution(state, information_of(problem, H, rss), rss, rms, 0)
@@ -645,30 +645,30 @@ def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, 
     those drawn at random tell; a fifth of them stands for a fifth of all.
     """
     problem, state = fit.problem, fit.solution.state
-    points, place = problem.points, repeat_groups(problem.points)
-    count = int(place.max(initial=-1)) + 1
+    points, place_of = problem.points, repeat_groups(problem.points)
+    count = int(place_of.max(initial=-1)) + 1
     drawn = np.ones(count, dtype=bool)
     if count > MOST_PLACES:
         drawn = np.isin(np.arange(count), np.random.default_rng(0).permutation(count)[:MOST_PLACES])
-        problem = problem.of_poses(drawn[place])
-        points, place = problem.points, place[drawn[place]]
+        problem = problem.of_poses(drawn[place_of])
+        points, place_of = problem.points, place_of[drawn[place_of]]
     weights = np.repeat(problem.weights, 3)
     J = problem.jacobian(state) * weights[:, None]
     e = problem.residuals(state).ravel() * weights
     pose = np.concatenate([points.pose, points.pose[points.oriented()]])
-    number, place = leave_one_out.block_numbers(place, points.session)[pose], place[pose]
-    order = np.argsort(place, kind="stable")
+    number, place_of = leave_one_out.block_numbers(place_of, points.session)[pose], place_of[pose]
+    order = np.argsort(place_of, kind="stable")
     rows = (3 * order[:, None] + np.arange(3)).ravel()
     back = np.argsort(order)[: len(points)]
     J, e, a = np.ascontiguousarray(J[rows].T), e[rows], fit.solution.information.sigma**-2.0
-    single = leave_one_out.single(J, e, np.repeat(place[order], 3), covariance, a)
+    single = leave_one_out.single(J, e, np.repeat(place_of[order], 3), covariance, a)
     blocks = np.repeat(number[order], 3)
     several, share = e.copy(), a * count / int(drawn.sum())
-    masks = [blocks == part for part in np.unique(blocks)]
-    information = [share * (J[:, mine] @ J[:, mine].T) for mine in masks]
-    right = [share * (J[:, mine] @ e[mine]) for mine in masks]
-    for mine, without in zip(masks, leave_one_out.Without.of(covariance, information, right), strict=True):
-        several[mine] = without.residuals(J[:, mine], e[mine], share)
+    masks = [blocks == block for block in np.unique(blocks)]
+    information = [share * (J[:, rows_of] @ J[:, rows_of].T) for rows_of in masks]
+    right = [share * (J[:, rows_of] @ e[rows_of]) for rows_of in masks]
+    for rows_of, without in zip(masks, leave_one_out.Without.of(covariance, information, right), strict=True):
+        several[rows_of] = without.residuals(J[:, rows_of], e[rows_of], share)
     each = problem.weights[: len(points), None]
     return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each, points
 
@@ -755,11 +755,11 @@ def pose_errors(
 
     def leave_out(fold: int) -> None:
         out = folds == fold
-        found = identify(arm, points.select(~out), level, known_targets)
-        seen = into_one_frame(points.select(out), found.robot.T_world_base, found.other_bases)
-        distance = distances(found.robot, seen)
-        count = np.bincount(seen.pose, minlength=seen.poses)
-        errors[out] = np.bincount(seen.pose, distance, minlength=seen.poses) / np.maximum(count, 1)
+        fitted = identify(arm, points.select(~out), level, known_targets)
+        held_out = into_one_frame(points.select(out), fitted.robot.T_world_base, fitted.other_bases)
+        distance = distances(fitted.robot, held_out)
+        count = np.bincount(held_out.pose, minlength=held_out.poses)
+        errors[out] = np.bincount(held_out.pose, distance, minlength=held_out.poses) / np.maximum(count, 1)
 
     for _ in parallel.threads(leave_out, range(folds.max() + 1), FIT_S * len(points) * (folds.max() + 1)):
         pass
@@ -800,9 +800,9 @@ def choose_level(
     OptionError
         If there is no such level.
     """
-    place = repeat_groups(points)
-    count = np.bincount(place)
-    folds = np.random.default_rng(seed).permutation(np.arange(len(count)) % FOLDS)[place]
+    place_of = repeat_groups(points)
+    count = np.bincount(place_of)
+    folds = np.random.default_rng(seed).permutation(np.arange(len(count)) % FOLDS)[place_of]
     compared = [checked("levels", level, LEVELS) for level in (levels_of(arm) if levels is None else levels)]
     table: list[Candidate] = []
     chosen, best = compared[0], np.zeros(0)
@@ -810,7 +810,7 @@ def choose_level(
         if progress:
             progress(f"cross-validating model {level}")
         try:
-            errors = np.bincount(place, pose_errors(arm, points, level, folds, known_targets)) / count
+            errors = np.bincount(place_of, pose_errors(arm, points, level, folds, known_targets)) / count
         except (IdentificationError, RobotError) as error:
             if not table:
                 raise
@@ -834,11 +834,11 @@ def choose_level(
 
 def _explain(chosen: Level, table: Sequence[Candidate], poses: int) -> str:
     """Two sentences on the choice."""
-    row = next(item for item in table if item.level == chosen)
+    row = next(candidate for candidate in table if candidate.level == chosen)
     first = f"Model {chosen} has a cross-validated mean error of {row.mean_mm:.3f} mm over {poses} poses"
     if row.gain_mm is not None:
         first += f", {row.gain_mm:.3f} ± {row.gain_std_mm:.3f} mm better than the smaller model before it"
-    larger = [item for item in table[table.index(row) + 1 :] if not item.refused]
+    larger = [candidate for candidate in table[table.index(row) + 1 :] if not candidate.refused]
     if larger:
         second = f"{_listed(larger)} not better by more than the standard error of the difference."
     else:
@@ -846,7 +846,7 @@ def _explain(chosen: Level, table: Sequence[Candidate], poses: int) -> str:
     return f"{first}. {second}"
 
 
-def _listed(items: Sequence[Candidate]) -> str:
+def _listed(candidates: Sequence[Candidate]) -> str:
     """Levels as the subject of a sentence."""
-    names = " and ".join(item.level for item in items)
-    return f"The larger model {names} is" if len(items) == 1 else f"The larger models {names} are"
+    names = " and ".join(candidate.level for candidate in candidates)
+    return f"The larger model {names} is" if len(candidates) == 1 else f"The larger models {names} are"

@@ -381,6 +381,15 @@ def test_touches_are_typed_and_kept(demo_calibration, rows, tmp_path):
     stopped = CliRunner().invoke(app, [*call[:2], str(tmp_path / "two.csv"), *call[3:]], input="\n".join(typed[2:6]))
     assert stopped.exit_code == 1
     assert len(pd.read_csv(tmp_path / "two.csv")) == 1, "what was typed before is kept"
+    again = [*call[:2], str(tmp_path / "two.csv"), *call[3:]]
+    CliRunner().invoke(app, again, input="\n".join([typed[2], *typed[4:6]]))
+    two = pd.read_csv(tmp_path / "two.csv")
+    np.testing.assert_allclose(two["q1_deg"], [float(table["q1_deg"].iloc[0])] * 2, rtol=0, atol=1e-9)
+    (tmp_path / "two.csv").write_text("frame;name\n")
+    refused = CliRunner().invoke(app, again, input="\n")
+    assert refused.exit_code == 1
+    assert isinstance(refused.exception, MeasurementError)
+    assert (tmp_path / "two.csv").read_text() == "frame;name\n"
 
 
 def test_the_example_has_its_check_values(shared_data, tmp_path, program):
