@@ -1,5 +1,6 @@
 """The app: the whole job in a real browser, on SIMULATED samples; who may open it; what a stop and a kill leave."""
 
+import asyncio
 import contextlib
 import http.client
 import json
@@ -8,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -17,9 +19,10 @@ from irbcal.errors import IrbcalError
 
 pytest.importorskip("nicegui", reason="irbcal app needs the extra app")
 
-from irbcal.app import steps
+from irbcal.app import columns, steps
 from irbcal.app.project import Project
 from irbcal.app.server import Guard, free_socket
+from irbcal.io.catalogue import arms
 
 ENDED = re.compile(r"^(done|refused|stopped)\b.* after ")
 
@@ -127,6 +130,10 @@ def test_the_whole_job_in_a_browser_gives_what_the_shell_gives(context, samples,
         assert "1600-77" in (folder / "certificate.html").read_text(encoding="utf-8")
         page = server.only_page(context, "history")
         assert run(page, "Keep this calibration").startswith("done")
+        page.get_by_text("Keep a second calibration of this robot: then this step says what changed.").wait_for()
+        assert page.get_by_role("button", name="What changed").is_disabled()
+        irbcal.fleet_add(folder / "my-robot", folder / "fleet.db", date="2020-01-01")
+        page.get_by_role("button", name="What changed", disabled=False).wait_for()
 
         lines = "\n".join(" ".join(words) for words in steps.STEPS["programs"].commands(Project(folder)))
         assert lines.startswith("filter my-robot programs/job.csv --out corrected/job.csv")
@@ -239,11 +246,72 @@ def test_pages_can_be_used_by_keyboard_and_screen_reader(context, tmp_path):
     server = Server(tmp_path / "project")
     try:
         for page in steps.PAGES:
-            result = axe.run(server.only_page(context, page.name))
+            opened = server.only_page(context, page.name)
+            for switch in opened.get_by_role("switch", name="Explain the fields").all():
+                switch.press("Space")
+            for step in page.steps:
+                for option in step.asked[:1]:
+                    opened.get_by_text(option.explanation, exact=True).first.wait_for()
+            result = axe.run(opened)
             grave = [v["id"] for v in result.response["violations"] if v["impact"] in ("serious", "critical")]
             assert grave == [], page.name
     finally:
         server.end()
+
+
+def test_the_list_of_robots_has_pictures_and_is_filtered(context, tmp_path):
+    server = Server(tmp_path / "project")
+    try:
+        page = server.only_page(context, "robot")
+        page.get_by_label("Reach from, mm").fill("3000")
+        page.get_by_label("Only of this maker").click()
+        page.get_by_role("option", name="FANUC", exact=True).click()
+        page.get_by_label("Robot", exact=True).click()
+        far = {name for name, arm in arms().items() if name.startswith("fanuc/") and (arm.reach or 0.0) >= 3.0}
+        page.get_by_role("option", name=re.compile("^fanuc")).first.wait_for()
+        options = page.get_by_role("option").all()
+        assert {option.inner_text().split()[0] for option in options} == far
+        picture = options[0].locator("img")
+        page.wait_for_function("image => image.complete && image.naturalWidth > 0", arg=picture.element_handle())
+        robot = options[0].inner_text().split()[0]
+        options[0].click()
+        drawing = page.get_by_role("img", name=re.compile("at home"))
+        drawing.wait_for()
+        # the picture of the list is the side of the drawing: the arm's line of both goes the same way
+        small = page.request.get(f"http://127.0.0.1:{server.port}/picture/{robot}").text()
+        lines = [
+            re.findall(r'<path d="([^"]*)" style="[^"]*" stroke-width="10"', text)[-1]
+            for text in (small, drawing.inner_html())
+        ]
+        ways = [np.diff([[float(x) for x in p.split()] for p in line[1:].split("L")], axis=0) for line in lines]
+        assert np.abs(ways[0] - ways[1]).max() < 0.2
+        assert page.request.get(f"http://127.0.0.1:{server.port}/picture/..%2F..%2Fetc%2Fpasswd").status == 404
+    finally:
+        server.end()
+
+
+def test_large_files_are_read_beside_the_server(samples, tmp_path, monkeypatch):
+    project = Project.open(tmp_path / "project")
+    project.choose("robot", robot="irb1600")
+    project.add("data", "wide.csv", (samples / "wide.csv").read_bytes())
+    here = columns.understood(project)
+    assert here.sentence.startswith("40 poses")
+    monkeypatch.setattr(columns, "SMALL", 0)
+    monkeypatch.setattr(columns, "understood", None)  # not in this process
+    with ThreadPoolExecutor(1) as thread:  # playwright's loop runs in this one
+        assert thread.submit(asyncio.run, columns.reading(project)).result() == here
+
+    async def cancelled():
+        task = asyncio.ensure_future(columns.reading(project))
+        await asyncio.sleep(0.2)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(asyncio.run, cancelled()).result()
+    children = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout
+    assert str(project.folder) not in children
 
 
 def asked(server, path, **headers):

@@ -5,7 +5,10 @@ It is what ``irbcal import`` understands; what a user chooses goes to its ``--se
 
 from __future__ import annotations
 
+import asyncio
 import json
+import pickle
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +30,13 @@ NAMES = {"pose": "pose", "target": "target", "name": "pose and target"}
 """Columns of names, by their keys of the map."""
 SAMPLES = 3
 """Rows that are shown of a column."""
+SMALL = 1_000_000
+"""Bytes of files that are read in a thread of the server: reading larger ones would hold it up."""
+CHILD = (
+    "import sys; from irbcal.app import columns, project; from pathlib import Path; import pickle; "
+    "sys.stdout.buffer.write(pickle.dumps(columns.understood(project.Project(Path(sys.argv[1])))))"
+)
+"""What a process of its own does with files that are not small."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +132,28 @@ def understood(project: Project) -> Understanding:
         f"{sentence}.", complaint, imported.warnings, tuple(tables.values()), dof or joints, declared_units,
         [row | {"source": Path(row["source"]).name} for row in imported.first_rows(SAMPLES)],
     )  # fmt: skip
+
+
+async def reading(project: Project) -> Understanding:
+    """The same beside a server that goes on meanwhile; who cancels it ends the process that reads."""
+    sizes = sum((project.folder / name).stat().st_size for name in project.files("data"))
+    if sizes <= SMALL:
+        return await asyncio.to_thread(understood, project)
+    command = (sys.executable, "-c", CHILD, str(project.folder))
+    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    try:
+        content, _ = await process.communicate()
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    if process.returncode:
+        complaint = (
+            f"reading the files ended with exit code {process.returncode}: too large for this computer's memory?"
+        )
+        return Understanding("", complaint, (), (), 6, {}, [])
+    answer: Understanding = pickle.loads(content)
+    return answer
 
 
 def _columns(imported: Imported) -> list[Mapping[str, Any]]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import io
+import json
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from html import escape
 from pathlib import PurePosixPath
 from typing import Any
@@ -22,6 +23,8 @@ from irbcal.app.jobs import Jobs, shown
 from irbcal.app.project import Project
 from irbcal.app.steps import MAKERS, PAGES, Option, Page, Step
 from irbcal.errors import IrbcalError
+from irbcal.io.robots import NamedRobot
+from irbcal.plotting.charts import Chart
 from irbcal.validation.origin import FIELDS
 
 STYLE = """
@@ -83,6 +86,16 @@ def build(application: FastAPI, project: Project) -> None:
                     archive.write(inner, inner.relative_to(place.parent))
         name = f'attachment; filename="{PurePosixPath(path).name}.zip"'
         return Response(content.getvalue(), media_type="application/zip", headers={"Content-Disposition": name})
+
+    @application.get("/picture/{robot:path}")
+    def picture(robot: str) -> Response:
+        """A robot of the catalogue, or a dropped one, from the side: the second half of its drawing."""
+        chart = _drawing(project, robot)
+        if chart is None:
+            return PlainTextResponse("There is no such robot.", 404)
+        content = replace(chart, caption="", drawings=chart.drawings[1:]).content("svg")
+        headers = {"Cache-Control": "private, max-age=600", "Content-Security-Policy": "sandbox"}
+        return Response(content, media_type="image/svg+xml", headers=headers)
 
     for page in PAGES:
         ui.page(f"/{page.name}", title=f"{page.title} – irbcal")(partial(_show, page, project, jobs))
@@ -151,7 +164,8 @@ def _drop(page: Page, project: Project, looks: Looks) -> None:
 
     async def take(event: UploadEventArguments) -> None:
         try:
-            path = project.add(page.upload, event.file.name, await event.file.read())
+            content = await event.file.read()
+            path = await asyncio.to_thread(project.add, page.upload, event.file.name, content)
             if page.name == "robot" and path.endswith(ROBOT_FILES):
                 project.choose("robot", robot=path)
         except (IrbcalError, OSError) as error:
@@ -192,24 +206,54 @@ def _drop(page: Page, project: Project, looks: Looks) -> None:
     _drawn(partial(project.files, page.upload), dropped, looks)
 
 
+ROBOT_IN_LIST = """
+<q-item v-bind="props.itemProps">
+  <q-item-section avatar><img :src="'/picture/' + props.opt.label.replace(' (dropped)', '')" alt="" loading="lazy"
+    width="110" height="110"></q-item-section>
+  <q-item-section><q-item-label>{{ props.opt.label }}</q-item-label>
+  <q-item-label caption>{{ (CAPTIONS)[props.opt.label] }}</q-item-label></q-item-section>
+</q-item>
+"""
+"""A robot in the list, in the framework's words: its picture is fetched when it is scrolled to."""
+
+
 def _choose_robot(project: Project, looks: Looks) -> None:
     """The robot: of the catalogue, or a dropped file."""
-    import irbcal
+    from irbcal.io.catalogue import MAKERS, arms
 
-    known = {robot.name: robot.name for robot in irbcal.robots()}
+    catalogue = _catalogue()
+    titles = [maker.title for maker in MAKERS.values()]
+    makers = {
+        name: next((title for title in titles if robot.what.startswith(title)), robot.what.split()[0])
+        for name, robot in catalogue.items()
+    }
+    reaches = {name: reach for name, arm in arms().items() if (reach := arm.reach) is not None}
+    captions = {
+        name: robot.what + (f", its wrist reaches {reaches[name]:.2f} m" if name in reaches else "")
+        for name, robot in catalogue.items()
+    }
 
     def choose(event: Any) -> None:
         if (event.value or "") != project.robot:
             project.choose("robot", robot=event.value or "")
             _look(looks)
 
-    choice = ui.select(known, label="Robot", with_input=True, clearable=True, on_change=choose).classes(
-        "w-96 max-w-full"
-    )
+    def listed(name: str) -> bool:
+        far = not smallest.value or reaches.get(name, 0.0) >= smallest.value / 1e3
+        return name == project.robot or (far and maker.value in (None, makers[name]))
+
+    with ui.row().classes("w-full items-start gap-4"):
+        choice = ui.select({}, label="Robot", with_input=True, clearable=True, on_change=choose)
+        choice.classes("w-96 max-w-full").add_slot(
+            "option", ROBOT_IN_LIST.replace("CAPTIONS", escape(json.dumps(captions)))
+        )
+        maker = ui.select(sorted(set(makers.values())), label="Only of this maker", clearable=True).classes("w-52")
+        smallest = ui.number("Reach from, mm", min=0, step=100).classes("w-52")
 
     def look() -> None:
         dropped = [path for path in project.files("robot") if path.endswith(ROBOT_FILES)]
-        names = {path: f"{PurePosixPath(path).name} (dropped)" for path in dropped} | known
+        names = {path: f"{PurePosixPath(path).name} (dropped)" for path in dropped}
+        names |= {name: name for name in catalogue if listed(name)}
         value = project.robot if project.robot in names else None
         if names != choice.options or value != choice.value:
             choice.set_options(names, value=value)
@@ -217,6 +261,8 @@ def _choose_robot(project: Project, looks: Looks) -> None:
             drawn[0] = project.robot
             picture.set_content(_picture(project))
 
+    for element in (maker, smallest):
+        element.on_value_change(look)
     drawn = [""]
     picture = ui.html("", sanitize=False).classes("w-full max-w-3xl")
     looks.append(look)
@@ -224,19 +270,36 @@ def _choose_robot(project: Project, looks: Looks) -> None:
     _pendant(project)
 
 
-def _picture(project: Project) -> str:
-    """The chosen arm at home as SVG; nothing where its file cannot be read, which the step says."""
+@cache
+def _catalogue() -> dict[str, NamedRobot]:
+    """Robots by their names."""
+    import irbcal
+
+    return {robot.name: robot for robot in irbcal.robots()}
+
+
+def _drawing(project: Project, robot: str) -> Chart | None:
+    """A robot at home; None where there is none, or its file cannot be read, which the step says."""
     import irbcal
     from irbcal.plotting.pose_errors import arm_at_home
 
-    robot = project.robot
+    dropped = project.inside(robot) or project.inside(f"robot/{robot}")
+    if dropped is None and robot not in _catalogue():
+        return None
     try:
-        arm = irbcal.read_urdf(project.folder / robot if project.has(robot) else robot).arm
+        return arm_at_home(irbcal.read_urdf(dropped or robot).arm)
     except IrbcalError:
+        return None
+
+
+def _picture(project: Project) -> str:
+    """The chosen arm at home as SVG."""
+    chart = _drawing(project, project.robot)
+    if chart is None:
         return ""
-    svg = arm_at_home(arm).content("svg").decode("utf-8").partition("?>")[2]
+    svg = chart.content("svg").decode("utf-8").partition("?>")[2]
     fitting = svg.replace("<svg ", '<svg style="max-width: 100%; height: auto" ', 1)
-    return f'<div role="img" aria-label="{escape(arm.name)} at home">{fitting}</div>'
+    return f'<div role="img" aria-label="{escape(chart.caption)}">{fitting}</div>'
 
 
 def _pendant(project: Project) -> None:
@@ -310,10 +373,12 @@ def _columns(project: Project) -> None:
             return
         asked = question()
         waiting.set_visibility(True)
-        answer = await asyncio.to_thread(columns.understood, project)
+        reading = asyncio.ensure_future(columns.reading(project))
+        while not reading.done() and question() == asked:
+            await asyncio.wait([reading], timeout=LOOK_EVERY_S)
         waiting.set_visibility(False)
-        if question() == asked:  # else a choice was made meanwhile, and the next look asks for it
-            now = answer
+        if not reading.cancel() and question() == asked:  # else it changed meanwhile, and the next look asks for it
+            now = reading.result()
             _look(looks)
 
     def change(table: int, k: int, event: Any) -> None:
@@ -400,22 +465,22 @@ def _columns(project: Project) -> None:
     ui.timer(LOOK_EVERY_S, look)
 
 
-def _field(option: Option, step: Step, project: Project) -> None:
-    """A field of an option, which keeps what is typed."""
+def _field(option: Option, step: Step, project: Project, explained: Any) -> None:
+    """A field of an option, which keeps what is typed; its explanation below it, where a switch shows them."""
     value = project.choices().get(step.name, {}).get(option.name)
     keep = partial(_keep, project, step.name, option.name)
     element: Any
-    if option.kind == "switch":
-        element = ui.switch(option.label, value=bool(value), on_change=keep)
-    elif option.kind == "choice":
-        choices = {"": "default"} | {name: name for name in option.choices}
-        element = ui.select(choices, label=option.label, value=value if value in choices else "", on_change=keep)
-        element.classes("w-72")
-    else:
-        element = ui.input(option.label, value=str(value or ""), placeholder=option.hint, on_change=keep)
-        element.classes("w-72")
-    with element:
-        ui.tooltip(option.explanation).classes("text-sm max-w-md")
+    with ui.column().classes("w-72 gap-0"):
+        if option.kind == "switch":
+            element = ui.switch(option.label, value=bool(value), on_change=keep)
+        elif option.kind == "choice":
+            choices = {"": "default"} | {name: name for name in option.choices}
+            element = ui.select(choices, label=option.label, value=value if value in choices else "", on_change=keep)
+        else:
+            element = ui.input(option.label, value=str(value or ""), placeholder=option.hint, on_change=keep)
+        explanation = ui.label(option.explanation).classes("text-sm opacity-80")
+        explanation.bind_visibility_from(explained, "value")
+        element.classes("w-full").props(f'aria-describedby="{explanation.html_id}"')
 
 
 def _keep(project: Project, step: str, name: str, event: Any) -> None:
@@ -431,7 +496,8 @@ def _fields(step: Step, project: Project) -> None:
         element: Any = (ui.textarea if area else ui.input)(label, value=str(values.get(name, "")), on_change=keep)
         element.classes("w-96 max-w-full" if area else "w-72")
 
-    with ui.row().classes("items-end gap-4"):
+    explained = ui.switch("Explain the fields").props("dense") if step.asked else None
+    with ui.row().classes("items-start gap-4"):
         if step.name == "cell":
             keep = partial(_keep, project, "cell", "maker")
             makers = {name: name or "none" for name in MAKERS}
@@ -445,7 +511,7 @@ def _fields(step: Step, project: Project) -> None:
                 "use the true tools and work objects of the page Cell", value=bool(values.get("cell")), on_change=keep
             )
         for option in step.asked:
-            _field(option, step, project)
+            _field(option, step, project, explained)
         if step.name == "certificate":
             for name, label in FIELDS.items():
                 text(name, label)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import PurePosixPath
+from functools import cache, lru_cache
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from irbcal.app.project import CORRECTED, Project
+from irbcal.errors import IrbcalError
 from irbcal.validation.origin import FIELDS
 
 ROBOT, DATA, CALIBRATION = "Choose a robot first.", "Understand the measurements first.", "Calibrate first."
@@ -215,6 +216,22 @@ def _certificate(project: Project, values: Values) -> list[list[str]]:
 def identity(project: Project) -> str:
     """The robot's id in the store."""
     return str(project.choices().get("history", {}).get("--id") or FOLDER)
+
+
+def _kept_twice(project: Project) -> bool:
+    return _times(project.folder / STORE, (project.folder / STORE).stat().st_mtime_ns, identity(project)) > 1
+
+
+@lru_cache(maxsize=1)
+def _times(store: Path, changed: int, robot: str) -> int:
+    """How many calibrations a robot has in a store of this state; two where that cannot be read, as the step says."""
+    from irbcal.fleet.store import opened
+
+    try:
+        with opened(store) as database:
+            return database.counts(robot=robot).get(robot, (0, 0))[0]
+    except IrbcalError:
+        return 2
 
 
 @dataclass(frozen=True)
@@ -437,7 +454,10 @@ PAGES = (
                 "What changed",
                 "fleet drift",
                 lambda project, values: [["fleet", "drift", identity(project), "--store", STORE]],
-                first_of((lambda project: project.has(STORE), "Keep a calibration first.")),
+                first_of(
+                    (lambda project: project.has(STORE), "Keep a calibration first."),
+                    (_kept_twice, "Keep a second calibration of this robot: then this step says what changed."),
+                ),
             ),
         ),
     ),

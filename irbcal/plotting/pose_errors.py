@@ -382,8 +382,14 @@ def arm_at_home(arm: Arm) -> Chart:
     line = line_at_home(arm)
     low, high = line.min(axis=0) / MM, line.max(axis=0) / MM
     margin = 0.25 * (high - low).max()
-    panels = [_with_arm(f"{arm.name}, {v[0]}", v[0], v, (low - margin, high + margin), line) for v in VIEWS]
-    return Chart("arm", f"{arm.name} at home", [panel.drawing for panel in panels], [])
+    drawings = []
+    for view in VIEWS:
+        _, i, j, *_ = view
+        panel = _with_arm(f"{arm.name}, {view[0]}", view[0], view, (low - margin, high + margin), None)
+        panel.line(line[:, i] / MM, line[:, j] / MM, "calibrated", 10.0, opacity=0.6)
+        panel.dots(line[2:-1:2, i] / MM, line[2:-1:2, j] / MM, "ink", 12.0)
+        drawings.append(panel.drawing)
+    return Chart("arm", f"{arm.name} at home", drawings, [])
 
 
 def workspace(poses: PoseErrors, tolerance_mm: float | None = None) -> Chart:
