@@ -12,7 +12,7 @@ from irbcal.identification.observations import KINDS, Observed
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
-from irbcal.measurement.imaging import FITTED, LENS, TARGETS
+from irbcal.measurement.imaging import CARRIED, FITTED, LENS, POINTS
 from irbcal.modeling import frames
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -23,6 +23,8 @@ TOOL = np.array([0.06, -0.03, 0.15])
 LENS_OF = (1400.0, 1402.0, 955.0, 610.0, -0.12, 0.08, 5e-4, -4e-4, -0.01)
 SEEN_SIZE, SQUARES, SQUARE = (1920, 1200), (8, 6), 0.03
 COUNTS = {"angle": 1, "pose": 1, "radius": 2, "line": 4}
+DEPTH = 1 * MM
+"""Noise of depths where that of others is 0.05 mm."""
 EMPTY = np.full((1, 3, 3), np.nan)
 
 
@@ -49,15 +51,15 @@ def tip(one, q, tool=TOOL):
 def unknowns(kind, rng):
     """True unknowns of a feature, within reach."""
     centre = np.array([rng.uniform(0.7, 1.0), rng.uniform(-0.5, 0.5), rng.uniform(0.3, 0.9)])
-    if kind in TARGETS:
+    if kind in CARRIED:
         lens = {name: np.array([value]) for name, value in zip(FITTED, LENS_OF, strict=False)}
         axes = frames.rotation_from_vector(np.array([0.3, -0.2, 0.5]))
-        at = np.array([2.2, rng.uniform(-0.6, 0.6), rng.uniform(0.6, 1.2)]) if kind == "image" else centre
-        way = (
-            np.array([0.8, 0.0, 0.6]) - at if kind == "image" else np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.4, 0.4, 3)
-        )
+        in_hall = CARRIED[kind] != "camera"
+        at = np.array([2.2, rng.uniform(-0.6, 0.6), rng.uniform(0.6, 1.2)]) if in_hall else centre
+        way = np.array([0.8, 0.0, 0.6]) - at if in_hall else np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.4, 0.4, 3)
         facing = with_third(way / np.linalg.norm(way))
-        return {"centre": at, "attitude": facing, "axes": axes, **lens}
+        every = {"centre": at, "attitude": facing, "axes": axes, **lens}
+        return {name: every[name] for name in KINDS[kind].unknowns}
     turn = frames.rotation_from_vector(rng.standard_normal(3))
     if kind == "line":
         return {"line": np.column_stack([turn, centre])}
@@ -94,7 +96,11 @@ def corners():
 
 def before_camera(kind, p, R, own):
     """Corners in camera axes (m, n, 3)."""
+    if kind in POINTS and "axes" not in own:
+        return ((p - own["centre"]) @ own["attitude"])[:, None]
     M = R @ own["axes"]
+    if kind in POINTS:
+        return ((own["centre"] - p)[:, None] @ M).reshape(-1, 1, 3)
     if kind == "image":
         return (p[:, None] + corners() @ M.transpose(0, 2, 1) - own["centre"]) @ own["attitude"]
     return (own["centre"] + corners() @ own["attitude"].T - p[:, None]) @ M
@@ -102,7 +108,9 @@ def before_camera(kind, p, R, own):
 
 def in_view(y, uv):
     """Whether all corners are within the image, near enough and not seen from the side."""
-    inside = ((uv > 20) & (uv < np.array(SEEN_SIZE) - 20)).all(axis=(1, 2))
+    inside = ((uv > 20) & (uv < np.array(SEEN_SIZE) - 20)).all(axis=(1, 2)) & (y[..., 2] > 0.2).all(axis=1)
+    if y.shape[1] == 1:
+        return inside & (y[:, 0, 2] < 3.5) & (np.hypot(*y[:, 0, :2].T) < 0.9 * y[:, 0, 2])  # the lens folds beyond
     normal = np.cross(y[:, 1] - y[:, 0], y[:, SQUARES[0] - 1] - y[:, 0])
     steep = np.abs(np.einsum("mi,mi->m", normal, y[:, 0]))
     steep /= np.linalg.norm(normal, axis=1) * np.linalg.norm(y[:, 0], axis=1)
@@ -120,15 +128,18 @@ def images(kind, one, own, n, rng, noise=0.0):
         if len(q) == n:
             break
     assert len(q) == n, (kind, len(q))
-    uv = in_image(LENS_OF, before_camera(kind, *tip(one, q), own))
+    y = before_camera(kind, *tip(one, q), own)
+    uv = in_image(LENS_OF, y)
     uv = uv + noise / (0.5 * MM) * rng.standard_normal(uv.shape)
     count = uv.shape[1]
     table = {
         "kind": kind,
-        "corner": np.tile(np.arange(count), n),
+        "corner": np.tile(np.arange(count), n) if kind not in POINTS else "",
         "u_px": uv[..., 0].ravel(),
         "v_px": uv[..., 1].ravel(),
     }
+    if kind.startswith("depth"):
+        table["value_mm"] = (y[:, 0, 2] + noise / (0.05 * MM) * DEPTH * rng.standard_normal(n)) / MM
     return pd.DataFrame(table | {f"q{j}_deg": np.repeat(column / DEG, count) for j, column in enumerate(q.T, 1)})
 
 
@@ -181,13 +192,14 @@ def rows(kind, one, n=60, seed=0, noise=0.0, fresh=0, fit=""):
                 each = len(parts[-1]) // count
                 parts[-1]["pose"] = [f"{label} {j}" for j in range(count) for _ in range(each)]
         known.append({"feature": name, "kind": kind, "radius_mm": 30.0 if kind == "sphere" else None})
-        known[-1] |= camera(target="ball", fit=fit) if kind in TARGETS else {}
+        known[-1] |= camera(target="ball", fit=fit) if kind in CARRIED else {}
+        known[-1] |= {"u95_px": 0.196, "u95_mm": 1.96 * DEPTH / MM} if kind in POINTS else {}
     table = pd.concat(parts, ignore_index=True)
     return table.assign(feature="") if kind == "pose" else table, pd.DataFrame(known)
 
 
 def _rows(kind, one, own, n, rng, noise, axes):
-    if kind in TARGETS:
+    if kind in CARRIED:
         return images(kind, one, own, n, rng, noise)
     seen = rng.uniform(-0.02, 0.02, (12 * n, 3)) if kind.startswith("offset") else None
     value = rng.uniform(-0.01, 0.01, 12 * n) if kind == "gauge" else 0.0

@@ -311,7 +311,7 @@ def hand_eye(
 def _read(cells: pd.DataFrame, camera_file: TableLike, arm: Arm, posed: bool) -> FeatureSet:
     """Pictures as rows; with the poses of the flange where these are given."""
     rows = features.read(cells, camera_file, arm)
-    if rows.corners is None or not np.isfinite(rows.corners[:, 0, 2]).all():
+    if rows.corners is None or not np.isin(rows.kind.astype(str), list(imaging.TARGETS)).all():
         raise MeasurementError(
             f"hand-eye takes corners of boards only, kinds {' and '.join(imaging.TARGETS)}", file=rows.source
         )

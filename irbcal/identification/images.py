@@ -38,6 +38,9 @@ from irbcal.units import MM
 NEAREST = 1e-3
 """Depth below which a point counts as that far in front of the camera, metres: images tell of nothing behind it."""
 
+FLAT = 0.02
+"""Share of their spread across their plane, below which corners are in one."""
+
 UNDISTORTED = 1e-13
 """Step of normalised coordinates below which a corner is undistorted."""
 
@@ -123,12 +126,14 @@ def undistorted(lens: FloatArray, uv: FloatArray) -> FloatArray:
 
 
 def boards(lens: FloatArray, corners: FloatArray) -> FloatArray:
-    """Pose of a flat board in camera axes, image by image, from its homography (Zhang 2000).
+    """Pose of a board in camera axes, image by image, from its homography (Zhang 2000).
+
+    Of a body whose corners are not in one plane from the direct linear transformation, of which six tell.
 
     Parameters
     ----------
     lens : ndarray, shape (9,)
-    corners : ndarray, shape (m, n, 5)
+    corners : ndarray, shape (m, n, 5 or 6)
         See `irbcal.measurement.imaging.Images`; at least four corners an image.
 
     Returns
@@ -138,13 +143,41 @@ def boards(lens: FloatArray, corners: FloatArray) -> FloatArray:
     out = np.tile(np.eye(4), (len(corners), 1, 1))
     for k, image in enumerate(corners):
         image = image[np.isfinite(image[:, 2])]
-        H = _homography(image[:, :2], undistorted(lens, image[:, 2:4]))
-        H = H * (np.sign(H[2, 2] + H[2, :2] @ image[:, :2].mean(axis=0)) or 1.0)  # the board is in front
+        xyz, uv = places(image), undistorted(lens, image[:, 2:4])
+        middle, T_plane = xyz.mean(axis=0), np.eye(4)
+        if xyz[:, 2].any():
+            _, spread, V = np.linalg.svd(xyz - middle)
+            if spread[2] > FLAT * spread[0] and len(xyz) >= 6:
+                out[k] = _resection(xyz, uv)
+                continue
+            T_plane = frames.transform(np.column_stack([V[0], V[1], np.cross(V[0], V[1])]), middle)
+            xyz = (xyz - middle) @ T_plane[:3, :3]
+        H = _homography(xyz[:, :2], uv)
+        H = H * (np.sign(H[2, 2] + H[2, :2] @ xyz[:, :2].mean(axis=0)) or 1.0)  # the board is in front
         scale = 0.5 * (np.linalg.norm(H[:, 0]) + np.linalg.norm(H[:, 1]))
         a, b, t = H.T / scale
-        out[k, :3, :3] = frames.nearest_rotation(np.column_stack([a, b, np.cross(a, b)]))
-        out[k, :3, 3] = t
+        T = frames.transform(frames.nearest_rotation(np.column_stack([a, b, np.cross(a, b)])), t)
+        out[k] = T @ frames.inverse(T_plane)
     return out
+
+
+def places(corners: FloatArray) -> FloatArray:
+    """Where corners (..., 5 or 6) are in the axes of their board or body, (..., 3), metres."""
+    z = corners[..., 5:] if corners.shape[-1] > 5 else np.zeros((*corners.shape[:-1], 1))
+    return np.concatenate([corners[..., :2], z], axis=-1)
+
+
+def _resection(xyz: FloatArray, uv: FloatArray) -> FloatArray:
+    """Pose of points (n, 3) in the axes of a camera that has them at normalised coordinates (n, 2), n >= 6."""
+    middle = xyz.mean(axis=0)
+    size = float(np.abs(xyz - middle).max())
+    p = np.column_stack([(xyz - middle) / size, np.ones(len(xyz))])
+    none = np.zeros_like(p)
+    rows = np.vstack([np.hstack([p, none, -uv[:, :1] * p]), np.hstack([none, p, -uv[:, 1:] * p])])
+    P = np.linalg.svd(rows)[2][11].reshape(3, 4)
+    factor = np.cbrt(np.linalg.det(P[:, :3])) or 1.0
+    R = frames.nearest_rotation(P[:, :3] / factor)
+    return frames.transform(R, size * P[:, 3] / factor - R @ middle)
 
 
 def _homography(xy: FloatArray, uv: FloatArray) -> FloatArray:
@@ -247,7 +280,8 @@ class Image(Kind):
     """Corners of a board on the tool, seen by a camera in the hall; the tool's point is the board's origin."""
 
     name, size, shown_as = "image", 6, "camera"
-    needs, metric, spread = ("corners",), True, True
+    needs: ClassVar[tuple[str, ...]] = ("corners",)
+    metric, spread = True, True
     unknowns: ClassVar[Mapping[str, Unknown]] = {
         "centre": Unknown("place"),
         "attitude": Unknown("turn", unit="rad"),
@@ -288,8 +322,7 @@ class Image(Kind):
         for k, name in enumerate(FITTED):
             lens[k] = values[name][0]
         is_seen = np.isfinite(corners[:, :, 2])
-        x = np.where(is_seen[..., None], corners[:, :, :2], 0.0)
-        x = np.concatenate([x, np.zeros((*x.shape[:2], 1))], axis=2)
+        x = np.where(is_seen[..., None], places(corners), 0.0)
         by_p, by_turn, uv, by_lens = self._seen(obs, values, x, lens)
         m, n = is_seen.shape
         count = is_seen.sum(axis=1)

@@ -66,7 +66,7 @@ class Observed:
         As written in the file, metres; NaN likewise.
     rotation : ndarray, shape (m, 3, 3)
         Measured orientations, NaN likewise.
-    corners : ndarray, shape (m, n, 5), or None
+    corners : ndarray, shape (m, n, 5 or 6), or None
         Of images, see `irbcal.measurement.imaging.Images`.
     known : dict of str to ndarray
         Unknowns of the kind that are known already, for a start of the others.

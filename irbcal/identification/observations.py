@@ -42,6 +42,7 @@ from irbcal.identification.observation_kind import (
     vectors,
     with_third,
 )
+from irbcal.identification.pixels import Depth, DepthOnTool, Pixel, PixelOnTool
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
 
@@ -374,6 +375,10 @@ KINDS: Mapping[str, Kind] = {
         Angle(),
         Image(),
         ImageOnTool(),
+        Pixel(),
+        PixelOnTool(),
+        Depth(),
+        DepthOnTool(),
     )
 }
 """Kinds of rows by name."""

@@ -135,7 +135,7 @@ def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
             continue
         path = Path(row["source"]).parent / row[imaging.LENS_FILE]
         cameras = lens_formats.read(path)
-        camera = imaging.camera_and_board(row)[0] if row["kind"] in imaging.TARGETS else ""
+        camera = imaging.camera_and_board(row)[0] if row["kind"] in imaging.CARRIED else ""
         if camera not in cameras and len(cameras) > 1:
             raise MeasurementError(
                 f"{path.name} has no camera {camera}, but {', '.join(cameras)}",
@@ -226,7 +226,7 @@ def known_features(
                 value["offset_mm"],
                 centre,
                 value["u95_mm"],
-                imaging.imaging_of(row) if row["kind"] in imaging.TARGETS else None,
+                imaging.imaging_of(row) if row["kind"] in imaging.CARRIED else None,
             )
     return by_name, tuple(lengths.values())
 
@@ -266,7 +266,7 @@ class FeatureSet(Result):
     source, sha256, named : str
         ``named`` is how columns name the feature of a row, as ``{place}/{socket}``; empty where no columns do.
     simulated, programmed : bool
-    corners : ndarray, shape (m, n, 5), or None
+    corners : ndarray, shape (m, n, 5 or 6), or None
         Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image.
     payload_kg : ndarray, shape (m,), or None
         Mass carried, where it is told.
@@ -505,11 +505,16 @@ def _with_images(rows: FeatureSet, features: Mapping[str, Feature]) -> FeatureSe
         return rows
     selected = rows.select(images.keep)
     is_image = np.isfinite(images.corners[:, 0, 2])
+    at_board = imaging.u95_of(images.corners)
+    for k in np.flatnonzero(np.isin(selected.kind.astype(str), list(imaging.POINTS))):
+        view = views[str(selected.feature[k])]
+        assert view is not None
+        at_board[k] = images.corners[k, 0, 4] / view.lens[0]  # a metre away
     return replace(
         selected,
         corners=images.corners,
         outside=images.outside,
-        u95=np.where(is_image, imaging.u95_of(images.corners), selected.u95),
+        u95=np.where(is_image, at_board, selected.u95),
         xyz=np.where(is_image[:, None], np.nan, selected.xyz),
     )
 

@@ -1,4 +1,4 @@
-"""Corners of a flat board in images: what is known of camera and board, and all corners of an image as one row.
+"""Corners of a board, or of markers on a body, in images: what is known of both; all corners of an image are one row.
 
 Features of the kinds in `TARGETS` may have more columns::
 
@@ -8,7 +8,8 @@ Features of the kinds in `TARGETS` may have more columns::
 What one feature says of a camera or a board, all of that camera or board have. ``fit`` names numbers of the camera
 (`FITTED`, with spaces between them) that are uncertain and fitted. A row is one corner in one image: ``u_px``, ``v_px``
 (OpenCV's convention: the middle of the first pixel is 0, 0), and ``corner``, its number on the board, or ``x_mm``,
-``y_mm`` in the board's axes. Corners of a board are numbered along x first; boards are those of
+``y_mm`` in the board's axes (of a body that is not flat, and of which no squares are told, ``z_mm``, too). A row of the
+kinds in `POINTS` is one point and needs neither. Corners of a board are numbered along x first; boards are those of
 `irbcal.measurement.boards`, ChArUco boards unless ``pattern`` names another. Corners beyond the image are left out.
 """
 
@@ -27,6 +28,12 @@ from irbcal.units import MM
 
 TARGETS: Mapping[str, str] = {"image": "board", "image-on-tool": "camera"}
 """Kinds of rows that are images, and what the tool carries."""
+
+POINTS: Mapping[str, str] = {"pixel": "ball", "depth": "ball", "pixel-on-tool": "camera", "depth-on-tool": "camera"}
+"""Kinds of rows that are one point in a picture, likewise; a row has no corner."""
+
+CARRIED: Mapping[str, str] = {**TARGETS, **POINTS}
+"""All kinds that a camera sees."""
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 BOARD = ("squares_x", "squares_y", "square_mm")
@@ -105,8 +112,8 @@ class Imaging(Locked):
 
 def camera_and_board(row: Mapping[str, str]) -> tuple[str, str]:
     """Names of camera and board of a feature: one is the target, the other the feature."""
-    pair = row.get("target") or TARGETS[row["kind"]], row["feature"]
-    return pair if TARGETS[row["kind"]] == "camera" else pair[::-1]
+    pair = row.get("target") or CARRIED[row["kind"]], row["feature"]
+    return pair if CARRIED[row["kind"]] == "camera" else pair[::-1]
 
 
 def shared(rows: Sequence[dict[str, str]]) -> None:
@@ -118,10 +125,10 @@ def shared(rows: Sequence[dict[str, str]]) -> None:
         If two say different things.
     """
     values: dict[tuple[str, str, str], str] = {}
-    with_images = [row for row in rows if row["kind"] in TARGETS]
+    with_images = [row for row in rows if row["kind"] in CARRIED]
     for again in (False, True):
         for one in with_images:
-            one["target"] = one.get("target") or TARGETS[one["kind"]]
+            one["target"] = one.get("target") or CARRIED[one["kind"]]
             camera, board = camera_and_board(one)
             owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [
                 ("board", board, n) for n in (*BOARD, PATTERN, MARKER_SIDE, DICTIONARY, FIRST)
@@ -229,17 +236,22 @@ def size_of(row: Mapping[str, str]) -> tuple[int, int] | None:
 def per_pixel(corners: FloatArray) -> FloatArray:
     """What a pixel is at the board, about: spread of corners on the board by that in the image, (m,), metres.
 
+    Of a body that is not flat two thirds of the squared spread count: those across the view.
+
     Parameters
     ----------
-    corners : ndarray, shape (m, n, 5)
+    corners : ndarray, shape (m, n, 5 or 6)
         See `Images`.
     """
     there = np.isfinite(corners[:, :, 2:3])
     with np.errstate(invalid="ignore", divide="ignore"):  # rows without corners
         count = there.sum(axis=1)[:, None]
-        mean = np.where(there, corners[:, :, :4], 0.0).sum(axis=1, keepdims=True) / count
-        spread = (np.where(there, corners[:, :, :4] - mean, 0.0) ** 2).sum(axis=1)
-        return np.asarray(np.sqrt(spread[:, :2].sum(axis=1) / spread[:, 2:].sum(axis=1)))
+        mean = np.where(there, corners, 0.0).sum(axis=1, keepdims=True) / count
+        spread = (np.where(there, corners - mean, 0.0) ** 2).sum(axis=1)
+        across = spread[:, :2].sum(axis=1)
+        if corners.shape[2] > 5:
+            across = np.where(spread[:, 5] > 0.0, (across + spread[:, 5]) * 2.0 / 3.0, across)
+        return np.asarray(np.sqrt(across / spread[:, 2:4].sum(axis=1)))
 
 
 def typical_u95(corners: FloatArray) -> FloatArray:
@@ -264,8 +276,9 @@ class Images:
     ----------
     keep : ndarray of bool, shape (rows,)
         Rows of the file that stay: the first of each image, and those that are no corners.
-    corners : ndarray, shape (kept, n, 5)
-        x and y on the board in metres, u, v and the uncertainty in pixels; NaN beyond an image's corners.
+    corners : ndarray, shape (kept, n, 5 or 6)
+        x and y on the board in metres, u, v and the uncertainty in pixels, where bodies are not flat also z; NaN beyond
+        an image's corners.
     outside : int
         Corners that were left out because they are beyond the image.
     """
@@ -324,7 +337,7 @@ def gathered(
     MeasurementError
         If a corner is not on its board, or an image has too few.
     """
-    is_corner = np.isin(corners.kind.astype(str), list(TARGETS))
+    is_corner = np.isin(corners.kind.astype(str), list(CARRIED))
     if not is_corner.any():
         return None
     rows = np.flatnonzero(is_corner)
@@ -336,8 +349,8 @@ def gathered(
     if len(lost):
         k = int(lost[0])
         name = "u_px" if not np.isfinite(corners.u[k]) else "v_px"
-        raise refuse(k, f"a row of kind {corners.kind[k]} needs u_px and v_px, where the corner is in the image", name)
-    xy, u95 = corners.xyz[:, :2].copy(), corners.u95.copy()
+        raise refuse(k, f"a row of kind {corners.kind[k]} needs u_px and v_px, where it is in the image", name)
+    xyz, u95 = corners.xyz.copy(), corners.u95.copy()
     beyond = np.zeros(len(corners.u), dtype=bool)
     for name in dict.fromkeys(corners.feature[rows]):
         rows_of_feature = rows[corners.feature[rows] == name]
@@ -350,9 +363,11 @@ def gathered(
             )
         strange = rows_of_feature[corners.target[rows_of_feature] != targets[str(name)]]
         if len(strange):
-            k, device = int(strange[0]), TARGETS[str(corners.kind[strange[0]])]
+            k, device = int(strange[0]), CARRIED[str(corners.kind[strange[0]])]
             raise refuse(k, f"unknown {device} {corners.target[k]}: {name} is seen with {targets[str(name)]}", "target")
-        xy[rows_of_feature] = _on_board(corners, imaging, rows_of_feature, refuse)
+        alone = np.isin(corners.kind[rows_of_feature].astype(str), list(POINTS))
+        xyz[rows_of_feature[alone]] = 0.0
+        xyz[rows_of_feature[~alone]] = _on_board(corners, imaging, rows_of_feature[~alone], refuse)
         u95[rows_of_feature] = np.where(np.isfinite(u95[rows_of_feature]), u95[rows_of_feature], imaging.u95)
         if imaging.size is not None:
             far = [
@@ -373,28 +388,29 @@ def gathered(
                     )
     for image in np.unique(corners.image[beyond]):  # a picture goes with its corners where those left tell no place
         of_image = rows[corners.image[rows] == image]
-        if not tell_a_place(xy[of_image[~beyond[of_image]]]):
+        if corners.kind[of_image[0]] not in POINTS and not tell_a_place(xyz[of_image[~beyond[of_image]]]):
             beyond[of_image] = True
-    images = _by_image(
-        corners, rows[~beyond[rows]], np.column_stack([xy, corners.u, corners.v, u95]), is_corner, refuse
-    )
+    values = np.column_stack([xyz[:, :2], corners.u, corners.v, u95])
+    if xyz[rows, 2].any():
+        values = np.column_stack([values, xyz[:, 2]])
+    images = _by_image(corners, rows[~beyond[rows]], values, is_corner, refuse)
     return replace(images, outside=int(beyond.sum()))
 
 
-def tell_a_place(xy: FloatArray) -> bool:
-    """Whether corners (n, 2) are enough, and not on one line, to tell where their board is."""
-    if len(xy) < FEWEST:
+def tell_a_place(places: FloatArray) -> bool:
+    """Whether corners (n, 2 or 3) are enough, and not on one line, to tell where their board is."""
+    if len(places) < FEWEST:
         return False
-    spread = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
+    spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     return bool(spread[1] >= 1e-3 * spread[0])
 
 
 def _on_board(
     corners: Corners, imaging: Imaging, rows: IntArray, refuse: Callable[..., MeasurementError]
 ) -> FloatArray:
-    """Places of corners on their board, (rows, 2), metres."""
+    """Places of corners on their board, (rows, 3), metres."""
     numbered, xyz = np.isfinite(corners.number[rows]), corners.xyz[rows]
-    out: FloatArray = xyz[:, :2].copy()
+    out: FloatArray = np.column_stack([xyz[:, :2], np.nan_to_num(xyz[:, 2])])
     board_corners = imaging.corners
     if numbered.any():
         if not len(board_corners):
@@ -413,12 +429,12 @@ def _on_board(
                 f"{imaging.board.along} squares, so corners 0 to {len(board_corners) - 1}",
                 "corner",
             )
-        out[numbered] = board_corners[number[numbered].astype(int)]
+        out[numbered] = np.pad(board_corners[number[numbered].astype(int)], ((0, 0), (0, 1)))
     nowhere = ~np.isfinite(out).all(axis=1)
     if nowhere.any():
         raise refuse(int(rows[nowhere][0]), "a corner needs its number, or x_mm and y_mm on the board", "corner")
-    high = ~numbered & (np.nan_to_num(xyz[:, 2]) != 0.0)
-    if high.any():
+    high = ~numbered & (out[:, 2] != 0.0)
+    if high.any() and imaging.board is not None:
         raise refuse(int(rows[high][0]), "boards are flat: expected z_mm 0 or nothing", "z_mm")
     return out
 
@@ -433,15 +449,16 @@ def _by_image(
     keep = ~is_corner
     keep[heads] = True
     position = np.cumsum(keep) - 1
-    corners = np.full((int(keep.sum()), int(counts.max()), 5), np.nan)
+    corners = np.full((int(keep.sum()), int(counts.max()), values.shape[1]), np.nan)
     for head, a, n in zip(heads, first, counts, strict=True):
         of_image = order[a : a + n]
         corners[position[head], :n] = values[of_image]
-        xy = values[of_image, :2]
-        twice = pd.DataFrame(np.round(xy, 9)).duplicated().to_numpy()
+        places = np.delete(values[of_image], [2, 3, 4], axis=1)
+        twice = pd.DataFrame(np.round(places, 9)).duplicated().to_numpy()
         if twice.any():
-            raise refuse(int(of_image[twice][0]), "this corner is in its image twice", "corner")
-        if not tell_a_place(xy):
+            which = "point" if seen.kind[head] in POINTS else "corner"
+            raise refuse(int(of_image[twice][0]), f"this {which} is in its image twice", "corner")
+        if seen.kind[head] not in POINTS and not tell_a_place(places):
             raise refuse(
                 int(head),
                 f"an image needs at least {FEWEST} corners that are not on one line, found {n}",

@@ -160,7 +160,7 @@ def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any],
             meshes.append((shapes.rod(T[:3, 3] - half, T[:3, 3] + half, width), colour))
         elif feature.kind == "sphere":
             glass.append((shapes.moved(shapes.sphere(size), T[:3, 3]), BALL))
-        elif TARGETS.get(feature.kind) == "board":  # a camera with the way it looks
+        elif feature.kind in KINDS and KINDS[feature.kind].shown_as == "camera":  # with the way it looks
             cone = shapes.cone(0.4 * size, 1.8 * size, 0.0, 2.5 * size)
             body = shapes.box([2.4 * size, 2.4 * size, 3.0 * size]) - np.array([0.0, 0.0, 1.5 * size])
             meshes += [(mesh @ T[:3, :3].T + T[:3, 3], SOCKET) for mesh in (cone, body)]

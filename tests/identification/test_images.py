@@ -4,11 +4,13 @@ import re
 
 import feature_cases as cases
 import numpy as np
+import pandas as pd
 import pytest
 
 from irbcal.identification import images
 from irbcal.identification.feature_fit import identify_features
 from irbcal.identification.feature_problem import FeatureProblem, start
+from irbcal.measurement import features
 from irbcal.measurement.imaging import FITTED, TARGETS
 from irbcal.modeling import frames
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
@@ -184,3 +186,53 @@ def test_hand_and_eye():
     np.testing.assert_allclose(found[1], F, atol=1e-12)
     about = np.array([frames.rotation_from_vector([0, 0, a]) for a in np.linspace(0, 2, 5)])
     assert images.hand_eye(about, F.T @ about @ A) is None
+
+
+def die():
+    """Corners of the markers on a die's five free sides, (5, 4, 3), and the sides' normals, metres."""
+    flat = 0.02 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, 0.03]
+    turns = np.array([frames.rotation_from_vector(w) for w in 0.5 * np.pi * np.vstack([np.eye(3)[:2], -np.eye(3)[:2]])])
+    turns = np.concatenate([np.eye(3)[None], turns])
+    return flat @ turns.transpose(0, 2, 1), turns[:, :, 2]
+
+
+def test_markers_on_a_die_are_one_board():
+    """A camera in the hall sees one to three sides of a die on the tool; joints, pictures and places are exact."""
+    sides, normals = die()
+    own = cases.unknowns("image", np.random.default_rng(3))
+    q = cases.arm().random_joints(6000, 6) * 0.9
+    p, R = cases.tip(TRUTH, q)
+    M = R @ own["axes"]
+    y = (p[:, None, None] + np.einsum("mij,skj->mski", M, sides) - own["centre"]) @ own["attitude"]
+    turned = np.einsum("mij,sj->msi", M, normals) @ own["attitude"]
+    uv = cases.in_image(cases.LENS_OF, y)
+    inside = ((uv > 0) & (uv < cases.SEEN_SIZE)).all(axis=(1, 2, 3)) & (y[..., 2] > 0.2).all(axis=(1, 2))
+    inside &= (np.hypot(y[..., 0], y[..., 1]) < 0.9 * y[..., 2]).all(axis=(1, 2))  # the lens folds beyond
+    faces = -np.einsum("msi,msi->ms", turned, y.mean(axis=2)) / np.linalg.norm(y.mean(axis=2), axis=2) > 0.2
+    chosen = np.flatnonzero(inside & faces.any(axis=1))[:60]
+    assert set(faces[chosen].sum(axis=1)) == {1, 2, 3}
+    table = pd.DataFrame(
+        {"pose": m, "feature": "camera", "u_px": u, "v_px": v}
+        | dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * sides[side, corner], strict=True))
+        | {f"q{k}_deg": value for k, value in enumerate(np.degrees(q[m]), 1)}
+        for m in chosen
+        for side in np.flatnonzero(faces[m])
+        for corner, (u, v) in enumerate(uv[m, side])
+    )
+    lens = {name: value for name, value in cases.camera().items() if not name.startswith("square")}
+    rows = features.read(
+        table, pd.DataFrame([{"feature": "camera", "kind": "image", "target": "die"} | lens]), cases.arm()
+    )
+    true = np.tile(np.eye(4), (len(rows), 1, 1))
+    true[:, :3, :3] = own["attitude"].T @ M[chosen]
+    true[:, :3, 3] = (p[chosen] - own["centre"]) @ own["attitude"]
+    np.testing.assert_allclose(images.boards(np.array(cases.LENS_OF), rows.corners), true, atol=1e-7)
+    problem = FeatureProblem(cases.arm(), rows, GEOMETRY.terms(cases.arm()))
+    state = start(problem)
+    assert problem.distances(state).max() > 1e-3  # of the nominal robot
+    for _ in range(8):
+        blocks = list(problem.dense(state))
+        J, r = np.concatenate([b.J for b in blocks], axis=1), np.concatenate([b.y for b in blocks])
+        state = problem.moved(state, np.linalg.lstsq(J.T, r, rcond=1e-10)[0])
+    assert problem.distances(state).max() < 1e-8
+    assert cases.apart(TRUTH, problem.arm_of(state), q[chosen], state.values["tool", "die"]).max() < 1e-8

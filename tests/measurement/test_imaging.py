@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import MeasurementError
+from irbcal.identification.feature_problem import FeatureProblem
 from irbcal.measurement import features, imaging
 
 UV = 100.0 + 40.0 * np.array([[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]])
@@ -123,3 +124,16 @@ def test_corners_beyond_the_image_are_left_out_and_a_picture_only_with_what_it_n
     assert len(seen) == left
     assert ("p3" in set(seen.pose)) == (left == 10)
     assert seen.outside == (len(beyond) if left == 10 else 6)
+
+
+def test_points_in_pictures_are_rows_of_their_own():
+    table = corners().drop(columns=["corner", "x_mm", "y_mm"]).iloc[[0, 6]]
+    what = known(kind="depth-on-tool", u95_px=0.5)
+    seen = features.read(table.assign(value_mm=[800, 900]), what, cases.arm())
+    np.testing.assert_allclose(seen.corners[:, :, 2:4], UV[[0, 0]][:, None])
+    np.testing.assert_allclose(seen.value, [0.8, 0.9])
+    np.testing.assert_allclose(seen.u95, 0.5 / cases.LENS_OF[0])  # metres, a metre away
+    with pytest.raises(MeasurementError, match=r"row 2.*this point is in its image twice"):
+        features.read(corners().iloc[:2], what, cases.arm())
+    with pytest.raises(MeasurementError, match="row 1, column value_mm: a row of kind depth-on-tool needs value_mm"):
+        FeatureProblem(cases.arm(), features.read(table, what, cases.arm()), [])
