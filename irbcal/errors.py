@@ -101,5 +101,14 @@ class OptionError(IrbcalError):
     @classmethod
     def unknown(cls, parameter: str, value: object, choices: Sequence[str]) -> OptionError:
         """Refusal of a value that is not among the choices; the sentence lists them."""
-        expected = " or ".join(filter(None, [", ".join(choices[:-1]), choices[-1]]))
-        return cls(f"{parameter}: expected {expected}, found {value!r}", parameter=parameter)
+        return cls(f"{parameter}: {not_among(value, choices)}", parameter=parameter)
+
+
+def not_among(value: object, choices: Sequence[str]) -> str:
+    """What to say of a value that is not among the choices: these, and the nearest one."""
+    from difflib import get_close_matches
+
+    expected = " or ".join(filter(None, [", ".join(choices[:-1]), choices[-1]]))
+    folded = {choice.casefold(): choice for choice in reversed(choices)}
+    near = get_close_matches(str(value).casefold(), folded, n=1)
+    return f"expected {expected}, found {value!r}" + (f": did you mean {folded[near[0]]}?" if near else "")

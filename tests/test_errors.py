@@ -36,7 +36,7 @@ def test_errors_survive_a_process_boundary():
 
 def test_unknown_options_list_what_is_known():
     error = OptionError.unknown("order", "lst", ["random", "last"])
-    assert str(error) == "order: expected random or last, found 'lst'"
+    assert str(error) == "order: expected random or last, found 'lst': did you mean last?"
     assert error.parameter == "order"
     assert isinstance(error, IrbcalError)
     assert str(OptionError.unknown("x", 1, ["a", "b", "c"])) == "x: expected a, b or c, found 1"

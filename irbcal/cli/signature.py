@@ -16,13 +16,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
 
-from irbcal.errors import OptionError
+from irbcal.errors import OptionError, not_among
 from irbcal.safe_files import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
@@ -524,6 +525,24 @@ INTERRUPTED = 130
 """Exit code, as shells have it."""
 
 
+NUMBERS = {"Input should be a valid number": "a number", "Input should be a valid integer": "a whole number"}
+"""Beginnings of typer's sentences, and what it expected."""
+
+
+def _expected(error: typer.BadParameter, typed: Sequence[str]) -> str:
+    """What typer says of a wrong value, in the words of irbcal."""
+    choice = re.search(r"(?:^|, )((['\"]).*\2) is not one of (.*?)\.?$", error.message)
+    if choice:
+        return not_among(ast.literal_eval(choice[1]), ast.literal_eval(f"({choice[3]},)"))
+    kind = next((number for beginning, number in NUMBERS.items() if error.message.startswith(beginning)), None)
+    if kind is None:
+        return error.message
+    options = [] if error.param is None else error.param.opts
+    values = [word for before, word in pairwise(typed) if before in options]
+    values += [word.partition("=")[2] for word in typed if word.partition("=")[0] in options and "=" in word]
+    return f"expected {kind}" + (f", found {values[-1]!r}" if values else "")
+
+
 class Guarded(TyperCommand):
     """A command that compares its outputs with its inputs before it does anything."""
 
@@ -539,6 +558,15 @@ class Guarded(TyperCommand):
             if getattr(param, "rich_help_panel", None) == EXPERT:
                 param.hidden = HELP_ALL_KEY not in ctx.meta
         super().format_help(ctx, formatter)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the options; a wrong value is refused in a sentence that says what was expected, and what is nearest."""
+        typed = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as error:
+            error.message = _expected(error, typed)
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command, unless an output is an input or another output; say where it goes on if it is stopped."""

@@ -49,3 +49,24 @@ def test_contradictions_and_absurd_values_are_wrong_calls(words, option, tmp_pat
     assert done.exit_code == 2
     assert option in done.output
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["report", "c", "--language", "DE"], "expected en, de, fr, ja or zh, found 'DE': did you mean de?"),
+        (
+            ["calibrate", "m", "--robot", "r", "--split", "randm"],
+            "expected random or last, found 'randm': did you mean ra",
+        ),
+        (["plan", "--robot", "r", "--criterion", "it's"], """expected position or D, found "it's\""""),
+        (["calibrate", "m", "--robot", "r", "--holdout", "abc"], "expected a number, found 'abc'"),
+        (["plan", "--robot", "r", "--optimal=3.5"], "expected a whole number, found '3.5'"),
+        (["fleet", "export", "--out", "a.csv", "--what", "robotts"], "found 'robotts': did you mean robots?"),
+    ],
+)
+def test_a_wrong_choice_is_refused_with_all_choices_and_the_nearest(words, sentence):
+    done = CliRunner(env={"COLUMNS": "200"}).invoke(app, words)
+    assert done.exit_code == 2
+    assert sentence in done.output
+    assert "Value error" not in done.output
