@@ -47,6 +47,8 @@ LEAST = 3
 """Pictures that are needed; ten or more with the flange turned about different axes are better."""
 PARTS = 16
 """Pictures are left out in as many parts at most."""
+SMALL = 1e-3
+"""Part of an unknown's step that derivatives are taken over."""
 TOO_FAR = 3.0
 """Times the scatter of corners within a picture, above which the misfit over all pictures is that of robot or lens."""
 
@@ -62,10 +64,10 @@ class DeviceFrame(Locked):
     device : str
         ``camera`` or ``board``.
     on : str
-        ``flange`` or ``base``.
+        ``flange`` or ``base``; of one camera of a rig the first camera's name.
     T : ndarray, shape (4, 4)
-        In the tip link or the base link, metres. A camera looks along its z, x is to the right of the picture; a
-        board's origin and axes are those of its corners.
+        In the tip link, the base link or the first camera, metres. A camera looks along its z, x is to the right of the
+        picture; a board's origin and axes are those of its corners.
     u95_m, u95_rad : float
         Half-widths that hold 95 % of a coordinate's and an angle's errors, largest of three.
     """
@@ -105,6 +107,8 @@ class HandEye(Result):
         Which pictures were left out.
     links : (str, str)
         Frames of ROS that the base and the flange have.
+    rig : tuple of DeviceFrame
+        All other cameras on the flange (in the hall) in the first: better known than each by itself.
     """
 
     robot: str
@@ -121,6 +125,7 @@ class HandEye(Result):
     simulated: bool = False
     notes: tuple[str, ...] = ()
     links: tuple[str, str] = ("base_link", "tool0")
+    rig: tuple[DeviceFrame, ...] = ()
 
     @property
     def rms_pixels(self) -> float:
@@ -136,23 +141,26 @@ class HandEye(Result):
         return float(np.sqrt(np.average(self.heldout_pixels[known] ** 2, weights=self.corners[known])))
 
     CONTENT = (
-        "simulated robot frames=devices lens pictures=pixels.__len__ rms_px=rms_pixels heldout_px=heldout_rms_pixels "
-        "within_px=within_pixels doubts notes"
+        "simulated robot frames=devices rig lens pictures=pixels.__len__ rms_px=rms_pixels "
+        "heldout_px=heldout_rms_pixels within_px=within_pixels doubts notes"
     )
     COLUMNS = "pose feature corners rms_px=pixels heldout_px=heldout_pixels rms_mm=size_mm"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it: ``CONTENT``, ``frames`` with millimetres, degrees and unit quaternions (scalar first)."""
         numbers = "u95_mm=u95_m u95_deg=u95_rad"
-        devices = [
-            {**values(frame, "name device on"), **PoseSection.of(frame.T).model_dump(), **values(frame, numbers)}
-            for frame in self.devices
-        ]
+        devices, rig = (
+            [
+                {**values(frame, "name device on"), **PoseSection.of(frame.T).model_dump(), **values(frame, numbers)}
+                for frame in frames_of
+            ]
+            for frames_of in (self.devices, self.rig)
+        )
         lens = {
             camera: {name: {"value": value, "u95": u95} for name, (value, u95) in fitted.items()}
             for camera, fitted in self.lens.items()
         }
-        return super().to_dict() | plain({"frames": devices, "lens": lens})
+        return super().to_dict() | plain({"frames": devices, "rig": rig, "lens": lens})
 
     def save(self, out: str | PathLike[str], as_: str = "json") -> Path:
         """Write `to_dict` as JSON, or the camera's place as easy_handeye2 has it.
@@ -186,13 +194,13 @@ class HandEye(Result):
         )
         rows: list[tuple[str | float | int | None, ...]] = [
             (
-                f"{frame.device} {frame.name} on the {frame.on}",
+                f"{frame.device} {frame.name} {'in' if frame in self.rig else 'on the'} {frame.on}",
                 *(float(value) / MM for value in frame.T[:3, 3]),
                 *(float(value) for value in frames.rpy_from_matrix(frame.T[:3, :3]) / DEG),
                 frame.u95_m / MM,
                 frame.u95_rad / DEG,
             )
-            for frame in self.devices
+            for frame in (*self.devices, *self.rig)
         ]
         heads = ("frame", "x mm", "y mm", "z mm", "roll", "pitch", "yaw", "u95 mm", "deg")
         told: list[Paragraph] = [headline, Table("Cameras and boards, angles in degrees", heads, tuple(rows))]
@@ -373,30 +381,61 @@ def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye
         float(np.sqrt(np.average(within, weights=count))),
         tuple(dict.fromkeys(filter(None, doubts))),
         rows.simulated,
+        rig=_rig(problem, state, tuple(devices.values())),
     )
 
 
-def _half_widths(problem: FeatureProblem, state: FeatureState) -> FloatArray:
+def _rig(problem: FeatureProblem, state: FeatureState, devices: Sequence[DeviceFrame]) -> tuple[DeviceFrame, ...]:
+    """All other cameras on the flange, or in the hall, in the first of them."""
+    out = []
+    for on in ("flange", "base"):
+        cameras = [device for device in devices if (device.device, device.on) == ("camera", on)]
+        for camera in cameras[1:]:
+            both = (cameras[0].name, camera.name)
+
+            def between(values: FeatureState, both: tuple[str, str] = both, on: str = on) -> FloatArray:
+                place, turn = (TOOL, "axes") if on == "flange" else ("centre", "attitude")
+                a, b = (frames.transform(values.values[turn, name], values.values[place, name]) for name in both)
+                return np.asarray(frames.inverse(a) @ b)
+
+            T, slopes = between(state), []
+            for k in range(problem.flat):
+                step = np.zeros(problem.flat)
+                step[k] = SMALL
+                ahead, back = (between(problem.moved(state, sign * step)) for sign in (1.0, -1.0))
+                turned = T[:3, :3].T @ (ahead - back)[:3, :3]
+                slopes.append(np.r_[(ahead - back)[:3, 3], turned[2, 1], turned[0, 2], turned[1, 0]] / (2.0 * SMALL))
+            u95 = _half_widths(problem, state, np.array(slopes).T)
+            out.append(DeviceFrame(camera.name, "camera", both[0], T, float(u95[:3].max()), float(u95[3:].max())))
+    return tuple(out)
+
+
+def _half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | None = None) -> FloatArray:
     """Half-widths that hold 95 % of the unknowns' errors, shape (unknowns,), SI units (pixels).
 
-    The larger of two: from noise of corners, all alike; and from how the solution moves as each picture is left out
+    Of other numbers with their derivatives ``of`` by the unknowns' steps, shape (numbers, unknowns).
+
+    The larger of two: from noise of corners, all alike; and from how the solution moves as each pose is left out
     (jackknife), which holds where the robot errs, too, so that what a picture misses is neither alike nor independent.
     """
     from scipy.special import stdtrit
 
     blocks = list(problem.dense(state, np.zeros(0, dtype=int)))
     J, y = np.concatenate([block.J for block in blocks], axis=1), np.concatenate([block.y for block in blocks])
-    picture = np.concatenate([block.row for block in blocks])
+    row = np.concatenate([block.row for block in blocks])
+    pose = np.where(row >= 0, problem.rows.pose_index[row], -1)
     H = J @ J.T
     freedom = max(len(y) - len(J), 1)
-    alike = stdtrit(freedom, 0.975) * np.sqrt(np.diagonal(np.linalg.pinv(H)) * float(y @ y) / freedom)
+    G = np.diag(problem.sizes) if of is None else of
+    variance = np.einsum("ij,jk,ik->i", G, np.linalg.pinv(H), G)
+    alike = stdtrit(freedom, 0.975) * np.sqrt(variance * float(y @ y) / freedom)
     moves = []
-    for k in np.unique(picture[picture >= 0]):
-        of = picture == k
-        moves.append(np.linalg.pinv(H - J[:, of] @ J[:, of].T) @ (J[:, of] @ y[of]))
+    for k in np.unique(pose[pose >= 0]):
+        left = pose == k
+        moves.append(G @ np.linalg.pinv(H - J[:, left] @ J[:, left].T) @ (J[:, left] @ y[left]))
     n = len(moves)
     jackknife = np.sqrt(np.sum((np.array(moves) - np.mean(moves, axis=0)) ** 2, axis=0) * (n - 1) / n)
-    return np.asarray(np.maximum(alike, COVERAGE * jackknife) * problem.sizes)
+    return np.asarray(np.maximum(alike, COVERAGE * jackknife))
 
 
 def _left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray) -> FloatArray:

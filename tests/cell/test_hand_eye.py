@@ -110,6 +110,33 @@ def test_intervals_hold(shift):
     assert np.mean(width) < 2.5 * 1.96 * np.sqrt(np.mean(error))
 
 
+def test_cameras_in_the_hall_are_one_rig():
+    """The second in the first: the interval holds the truth where pictures of both are missed by the robot."""
+    inside, width, error = [], [], []
+    for seed in range(6):
+        parts = [simulated("image", 8, seed + 100 * k, NOISE_PX, 0.3 * MM) for k in range(2)]
+        rows = pd.concat(
+            [
+                as_flange_poses(part[0], part[3]).assign(
+                    feature=f"camera {k}", pose=lambda table, k=k: table.pose + f" {k}"
+                )
+                for k, part in enumerate(parts)
+            ]
+        )
+        known = pd.concat([part[1].assign(feature=f"camera {k}") for k, part in enumerate(parts)])
+        result = hand_eye(rows, known)
+        (second,) = result.rig
+        assert (second.name, second.on) == ("camera 1", "camera 0")
+        off = frames.inverse(frames.inverse(parts[0][2][1]) @ parts[1][2][1]) @ second.T
+        inside += [*(np.abs(off[:3, 3]) < second.u95_m)]
+        inside += [*(np.abs(frames.vector_from_rotation(off[:3, :3])) < second.u95_rad)]
+        width.append(second.u95_m)
+        error.append(np.mean(off[:3, 3] ** 2))
+    assert np.mean(inside) > 0.9
+    assert np.mean(width) < 3.5 * 1.96 * np.sqrt(np.mean(error))
+    assert result.to_dict()["rig"][0]["on"] == "camera 0"
+
+
 def test_a_robot_that_errs_is_told_from_noise_of_corners():
     rows, known, _, T = simulated("image-on-tool", 12, 3, NOISE_PX, 0.5 * MM)
     result = hand_eye(as_flange_poses(rows, T), known)
