@@ -13,10 +13,10 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal import parallel
+from irbcal import __version__, parallel
 from irbcal.arrays import FloatArray
 from irbcal.cell.cell_file import CellFile, cell_of, frames_by_name
-from irbcal.correction import languages
+from irbcal.correction import languages, unfinished
 from irbcal.correction.backup import Unpacked, of_programs, packed, unpacked
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, refused, writable
 from irbcal.correction.fake_targets import Corrected
@@ -41,6 +41,7 @@ from irbcal.correction.program import (
 from irbcal.correction.text_program import PROBE, TextProgram
 from irbcal.correction.trajectories import Timed, follow
 from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, point_origin
+from irbcal.correction.unfinished import CorrectedPieces
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.calibration_folder import read
 from irbcal.io.controller_model import (
@@ -128,18 +129,19 @@ def correct(
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
-    Tables (CSV) of a million rows and more, without times, are corrected in pieces, side by side, in memory that hardly
-    grows with them, where a file is written and of all options ``allow_partial``, ``payload`` and ``payload_place``
-    alone are used. The result then holds the first targets, and how far all were shifted.
+    Tables (CSV, Parquet) of a million rows and more, without times, are corrected in pieces, side by side, in memory
+    that hardly grows with them, where a file is written and of all options ``allow_partial``, ``payload`` and
+    ``payload_place`` alone are used. The result then holds the first targets, and how far all were shifted. Stopped by
+    Ctrl-C, it keeps what is done beside that file (``NAME.unfinished``), and the same call goes on from there.
 
     Parameters
     ----------
     calibration : str, Path, Record or a result that holds one
         Calibration folder, or its content.
     program : str, Path or sequence of these
-        File of a language that is known (docs/programs.md), CSV of joints or of tip poses among them; several files of
-        one language, or a folder or a zip archive, which is searched to its end. A file of several that cannot be read
-        is left.
+        File of a language that is known (docs/programs.md), CSV and Parquet of joints or of tip poses among them;
+        several files of one language, or a folder or a zip archive, which is searched to its end. A file of several
+        that cannot be read is left.
     out : str or Path, optional
         File for the program with fake targets, or, where it lies in several files, the folder for them, or the archive
         (``.zip``) with all files of the one that was given; without it the bytes are in the result only. Beside the
@@ -223,6 +225,10 @@ def correct(
     read_too = [path for path in (controller_model, cell, instructions) if isinstance(path, (str, os.PathLike))]
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
+    endings = {Path(name).suffix.lower() for name in (out, programs_given[0]) if name is not None}
+    if endings == set(table.ENDINGS):
+        ending = Path(programs_given[0]).suffix
+        raise OptionError(f"out: expected a name that ends in {ending}, as that of the table", parameter="out")
     others = tool, wobj, pulses, controller_model, where, path_tolerance, cell, start, posture, instructions, harmless
     plain = changes is None and points in (None, "offline") and not any(option is not None for option in others)
     if out is not None and plain and len(programs_given) == 1 and not (re_express or split_points or strict):
@@ -311,8 +317,8 @@ class _ForAllPieces:
     follow_loads: bool
 
 
-def _corrected_piece(shared: _ForAllPieces, piece: pieces.Piece) -> tuple[bytes, bytes, Filtered]:
-    """In a worker: header and rows of a piece with its fake targets; and what was done, without the bytes."""
+def _corrected_piece(shared: _ForAllPieces, piece: pieces.Piece) -> tuple[bytes, Filtered]:
+    """In a worker: a piece with its fake targets, as a table; and what was done, without the bytes."""
     data, before = pieces.content(piece, ROWS_BEFORE)
     offset = piece.row - before
     try:
@@ -329,8 +335,8 @@ def _corrected_piece(shared: _ForAllPieces, piece: pieces.Piece) -> tuple[bytes,
         written = table.with_values(
             program, program.values, shared.fingerprint, np.zeros(len(program.rows), dtype=bool)
         )
-    header, _, body = written.partition(b"\n")
-    inside = filtered.lines > piece.row + 1
+    first_line = program.rows[before]
+    inside = filtered.lines >= first_line
     certainty = shared.robot.certainty
     outside = "" if certainty is None else certainty.outside_in_words(filtered.q_before[inside], "targets")
     first = np.flatnonzero(inside)[:SHOWN]
@@ -339,7 +345,7 @@ def _corrected_piece(shared: _ForAllPieces, piece: pieces.Piece) -> tuple[bytes,
         filtered,
         **{name: getattr(filtered, name)[first] for name in arrays},
         files={},
-        left=tuple(left for left in filtered.left if left.line > piece.row + 1),
+        left=tuple(left for left in filtered.left if left.line >= first_line),
         last_move_error=None,
         last_moves=None,
         frames=None,
@@ -347,7 +353,7 @@ def _corrected_piece(shared: _ForAllPieces, piece: pieces.Piece) -> tuple[bytes,
         cautions=(outside,) if outside else (),
         shifts=filtered.shift[inside],
     )
-    return header + b"\n", body.split(b"\n", before)[before] if before else body, small
+    return table.rows_from(written, before), small
 
 
 def _correct_long(
@@ -363,41 +369,67 @@ def _correct_long(
     record = open_calibration(calibration)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     shared = _ForAllPieces(robot, record.arm(calibrated=False), record.fingerprint, payload is None)
-    done: list[Filtered] = []
-    left: list[Left] = []
+    place = None if payload_place is None else np.asarray(payload_place).tolist()
+    call = [__version__, file.sha256, len(file.pieces), record.fingerprint, allow_partial, payload, place]
+    first: Filtered | None = None
+    done = CorrectedPieces()
+
+    def add(filtered: Filtered) -> None:
+        done.pieces += 1
+        done.left += filtered.left[: max(MOST_LEFT - len(done.left), 0)]
+        done.notes = [*dict.fromkeys((*done.notes, *filtered.notes))]
+        done.cautions += filtered.cautions
+        done.unchanged += filtered.unchanged
+        done.shifts.append(filtered.all_shifts)
 
     def write(stream: BinaryIO) -> None:
-        early: dict[int, tuple[bytes, bytes, Filtered]] = {}
-        for index, corrected_piece in parallel.each(_corrected_piece, shared, file.pieces, seconds=PIECE_S):
-            early[index] = corrected_piece
-            while len(done) in early:
-                header, body, filtered = early.pop(len(done))
-                if not done:
-                    stream.write(header)
-                stream.write(body)
-                left.extend(filtered.left[: max(MOST_LEFT - len(left), 0)])
-                done.append(filtered if not done else replace(filtered, left=()))
-                if progress is not None:
-                    progress(f"{len(done)} of {len(file.pieces)} pieces")
-                if filtered.left and not allow_partial:
-                    raise _not_written(replace(filtered, left=tuple(left)))
-        if not any(len(filtered.all_shifts) for filtered in done):
-            raise _not_written(replace(done[0], left=tuple(left)))
+        nonlocal done, first
+        writer = table.TableWriter(stream)
+        if begun := unfinished.kept(out, call):
+            rows, done = begun
+            writer.begin_with(rows)
+            first = _corrected_piece(shared, file.pieces[0])[1]
+        early: dict[int, tuple[bytes, Filtered]] = {}
+        start = done.pieces
+        try:
+            for index, corrected_piece in parallel.each(_corrected_piece, shared, file.pieces[start:], seconds=PIECE_S):
+                early[start + index] = corrected_piece
+                while done.pieces in early:
+                    rows_written, filtered = early.pop(done.pieces)
+                    writer.append(rows_written)
+                    first = first or filtered
+                    add(filtered)
+                    if progress is not None:
+                        progress(f"{done.pieces} of {len(file.pieces)} pieces")
+                    if filtered.left and not allow_partial:
+                        raise _not_written(replace(filtered, left=tuple(done.left)))
+        except KeyboardInterrupt:
+            if not done.pieces:
+                raise
+            writer.close()
+            unfinished.keep(out, Path(stream.name), call, done)
+            raise parallel.Interrupted(len(file.pieces) - done.pieces, "pieces of the table to correct") from None
+        assert first is not None
+        if not any(map(len, done.shifts)):
+            raise _not_written(replace(first, left=tuple(done.left)))
+        writer.close()
 
     write_set({out: write})
-    cautions = pieces.once((text for filtered in done for text in filtered.cautions), len(done))
-    if len(left) == MOST_LEFT:
+    assert first is not None
+    unfinished.forget(out)
+    cautions = pieces.once(done.cautions, len(file.pieces))
+    if len(done.left) == MOST_LEFT:
         cautions = (*cautions, f"Of the targets that were left as they were the first {MOST_LEFT} are named.")
     expected = None if record.heldout is None or record.features is not None else record.heldout.all.mean_mm * MM
     return replace(
-        done[0],
-        left=tuple(left),
-        notes=tuple(dict.fromkeys(note for filtered in done for note in filtered.notes)),
+        first,
+        left=tuple(done.left),
+        notes=tuple(done.notes),
         cautions=cautions,
         expected_error=expected,
         written=out,
-        unchanged=sum(filtered.unchanged for filtered in done),
-        shifts=np.concatenate([filtered.all_shifts for filtered in done]),
+        unchanged=done.unchanged,
+        shifts=np.concatenate(done.shifts),
     )
 
 

@@ -187,7 +187,7 @@ class InputTable:
         if not data.strip():
             raise MeasurementError("the file is empty, expected a header and rows", file=source)
         if path.suffix == ".parquet":
-            return cls(_parse_parquet(data, source, required, typed), source, _digest(data))._with_rows(known)
+            return cls(parse_parquet(data, source, required, typed), source, _digest(data))._with_rows(known)
         return cls.parse(data, source, required, known, typed)
 
     @classmethod
@@ -862,7 +862,8 @@ def _decoded(data: bytes, source: str) -> str:
     return text
 
 
-def _parse_parquet(data: bytes, source: str, required: Sequence[str], typed: IsNumber | None = None) -> pd.DataFrame:
+def parse_parquet(data: bytes, source: str, required: Sequence[str], typed: IsNumber | None = None) -> pd.DataFrame:
+    """Cells of a Parquet file by columns, the index being its rows, from 1; see `InputTable.read`."""
     try:
         table = pd.read_parquet(BytesIO(data))
     except ImportError:
@@ -898,7 +899,7 @@ def _digest(data: bytes) -> str:
 def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd.DataFrame | None:
     """Cells of a plain CSV file, read fast; any other is read cell by cell, which can say what is wrong where.
 
-    A file is plain where no cell is quoted, no line is blank, lines end with a line feed and all numbers are numbers.
+    A file is plain where no cell below the header is quoted, no line is blank and all numbers are numbers.
 
     Parameters
     ----------
@@ -914,7 +915,7 @@ def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool])
         Numbers, NaN where nothing stands, and text; the index holds the lines of the file. None for a file that is not
         plain, or without pyarrow.
     """
-    if b'"' in data or b"\r" in data:
+    if data.find(b'"', max(data.find(b"\n"), 0)) >= 0 or data.count(b"\r") != data.count(b"\r\n"):
         return None
     try:
         import pyarrow as pa

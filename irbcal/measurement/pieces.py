@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -64,9 +65,11 @@ class LongFile:
 
 
 def long_table(path: Path) -> LongFile | None:
-    """The pieces of a CSV file of a million rows and more, cut between any two rows; None for all else."""
+    """The pieces of a CSV or Parquet file of a million rows and more, cut between any two rows; None for all else."""
     try:
-        return _csv(path, None) if path.suffix == ".csv" and path.is_file() else None
+        if path.suffix not in (".csv", ".parquet") or not path.is_file():
+            return None
+        return _csv(path, None) if path.suffix == ".csv" else _parquet(path, None)
     except (OSError, UnicodeDecodeError, csv.Error):
         return None
 
@@ -100,10 +103,11 @@ def _csv(path: Path, column: str | None = "pose") -> LongFile | None:
         digest, lines, begins = hashlib.sha256(), 0, [(len(header), 1)]
         step = len(first) * ROWS
         carry, at = b"", 0
-        for block in iter(lambda: stream.read(BLOCK), b""):
+        for block in iter(lambda: stream.read(BLOCK) + stream.readline(), b""):
             digest.update(block)
             data, offset = carry + block, at - len(carry)
-            if b'"' in block or b"\r" in block:
+            quoted = block.find(b'"', 0 if at else len(header)) >= 0
+            if quoted or block.count(b"\r") != block.count(b"\r\n"):
                 return None  # not plain: a cell may hold a line
             goal = begins[-1][0] + step
             while goal < offset + len(data) - 64 * len(first):
@@ -139,8 +143,8 @@ def _change_of_pose(data: bytes, goal: int, column: int) -> int | None:
     return None
 
 
-def _parquet(path: Path) -> LongFile | None:
-    """Cut where the name of the pose changes."""
+def _parquet(path: Path, column: str | None = "pose") -> LongFile | None:
+    """Cut where the name of the pose changes, or anywhere."""
     try:
         from pyarrow import ArrowException, parquet
     except ImportError:
@@ -148,10 +152,11 @@ def _parquet(path: Path) -> LongFile | None:
     try:
         file = parquet.ParquetFile(path)
         names = file.schema_arrow.names
-        if file.metadata.num_rows < LONG or "pose" not in names or "session" in names:
+        rows = file.metadata.num_rows
+        if rows < LONG or (column is not None and (column not in names or "session" in names)):
             return None
-        begins, row, previous = [0], 0, None
-        for batch in file.iter_batches(ROWS, columns=["pose"]):
+        begins, row, previous = [0] if column else [*range(0, rows, ROWS)], 0, None
+        for batch in file.iter_batches(ROWS, columns=[column]) if column else ():
             poses = batch.column(0).to_numpy(zero_copy_only=False)
             changes = np.flatnonzero(poses[1:] != poses[:-1]) + 1
             if row and previous != poses[0]:
@@ -161,12 +166,17 @@ def _parquet(path: Path) -> LongFile | None:
             row, previous = row + len(poses), poses[-1]
     except (ArrowException, ValueError, TypeError):
         return None
+    pieces = [Piece(str(path), begin, end, begin) for begin, end in zip(begins, [*begins[1:], rows], strict=True)]
+    return LongFile(str(path), digest_of(path), tuple(pieces))
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file that may be larger than memory."""
     digest = hashlib.sha256()
     with open(path, "rb") as stream:
         for block in iter(lambda: stream.read(BLOCK), b""):
             digest.update(block)
-    pieces = [Piece(str(path), begin, end, begin) for begin, end in zip(begins, [*begins[1:], row], strict=True)]
-    return LongFile(str(path), digest.hexdigest(), tuple(pieces))
+    return digest.hexdigest()
 
 
 def once(sentences: Iterable[str], count: int) -> tuple[str, ...]:
@@ -212,19 +222,29 @@ def read(piece: Piece, sha256: str = "") -> MeasurementSet:
 
 def _read(piece: Piece) -> MeasurementSet:
     if piece.path.endswith(".parquet"):
-        return table.of_frame(_rows(piece), piece.path)
+        return table.of_frame(_rows(piece.path, piece.begin, piece.end).to_pandas(), piece.path)
     return table.parse(content(piece)[0], piece.path)
 
 
 def header(file: LongFile) -> list[str]:
-    """Names of the columns of a CSV file."""
+    """Names of the columns."""
+    if file.path.endswith(".parquet"):
+        from pyarrow import parquet
+
+        return [name.strip() for name in parquet.read_schema(file.path).names]
     with open(file.path, "rb") as stream:
         names = next(csv.reader([stream.readline().decode("utf-8-sig")]), [])
     return [name.strip() for name in names]
 
 
 def content(piece: Piece, before: int = 0) -> tuple[bytes, int]:
-    """A piece of a CSV file below the file's header, with so many rows before it; and how many of these there are."""
+    """A piece as a file of its own, with so many rows before it; and how many of these there are."""
+    if piece.path.endswith(".parquet"):
+        from pyarrow import parquet
+
+        before, out = min(before, piece.begin), BytesIO()
+        parquet.write_table(_rows(piece.path, piece.begin - before, piece.end), out, compression="none")
+        return out.getvalue(), before
     with open(piece.path, "rb") as stream:
         header = stream.readline()
         begin = max(piece.begin - 2 * before * len(stream.readline()), len(header)) if before else piece.begin
@@ -237,19 +257,21 @@ def content(piece: Piece, before: int = 0) -> tuple[bytes, int]:
     return header + data, rows
 
 
-def _rows(piece: Piece) -> Any:
-    """Rows of a Parquet file as a DataFrame."""
+def _rows(path: str, first: int, last: int) -> Any:
+    """Rows of a Parquet file as an Arrow table."""
     from pyarrow import Table, parquet
 
-    file = parquet.ParquetFile(piece.path)
+    file = parquet.ParquetFile(path)
     out, begin = [], 0
     for group in range(file.metadata.num_row_groups):
         end = begin + file.metadata.row_group(group).num_rows
-        if begin < piece.end and end > piece.begin:
+        if begin < last and end > first:
             for batch in file.iter_batches(ROWS, row_groups=[group]):
-                low, high = max(piece.begin - begin, 0), min(piece.end - begin, len(batch))
+                low, high = max(first - begin, 0), min(last - begin, len(batch))
                 if low < high:
                     out.append(batch.slice(low, high - low))
                 begin += len(batch)
+                if begin >= last:
+                    break
         begin = end
-    return Table.from_batches(out).to_pandas()
+    return Table.from_batches(out)

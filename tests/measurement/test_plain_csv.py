@@ -46,11 +46,25 @@ def test_plain_files_are_read_alike(monkeypatch, start, end):
 @pytest.mark.parametrize(
     "text",
     [
+        (HEAD + ROWS).replace("\n", "\r\n"),
+        HEAD.replace("\n", "\r\n") + ROWS,
+        ",".join(f'"{name}"' for name in HEAD.strip().split(",")) + "\n" + ROWS,
+    ],
+)
+def test_windows_lines_and_a_quoted_header_are_plain(monkeypatch, text):
+    assert plain(text) is not None
+    fast, slow = both(text, monkeypatch)
+    pd.testing.assert_frame_equal(fast.table, slow.table, check_exact=True)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
         HEAD + "\n" + ROWS,  # a blank line
         "\n" + HEAD + ROWS,
         HEAD + "," * 12 + "\n" + ROWS,  # a line of commas
         HEAD + ROWS.replace("x y", '"x, y"'),
-        HEAD.replace("\n", "\r\n") + ROWS,
+        HEAD + ROWS.replace("x y", "x\ry"),
         HEAD + ROWS.replace("1.5", "inf"),
         HEAD + ROWS.replace("0.1", "NaN"),
         HEAD + ROWS.replace("1.5", "1.5x"),

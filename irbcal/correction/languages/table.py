@@ -1,18 +1,20 @@
-"""Programs as CSV: one target in each row, joints or poses of the tip in the base link.
+"""Programs as CSV or Parquet: one target in each row, joints or poses of the tip in the base link.
 
 The columns are those of the arm's joints, such as ``q1_deg`` … ``q6_deg`` (or ``q1_rad`` …), or ``x_mm``, ``y_mm``,
 ``z_mm``, ``qw``, ``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. Joints with a column
 ``time_s`` are one motion (`irbcal.correction.languages.table`). A corrected file bears a column
-``irbcal_filtered`` with the fingerprint of the calibration. Errors name the file, the row (line of the file, the header
-being line 1) and the column.
+``irbcal_filtered`` with the fingerprint of the calibration. Errors name the file, the row (of CSV the line of the file,
+the header being line 1) and the column.
 """
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,6 +50,7 @@ from irbcal.measurement.columns import (
     joint_units,
     listed,
     parse_csv,
+    parse_parquet,
 )
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import ENDS, Trajectory
@@ -58,11 +61,13 @@ if TYPE_CHECKING:
 
 MARK = "irbcal_filtered"
 """Name of the column that marks a corrected file."""
+PARQUET = b"PAR1"
+"""What a Parquet file begins with."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TableProgram(Locked, Program):
-    """A CSV program as read.
+    """A CSV or Parquet program as read.
 
     Attributes
     ----------
@@ -79,7 +84,7 @@ class TableProgram(Locked, Program):
     data : bytes
         The file.
     table : DataFrame
-        All columns in the text of the file.
+        All columns in the text of the file; of Parquet those with the numbers as such.
     newline : str
         Line end of the file.
     byte_order_mark : bool
@@ -125,7 +130,7 @@ def with_values(
     rows: ArrayLike | None = None,
     more: Mapping[str, FloatArray] | None = None,
 ) -> bytes:
-    """Bytes of the program with new values; all other columns keep their text.
+    """Bytes of the program with new values; all other columns keep their text, in Parquet their content and type.
 
     Parameters
     ----------
@@ -157,6 +162,8 @@ def with_values(
         numbers = new[chosen] / joint_units(program.columns)
     changed = dict(zip(program.columns, numbers.T, strict=True))
     changed |= {name: column[chosen] for name, column in (more or {}).items()}
+    if program.data.startswith(PARQUET):
+        return _as_parquet(program, changed, fingerprint, chosen)
     columns = []
     for name in program.table.columns:
         if name == MARK and fingerprint is not None:
@@ -174,9 +181,94 @@ def with_values(
     return (head + body).encode("utf-8-sig" if program.byte_order_mark else "utf-8")
 
 
+def _as_parquet(
+    program: TableProgram, changed: Mapping[str, FloatArray], fingerprint: str | None, chosen: BoolArray
+) -> bytes:
+    """A Parquet program with new values for the chosen rows, the numbers those that CSV would hold."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    content = parquet.read_table(BytesIO(program.data))
+    for name, values in changed.items():
+        column = program.table[name].to_numpy(dtype=float, copy=True)
+        column[chosen] = np.round(values, _decimals(name)) + 0.0
+        k = [written.strip() for written in content.column_names].index(name)
+        content = content.set_column(k, content.column_names[k], pa.array(column))
+    if fingerprint is not None:
+        marks = pa.array([fingerprint if mark else None for mark in chosen.tolist()], pa.string())
+        content = content.drop_columns([name for name in content.column_names if name == MARK])
+        content = content.append_column(MARK, marks)
+    out = BytesIO()
+    parquet.write_table(content, out)
+    return out.getvalue()
+
+
+def rows_from(data: bytes, first: int) -> bytes:
+    """A table without its first rows."""
+    if data.startswith(PARQUET):
+        from pyarrow import parquet
+
+        out = BytesIO()
+        parquet.write_table(parquet.read_table(BytesIO(data))[first:], out, compression="none")
+        return out.getvalue()
+    header, *_, rows = data.split(b"\n", first + 1)
+    return header + b"\n" + rows
+
+
+class TableWriter:
+    """Writes tables of the same columns into a file, one below the other.
+
+    Parameters
+    ----------
+    stream : BinaryIO
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self.stream = stream
+        self._parquet: Any = None
+        self._begun = False
+
+    def append(self, data: bytes) -> None:
+        """Write the rows of a table that is small enough for memory."""
+        if data.startswith(PARQUET):
+            from pyarrow import parquet
+
+            rows = parquet.read_table(BytesIO(data))
+            self._parquet = self._parquet or parquet.ParquetWriter(self.stream, rows.schema)
+            self._parquet.write_table(rows)
+        else:
+            self.stream.write(data.partition(b"\n")[2] if self._begun else data)
+        self._begun = True
+
+    def begin_with(self, path: Path) -> None:
+        """Write all rows of a file first."""
+        with open(path, "rb") as stream:
+            if stream.read(len(PARQUET)) == PARQUET:
+                from pyarrow import parquet
+
+                file = parquet.ParquetFile(stream)
+                self._parquet = parquet.ParquetWriter(self.stream, file.schema_arrow)
+                for group in range(file.num_row_groups):
+                    self._parquet.write_table(file.read_row_group(group))
+            else:
+                stream.seek(0)
+                shutil.copyfileobj(stream, self.stream)
+        self._begun = True
+
+    def close(self) -> None:
+        """Write the end of the file."""
+        if self._parquet is not None:
+            self._parquet.close()
+        self.stream.flush()
+
+
+def _decimals(name: str) -> int:
+    return QUATERNION_DECIMALS if name in QUATERNION else DECIMALS + 2 * ("_rad" in name)
+
+
 def _new_column(name: str, values: FloatArray, text: NameArray, chosen: BoolArray) -> tuple[str, NameArray]:
     """Format and cells of a column with new values for the chosen rows."""
-    decimals = QUATERNION_DECIMALS if name in QUATERNION else DECIMALS + 2 * ("_rad" in name)
+    decimals = _decimals(name)
     form = f"%.{decimals}f"
     rounded = np.round(values, decimals) + 0.0  # no negative zero
     if chosen.all():
@@ -292,33 +384,35 @@ LARGEST = 1e9
 
 
 def looks_like(data: bytes) -> bool:
-    """Whether a file looks like a CSV program: its header names joints or positions."""
+    """Whether a file looks like a table of targets: its header names joints or positions."""
+    if data.startswith(PARQUET):
+        return any(name in data[-65536:] for name in (b"q1_", b"x_mm"))
     header = data[:4096].splitlines()[:1]
     return bool(header) and (b"q1_" in header[0] or b"x_mm" in header[0]) and b"," in header[0]
 
 
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[TableProgram]:
-    """Read CSV programs for an arm; see `irbcal.correction.languages.Language`."""
+    """Read tables of targets for an arm; see `irbcal.correction.languages.Language`."""
     for parameter, frames in (("tool", setup.tools), ("wobj", setup.work_objects)):
         if frames:
-            message = "the poses of a CSV program are those of the tip in the base link: there is no frame to give"
+            message = "the poses of a table are those of the tip in the base link: there is no frame to give"
             raise OptionError(f"{parameter}: {message}", file=files[0], parameter=parameter)
     programs = [read(path, arm.joint_columns) for path in files]
     return [along_time(program, arm) if has_times(program) else program for program in programs]
 
 
 def read(path: str | Path, joints: Sequence[str] = JOINTS) -> TableProgram:
-    """Read a CSV program from a file; see `parse`."""
+    """Read a CSV or Parquet program from a file; see `parse`."""
     return parse(read_bytes(path), str(path), joints)
 
 
 def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) -> TableProgram:
-    """Read a CSV program.
+    """Read a CSV or Parquet program.
 
     Parameters
     ----------
     data : bytes
-        UTF-8 text with commas.
+        UTF-8 text with commas, or a Parquet file.
     source : str
         File name for messages.
     joints : sequence of str
@@ -330,7 +424,7 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
         If it does not keep the format.
     """
     try:
-        table = parse_csv(data, source, typed=lambda name: False)
+        table = _parsed(data, source)
         kind, columns = _kind(list(table.columns), source, joints)
         if table.empty:
             raise ProgramError("the file has a header but no rows", file=source)
@@ -361,12 +455,19 @@ def fingerprint(data: bytes, source: str = "program") -> str | None:
     Raises
     ------
     ProgramError
-        If this is no CSV file.
+        If this is no CSV or Parquet file.
     """
     try:
-        return _mark_of(parse_csv(data, source))
+        return _mark_of(_parsed(data, source))
     except MeasurementError as error:
         _refuse(error)
+
+
+def _parsed(data: bytes, source: str) -> pd.DataFrame:
+    """Cells of a file; numbers of a Parquet file as such."""
+    if data.startswith(PARQUET):
+        return parse_parquet(data, source, (), lambda name: True)
+    return parse_csv(data, source, typed=lambda name: False)
 
 
 def _refuse(error: MeasurementError) -> NoReturn:
@@ -406,11 +507,12 @@ def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kin
 
 def _column(table: pd.DataFrame, name: str, source: str) -> FloatArray:
     """Numbers of a column; what is not a plain number is refused by the reader of measurements, in its words."""
-    values = floats(table[name])
+    column = table[name]
+    values = floats(column) if column.dtype != np.float64 else column.to_numpy()
     if values is not None and np.isfinite(values).all():
         return values
-    cells = table[name].to_numpy(dtype=object)
-    text = "".join(cells)
+    cells = column.to_numpy(dtype=object)
+    text = "_" if values is not None else "".join(cells)
     if text.isascii() and "_" not in text:  # float() would take 1_0, and digits of other scripts
         try:
             values = cells.astype(float)
@@ -434,7 +536,7 @@ def _check_size(written: FloatArray, names: Sequence[str], table: pd.DataFrame, 
     if bad.any():
         row, column = np.argwhere(bad)[0]
         name = names[column]
-        spelling = repr(table[name].iloc[row].strip())
+        spelling = repr(str(table[name].iloc[row]).strip())
         message = f"expected a number up to {LARGEST:g}, found {spelling}"
         raise ProgramError(message, file=source, row=int(table.index[row]), column=name)
 
@@ -449,7 +551,7 @@ def _check_quaternions(quaternions: FloatArray, lines: Sequence[int], source: st
 
 
 NAME = "CSV"
-ENDINGS = (".csv",)
+ENDINGS = (".csv", ".parquet")
 MAKER = None
 ROBOTS = ""
 write_moves = None

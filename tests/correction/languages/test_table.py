@@ -153,7 +153,7 @@ def test_all_rows_are_goals():
 
 def test_frames_mean_nothing_to_a_table(tmp_path):
     (tmp_path / "p.csv").write_bytes(data(POSES, POSE))
-    with pytest.raises(OptionError, match="tool: the poses of a CSV program are those of the tip") as caught:
+    with pytest.raises(OptionError, match="tool: the poses of a table are those of the tip") as caught:
         table.read_for(arm(), [tmp_path / "p.csv"], ControllerSetup({"a": np.eye(4)}, {}, unknown_frames()))
     assert caught.value.parameter == "tool"
 
