@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.identification.evidence_fit import groups_table, models_table
-from irbcal.identification.fit import ParameterReport
+from irbcal.identification.fit_sections import ParameterReport, groups_table, models_table
 from irbcal.identification.term_sets import TypePrior
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES

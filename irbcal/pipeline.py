@@ -39,7 +39,8 @@ from irbcal.identification.feature_fit import (
     shape_only,
 )
 from irbcal.identification.feature_problem import FeatureProblem, Key
-from irbcal.identification.fit import Fit, LevelChoice, certainty_of, choose_level, identify, identify_by
+from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
+from irbcal.identification.fit_sections import LevelChoice
 from irbcal.identification.images import numbered_alike
 from irbcal.identification.observation_kind import SHOWN
 from irbcal.identification.problem import session_names
@@ -1326,7 +1327,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
             else elsewhere(robot, nominal, fitted_points.q, heldout.q),
         ),
         held=fit.held(),
-        observability=Observability.of(fit),
+        observability=Observability.of_average(fit) if isinstance(fit, EvidenceFit) else Observability.of(fit),
         history={} if fit.history is None else fit.history.to_frame().to_dict("list"),
         placement_nominal=Placement.of(nominal),
         tool_shape_mm=in_mm(done.tool_shape),

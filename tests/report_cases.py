@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 from lxml import html
 
-from irbcal.identification.fit import Candidate, LevelChoice, ParameterReport
+from irbcal.identification.fit_sections import Candidate, LevelChoice, ParameterReport
 from irbcal.io.schema import (
     CorrelationSection,
     CovarianceSection,

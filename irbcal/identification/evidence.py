@@ -22,9 +22,6 @@ from irbcal.identification import leave_one_out, linear_model, term_sets
 from irbcal.identification.evidence_fit import (
     COMPARED,
     EvidenceFit,
-    FamilyShown,
-    GroupResult,
-    TermSetResult,
     TypePriorResult,
     families_shown,
 )
@@ -35,6 +32,7 @@ from irbcal.identification.evidence_maximisation import (
     fit_temper,
     maximise_evidence,
 )
+from irbcal.identification.fit_sections import FamilyShown, GearSpectrum, GroupResult, TermSetResult
 from irbcal.identification.independence import independent
 from irbcal.identification.linear_model import Linearisation, LinearModel
 from irbcal.identification.problem import Problem, State
@@ -677,7 +675,7 @@ def _with_longer_series(
 
 def _scan(
     averaging: Averaging, linear: Linearisation, say: Progress
-) -> tuple[list[gears.GearFound], gears.GearSpectrum | None]:
+) -> tuple[list[gears.GearFound], GearSpectrum | None]:
     """Frequencies beyond the best term set; their terms join the superset and all term sets with weight."""
     best = max(averaging.compared, key=lambda candidate: candidate.weight)
     if best.by_fit is None or best.term_set.bands:

@@ -12,15 +12,23 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.identification.choices import Objective
 from irbcal.identification.evidence_maximisation import (
-    LEAST,
-    NATS,
     NormalEquations,
     Posterior,
     maximise_evidence,
     worth_of_each,
 )
-from irbcal.identification.fit import ParameterReport, outer_reports
-from irbcal.identification.gear_scan import GearFound, GearSpectrum
+from irbcal.identification.fit import outer_reports
+from irbcal.identification.fit_sections import (
+    FamilyShown,
+    GearSpectrum,
+    GroupResult,
+    ParameterReport,
+    TermSetResult,
+    groups_table,
+    models_table,
+    sentence,
+)
+from irbcal.identification.gear_scan import GearFound
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
@@ -34,41 +42,11 @@ from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.section import Name, Section, Word
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 COMPARED = 3000
 """Poses on which term sets are compared at most; those with weight are fitted to all."""
-
-
-class FamilyShown(Section):
-    """A family of terms in the best choice of terms.
-
-    Attributes
-    ----------
-    family : str
-    seen : float
-        Number of its coefficients that the data determine.
-    evidence : float
-        Log evidence that is lost without it, nats.
-    moves_mm : float
-        Root mean square distance by which the fitted points move without it.
-    """
-
-    family: Word
-    seen: float
-    evidence: float
-    moves_mm: float
-
-    @property
-    def shown(self) -> bool:
-        """Whether it counts as there."""
-        return self.evidence >= NATS and self.moves_mm * MM >= LEAST
-
-    def in_words(self) -> str:
-        """Name and size: ``gravity (0.213 mm)``."""
-        return f"{_word(self.family)} ({self.moves_mm:.3f} mm)"
 
 
 def families_shown(
@@ -103,76 +81,6 @@ def families_shown(
         FamilyShown(family=name, seen=w.determined, evidence=w.evidence, moves_mm=w.moves / MM)
         for name, w in worth.items()
     )
-
-
-def sentence(families: Sequence[FamilyShown]) -> str:
-    """What the data show and what not, in words."""
-    there = sorted((row for row in families if row.shown), key=lambda row: -row.moves_mm)
-    rest = [_word(row.family) for row in families if not row.shown]
-    said = "Beside errors of the geometry the data show nothing."
-    if there:
-        said = (
-            "What the data show beside errors of the geometry (in brackets, how far points move if a model does "
-            f"without): {', '.join(row.in_words() for row in there)}."
-        )
-    return said + (f" Not shown: {', '.join(rest)}." if rest else "")
-
-
-def _word(family: str) -> str:
-    return "the thesis's joint map" if family == "thesis" else family.replace("_", "-")
-
-
-class TermSetResult(Section):
-    """A choice of terms in the comparison.
-
-    Attributes
-    ----------
-    name : str
-    terms : int
-        Number of columns, base and targets included.
-    log_evidence : float
-        Nats, of residuals in millimetres; differences matter.
-    weight : float
-        In the average.
-    sigma_mm, leave_one_out_mm : float or None
-        Residual standard deviation of a coordinate and root mean square length of the leave-one-pose-out residuals; of
-        term sets with weight only, as averaged.
-    """
-
-    name: Name
-    terms: int
-    log_evidence: float
-    weight: float
-    sigma_mm: float | None
-    leave_one_out_mm: float | None
-
-
-class GroupResult(Section):
-    """How much the data show of a group of terms.
-
-    Attributes
-    ----------
-    name : str
-    terms : int
-    seen : float
-        Number of its coefficients that the data determine (MacKay's gamma), averaged.
-    size : float
-        Prior standard deviation of its coefficients, in natural sizes, over the term sets that have it.
-    family : str
-    natural : dict of str to float
-        Natural size of its coefficients by their unit (deg, mm, 1, …).
-    estimate, std : float
-        Root mean squares of its coefficients and of their standard deviations, in natural sizes.
-    """
-
-    name: Name
-    terms: int
-    seen: float
-    size: float
-    family: Word
-    natural: dict[Word, float]
-    estimate: float
-    std: float
 
 
 @dataclass(frozen=True)
@@ -601,29 +509,6 @@ class EvidenceFit(Result):
             ranges=self.joint_ranges,
             measurement_noise=self.points.distance_noise(),
         )
-
-
-def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
-    """The error models compared, as a table for people.
-
-    Parameters
-    ----------
-    rows : sequence of (name, terms, log evidence, weight, sigma, leave-one-out error)
-        The errors in millimetres, None for models without weight.
-    """
-    cells = tuple(
-        (name, terms, f"{evidence:.1f}", f"{weight:.3f}", sigma, loo)
-        for name, terms, evidence, weight, sigma, loo in rows
-    )
-    columns = ("error model", "terms", "log evidence", "weight", "sigma (mm)", "leave one out (mm)")
-    bold = frozenset(k for k, row in enumerate(rows) if row[3] > 0.0)
-    return Table("Error models compared by their evidence", columns, cells, digits=4, bold=bold)
-
-
-def groups_table(rows: Sequence[tuple[str, int, float, float]]) -> Table:
-    """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
-    cells = tuple((name.replace("_", " "), terms, f"{seen:.1f}", size) for name, terms, seen, size in rows)
-    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), cells)
 
 
 def _mm(length: float | None) -> float | None:

@@ -87,12 +87,6 @@ class Anderson:
 
 VARIANCE_CAP, GEOMETRY_CAP = 4.0, 400.0
 """Largest variances, in squared natural sizes: without them a fit on one corner of the workspace ran off."""
-NATS = 5.0
-"""Log evidence that a part of the terms must be worth to count as shown: odds of 150 to 1; false alarms are counted on
-SIMULATED robots by ``scripts/false_alarms``. Of parts that can stand in for one another (gravity at joint 2 is a first
-harmonic) each is shown only by what the others cannot explain."""
-LEAST = 0.003 * MM
-"""Root mean square distance by which the fitted points must move without it, metres: a third of a tracker's noise."""
 PRIOR_C2, PRIOR_GAMMA = 0.002, 0.2
 """What keeps a group's variance from zero: ``v = (|c|^2 + .002) / (gamma + .2)``."""
 NOISE, NOISE_COUNT = 0.01, 5.0

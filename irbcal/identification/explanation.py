@@ -16,6 +16,7 @@ from irbcal.identification import leave_one_out, linear_model, term_sets
 from irbcal.identification.evidence import LAG_FAMILIES, average_repeats
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import fit_temper, maximise_evidence
+from irbcal.identification.fit_sections import Stage
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, TermSet
 from irbcal.measurement.points import PointSet
@@ -26,7 +27,6 @@ from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.section import Name, Section
 from irbcal.units import MM
 
 LOADS = ("payload", "torque")
@@ -42,38 +42,6 @@ TOGETHER: tuple[tuple[str, ...], ...] = (
     FRAME_FAMILIES,
 )
 """Families that are added together, in this order; long series of harmonics and gears follow."""
-
-
-class Stage(Section):
-    """A fit with all families so far.
-
-    Attributes
-    ----------
-    added : str
-        What this stage adds to the one before, in words.
-    terms : int
-        All terms, without base and targets.
-    seen : float
-        Number of coefficients that the data determine.
-    carried : bool
-        Whether the calibration has terms of such families; others, such as frame terms beside a joint map, are only
-        tried.
-    leave_one_out_mm : float
-        Root mean square distance of poses left out of the fit one at a time; of points that the others determine.
-    mean_mm, max_mm : float or None
-        Distance of held-out points from the robot at use, which is warm; None where none are held out.
-    timed_mean_mm : float or None
-        Mean distance with the warmth that the arm had at each held-out pose; None where nothing is known of it.
-    """
-
-    added: Name
-    terms: int
-    seen: float
-    carried: bool
-    leave_one_out_mm: float
-    mean_mm: float | None
-    max_mm: float | None
-    timed_mean_mm: float | None
 
 
 def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = None) -> tuple[Stage, ...]:

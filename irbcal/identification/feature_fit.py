@@ -37,7 +37,7 @@ from irbcal.identification.feature_problem import (
     Key,
     refuse_undetermined,
 )
-from irbcal.identification.fit import ParameterReport
+from irbcal.identification.fit_sections import ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows
 from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_misses
 from irbcal.identification.outliers import CORE, FLOOR, FLOORS, limit

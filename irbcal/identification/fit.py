@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +34,7 @@ from irbcal.identification.choices import (
     Parallel,
     method_of,
 )
+from irbcal.identification.fit_sections import Candidate, LevelChoice, ParameterReport, ParameterState
 from irbcal.identification.initial_guess import MIN_POSES, first_state
 from irbcal.identification.least_squares import HELD, TIED, History, information_of, largest, rms
 from irbcal.identification.leave_one_out import closed, rms_length
@@ -49,16 +50,11 @@ from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, l
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.options import checked
-from irbcal.section import Name, Section, Sentence, Word
 from irbcal.summary import Paragraph, Result, Table
-from irbcal.units import MM, UNIT_OUTSIDE
+from irbcal.units import MM
 
 if TYPE_CHECKING:
     import pandas as pd
-
-NORMAL_95 = 1.959964
-"""Standard deviations of an interval that holds 95 % of a Gaussian's values."""
-ParameterState: TypeAlias = Literal["identified", "tied", "held"]
 
 REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
 """Objective -> what its value is called."""
@@ -69,45 +65,6 @@ DIFFERENCE = 1e-7
 
 THROUGH = "acts only through stiffness_A and stiffness_B: held at the physical guess"
 """Why two of the four physical parameters of the stiffness are held (Nubiola 2011, section 5.4)."""
-
-
-class ParameterReport(Section):
-    """One parameter as it is reported.
-
-    Attributes
-    ----------
-    name : str
-    value, std : float
-        At the surface's unit; ``std`` is None where the parameter was not identified by itself.
-    unit : str
-    low, high : float or None
-        95 % interval.
-    state : str
-        ``identified``, ``tied`` (only a combination with others was seen) or ``held``.
-    reason : str
-        Why it is not simply identified, in words; empty otherwise.
-    """
-
-    name: Name
-    value: float
-    unit: Word
-    std: float | None
-    low: float | None
-    high: float | None
-    state: ParameterState
-    reason: Sentence
-
-    @staticmethod
-    def of(
-        name: str, value: float, unit: str, std: float | None, state: ParameterState = "identified", reason: str = ""
-    ) -> ParameterReport:
-        """A report from value and standard deviation in SI units."""
-        outside, factor = UNIT_OUTSIDE.get(unit, (unit, 1.0))
-        value, std = float(value) / factor, None if std is None else float(std) / factor
-        low, high = (None, None) if std is None else (value - NORMAL_95 * std, value + NORMAL_95 * std)
-        return ParameterReport(
-            name=name, value=value, unit=outside, std=std, low=low, high=high, state=state, reason=reason
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -686,61 +643,6 @@ FOLDS = 5
 """Parts of the cross-validation."""
 FIT_S = 1e-5
 """Seconds that a point takes in a fit."""
-
-
-class Candidate(Section):
-    """Cross-validated error of one level.
-
-    Attributes
-    ----------
-    level : str
-    mean_mm : float
-        Mean over the poses of the mean distance of a pose that the fit did not see.
-    gain_mm, gain_std_mm : float or None
-        By how much it is better than the level chosen before it, pose by pose, with standard error; None for
-        the first.
-    chosen : bool
-        Whether it was better by more than the standard error, and so replaced the level before it.
-    refused : str
-        Why it could not be fitted, else empty.
-    """
-
-    level: Level
-    mean_mm: float | None
-    gain_mm: float | None
-    gain_std_mm: float | None
-    chosen: bool
-    refused: Sentence = ""
-
-
-class LevelChoice(Result, Section):
-    """A chosen level with the comparison that led to it.
-
-    Attributes
-    ----------
-    level : str
-    table : tuple of Candidate
-        In the order of growing size.
-    explanation : str
-        Two sentences.
-    """
-
-    level: Level
-    table: tuple[Candidate, ...]
-    explanation: Sentence
-
-    def report(self) -> Sequence[Paragraph]:
-        """Which level and why; the levels compared; why some could not be."""
-        rows = tuple((row.level, row.mean_mm, row.gain_mm, row.gain_std_mm) for row in self.table)
-        columns = ("model", "mean (mm)", "gain (mm)", "±")
-        bold = frozenset(k for k, row in enumerate(self.table) if row.level == self.level)
-        title = "Cross-validated errors; gain over the smaller model chosen before"
-        refused = [f"  model {row.level}: {row.refused}" for row in self.table if row.refused]
-        return (self.explanation, Table(title, columns, rows, bold=bold), *refused)
-
-    CONTENT: ClassVar[str] = "level table explanation"
-    ROWS: ClassVar[str] = "table"
-    COLUMNS: ClassVar[str] = "level mean_mm gain_mm gain_std_mm chosen refused"
 
 
 def pose_errors(

@@ -6,22 +6,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification.evidence_maximisation import VARIANCE_CAP, NormalEquations, Posterior, maximise_evidence
+from irbcal.identification.fit_sections import GearSpectrum
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import TermSet
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.gear import HIGHEST, LOWEST, gear_terms
 from irbcal.modeling.terms.term import revolute
-from irbcal.section import Section
 
 MOST = 12
 """Largest number of frequencies that are taken."""
-THINNED = 3
-"""Cycles per turn of which the spectrum has the strongest one."""
 NUMBER_S = 1e-9
 """Seconds that one product of a wave and a column at a pose takes."""
 
@@ -45,38 +42,6 @@ class GearFound:
     cycles_per_turn: int
     chi2: float
     evidence_gain: float
-
-
-class GearSpectrum(Section):
-    """What the gear scan saw before it took a wave, thinned: the strongest of every ``step`` cycles per turn.
-
-    ``chi2`` has a row for each of ``joints`` (from 1): by how much a wave would explain the residuals, a pose counted
-    as one vector, two degrees of freedom; beyond ``limit`` it is not chance.
-    """
-
-    joints: list[int]
-    first: int
-    step: int = Field(ge=1)
-    limit: float
-    chi2: list[list[float]]
-
-    @model_validator(mode="after")
-    def _of_one_shape(self) -> GearSpectrum:
-        if len(self.chi2) != len(self.joints) or len({len(row) for row in self.chi2}) > 1:
-            raise ValueError("the gear spectrum needs a row of one length for each joint")
-        return self
-
-    @staticmethod
-    def of(joints: Sequence[int], first: int, chi2: FloatArray, limit: float) -> GearSpectrum:
-        """Of joints from 0: ``chi2``, shape (joints, frequencies), is that of each number of cycles from the first."""
-        strongest = np.maximum.reduceat(chi2, np.arange(0, chi2.shape[1], THINNED), axis=1)
-        return GearSpectrum(
-            joints=[joint + 1 for joint in joints],
-            first=first,
-            step=THINNED,
-            limit=round(limit, 3),
-            chi2=np.round(strongest, 1).tolist(),
-        )
 
 
 class WaveSums:

@@ -7,7 +7,7 @@ import binascii
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field, GetPydanticSchema, PrivateAttr, StringConstraints, field_validator, model_validator
@@ -15,10 +15,15 @@ from pydantic_core import core_schema
 
 from irbcal.arrays import FloatArray, NameArray, plain
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.identification.evidence_fit import EvidenceFit, FamilyShown, GroupResult, TermSetResult
-from irbcal.identification.explanation import Stage
-from irbcal.identification.fit import Fit, LevelChoice, ParameterReport
-from irbcal.identification.gear_scan import GearSpectrum
+from irbcal.identification.fit_sections import (
+    FamilyShown,
+    GearSpectrum,
+    GroupResult,
+    LevelChoice,
+    ParameterReport,
+    Stage,
+    TermSetResult,
+)
 from irbcal.io import urdf_check
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.points import PointSet, rotation_distances
@@ -38,6 +43,10 @@ from irbcal.modeling.terms.term_map import SCHEMA, TermMap
 from irbcal.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
 from irbcal.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
+
+if TYPE_CHECKING:
+    from irbcal.identification.evidence_fit import EvidenceFit
+    from irbcal.identification.fit import Fit
 
 
 class CovarianceSection(Section):
@@ -892,10 +901,13 @@ class Observability(Section):
     correlations: list[CorrelationSection]
 
     @staticmethod
-    def of(fit: Fit | EvidenceFit) -> Observability:
-        """Of a fit; of an average how much is seen stands with the groups of terms: nothing is held."""
-        if isinstance(fit, EvidenceFit):
-            return Observability(singular_values_mm=[], seen=fit.rank, indices={}, correlations=[])
+    def of_average(fit: EvidenceFit) -> Observability:
+        """Of an average: how much is seen stands with the groups of terms, nothing is held."""
+        return Observability(singular_values_mm=[], seen=fit.rank, indices={}, correlations=[])
+
+    @staticmethod
+    def of(fit: Fit) -> Observability:
+        """Of the fit of a level."""
         information, names = fit.solution.information, [p.name for p in fit.problem.parameters]
         return Observability(
             singular_values_mm=(information.singular_values / MM).tolist(),

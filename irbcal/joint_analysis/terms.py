@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.identification.evidence_maximisation import LEAST, NATS
+from irbcal.identification.fit_sections import LEAST, NATS
 from irbcal.statistics import student_within
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM

@@ -13,8 +13,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
-from irbcal.identification.explanation import Stage
-from irbcal.identification.gear_scan import GearSpectrum
+from irbcal.identification.fit_sections import GearSpectrum, Stage
 from irbcal.io.schema import EvidenceSection, GearSection, Observability, Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis
 from irbcal.modeling.robot import Robot

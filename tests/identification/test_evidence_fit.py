@@ -14,7 +14,7 @@ from support import assert_same_poses
 
 from irbcal.identification import evidence, evidence_fit, term_sets
 from irbcal.identification.evidence import identify_evidence
-from irbcal.identification.evidence_fit import FamilyShown, sentence
+from irbcal.identification.fit_sections import FamilyShown, sentence
 from irbcal.modeling import frames
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion

@@ -57,3 +57,27 @@ def test_links_whose_short_names_collide_keep_all_their_joints(folders):
         assert [entry["joint"] for key, entry in entries.items() if key != "hash"] == [
             f"joint_{i}" for i in range(1, 7)
         ]
+
+
+def test_numbers_and_names_are_written_as_yaml_reads_them():
+    for value in (0.0, -0.0, 1e17, 1e-7, 1.5e-300, 123456.789, -2.5e20):
+        assert joint_origins._number(value) == yaml.safe_dump(value).split("\n")[0]
+    for name in (
+        "link_1",
+        "yes",
+        "No",
+        "a b",
+        "a: b",
+        "1_2",
+        "é",
+        "a#b",
+        " a",
+        "~",
+        "",
+        "-",
+        ".inf",
+        "link y",
+        'q"x',
+        "\\",
+    ):
+        assert yaml.safe_load(f"{joint_origins._text(name)}: {joint_origins._text(name)}") == {name: name}

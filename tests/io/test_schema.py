@@ -16,7 +16,7 @@ from term_cases import framed_robot
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.identification.evidence import identify_evidence
-from irbcal.identification.gear_scan import GearSpectrum
+from irbcal.identification.fit_sections import GearSpectrum
 from irbcal.io import integrity, urdf_check
 from irbcal.io.calibration_folder import Signature
 from irbcal.io.schema import (

@@ -26,7 +26,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
-from irbcal.identification.fit import Candidate, LevelChoice
+from irbcal.identification.fit_sections import Candidate, LevelChoice
 from irbcal.io.schema import RotationStatistics
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.plotting import charts

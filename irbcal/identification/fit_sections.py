@@ -1,0 +1,310 @@
+"""What ``calibration.json`` says of a fit: its parameters, the choice of its level or terms, what the data show.
+
+Readers of a calibration need these without the fit itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Literal, TypeAlias
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from irbcal.arrays import FloatArray
+from irbcal.modeling.levels import Level
+from irbcal.section import Name, Section, Sentence, Word
+from irbcal.summary import Paragraph, Result, Table
+from irbcal.units import MM, UNIT_OUTSIDE
+
+NORMAL_95 = 1.959964
+"""Standard deviations of an interval that holds 95 % of a Gaussian's values."""
+ParameterState: TypeAlias = Literal["identified", "tied", "held"]
+NATS = 5.0
+"""Log evidence that a part of the terms must be worth to count as shown: odds of 150 to 1; false alarms are counted on
+SIMULATED robots by ``scripts/false_alarms``. Of parts that can stand in for one another (gravity at joint 2 is a first
+harmonic) each is shown only by what the others cannot explain."""
+LEAST = 0.003 * MM
+"""Root mean square distance by which the fitted points must move without it, metres: a third of a tracker's noise."""
+THINNED = 3
+"""Cycles per turn of which the spectrum has the strongest one."""
+
+
+class ParameterReport(Section):
+    """One parameter as it is reported.
+
+    Attributes
+    ----------
+    name : str
+    value, std : float
+        At the surface's unit; ``std`` is None where the parameter was not identified by itself.
+    unit : str
+    low, high : float or None
+        95 % interval.
+    state : str
+        ``identified``, ``tied`` (only a combination with others was seen) or ``held``.
+    reason : str
+        Why it is not simply identified, in words; empty otherwise.
+    """
+
+    name: Name
+    value: float
+    unit: Word
+    std: float | None
+    low: float | None
+    high: float | None
+    state: ParameterState
+    reason: Sentence
+
+    @staticmethod
+    def of(
+        name: str, value: float, unit: str, std: float | None, state: ParameterState = "identified", reason: str = ""
+    ) -> ParameterReport:
+        """A report from value and standard deviation in SI units."""
+        outside, factor = UNIT_OUTSIDE.get(unit, (unit, 1.0))
+        value, std = float(value) / factor, None if std is None else float(std) / factor
+        low, high = (None, None) if std is None else (value - NORMAL_95 * std, value + NORMAL_95 * std)
+        return ParameterReport(
+            name=name, value=value, unit=outside, std=std, low=low, high=high, state=state, reason=reason
+        )
+
+
+class Candidate(Section):
+    """Cross-validated error of one level.
+
+    Attributes
+    ----------
+    level : str
+    mean_mm : float
+        Mean over the poses of the mean distance of a pose that the fit did not see.
+    gain_mm, gain_std_mm : float or None
+        By how much it is better than the level chosen before it, pose by pose, with standard error; None for
+        the first.
+    chosen : bool
+        Whether it was better by more than the standard error, and so replaced the level before it.
+    refused : str
+        Why it could not be fitted, else empty.
+    """
+
+    level: Level
+    mean_mm: float | None
+    gain_mm: float | None
+    gain_std_mm: float | None
+    chosen: bool
+    refused: Sentence = ""
+
+
+class LevelChoice(Result, Section):
+    """A chosen level with the comparison that led to it.
+
+    Attributes
+    ----------
+    level : str
+    table : tuple of Candidate
+        In the order of growing size.
+    explanation : str
+        Two sentences.
+    """
+
+    level: Level
+    table: tuple[Candidate, ...]
+    explanation: Sentence
+
+    def report(self) -> Sequence[Paragraph]:
+        """Which level and why; the levels compared; why some could not be."""
+        rows = tuple((row.level, row.mean_mm, row.gain_mm, row.gain_std_mm) for row in self.table)
+        columns = ("model", "mean (mm)", "gain (mm)", "±")
+        bold = frozenset(k for k, row in enumerate(self.table) if row.level == self.level)
+        title = "Cross-validated errors; gain over the smaller model chosen before"
+        refused = [f"  model {row.level}: {row.refused}" for row in self.table if row.refused]
+        return (self.explanation, Table(title, columns, rows, bold=bold), *refused)
+
+    CONTENT: ClassVar[str] = "level table explanation"
+    ROWS: ClassVar[str] = "table"
+    COLUMNS: ClassVar[str] = "level mean_mm gain_mm gain_std_mm chosen refused"
+
+
+class FamilyShown(Section):
+    """A family of terms in the best choice of terms.
+
+    Attributes
+    ----------
+    family : str
+    seen : float
+        Number of its coefficients that the data determine.
+    evidence : float
+        Log evidence that is lost without it, nats.
+    moves_mm : float
+        Root mean square distance by which the fitted points move without it.
+    """
+
+    family: Word
+    seen: float
+    evidence: float
+    moves_mm: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether it counts as there."""
+        return self.evidence >= NATS and self.moves_mm * MM >= LEAST
+
+    def in_words(self) -> str:
+        """Name and size: ``gravity (0.213 mm)``."""
+        return f"{_word(self.family)} ({self.moves_mm:.3f} mm)"
+
+
+def sentence(families: Sequence[FamilyShown]) -> str:
+    """What the data show and what not, in words."""
+    there = sorted((row for row in families if row.shown), key=lambda row: -row.moves_mm)
+    rest = [_word(row.family) for row in families if not row.shown]
+    said = "Beside errors of the geometry the data show nothing."
+    if there:
+        said = (
+            "What the data show beside errors of the geometry (in brackets, how far points move if a model does "
+            f"without): {', '.join(row.in_words() for row in there)}."
+        )
+    return said + (f" Not shown: {', '.join(rest)}." if rest else "")
+
+
+def _word(family: str) -> str:
+    return "the thesis's joint map" if family == "thesis" else family.replace("_", "-")
+
+
+class TermSetResult(Section):
+    """A choice of terms in the comparison.
+
+    Attributes
+    ----------
+    name : str
+    terms : int
+        Number of columns, base and targets included.
+    log_evidence : float
+        Nats, of residuals in millimetres; differences matter.
+    weight : float
+        In the average.
+    sigma_mm, leave_one_out_mm : float or None
+        Residual standard deviation of a coordinate and root mean square length of the leave-one-pose-out residuals; of
+        term sets with weight only, as averaged.
+    """
+
+    name: Name
+    terms: int
+    log_evidence: float
+    weight: float
+    sigma_mm: float | None
+    leave_one_out_mm: float | None
+
+
+class GroupResult(Section):
+    """How much the data show of a group of terms.
+
+    Attributes
+    ----------
+    name : str
+    terms : int
+    seen : float
+        Number of its coefficients that the data determine (MacKay's gamma), averaged.
+    size : float
+        Prior standard deviation of its coefficients, in natural sizes, over the term sets that have it.
+    family : str
+    natural : dict of str to float
+        Natural size of its coefficients by their unit (deg, mm, 1, …).
+    estimate, std : float
+        Root mean squares of its coefficients and of their standard deviations, in natural sizes.
+    """
+
+    name: Name
+    terms: int
+    seen: float
+    size: float
+    family: Word
+    natural: dict[Word, float]
+    estimate: float
+    std: float
+
+
+def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
+    """The error models compared, as a table for people.
+
+    Parameters
+    ----------
+    rows : sequence of (name, terms, log evidence, weight, sigma, leave-one-out error)
+        The errors in millimetres, None for models without weight.
+    """
+    cells = tuple(
+        (name, terms, f"{evidence:.1f}", f"{weight:.3f}", sigma, loo)
+        for name, terms, evidence, weight, sigma, loo in rows
+    )
+    columns = ("error model", "terms", "log evidence", "weight", "sigma (mm)", "leave one out (mm)")
+    bold = frozenset(k for k, row in enumerate(rows) if row[3] > 0.0)
+    return Table("Error models compared by their evidence", columns, cells, digits=4, bold=bold)
+
+
+def groups_table(rows: Sequence[tuple[str, int, float, float]]) -> Table:
+    """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
+    cells = tuple((name.replace("_", " "), terms, f"{seen:.1f}", size) for name, terms, seen, size in rows)
+    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), cells)
+
+
+class GearSpectrum(Section):
+    """What the gear scan saw before it took a wave, thinned: the strongest of every ``step`` cycles per turn.
+
+    ``chi2`` has a row for each of ``joints`` (from 1): by how much a wave would explain the residuals, a pose counted
+    as one vector, two degrees of freedom; beyond ``limit`` it is not chance.
+    """
+
+    joints: list[int]
+    first: int
+    step: int = Field(ge=1)
+    limit: float
+    chi2: list[list[float]]
+
+    @model_validator(mode="after")
+    def _of_one_shape(self) -> GearSpectrum:
+        if len(self.chi2) != len(self.joints) or len({len(row) for row in self.chi2}) > 1:
+            raise ValueError("the gear spectrum needs a row of one length for each joint")
+        return self
+
+    @staticmethod
+    def of(joints: Sequence[int], first: int, chi2: FloatArray, limit: float) -> GearSpectrum:
+        """Of joints from 0: ``chi2``, shape (joints, frequencies), is that of each number of cycles from the first."""
+        strongest = np.maximum.reduceat(chi2, np.arange(0, chi2.shape[1], THINNED), axis=1)
+        return GearSpectrum(
+            joints=[joint + 1 for joint in joints],
+            first=first,
+            step=THINNED,
+            limit=round(limit, 3),
+            chi2=np.round(strongest, 1).tolist(),
+        )
+
+
+class Stage(Section):
+    """A fit with all families so far.
+
+    Attributes
+    ----------
+    added : str
+        What this stage adds to the one before, in words.
+    terms : int
+        All terms, without base and targets.
+    seen : float
+        Number of coefficients that the data determine.
+    carried : bool
+        Whether the calibration has terms of such families; others, such as frame terms beside a joint map, are only
+        tried.
+    leave_one_out_mm : float
+        Root mean square distance of poses left out of the fit one at a time; of points that the others determine.
+    mean_mm, max_mm : float or None
+        Distance of held-out points from the robot at use, which is warm; None where none are held out.
+    timed_mean_mm : float or None
+        Mean distance with the warmth that the arm had at each held-out pose; None where nothing is known of it.
+    """
+
+    added: Name
+    terms: int
+    seen: float
+    carried: bool
+    leave_one_out_mm: float
+    mean_mm: float | None
+    max_mm: float | None
+    timed_mean_mm: float | None
