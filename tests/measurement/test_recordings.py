@@ -73,7 +73,7 @@ def test_samples_of_easy_handeye_give_the_camera_and_its_file_back(kind, tmp_pat
     np.testing.assert_allclose([camera[f"{axis}_mm"] for axis in "xyz"], truth[:3, 3] / MM, rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize(("kind", "ending"), [("eye_in_hand", "yaml"), ("eye_on_base", "json")])
+@pytest.mark.parametrize(("kind", "ending"), [("eye_in_hand", "yaml"), ("eye_on_base", "json"), ("eye_in_hand", "xml")])
 def test_poses_that_opencv_wrote_give_the_camera(kind, ending, tmp_path):
     """OpenCV itself writes the file; each pose is what its name says, wherever the camera is."""
     cv2 = pytest.importorskip("cv2")
@@ -407,3 +407,56 @@ def test_a_bag_of_another_robot_is_refused(tmp_path):
     file.write_bytes(file.read_bytes()[:200])
     with pytest.raises(MeasurementError, match="expected a bag of ROS 2"):
         hand_eye(tmp_path / "run", tmp_path / "f.csv", robot="irb1600")
+
+
+@pytest.mark.parametrize("depth", [False, True], ids=["pixels", "places of a depth camera"])
+def test_samples_of_robot_calibration_give_the_camera(depth, tmp_path, program):
+    """SIMULATED: the camera stands in the hall, the chain carries the board; one sample has no chain, and is told."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    from irbcal.measurement.recordings.robot_calibration import DEFINITIONS, PACKAGE, SAMPLE
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in DEFINITIONS.items():
+        store.register(get_types_from_msg(text, name))
+    kind, arm, rng = store.types, cases.arm(), np.random.default_rng(2)
+    own = cases.unknowns("image", rng)
+    shown = cases.images("image", arm, own, 8, rng)
+    q = np.radians(shown.drop_duplicates("q1_deg")[[f"q{k}_deg" for k in range(1, 7)]].to_numpy())
+    y = cases.before_camera("image", *cases.tip(arm, q), own)
+    uv = shown[["u_px", "v_px"]].to_numpy().reshape(8, -1, 2)
+    header = kind["std_msgs/msg/Header"](kind["builtin_interfaces/msg/Time"](1, 0), "")
+    fx, fy, cx, cy, *d = cases.LENS_OF
+    region, none = kind["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False), np.zeros(0, np.uint8)
+
+    def observed(sensor, places, f=0.0):
+        K = np.array([f, 0, cx, 0, f * fy / fx, cy, 0, 0, 1])
+        sizes = (1200, 1920, "plumb_bob", np.array(d), K, np.eye(3).ravel(), np.zeros(12), 0, 0, region)
+        info = kind[f"{PACKAGE}ExtendedCameraInfo"](kind["sensor_msgs/msg/CameraInfo"](header, *sizes), [])
+        points = [kind["geometry_msgs/msg/Point"](*map(float, place)) for place in places]
+        stamped = [kind["geometry_msgs/msg/PointStamped"](header, point) for point in points]
+        cloud = kind["sensor_msgs/msg/PointCloud2"](header, 0, 0, [], False, 0, 0, none, False)
+        empty = kind["sensor_msgs/msg/Image"](header, 0, 0, "", 0, 0, none)
+        return kind[f"{PACKAGE}Observation"](sensor, stamped, info, cloud, empty)
+
+    with rosbag2.Writer(tmp_path / "run", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer:
+        to = writer.add_connection("/calibration_data", SAMPLE, typestore=store)
+        for k, joints in enumerate(q):
+            position = np.r_[joints[::-1], 0.1]
+            state = kind["sensor_msgs/msg/JointState"](
+                header, [*arm.joint_names[::-1], "finger"], position, np.zeros(0), np.zeros(0)
+            )
+            places = y[k] if depth else np.pad(uv[k], ((0, 0), (0, 1)))
+            seen = [observed("head", places, fx), observed("arm", cases.corners())][: 1 if k == 5 else 2]
+            writer.write(to, k, store.serialize_cdr(kind[SAMPLE](state, seen), SAMPLE))
+    result = program("hand-eye", tmp_path / "run", "--robot", "irb1600", "--json")
+    camera = next(frame for frame in result["frames"] if frame["device"] == "camera")
+    assert (camera["name"], camera["on"], result["pictures"]) == ("head", "base", 7)
+    np.testing.assert_allclose([camera[f"{axis}_mm"] for axis in "xyz"], own["centre"] / MM, rtol=0, atol=1e-4)
+    assert "7 of 8 samples have points of a camera and of a chain" in result["notes"]
+    (tmp_path / "f.csv").write_text("feature,kind,target\nhead,image,arm\n")
+    rows = read_features(*corner_rows(tmp_path / "run", tmp_path / "f.csv", arm), arm)
+    np.testing.assert_allclose(rows.q, np.delete(q, 5, axis=0), rtol=0, atol=1e-12)
+    with pytest.raises(MeasurementError, match=r"sample 1: no joint panda_joint1; found finger, joint_1, joint_2"):
+        hand_eye(tmp_path / "run", tmp_path / "f.csv", robot="panda")

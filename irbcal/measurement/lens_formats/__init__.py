@@ -91,7 +91,14 @@ def content_of(path: Path) -> Any:
         root = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
     except etree.XMLSyntaxError as error:
         raise MeasurementError(f"expected XML, found {error}", file=str(path)) from None
-    return {str(item.tag): {"data": (item.findtext("data") or "").split()} if len(item) else item.text for item in root}
+    return {str(item.tag): _of_xml(item) for item in root}
+
+
+def _of_xml(item: Any) -> Any:
+    """A matrix, a sequence of them, or a text."""
+    if len(item) and all(each.tag == "_" for each in item):
+        return [_of_xml(each) for each in item]
+    return {"data": (item.findtext("data") or "").split()} if len(item) else item.text
 
 
 def brown(K: Any, distortion: Any) -> FloatArray:

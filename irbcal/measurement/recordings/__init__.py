@@ -21,7 +21,7 @@ from irbcal.measurement.columns import POSE, TableLike, poses_to_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 
-FORMATS = ("rosbag", "opencv", "industrial", "easy_handeye")
+FORMATS = ("robot_calibration", "rosbag", "opencv", "industrial", "easy_handeye")
 FLANGE = [f"flange_{name}" for name in POSE]
 """Columns of the flange in the robot base."""
 
@@ -97,7 +97,7 @@ def corner_rows(measurements: TableLike, features: TableLike, arm: Arm) -> tuple
 
 def _of_other_program(path: Path) -> bool:
     """Whether measurements are no table of irbcal's."""
-    return path.is_dir() or path.suffix in (".yaml", ".yml", ".json", ".samples", ".mcap", ".db3")
+    return path.is_dir() or path.suffix in (".yaml", ".yml", ".json", ".xml", ".samples", ".mcap", ".db3")
 
 
 def transforms(content: list[tuple[str, Mapping[str, Any]]]) -> pd.DataFrame:

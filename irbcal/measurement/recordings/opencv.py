@@ -1,4 +1,4 @@
-"""Poses in OpenCV's FileStorage (YAML, JSON) under the names of the arguments of its ``calibrateHandEye``.
+"""Poses in OpenCV's FileStorage (YAML, JSON, XML) under the names of the arguments of its ``calibrateHandEye``.
 
 ``R_gripper2base`` and ``t_gripper2base`` (or ``R_base2gripper`` …) are sequences of matrices, a pose each, metres, and
 so are ``R_target2cam`` and ``t_target2cam`` (or ``R_cam2target`` …); rotations are matrices or rotation vectors. Each

@@ -49,7 +49,7 @@ def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Reco
         raise OptionError("robot: name the robot whose joints the bag has", parameter="robot")
     if features is None:
         return Recording(pd.DataFrame(), None)
-    with _opened(path) as bag:
+    with opened(path) as bag:
         return _recorded(bag, arm, given_rows(features), features, str(path))
 
 
@@ -67,7 +67,7 @@ def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict
         If it is no bag, or its topics do not tell the cameras.
     """
     out: dict[str, dict[str, Any]] = {}
-    with _opened(path) as bag:
+    with opened(path) as bag:
         for topic, of_topic in _cameras(bag, rows, str(path)).items():
             for row in of_topic:
                 connections = [c for c in bag.connections if c.topic == topic and c.msgtype in PICTURES]
@@ -83,19 +83,29 @@ def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """The bag; what the package says of damaged ones is refused in one sentence."""
+def opened(path: Path, definitions: Mapping[str, str] | None = None) -> Iterator[Any]:
+    """The bag; what the package says of damaged ones is refused in one sentence.
+
+    Parameters
+    ----------
+    path : Path
+    definitions : dict of str to str, optional
+        Of messages beside ROS's own, for bags that do not hold them.
+    """
     folder = path if path.is_dir() else path.parent
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
         raise OptionError(
             "bags need the package rosbags, which is not installed here: pip install 'irbcal[ros]'"
         ) from None
     source = path if path.is_dir() or not (folder / "metadata.yaml").is_file() else folder
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in (definitions or {}).items():
+        store.register(get_types_from_msg(text, name))
     try:
-        with AnyReader([source], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
+        with AnyReader([source], default_typestore=store) as bag:
             yield bag
     except (MeasurementError, OptionError):
         raise
