@@ -341,6 +341,8 @@ def _quantiles(poses: PoseErrors) -> Drawing:
     return drawing
 
 
+ACROSS, TALLEST, LOWEST, FRAME = 330.0, 340.0, 150.0, 64.0
+"""Space of a view in its drawing: for x, for the taller of the views, at least, and for title and labels."""
 VIEWS = (("from above", 0, 1, "x (mm)", "y (mm)"), ("from the side", 0, 2, "x (mm)", "z (mm)"))
 
 
@@ -353,7 +355,7 @@ def _space(poses: PoseErrors) -> tuple[FloatArray, FloatArray]:
 
 
 def _view(poses: PoseErrors, label: str, model: str, view: tuple[str, int, int, str, str]) -> Panel:
-    """Axes of a view with the base's origin and the arm."""
+    """Axes of a view around measured places."""
     return _with_arm(f"{label}, {model}, {view[0]}", f"{model}, {view[0]}", view, _space(poses), poses.arm)
 
 
@@ -364,11 +366,16 @@ def _with_arm(
     ends: tuple[FloatArray, FloatArray],
     arm: FloatArray | None,
 ) -> Panel:
+    """Axes of a view between the ends of all views (mm), which have one scale, with the base's origin and the arm."""
     _, i, j, x_label, y_label = view
     low, high = ends
-    wide, tall = high[i] - low[i], high[j] - low[j]
-    drawing = Drawing(label, float(np.clip(330.0 * tall / wide, 190.0, 420.0)) + 70.0)
-    panel = Panel(drawing, (low[i], high[i]), (low[j], high[j]), x_label, y_label, title=title, equal=True)
+    wide = high[0] - low[0]
+    scale = max(wide / ACROSS, (high - low)[1:].max() / TALLEST)
+    height = max((high - low)[j] / scale, LOWEST)
+    middle = (low + high)[j] / 2
+    y = middle - scale * height / 2, middle + scale * height / 2
+    drawing = Drawing(label, float(height) + FRAME)
+    panel = Panel(drawing, (low[i], high[i]), y, x_label, y_label, title=title, equal=True)
     panel.line([-0.02 * wide, 0.02 * wide], [0, 0], "soft", 1.4)
     panel.line([0, 0], [-0.02 * wide, 0.02 * wide], "soft", 1.4)
     if arm is not None:

@@ -7,9 +7,10 @@ import pytest
 
 import irbcal
 from irbcal.io import robots
+from irbcal.modeling.home import line_at_home
 from irbcal.plotting import pose_errors
 from irbcal.plotting.charts import Dots, Lines
-from irbcal.plotting.pose_errors import worst_poses
+from irbcal.plotting.pose_errors import arm_at_home, worst_poses
 
 
 def test_normal_quantiles_of_normal_errors_lie_on_a_line():
@@ -82,3 +83,16 @@ def test_worst_poses_are_those_of_the_table_of_points(demo_calibration):
         assert point["nominal_mm"] == pytest.approx(row.nominal_mm, abs=1e-12)
         assert len(row.joints) == 6
     assert worst_poses(found.errors, None, 3)[2].joints == ()
+
+
+@pytest.mark.parametrize("robot", ["irb120", "kuka/kr16-2"])
+def test_views_of_one_figure_have_one_scale(robot):
+    arm = irbcal.read_urdf(robot).arm
+    line = line_at_home(arm) / 1e-3  # mm
+    above, side = (
+        next(np.asarray(m.paths[0]) for m in d.items if isinstance(m, Lines) and m.width == 10.0)
+        for d in arm_at_home(arm).drawings
+    )
+    scale = np.ptp(above[:, 0]) / np.ptp(line[:, 0])
+    assert np.ptp(side[:, 0]) == pytest.approx(scale * np.ptp(line[:, 0]))
+    assert np.ptp(side[:, 1]) == pytest.approx(scale * np.ptp(line[:, 2]))
