@@ -31,6 +31,8 @@ __all__ = ["certificate", "render"]
 FORMATS = ("png", "svg")
 WORST, NOTES = (8, 8, 5), (7, 7, 4)
 """Poses and notes that are listed, of pages with little, some and much to say."""
+NOTE_LINES, FEWEST_WORST = (12, 17), 3
+"""Lines of notes that leave room for all worst poses, and most of them; worst poses that are listed beside the most."""
 LONGEST = 400
 """Characters of a note."""
 LINE, ROOM = 92, (4, 14)
@@ -118,6 +120,8 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
     origin, conformity = _origin(evaluation), evaluation.conformity
     remarks, stated = _remarks(evaluation), origin.stated()
     crowded = sum(_lines([text for _, text in remarks], stated) > room for room in ROOM)
+    notes = _notes(evaluation, NOTES[crowded])
+    worst = max(FEWEST_WORST, min(WORST[crowded], WORST[crowded] + NOTE_LINES[0] - _text_lines(notes)))
     return report_page.template("certificate.html.j2").render(
         e=evaluation,
         origin=origin,
@@ -130,9 +134,9 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
         statistics=STATISTICS,
         rows=_rows(evaluation),
         intervals=_intervals(evaluation),
-        worst=_worst(evaluation, WORST[crowded]),
+        worst=_worst(evaluation, worst),
         figures=draw(evaluation)[:2],
-        notes=_notes(evaluation, NOTES[crowded]),
+        notes=notes,
         issued=(issued or datetime.now(timezone.utc)).strftime("%Y-%m-%d %H:%M UTC"),
         version=__version__,
     )
@@ -212,7 +216,12 @@ def _lines(remarks: Sequence[str], stated: Sequence[tuple[str, str]]) -> int:
     """Lines that remarks, and what was told beyond `FIELDS`, take of the first page."""
     pairs = [stated[k : k + 2] for k in range(0, len(stated), 2)]
     long = sum(any(len(value) > LINE // 3 for _, value in pair) for pair in pairs)
-    return sum(-(-len(text) // LINE) for text in remarks) + long + len(pairs) - (len(FIELDS) + 1) // 2
+    return _text_lines(remarks) + long + len(pairs) - (len(FIELDS) + 1) // 2
+
+
+def _text_lines(texts: Sequence[str]) -> int:
+    """Lines of the page that texts take, each begun anew."""
+    return sum(-(-len(text) // LINE) for text in texts)
 
 
 def _short(notes: Sequence[str], limit: int) -> list[str]:
@@ -240,4 +249,6 @@ def _notes(evaluation: Evaluation, limit: int) -> list[str]:
         *([f"Measured points left out: {', '.join(reasons)}."] if reasons else []),
         *(text for text in evaluation.notes if text not in (*evaluation.verdict.doubts, *against)),
     ]
+    while limit > 1 and _text_lines(_short(notes, limit)) > NOTE_LINES[1]:
+        limit -= 1
     return _short(notes, limit)

@@ -3,6 +3,7 @@
 import html
 import json
 import re
+from dataclasses import replace
 from datetime import datetime, timezone
 
 import pandas as pd
@@ -138,8 +139,14 @@ def test_wrong_options_write_nothing(demo_calibration, tmp_path, monkeypatch, op
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.fixture
+def noted(passed):
+    """With notes as long as they may be."""
+    return replace(passed, notes=tuple(f"{k}: {'so many words ' * 27}" for k in range(7)))
+
+
 @pytest.mark.parametrize("language", ["en", "de", "fr", "ja"])
-@pytest.mark.parametrize("which", ["passed", "moved"])
+@pytest.mark.parametrize("which", ["passed", "moved", "noted"])
 def test_it_is_two_pages_at_most(which, language, request, browser, tmp_path):
     irbcal.certificate(request.getfixturevalue(which), tmp_path / "c.html", language=language)
     page = browser.new_page(viewport={"width": 400, "height": 900})
