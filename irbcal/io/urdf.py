@@ -284,6 +284,9 @@ def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | Non
     root = tree.getroot()
     joints = _joints(root, source)
     links = [link.get("name") for link in root.findall("link")]
+    for link in root.findall("link"):
+        if link.get("name") is None:
+            raise RobotError("a link needs a name", file=source, line=link.sourceline)
     check_names([root.get("name"), *links, *(joint.name for joint in joints)], RobotError, file=source)
     root_link = _check_structure(links, joints, source)
     by_child = {joint.child: joint for joint in joints}

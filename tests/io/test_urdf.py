@@ -266,6 +266,7 @@ def replaced(old, new, count=1):
         (replaced(b'<link name="l2"/>', b'<link name="l2"/><link name="l2"/>'), "link name 'l2' is used 2 times"),
         (replaced(b'<link name="finger"/>', b'<link name="finger"/><link name="loose"/>'), "expected exactly one root link, found world, loose"),
         (replaced(b'<child link="l3"/>', b""), "a joint needs a name, a type, a parent and a child link"),
+        (replaced(b'<link name="l3"/>', b"<link/>"), "a link needs a name"),
         (replaced(b'<child link="finger"/>', b'<child link="l6"/>'), "link 'l6' has two parent joints"),
     ],
 )  # fmt: skip
