@@ -807,6 +807,11 @@ def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
         return str(options.model), []
     level, of_level = default_level(arm), options.of_a_level
     if method_of(options.method) == "circles":
+        if not arm.six_revolute:
+            raise OptionError(
+                f"method circles is for arms with six revolute joints, {arm.name} has {arm.joints_listed}",
+                parameter="method",
+            )
         return "26", ["Method circles takes all link geometry from the axes (model 26), and nothing beyond geometry."]
     prefix = f"Model {level} was taken, not the default, which averages many error models (auto): "
     if of_level:

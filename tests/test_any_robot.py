@@ -21,7 +21,7 @@ from support import (
 
 import irbcal
 from irbcal.correction.fake_targets import correct_joints
-from irbcal.errors import IdentificationError, IrbcalError, MeasurementError, RobotError
+from irbcal.errors import IdentificationError, IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.identification.fit import identify
 from irbcal.identification.problem import Problem, State
 from irbcal.io import urdf, urdf_check
@@ -359,3 +359,34 @@ def test_points_with_few_joints_moving_end_in_a_result_or_a_sentence(name, movin
         except IrbcalError as error:
             assert "look like" not in str(error)
             assert "base and tool" in str(error)
+
+
+def test_two_joints_from_plan_to_calibration(tmp_path):
+    """A pan-tilt head, SIMULATED: its tip reaches a surface alone, and backlash is not taken for a second robot."""
+    limits = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
+    (tmp_path / "head.urdf").write_text(
+        '<robot name="pan_tilt"><link name="base_link"/><link name="a"/><link name="b"/><link name="tool0"/>'
+        '<joint name="pan" type="revolute"><origin xyz="0 0 0.4"/><parent link="base_link"/><child link="a"/>'
+        f'<axis xyz="0 0 1"/>{limits}</joint>'
+        '<joint name="tilt" type="revolute"><origin xyz="0.1 0 0.2"/><parent link="a"/><child link="b"/>'
+        f'<axis xyz="0 1 0"/>{limits}</joint>'
+        '<joint name="end" type="fixed"><origin xyz="0.5 0.1 0"/><parent link="b"/><child link="tool0"/></joint></robot>'
+    )
+    robot = str(tmp_path / "head.urdf")
+    plan = irbcal.plan(robot, axis=0, cube=5, all_range=40)
+    groups = plan.to_frame().drop_duplicates("pose")["group"].value_counts()
+    assert groups.to_dict() == {"all_range": 40, "iso_cube": 5}
+    rows = irbcal.simulate(robot, random=60, seed=1, robot_seed=4)
+    rows.save(tmp_path / "rows.csv")
+    own = irbcal.import_measurements(tmp_path / "rows.csv", as_="irbcal").table
+    table = pd.read_csv(tmp_path / "rows.csv")
+    assert [name for name in own if name.startswith("q")] == ["q1_deg", "q2_deg"]
+    other = table[["q1_deg", "q2_deg", "x_mm", "y_mm", "z_mm"]].set_axis(["J1", "J2", "X", "Y", "Z"], axis=1)
+    other.insert(0, "Name", table["pose"].astype(str) + "_" + table["target"])
+    other.to_csv(tmp_path / "other.csv", sep=";", index=False)
+    done = irbcal.calibrate(tmp_path / "other.csv", robot)
+    assert not any("two robots" in doubt for doubt in done.record.doubts)
+    with pytest.raises(
+        OptionError, match=r"method circles is for arms with six revolute joints, pan_tilt has 2 \(pan, tilt\)"
+    ):
+        irbcal.calibrate(tmp_path / "rows.csv", robot, method="circles")

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
@@ -21,7 +22,15 @@ from irbcal.io.opening import open_nominal
 from irbcal.measurement import table
 from irbcal.measurement.columns import JOINTS
 from irbcal.measurement.imports import tables
-from irbcal.measurement.imports.column_map import Changes, DeclaredColumns, ImportMap, changed, read_map, validated
+from irbcal.measurement.imports.column_map import (
+    Changes,
+    DeclaredColumns,
+    ImportMap,
+    changed,
+    read_map,
+    validated,
+    values_of,
+)
 from irbcal.measurement.imports.reader import Imported, refuse_sources, understand
 from irbcal.measurement.imports.recognition import recognise
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
@@ -96,7 +105,8 @@ def import_measurements(
     else:
         if isinstance(as_, ImportMap) and set_:
             raise OptionError("set_: expected no changes beside an ImportMap: change the map itself", parameter="set_")
-        import_map = as_ if isinstance(as_, ImportMap) else read_map(as_, set_)
+        own = as_ == OWN_FORMAT
+        import_map = as_ if isinstance(as_, ImportMap) else _own_map(sources[0], set_) if own else read_map(as_, set_)
         imported = understand(sources, import_map, joints)
     if out is None or dry_run:
         imported.csv()  # refuses what could not be written
@@ -181,7 +191,7 @@ def recognised(
         If they are not understood.
     """
     if len(sources) == 1 and joints is None and _of_own_format(sources[0]):
-        return understand(sources, read_map(OWN_FORMAT, set_))
+        return understand(sources, _own_map(sources[0], set_))
     changes = dict(set_) if isinstance(set_, Mapping) else dict(text.partition("=")[::2] for text in set_)
     declared = {DECLARED[key.strip()]: str(value).strip() for key, value in changes.items() if key.strip() in DECLARED}
     said = {key.strip(): value for key, value in changes.items() if key.strip().startswith("columns.")}
@@ -203,6 +213,19 @@ def _yaml_of(import_map: ImportMap) -> str:
     import yaml
 
     return str(yaml.safe_dump(import_map.model_dump(exclude_defaults=True), allow_unicode=True))
+
+
+def _own_map(path: str | PathLike[str], set_: Changes) -> ImportMap:
+    """The preset of irbcal's own format, with the joints that a file has; errors as `read_map`."""
+    values, source = values_of(OWN_FORMAT, set_)
+    preset = values_of(OWN_FORMAT)[0]["columns"]
+    start = read_bytes(path, MeasurementError)[:20_000].decode("utf-8-sig", errors="replace").splitlines()[:1]
+    names = {name.strip() for line in start for name in line.split(",")}
+    count = next(k for k in itertools.count() if f"q{k + 1}_deg" not in names)
+    for key, letter in (("joints", "q"), ("programmed", "c")):
+        if count and values["columns"].get(key) == preset[key]:
+            values["columns"][key] = [f"{letter}{k}_deg" for k in range(1, count + 1)]
+    return validated(ImportMap, values, source)
 
 
 def _of_own_format(path: str | PathLike[str]) -> bool:

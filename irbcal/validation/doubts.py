@@ -242,6 +242,7 @@ def mixed_poses(equations: PoseEquations, seed: int = 0) -> list[str]:
         or halves.two > MIXED_SMALLER**2 * halves.one
         or halves.sure < SURE
         or _together(points.q, halves.second)
+        or by_direction(points.moves(), halves.second)
     ):
         return []
     if predicted(H, g, yy, halves.second, seed) < PREDICTED:
@@ -253,6 +254,19 @@ def mixed_poses(equations: PoseEquations, seed: int = 0) -> list[str]:
         f"{len(names)} of {n} poses ({listed}) contradict the others: as two robots, or two tools, all poses are "
         f"explained to {rms_two:.3f} mm, as one to {rms_one:.3f} mm only. Were files of two robots put together?"
     ]
+
+
+def by_direction(moves: FloatArray, second: BoolArray) -> bool:
+    """Whether poses are told apart by the side from which one of the joints came: backlash makes two robots of one.
+
+    Parameters
+    ----------
+    moves : ndarray, shape (n, joints)
+        Last moves.
+    second : ndarray of bool, shape (n,)
+    """
+    side = np.sign(moves) * np.where(second, 1.0, -1.0)[:, None]
+    return bool((np.abs(side.mean(axis=0)) >= SURE).any())
 
 
 def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> Halves | None:

@@ -60,6 +60,8 @@ _DRESSED = {
 _ANY_NUMBER = r"[+-]?\d[\d.,' ]*(?:[eE][+-]?\d+)?"
 _SEPARATORS = ("_", "-", "@", "/", " ", ".", ":")
 
+FEWEST_JOINTS = 4
+"""Numbered columns that are joints where the robot is not known, or has as many."""
 FEWEST_ROWS = 4
 MOST_TARGETS = 20
 STILL = 1e-4
@@ -400,8 +402,9 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
         yield from _roles_by_values(table, numeric, dof, declared)
         return
     names = [_parsed(name) for name in table.names]
-    joints = _joints_of(names, numeric, ("actual", ""))
-    programmed = _joints_of(names, numeric, ("nominal",))
+    fewest = FEWEST_JOINTS if dof is None else min(dof, FEWEST_JOINTS)
+    joints = _joints_of(names, numeric, ("actual", ""), fewest)
+    programmed = _joints_of(names, numeric, ("nominal",), fewest)
     if not joints:
         joints, programmed = programmed, ()
     positions, computed = _positions_of(names, numeric, {*joints, *programmed})
@@ -455,8 +458,8 @@ def _declared_units(lines: Sequence[str]) -> dict[str, str]:
     return out
 
 
-def _joints_of(names: Sequence[_Name], numeric: Sequence[bool], kinds: Sequence[str]) -> tuple[int, ...]:
-    """Columns of the joints from the first to the last; none where there are none."""
+def _joints_of(names: Sequence[_Name], numeric: Sequence[bool], kinds: Sequence[str], fewest: int) -> tuple[int, ...]:
+    """Columns of the joints from the first to the last; none where there are none, or fewer than the fewest."""
     for kind in kinds:
         by_prefix: dict[str, dict[int, int]] = {}
         for k, name in enumerate(names):
@@ -467,7 +470,7 @@ def _joints_of(names: Sequence[_Name], numeric: Sequence[bool], kinds: Sequence[
         for by_number in sorted(by_prefix.values(), key=len, reverse=True):
             first = 0 if 0 in by_number and len(by_number) not in by_number else 1
             count = next(n for n in itertools.count() if first + n not in by_number)
-            if count >= 4:
+            if count >= fewest:
                 return tuple(by_number[first + n] for n in range(count))
         by_name = {_folded(name.bare): k for k, name in enumerate(names) if name.kind == kind}
         for maker in _MAKERS:
