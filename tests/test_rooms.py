@@ -125,3 +125,22 @@ def test_light_rooms_stay_light():
 def test_every_module_can_be_imported_alone():
     for path in FILES:
         importlib.import_module(module_of(path))
+
+
+def test_a_calibration_is_read_and_used_without_a_fit():
+    """What opens a calibration, verifies it, evaluates it and filters programs loads no identification."""
+    paths = {module_of(path): path for path in FILES}
+
+    def loaded(module):
+        needed, new = set(), {module}
+        while new:
+            needed |= new
+            new = {other for name in new for other in imported(paths[name], types=False) if other in paths} - needed
+        return needed
+
+    for module in ("validation.verification", "validation.evaluation", "correction.filter"):
+        assert not loaded(f"irbcal.{module}") & {
+            "irbcal.identification.fit",
+            "irbcal.identification.evidence_fit",
+            "irbcal.identification.axis_calibration",
+        }, module

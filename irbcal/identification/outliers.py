@@ -40,17 +40,6 @@ EQUATIONS = 3.0
 MOST_POSES = 2000
 """Poses that robots are fitted to, while gross errors are looked for; of more, ones drawn at random."""
 
-TOO_FAR = 0.1
-"""Median miss, as a fraction of the spread of the measured points, that no real robot shows."""
-
-
-def spread(points: PointSet) -> float:
-    """Root mean square distance of the measured points from their middle, metres.
-
-    Not that of the tip: on a positioner the tip may lie where the axes cross, and stay there.
-    """
-    return float(np.sqrt(np.mean(np.sum((points.xyz - points.xyz.mean(axis=0)) ** 2, axis=1))))
-
 
 @dataclass(frozen=True, eq=False)
 class GrossErrors(Locked):
@@ -114,7 +103,7 @@ def find_gross_errors(
         raise IdentificationError(str(error), file=source) from None
     distance = distances(robot, points)
     median = np.median(distance)
-    if median > TOO_FAR * spread(points):
+    if median > data_entry_errors.TOO_FAR * points.spread():
         _refuse_slip(arm, points, median, source, measurements)
         raise IdentificationError(
             f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "

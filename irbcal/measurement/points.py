@@ -97,6 +97,13 @@ class PointSet(Result):
             return np.zeros(len(self), dtype=bool)
         return np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
 
+    def spread(self) -> float:
+        """Root mean square distance of the points from their middle, metres.
+
+        Not that of the tip: on a positioner the tip may lie where the axes cross, and stay there.
+        """
+        return float(np.sqrt(np.mean(np.sum((self.xyz - self.xyz.mean(axis=0)) ** 2, axis=1))))
+
     def distance_noise(self) -> float:
         """Standard deviation of a coordinate that distances between targets at one pose prove, metres.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.identification import data_entry_errors, outliers
+from irbcal.identification import data_entry_errors
 from irbcal.io.schema import Record
 from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement.cleaning import Exclusion
@@ -262,9 +262,9 @@ def refuse_far_points(
     robot: Robot, points: PointSet, error: FloatArray, measured: MeasurementSet, refitted: bool
 ) -> None:
     """Points that are nowhere near their predictions: another unit, another place, another robot, a row lost."""
-    spread, source = outliers.spread(points), measured.source
+    spread, source = points.spread(), measured.source
     median = np.median(error)
-    if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
+    if points.poses < 3 or median <= data_entry_errors.TOO_FAR * max(spread, 0.1):
         return
     swaps = cleaning.by_robot(robot, points)
     if 2 * len(swaps) > points.poses:

@@ -44,7 +44,7 @@ from irbcal.validation.cleaned_points import (
     refuse_far_points,
     without_fitted,
 )
-from irbcal.validation.doubts import length_scale, scale_in_words
+from irbcal.validation.length_scale import length_scale, scale_in_words
 from irbcal.validation.origin import Origin, checked_info, origin
 from irbcal.validation.refit import Refit
 from irbcal.validation.verdict import (

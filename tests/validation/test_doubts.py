@@ -12,7 +12,8 @@ from irbcal.io import robots
 from irbcal.modeling.parameters import default_level
 from irbcal.units import MM
 from irbcal.validation import doubts
-from irbcal.validation.doubts import PoseEquations, length_scale, mixed_poses, predicted, told_apart
+from irbcal.validation.doubts import PoseEquations, mixed_poses, predicted, told_apart
+from irbcal.validation.length_scale import length_scale
 
 
 def simulated(seed, poses=80, **options):
