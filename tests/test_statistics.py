@@ -35,6 +35,13 @@ def test_student_distribution():
             assert abs(distributions.student_within(share, freedom) / expected - 1.0) < 1e-10
 
 
+def test_gamma_quantiles_are_scipys():
+    for shape in (0.5, 1.0, 1.5, 3.7, 148.5, 1e5):
+        for share in (0.05, 0.5, 0.95):
+            expected = special.gammaincinv(shape, share)
+            assert abs(distributions.gamma_quantile(shape, share) / expected - 1.0) < 1e-11
+
+
 def test_distances_by_hand():
     # 1, 2 and 6 mm: mean 3, squares of the deviations 4 + 1 + 9 = 14, divided by n - 1 = 2
     found = statistics([1e-3, 2e-3, 6e-3])

@@ -15,6 +15,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import LOAD
+from irbcal.statistics import gamma_quantile
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
@@ -112,8 +113,6 @@ class PointSet(Result):
         squared); zero where no pair was measured in two poses. Where the robot moved between two targets of a pose,
         what it does not repeat counts as noise.
         """
-        from scipy.special import gammaincinv
-
         squares, freedom = 0.0, 0
         of_target = [np.flatnonzero(self.target == k) for k in range(len(self.target_names))]
         for first, second in combinations(of_target, 2):
@@ -122,7 +121,7 @@ class PointSet(Result):
                 distance = np.linalg.norm(self.xyz[first[a]] - self.xyz[second[b]], axis=1)
                 squares += float(np.sum((distance - distance.mean()) ** 2)) / 2.0
                 freedom += len(poses) - 1
-        return float(np.sqrt(0.5 * squares / gammaincinv(0.5 * freedom, 0.95))) if freedom else 0.0
+        return float(np.sqrt(0.5 * squares / gamma_quantile(0.5 * freedom, 0.95))) if freedom else 0.0
 
     def tips(self, robot: Robot) -> FloatArray:
         """Where a robot expects its tip at each pose with the load carried there, in the base link, shape (n, 4, 4)."""

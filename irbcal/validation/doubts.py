@@ -87,13 +87,17 @@ def sums(fit: Fit, n: int) -> PoseSums:
     J = problem.jacobian(state).reshape(-1, 3, problem.unknowns)[:m]
     r = problem.residuals(state)[:m]
     J = J / np.maximum(np.sqrt((J**2).sum(axis=(0, 1))), 1e-300)
+    p = problem.unknowns
+    H, g, yy = np.zeros((n, p, p)), np.zeros((n, p)), np.zeros(n)
+    count = np.bincount(problem.points.pose, minlength=n)
     order = np.argsort(problem.points.pose, kind="stable")
-    pose, first = np.unique(problem.points.pose[order], return_index=True)
-    J, r = J[order], r[order]
-    parts = J.swapaxes(1, 2) @ J, (J.swapaxes(1, 2) @ r[:, :, None])[:, :, 0], (r**2).sum(axis=1)
-    H, g, yy = (np.zeros((n, *part.shape[1:])) for part in parts)
-    for out, part in zip((H, g, yy), parts, strict=True):
-        out[pose] = np.add.reduceat(part, first, axis=0)
+    of_ordered = count[problem.points.pose[order]]
+    for size in np.unique(of_ordered):  # poses with so many points each
+        poses, points = np.flatnonzero(count == size), order[of_ordered == size]
+        rows, left = J[points].reshape(len(poses), -1, p), r[points].reshape(len(poses), -1)
+        H[poses] = rows.swapaxes(1, 2) @ rows
+        g[poses] = (rows.swapaxes(1, 2) @ left[..., None])[..., 0]
+        yy[poses] = (left**2).sum(axis=1)
     return PoseSums(H, g, yy)
 
 
@@ -196,11 +200,14 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
     rss_one = float(yy.sum() - g.sum(axis=0) @ np.linalg.solve(H.sum(axis=0) + firm, g.sum(axis=0)))
     best: Halves | None = None
     packed = _packed(H)
+    both_H, both_g = packed.sum(axis=0), g.sum(axis=0)
     for second in _starts(H, g, seed):
+        second_H, second_g = second @ packed, second @ g
         for _ in range(ROUNDS):
             if min(second.sum(), n - second.sum()) < max(FEW * n, 4):
                 break
-            cost = _costs(packed, g, yy, np.stack([~second, second]), firm)
+            sums_H, sums_g = np.stack([both_H - second_H, second_H]), np.stack([both_g - second_g, second_g])
+            cost = _costs(packed, g, yy, sums_H, sums_g, firm)
             new = cost[1] < cost[0]
             if (new == second).all():
                 two = float(cost.min(axis=0).sum())
@@ -208,6 +215,9 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
                     clear = cost.max(axis=0) > CLEARLY * np.maximum(cost.min(axis=0), 0.25 * two / n)
                     best = Halves(second if second.mean() <= 0.5 else ~second, rss_one, two, float(clear.mean()))
                 break
+            moved = np.flatnonzero(new != second)  # few of the poses, after some rounds
+            sign = np.where(new[moved], 1.0, -1.0)
+            second_H, second_g = second_H + sign @ packed[moved], second_g + sign @ g[moved]
             second = new
     return best
 
@@ -229,7 +239,8 @@ def predicted(H: FloatArray, g: FloatArray, yy: FloatArray, second: BoolArray, s
     packed, firm = _packed(H), 1e-6 * np.eye(g.shape[1])
     for k in range(FOLDS):
         tested, trained = fold == k, fold != k
-        costs = _costs(packed, g, yy, np.stack([trained & ~second, trained & second]), firm)[:, tested]
+        weight = np.stack([trained & ~second, trained & second]).astype(float)
+        costs = _costs(packed, g, yy, weight @ packed, weight @ g, firm)[:, tested]
         smaller[tested], larger[tested] = costs.min(axis=0), costs.max(axis=0)
     return float((larger > CLEARLY * smaller).mean())
 
@@ -252,13 +263,17 @@ def _packed(H: FloatArray) -> FloatArray:
     return np.ascontiguousarray(H[:, rows, columns])
 
 
-def _costs(packed: FloatArray, g: FloatArray, yy: FloatArray, subsets: BoolArray, firm: FloatArray) -> FloatArray:
-    """Squares left of each pose with the change that fits each part (k, n) of the poses best, shape (k, n)."""
+def _costs(
+    packed: FloatArray, g: FloatArray, yy: FloatArray, sums_H: FloatArray, sums_g: FloatArray, firm: FloatArray
+) -> FloatArray:
+    """Squares left of each pose with the change that fits each of k parts of the poses best, shape (k, n).
+
+    ``sums_H``, packed, and ``sums_g``, shape (k, p), are those of the parts.
+    """
     rows, columns = np.triu_indices(g.shape[1])
-    weight = subsets.astype(float)
-    H = np.empty((len(subsets), *firm.shape))
-    H[:, rows, columns] = H[:, columns, rows] = weight @ packed
-    changes = np.linalg.solve(H + firm, (weight @ g)[..., None])[..., 0]
+    H = np.empty((len(sums_H), *firm.shape))
+    H[:, rows, columns] = H[:, columns, rows] = sums_H
+    changes = np.linalg.solve(H + firm, sums_g[..., None])[..., 0]
     squares = changes[:, rows] * changes[:, columns] * np.where(rows == columns, 1.0, 2.0)
     return np.maximum(yy - 2 * changes @ g.T + squares @ packed.T, 0.0)
 

@@ -6,12 +6,14 @@ Certificates say it of calibrations that were fitted long before, which need no 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import erfc, isfinite, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
+from irbcal.statistics import f_beyond
 from irbcal.units import MM
 
 MACHINING = 0.2 * MM
@@ -42,9 +44,9 @@ class LengthScale:
     @property
     def beyond_machining(self) -> bool:
         """Whether machining does not explain it (Student's t)."""
-        from scipy.special import stdtr
-
-        return 2.0 * float(stdtr(self.freedom, -abs(self.share) / self.std)) < BEYOND_MACHINING
+        t = abs(self.share) / self.std
+        chance = f_beyond(t * t, 1.0, self.freedom) if isfinite(self.freedom) else erfc(t / sqrt(2.0))
+        return chance < BEYOND_MACHINING
 
     def doubt(self) -> str:
         """What to clear up, in a sentence."""
