@@ -500,7 +500,8 @@ def refusals(arguments: Sequence[str] = (), flags: Mapping[str, str] | None = No
         name = error.parameter or ""
         option = f"--{name.rstrip('_').replace('_', '-')}"
         hint = name.upper() if name in arguments else (flags or {}).get(name, option)
-        raise typer.BadParameter(str(error), param_hint=hint if name else None) from None
+        sentence = str(error).removeprefix(f"{name}: ")  # the hint says it
+        raise typer.BadParameter(sentence, param_hint=hint if name else None) from None
 
 
 def path_to_write(text: str | Path) -> Path:

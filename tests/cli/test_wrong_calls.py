@@ -66,7 +66,9 @@ def test_contradictions_and_absurd_values_are_wrong_calls(words, option, tmp_pat
     ],
 )
 def test_a_wrong_choice_is_refused_with_all_choices_and_the_nearest(words, sentence):
-    done = CliRunner(env={"COLUMNS": "200"}).invoke(app, words)
+    done = CliRunner().invoke(app, words)
     assert done.exit_code == 2
-    assert sentence in done.output
-    assert "Value error" not in done.output
+    said = " ".join(done.output.replace("│", " ").split())  # however wide the box is
+    assert sentence in said
+    assert "Value error" not in said
+    assert "what: expected" not in said  # the option is named once
