@@ -167,3 +167,23 @@ def test_a_level_at_features_fits_its_error_parameters_and_no_others(tmp_path):
     target = result.robot_calibrated().targets["ball"]
     left = cases.apart(truth, result.robot_calibrated().arm, q, target).mean()
     assert left < 0.2 * cases.apart(truth, nominal, q, target).mean()
+
+
+def test_planes_and_one_known_length_make_a_robot_better(tmp_path):
+    """SIMULATED; a tracker is the witness. Planes alone are refused, two balls alone are too few."""
+    parts = [
+        irbcal.simulate_device("irb1600", "plane", 60, seed=1, only=["noise"]),
+        irbcal.simulate_device("irb1600", "two-balls", 16, seed=2, only=["noise"]),
+    ]
+    rows = pd.concat(
+        [
+            part.to_frame().assign(pose=lambda table, k=k: f"{k} " + table.pose.astype(str))
+            for k, part in enumerate(parts)
+        ]
+    )
+    rows.to_csv(tmp_path / "rows.csv", index=False)
+    pd.concat([part.features() for part in parts]).to_csv(tmp_path / "features.csv", index=False)
+    done = irbcal.calibrate(tmp_path / "rows.csv", "irb1600", features=tmp_path / "features.csv")
+    irbcal.simulate("irb1600", random=40, seed=5, only=["noise"]).save(tmp_path / "tracked.csv")
+    errors = irbcal.evaluate(done, tmp_path / "tracked.csv", refit_base=True, refit_tool=True).to_frame()
+    assert errors["calibrated_mm"].mean() < 0.3 * errors["nominal_mm"].mean()

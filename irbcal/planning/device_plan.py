@@ -347,6 +347,9 @@ LEAST = 6
 
 CANDIDATES, APPROACH_LENGTH = 600, 50.0 * MM
 
+FLOOR = 0.75
+"""Share of the error that is left, above which all candidates together would leave it, too."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DevicePlan(Result):
@@ -373,6 +376,8 @@ class DevicePlan(Result):
     approach : ndarray, shape (n, joints), or None
         Joints before the last part of the way, of devices that are touched.
     notes : tuple of str
+    left_by_all : float
+        Predicted error that all candidates together would leave, metres.
     """
 
     arm: Arm
@@ -386,6 +391,7 @@ class DevicePlan(Result):
     tally: dict[str, int]
     approach: FloatArray | None
     notes: tuple[str, ...]
+    left_by_all: float
 
     def to_frame(self) -> pd.DataFrame:
         """The poses as the first file of ``irbcal calibrate --features``; values are to be filled in."""
@@ -417,6 +423,7 @@ class DevicePlan(Result):
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON has it: ``CONTENT``, the bar's length (None without one) and predicted errors."""
         predicted = {"before": self.before / MM, "left": self.left / MM, "random": self.left_by_random / MM}
+        predicted |= {"all_candidates": self.left_by_all / MM}
         return {**super().to_dict(), "bar_mm": self.found.bar / MM or None, "predicted_mm": predicted}
 
     def report(self) -> Sequence[Paragraph]:
@@ -439,6 +446,12 @@ class DevicePlan(Result):
             f"{self.left_by_random / MM:.3f} mm after as many random ones that meet the same ({equal}); root mean "
             "square over the whole range, calculated, joints err beyond the geometry"
         )
+        if self.left_by_all > FLOOR * self.left:
+            lines.append(
+                f"All {sum(self.candidates.values())} poses that they were chosen from would leave "
+                f"{self.left_by_all / MM:.3f} mm: what is left is what no pose at these features tells. Put features "
+                "elsewhere, too, or take a device that moves the arm farther (irbcal plan --compare-devices)"
+            )
         removed = ", ".join(f"{count} by {name}" for name, count in self.tally.items() if count)
         lines.append(f"Chosen from {sum(self.candidates.values())} poses; removed before: {removed or 'none'}")
         return [*lines, *(f"Note: {note}" for note in self.notes)]
@@ -570,6 +583,7 @@ def _made(
         tally,
         access.retreated(q[rows])[0] if access.touched else None,
         tuple(notes),
+        rated.left(),
     )
 
 

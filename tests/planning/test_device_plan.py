@@ -84,6 +84,16 @@ def test_chosen_poses_leave_less_than_random_ones(made):
     assert made.comparison.as_good_as is None or made.comparison.as_good_as > 30
 
 
+def test_a_plan_says_where_more_poses_do_not_help(made):
+    """All candidates together leave nearly what the chosen ones do: at two sockets, not at four balls."""
+    assert 0.75 * made.left < made.left_by_all < made.left
+    assert "what is left is what no pose at these features tells" in str(made.summary())
+    balls = device_plan("irb1600", "balls", 24, candidates=300)
+    assert balls.left_by_all < 0.75 * balls.left
+    assert "no pose" not in str(balls.summary())
+    assert balls.to_dict()["predicted_mm"]["all_candidates"] == pytest.approx(balls.left_by_all / MM)
+
+
 def test_planes_ballbars_and_boards_have_poses_for_each_feature():
     for name in ("plane", "ballbar", "camera"):
         found = device_plan("irb1600", name, 18, candidates=60)
