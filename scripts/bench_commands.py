@@ -85,6 +85,7 @@ def commands(add, folder, simulated, arm):
         "verify": ("verify", folder / "34"),
         "evaluate": ("evaluate", folder / "34", proof),
         "filter, ten poses": ("filter", folder / "34", program, "--out", folder / "corrected.mod", "--allow-partial"),
+        "plan": ("plan", "--robot", "irb1600", "--out", folder / "plan"),
     }.items():
         add(f"irbcal {name}", *spent(*words))
 
@@ -135,6 +136,12 @@ def huge(add, folder, simulated, arm, poses=1_000_000):
         slope = math.log(seconds / before) / math.log(4.0) if before else None
         add(f"irbcal evaluate, {count:,} poses x 1, in pieces, largest process", seconds, memory, None, slope)
         before = seconds
+    parquet = path.with_suffix(".parquet")
+    pd.read_csv(path).to_parquet(parquet, index=False)
+    for file in (path, parquet):
+        words = ("filter", out, file, "--out", folder / f"corrected{file.suffix}", "--allow-partial")
+        what = f"irbcal filter, {4 * poses:,} rows of {file.suffix[1:]}, in pieces, largest process"
+        add(what, *spent(*words, times=1))
 
 
 def rapid(arm, q):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -43,11 +43,12 @@ def read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatAr
     MeshProblem
         If it is not understood, or has more triangles.
     """
+    binary_stl = ending == "stl" and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
     try:
-        import trimesh
-
         if ending == "dae":
             import collada  # noqa: F401
+        elif not binary_stl:
+            import trimesh
     except ImportError as error:
         raise MeshProblem(f"reading {ending} meshes needs the package {error.name}", name) from None
     unit = 1.0
@@ -57,9 +58,19 @@ def read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatAr
         unit_text = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([\d.eE+-]+)[\"']", data[:100_000])
         unit = float(unit_text[1]) if unit_text else 1.0
     try:
-        # without a resolver nothing but these bytes is read: no textures, no material files
-        scene = trimesh.load_scene(BytesIO(data), file_type=ending, process=False)
-        link_meshes = list(_scene_parts(scene, budget))
+        if binary_stl:
+            facets = np.frombuffer(data, np.dtype([("numbers", "<f4", (4, 3)), ("attribute", "<u2")]), offset=84)
+            parts: Iterable[Part] = [(facets["numbers"][:, 1:].astype(float), None)] if len(facets) else []
+        elif ending == "dae":
+            parts = _collada_parts(data)
+        else:
+            # without a resolver nothing but these bytes is read: no textures, no material files
+            parts = _scene_parts(trimesh.load_scene(BytesIO(data), file_type=ending, process=False))
+        link_meshes = []
+        for triangles, colours in parts:
+            link_meshes.append((triangles, colours))
+            if sum(len(mesh) for mesh, _ in link_meshes) > budget:
+                raise MeshProblem(f"it has more than {budget:,} triangles", name)
     except MeshProblem:
         raise
     except Exception as error:  # whatever a parser raises on a damaged file
@@ -73,16 +84,47 @@ def read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatAr
     return triangles[good], colours[good] if coloured else None
 
 
-def _scene_parts(scene: Any, budget: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
-    most = budget
+Part: TypeAlias = tuple[FloatArray, FloatArray | None]
+"""Triangles (m, 3, 3) and their colours: one, (3,), or each its own, (m, 3); None where the file says none."""
+
+
+def _collada_parts(data: bytes) -> Iterator[Part]:
+    """Parts of a COLLADA file; textures are white, as trimesh shows them without the files that they name."""
+    import collada
+    from collada import scene
+
+    file: Any = collada.Collada(BytesIO(data), ignore=[collada.common.DaeError])
+    nodes = [(node, np.eye(4)) for node in reversed(file.scene.nodes)]
+    while nodes:
+        node, T = nodes.pop()
+        if isinstance(node, scene.Node):
+            nodes += [(child, T @ node.matrix) for child in reversed(node.children)]
+        elif isinstance(node, scene.GeometryNode):
+            effects = {bound.symbol: bound.target.effect for bound in node.materials}
+            for primitive in node.geometry.primitives:
+                if isinstance(primitive, collada.polylist.Polylist):
+                    primitive = primitive.triangleset()
+                if not isinstance(primitive, collada.triangleset.TriangleSet) or not len(primitive.index):
+                    continue
+                triangles = primitive.vertex[primitive.vertex_index].astype(float) @ T[:3, :3].T + T[:3, 3]
+                colours = primitive.sources.get("COLOR")
+                colour = None
+                if primitive.material in effects:
+                    diffuse = effects[primitive.material].diffuse
+                    plain = diffuse is not None and not isinstance(diffuse, collada.material.Map)
+                    colour = np.round(np.array(diffuse[:3] if plain else (1.0, 1.0, 1.0)) * 255.0) / 255.0
+                elif colours:
+                    of_corners = colours[0][4].data[primitive.index[:, :, colours[0][0]]]
+                    colour = np.round(of_corners[:, :, :3].mean(axis=1) * 255.0) / 255.0
+                yield triangles, colour
+
+
+def _scene_parts(scene: Any) -> Iterator[Part]:
     for node in scene.graph.nodes_geometry:
         T, name = scene.graph[node]
         mesh = scene.geometry[name]
         if not hasattr(mesh, "faces") or not len(mesh.faces):
             continue
-        budget -= len(mesh.faces)
-        if budget < 0:
-            raise MeshProblem(f"it has more than {most:,} triangles", name)
         triangles = mesh.triangles @ np.asarray(T)[:3, :3].T + np.asarray(T)[:3, 3]
         yield triangles, _part_colours(mesh)
 

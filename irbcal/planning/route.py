@@ -41,7 +41,8 @@ def shortest_order(
     speed : ndarray, shape (joints,)
         Of the joints, SI units.
     blocked : callable, optional
-        From joints before and after moves, (m, joints) each, to a mask (m,) of moves that cannot be made.
+        From joints before and after moves, (m, joints) each, to a mask (m,) of moves that cannot be made, in neither
+        direction. Each move is asked for once.
 
     Returns
     -------
@@ -52,6 +53,7 @@ def shortest_order(
     q_all = np.concatenate([start[None], q])
     cost = move_times(q_all[:, None], q_all[None], speed)
     path = _nearest_neighbour(cost)
+    asked = np.zeros(cost.shape, dtype=bool)
     for _ in range(ROUNDS):
         path = _two_opt(cost, path)
         if blocked is None or len(path) < 2:
@@ -59,7 +61,9 @@ def shortest_order(
             break
         first, second = path[:-1], path[1:]
         is_blocked = cost[first, second] >= BLOCKED
-        new = np.flatnonzero(~is_blocked)[blocked(q_all[first[~is_blocked]], q_all[second[~is_blocked]])]
+        open_moves = np.flatnonzero(~asked[first, second])
+        new = open_moves[blocked(q_all[first[open_moves]], q_all[second[open_moves]])]
+        asked[first, second] = asked[second, first] = True
         bad = np.sort(np.concatenate([np.flatnonzero(is_blocked), new]))
         if not len(new):
             break

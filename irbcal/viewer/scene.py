@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError, RobotError
@@ -330,8 +329,8 @@ def _attitudes(robots: Mapping[Model, Robot], points: PointSet, T_scene_world: F
         turned = T_scene_world[:3, :3] @ points.rotation @ np.swapaxes(modelled, 1, 2)
         rows = np.isfinite(turned).all(axis=(1, 2)) & np.isfinite(modelled).all(axis=(1, 2))
         out[name] = np.full((len(points), 6), np.nan)
-        out[name][rows, :3] = Rotation.from_matrix(modelled[rows]).as_rotvec()
-        out[name][rows, 3:] = Rotation.from_matrix(turned[rows]).as_rotvec()
+        out[name][rows, :3] = frames.vector_from_rotation(modelled[rows])
+        out[name][rows, 3:] = frames.vector_from_rotation(turned[rows])
     return out
 
 

@@ -55,7 +55,14 @@ def test_ways_go_round_what_is_in_the_way():
         return crossing & (height < 0.9)
 
     start = np.array([0.5, 0.0])
-    order, bad = route.shortest_order(q, start, np.ones(2), blocked)
+    moves = []
+
+    def noted(a, b):
+        moves.extend(frozenset((tuple(x), tuple(y))) for x, y in zip(a.tolist(), b.tolist(), strict=True))
+        return blocked(a, b)
+
+    order, bad = route.shortest_order(q, start, np.ones(2), noted)
+    assert len(moves) == len(set(moves)) > len(q)  # collisions take long: a move is asked for once
     places = np.concatenate([start[None], q[order]])
     assert sorted(order) == list(range(26))
     assert not len(bad)

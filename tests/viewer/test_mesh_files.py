@@ -1,8 +1,16 @@
 """Mesh files: what is read, and what may not be."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 from viewer_urdf import looks, mesh
+
+from irbcal.io.meshes import read_mesh
+from irbcal.io.urdf_xml import MeshProblem
+
+MESHES = Path(__file__).parents[2] / "urdf" / "irbcal_description" / "meshes"
 
 
 def test_collada_units_colours_and_textures(tmp_path):
@@ -71,3 +79,30 @@ def test_package_may_be_the_folder_itself_or_around_the_urdf(packages):
     assert "not found" in looks(name, inside)[1][0]  # a folder of that name is not yet a package
     (packages / "my_robot" / "package.xml").write_text("<package/>")
     assert looks(name, inside)[1] == []
+
+
+@pytest.mark.parametrize("folder", ["irb1600/visual", "irb120/visual", "irb1600/collision"])
+def test_collada_and_stl_are_what_trimesh_reads(folder):
+    files = sorted((MESHES / folder).iterdir())
+    assert len(files) > 5
+    for path in files:
+        triangles, colours = read_mesh(path.read_bytes(), path.suffix[1:], path.name, 10**6)
+        scene = trimesh.load_scene(path, process=False)
+        expected = []
+        for node in scene.graph.nodes_geometry:
+            T, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            corners = mesh.triangles @ T[:3, :3].T + T[:3, 3]
+            colour = mesh.visual.material.main_color[:3] / 255 if path.suffix == ".dae" else np.full(3, np.nan)
+            expected.append(np.concatenate([corners.reshape(-1, 9), np.tile(colour, (len(corners), 1))], axis=1))
+        if colours is None:
+            colours = np.full((len(triangles), 3), np.nan)
+        actual = np.concatenate([triangles.reshape(-1, 9), colours], axis=1)
+        np.testing.assert_allclose(actual, np.concatenate(expected), atol=1e-7, rtol=0.0)
+
+
+def test_more_triangles_than_allowed_are_refused():
+    for path in ("irb1600/visual/link_1.dae", "irb1600/collision/base_link_1.stl"):
+        file = MESHES / path
+        with pytest.raises(MeshProblem, match="more than 5 triangles"):
+            read_mesh(file.read_bytes(), file.suffix[1:], file.name, 5)
