@@ -62,8 +62,10 @@ LONG = (
     "test_axis_calibration.py",
     "test_light_install.py",
     "test_chapter_7.py",
+    "test_view.py",
+    "test_building.py",
 )
-"""Files that take longest."""
+"""Files that take longest, and those that would come last."""
 
 
 def pytest_collection_modifyitems(items):

@@ -241,53 +241,55 @@ def test_a_step_is_stopped_once_and_one_at_a_time(context, samples, tmp_path):
         server.end()
 
 
-def test_pages_can_be_used_by_keyboard_and_screen_reader(context, tmp_path):
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """Of a project without files, for tests that add none; a secret lies beside its folder."""
+    folder = tmp_path_factory.mktemp("new")
+    (folder / "secret.txt").write_text("not of the project")
+    running = Server(folder / "project")
+    yield running
+    running.end()
+
+
+def test_pages_can_be_used_by_keyboard_and_screen_reader(context, server):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    server = Server(tmp_path / "project")
-    try:
-        for page in steps.PAGES:
-            opened = server.only_page(context, page.name)
-            for switch in opened.get_by_role("switch", name="Explain the fields").all():
-                switch.press("Space")
-            for step in page.steps:
-                for option in step.asked[:1]:
-                    opened.get_by_text(option.explanation, exact=True).first.wait_for()
-            result = axe.run(opened)
-            grave = [v["id"] for v in result.response["violations"] if v["impact"] in ("serious", "critical")]
-            assert grave == [], page.name
-    finally:
-        server.end()
+    for page in steps.PAGES:
+        opened = server.only_page(context, page.name)
+        for switch in opened.get_by_role("switch", name="Explain the fields").all():
+            switch.press("Space")
+        for step in page.steps:
+            for option in step.asked[:1]:
+                opened.get_by_text(option.explanation, exact=True).first.wait_for()
+        result = axe.run(opened)
+        grave = [v["id"] for v in result.response["violations"] if v["impact"] in ("serious", "critical")]
+        assert grave == [], page.name
 
 
-def test_the_list_of_robots_has_pictures_and_is_filtered(context, tmp_path):
-    server = Server(tmp_path / "project")
-    try:
-        page = server.only_page(context, "robot")
-        page.get_by_label("Reach from, mm").fill("3000")
-        page.get_by_label("Only of this maker").click()
-        page.get_by_role("option", name="FANUC", exact=True).click()
-        page.get_by_label("Robot", exact=True).click()
-        far = {name for name, arm in arms().items() if name.startswith("fanuc/") and (arm.reach or 0.0) >= 3.0}
-        page.get_by_role("option", name=re.compile("^fanuc")).first.wait_for()
-        options = page.get_by_role("option").all()
-        assert {option.inner_text().split()[0] for option in options} == far
-        picture = options[0].locator("img")
-        page.wait_for_function("image => image.complete && image.naturalWidth > 0", arg=picture.element_handle())
-        robot = options[0].inner_text().split()[0]
-        options[0].click()
-        drawing = page.get_by_role("img", name=re.compile("at home"))
-        drawing.wait_for()
-        # the picture of the list is the side of the drawing: the arm's line of both goes the same way
-        small = page.request.get(f"http://127.0.0.1:{server.port}/picture/{robot}").text()
-        lines = [
-            re.findall(r'<path d="([^"]*)" style="[^"]*" stroke-width="10"', text)[-1]
-            for text in (small, drawing.inner_html())
-        ]
-        ways = [np.diff([[float(x) for x in p.split()] for p in line[1:].split("L")], axis=0) for line in lines]
-        assert np.abs(ways[0] - ways[1]).max() < 0.2
-        assert page.request.get(f"http://127.0.0.1:{server.port}/picture/..%2F..%2Fetc%2Fpasswd").status == 404
-    finally:
-        server.end()
+def test_the_list_of_robots_has_pictures_and_is_filtered(context, server):
+    page = server.only_page(context, "robot")
+    page.get_by_label("Reach from, mm").fill("3000")
+    page.get_by_label("Only of this maker").click()
+    page.get_by_role("option", name="FANUC", exact=True).click()
+    page.get_by_label("Robot", exact=True).click()
+    far = {name for name, arm in arms().items() if name.startswith("fanuc/") and (arm.reach or 0.0) >= 3.0}
+    page.get_by_role("option", name=re.compile("^fanuc")).first.wait_for()
+    options = page.get_by_role("option").all()
+    assert {option.inner_text().split()[0] for option in options} == far
+    picture = options[0].locator("img")
+    page.wait_for_function("image => image.complete && image.naturalWidth > 0", arg=picture.element_handle())
+    robot = options[0].inner_text().split()[0]
+    options[0].click()
+    drawing = page.get_by_role("img", name=re.compile("at home"))
+    drawing.wait_for()
+    # the picture of the list is the side of the drawing: the arm's line of both goes the same way
+    small = page.request.get(f"http://127.0.0.1:{server.port}/picture/{robot}").text()
+    lines = [
+        re.findall(r'<path d="([^"]*)" style="[^"]*" stroke-width="10"', text)[-1]
+        for text in (small, drawing.inner_html())
+    ]
+    ways = [np.diff([[float(x) for x in p.split()] for p in line[1:].split("L")], axis=0) for line in lines]
+    assert np.abs(ways[0] - ways[1]).max() < 0.2
+    assert page.request.get(f"http://127.0.0.1:{server.port}/picture/..%2F..%2Fetc%2Fpasswd").status == 404
 
 
 def test_large_files_are_read_beside_the_server(samples, tmp_path, monkeypatch):
@@ -321,25 +323,20 @@ def asked(server, path, **headers):
             return response
 
 
-def test_only_this_computer_with_the_token_gets_anything(tmp_path):
-    (tmp_path / "secret.txt").write_text("not of the project")
-    server = Server(tmp_path / "project")
-    try:
-        token = server.address.partition("token=")[2]
-        cookie = f"irbcal-{server.port}={token}"
-        assert asked(server, "/").status == 403
-        assert asked(server, "/?token=wrong").status == 403
-        assert asked(server, f"/?token={token}", Host="evil.example").status == 403
-        welcome = asked(server, f"/?token={token}")
-        assert welcome.status == 303
-        assert {"HttpOnly", "SameSite=Strict"} < set(welcome.headers["Set-Cookie"].split("; "))
-        assert asked(server, "/robot", Cookie=cookie).status == 200
-        assert asked(server, "/robot", Cookie=cookie, Origin="https://evil.example").status == 403
-        assert asked(server, "/files/project.json", Cookie=cookie).status == 200
-        for path in ("/files/../secret.txt", "/files/%2e%2e/secret.txt", "/folder/..", "/folder/%2e%2e"):
-            assert asked(server, path, Cookie=cookie).status == 404, path
-    finally:
-        server.end()
+def test_only_this_computer_with_the_token_gets_anything(server):
+    token = server.address.partition("token=")[2]
+    cookie = f"irbcal-{server.port}={token}"
+    assert asked(server, "/").status == 403
+    assert asked(server, "/?token=wrong").status == 403
+    assert asked(server, f"/?token={token}", Host="evil.example").status == 403
+    welcome = asked(server, f"/?token={token}")
+    assert welcome.status == 303
+    assert {"HttpOnly", "SameSite=Strict"} < set(welcome.headers["Set-Cookie"].split("; "))
+    assert asked(server, "/robot", Cookie=cookie).status == 200
+    assert asked(server, "/robot", Cookie=cookie, Origin="https://evil.example").status == 403
+    assert asked(server, "/files/project.json", Cookie=cookie).status == 200
+    for path in ("/files/../secret.txt", "/files/%2e%2e/secret.txt", "/folder/..", "/folder/%2e%2e"):
+        assert asked(server, path, Cookie=cookie).status == 404, path
 
 
 @pytest.mark.parametrize(

@@ -186,11 +186,6 @@ def test_bad_measurement_files(data, tmp_path):
         table.loc[3, "q2_deg"] = np.nan
         return table
 
-    def radians(table):
-        joints = [f"q{i}_deg" for i in range(1, 7)]
-        table[joints] = np.radians(table[joints])
-        return table
-
     def metres(table):
         table[["x_mm", "y_mm", "z_mm"]] /= 1000
         return table
@@ -202,7 +197,6 @@ def test_bad_measurement_files(data, tmp_path):
     assert "row 5, column q2_deg: expected a joint angle in degrees, found nothing" in calibrate(
         edited(data, "b3.csv", nan)
     )
-    assert "joints in radians instead of degrees" in calibrate(edited(data, "b4.csv", radians))
     assert "positions in metres instead of millimetres" in calibrate(edited(data, "b5.csv", metres))
     assert "no usable point is left of 180: lost: no position" in calibrate(edited(data, "b7.csv", lost))
     assert "2 poses cannot determine a robot" in calibrate(edited(data, "b8.csv", lambda t: t[t["pose"] < 2]))

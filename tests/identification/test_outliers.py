@@ -29,7 +29,6 @@ def test_gross_errors_are_found_and_good_points_kept():
 @pytest.mark.parametrize(
     ("q_factor", "xyz_factor", "words"),
     [
-        (np.pi / 180, 1.0, "joints in radians instead of degrees"),
         (1.0, 1e-3, "positions in metres instead of millimetres"),
         (np.pi / 180, 1e-3, "joints in radians instead of degrees and positions in metres"),
     ],
