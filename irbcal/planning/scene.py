@@ -272,7 +272,8 @@ def _base(robot: Robot, tracker: ArrayLike | None, notes: list[str]) -> FloatArr
         )
         x, y, z, yaw = [*coordinates, 0.0][:4]
         return frames.inverse(frames.from_xyz_angles([x, y, z, 0.0, 0.0, yaw]))
-    if robot.targets:
+    stood = float(np.linalg.norm(frames.inverse(robot.T_world_base)[:3, 3]))
+    if robot.targets and stood >= NEAR_TRACKER:  # rows at features have no tracker
         notes.append("no --tracker given: it is taken to stand where it stood for the calibration's measurements")
         return robot.T_world_base
     T: FloatArray = np.array(T_TRACKER_BASE)

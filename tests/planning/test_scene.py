@@ -1,11 +1,15 @@
 """Where a plan is made for: the tracker's place and turn."""
 
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from irbcal.errors import OptionError
+from irbcal.io.opening import open_robot
 from irbcal.io.robots import robot_file
+from irbcal.planning import scene
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.scene import open_scene
 from irbcal.units import DEG
@@ -17,6 +21,16 @@ def test_the_tracker_stands_where_it_is_said_to_stand():
     # its x axis points along y of the base: what is 1 m from it along y is at (1, 0, 0)
     assert scene.T_world_base @ [2.0, 2.0, 0.5, 1.0] == pytest.approx([1.0, 0.0, 0.0, 1.0])
     assert not any("--tracker" in note for note in scene.notes)
+
+
+def test_a_calibration_without_a_tracker_has_no_place_of_one(monkeypatch):
+    """Its measuring frame is the base link itself: the tracker is taken to stand where it does for any other robot."""
+    opened = open_robot("irb1600")
+    touched = replace(opened, robot=opened.robot.replace(targets={"ball": np.array([0.0, 0.0, 0.1])}))
+    monkeypatch.setattr(scene, "open_robot", lambda *_, **__: touched)
+    at_rest = open_scene("irb1600", without=SOLID)
+    assert np.linalg.norm(at_rest.setting.place) > 1.0
+    assert any("no --tracker given: it is taken to stand at" in note for note in at_rest.notes)
 
 
 @pytest.mark.parametrize(
