@@ -199,18 +199,19 @@ def test_the_inverse_is_that_of_numpy(size, monkeypatch):
 
 
 @compiled
-@pytest.mark.parametrize("asked", ["seed", "seed, not thorough", "configuration", "seed and configuration"])
+@pytest.mark.parametrize("asked", ["seed, not thorough", "configuration", "seed and configuration"])
 def test_what_stays_unsolved_is_told_as_by_numpy(asked, monkeypatch):
     """Next to singularities, at limits, beyond limits and reach: joints, reasons and the errors that are left."""
     nominal, rng = arm(), np.random.default_rng(4)
     robot = random_robot(nominal, "34b", np.random.default_rng(3))
-    q = nominal.random_joints(360, 3)
-    q[:60, 4] = rng.uniform(-0.01, 0.01, 60)
-    q[60:120, 2] = -np.pi / 2  # the arm stretched
-    q[120:150, 2] = nominal.upper[2] - 1e-6
-    q[150:210] += rng.uniform(-1.0, 1.0, (60, 6))
+    q = nominal.random_joints(150, 3)
+    q[:25, 4] = rng.uniform(-0.01, 0.01, 25)
+    q[25:50, 2] = -np.pi / 2  # the arm stretched
+    q[50:60, 2] = nominal.upper[2] - 1e-6
+    q[60:90] += rng.uniform(-1.0, 1.0, (30, 6))
     T = robot.poses(q)
-    T[100:240, :3, 3] *= rng.uniform(0.5, 1.6, (140, 1))
+    T[25:40, :3, 3] *= 1.0 + rng.uniform(0.0, 3e-3, (15, 1))  # a little beyond the reach, then far
+    T[40:100, :3, 3] *= rng.uniform(0.5, 1.6, (60, 1))
     T[3], T[4, :3, :3] = np.nan, 1.1 * T[4, :3, :3]
     seed = q + 1e-2 * rng.standard_normal(q.shape)
     seed[4:6, 1] = np.nan
