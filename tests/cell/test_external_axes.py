@@ -25,7 +25,7 @@ from irbcal.correction.languages import fanuc, inform, krl, rapid
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.correction.true_frames import CELL, TargetFrames, TrueFrames, _derivatives
-from irbcal.errors import MeasurementError, OptionError, ProgramError
+from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotError
 from irbcal.io import calibration_folder
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
@@ -277,6 +277,8 @@ def test_the_urdf_of_the_cell_by_pinocchio(demo_calibration, record, robot, tmp_
         T_object = carried(cell.axes, "fixture", by_name) @ cell.work_objects["fixture"].T_true
         T = np.linalg.inv(T_object) @ record.arm().forward(START[None])[0] @ cell.tools["grip"].T_true
         np.testing.assert_allclose((fixture.inverse() * tool).homogeneous, T, rtol=0, atol=3e-5)
+    with pytest.raises(RobotError, match="a track needs a base that stands: base_link moves with joint_1"):
+        with_cell(calibration_folder.read(demo_calibration).urdf, replace(record.arm(), joints_up=1), cell)
 
 
 # ---------------------------------------------------------------- what is refused
