@@ -49,25 +49,31 @@ def room_of(module):
     return module.split(".")[1]
 
 
-def imported(path, types=True):
-    """Modules of irbcal that a file imports, anywhere in it; with or without those that only its types need."""
-    tree = tree_of(path)
+@functools.cache
+def imports_of(path):
+    """Nodes of imports, anywhere in a file, and whether only its types need them."""
+    nodes = list(ast.walk(tree_of(path)))
     for_types = {
         inner
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
         for inner in ast.walk(node)
     }
-    for node in ast.walk(tree):
-        if node in for_types and not types:
+    return [(node, node in for_types) for node in nodes if isinstance(node, (ast.Import, ast.ImportFrom))]
+
+
+def imported(path, types=True):
+    """Modules of irbcal that a file imports, anywhere in it; with or without those that only its types need."""
+    for node, for_types in imports_of(path):
+        if for_types and not types:
             continue
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "irbcal":
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name.split(".")[0] == "irbcal")
+        elif node.module and node.module.split(".")[0] == "irbcal":
             for alias in node.names:
                 deeper = PACKAGE.parent / node.module.replace(".", "/") / f"{alias.name}.py"
                 folder = PACKAGE.parent / node.module.replace(".", "/") / alias.name
                 yield f"{node.module}.{alias.name}" if deeper.is_file() or folder.is_dir() else node.module
-        elif isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name.split(".")[0] == "irbcal")
 
 
 def module_of(path):
