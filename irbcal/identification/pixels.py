@@ -103,9 +103,9 @@ class Pixel(Image):
             return eliminated(obs.R, [-ones(len(obs.p)), -all_of], -obs.p)
         return (self._turned(obs, True)[1], len(obs.p) * 1e-3 * np.eye(3)) if len(obs.p) >= FEWEST else None
 
-    def _rays(self, obs: Observed, A: FloatArray) -> FloatArray:
-        """Unit vectors from the camera to the point, (m, 3), where its axes are A."""
-        return _unit_rays(obs) @ A.T
+    def _rays(self, R: FloatArray, ray: FloatArray, A: FloatArray) -> FloatArray:
+        """Unit vectors from the camera to the point, (m, 3), from those in its axes, where these are A."""
+        return np.asarray(ray @ A.T)
 
     def _turned(self, obs: Observed, with_tool: bool, known: FloatArray | None = None) -> tuple[FloatArray, ...]:
         """Axes of the camera, the tool's point in the tip (none without ``with_tool``), and the place of the feature.
@@ -117,10 +117,11 @@ class Pixel(Image):
 
         step = max(len(obs.p) // MOST_ROWS, 1)
         obs = replace(obs, p=obs.p[::step], R=obs.R[::step], corners=_in_picture(obs)[::step], value=obs.value[::step])
-        m = len(obs.p)
+        m, ray = len(obs.p), _normalised(obs)
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
 
         def solved(A: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            d = self._rays(obs, A)
+            d = self._rays(obs.R, ray, A)
             away = np.eye(3) - d[:, :, None] * d[:, None]
             columns = np.concatenate([away @ obs.R, -away] if with_tool else [-away], axis=2).reshape(3 * m, -1)
             x = np.linalg.lstsq(columns, -(away @ obs.p[..., None]).ravel(), rcond=1e-9)[0]
@@ -175,8 +176,8 @@ class PixelOnTool(Pixel):
             return eliminated(obs.R, [all_of, -ones(len(obs.p))], -obs.p)
         return super().tool(obs)
 
-    def _rays(self, obs: Observed, A: FloatArray) -> FloatArray:
-        return np.einsum("mij,mj->mi", obs.R, _unit_rays(obs) @ A.T)
+    def _rays(self, R: FloatArray, ray: FloatArray, A: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("mij,mj->mi", R, ray @ A.T))
 
 
 class Depth(Pixel):
@@ -207,11 +208,6 @@ def _normalised(obs: Observed) -> FloatArray:
     assert obs.feature.imaging is not None
     xy = undistorted(obs.feature.imaging.lens, _in_picture(obs)[:, 0, 2:4])
     return np.column_stack([xy, np.ones(len(xy))])
-
-
-def _unit_rays(obs: Observed) -> FloatArray:
-    ray = _normalised(obs)
-    return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True))
 
 
 def _points(obs: Observed) -> FloatArray:
