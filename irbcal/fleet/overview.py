@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -285,7 +285,7 @@ def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "par
     Raises
     ------
     CalibrationError
-        If the store cannot be read or the file not be written.
+        If the store cannot be read, has no such rows, or the file cannot be written.
     OptionError
         If there is no such table, or the ending is another.
     """
@@ -305,7 +305,11 @@ def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "par
         nonlocal rows
         with opened(store) as database:
             write_frames = _csv if path.suffix == ".csv" else _parquet
-            rows = write_frames(database.frames(name), stream)
+            frames = iter(database.frames(name))
+            first = next(frames, None)
+            if first is None or first.empty:
+                raise CalibrationError(f"the store has no {name}: there is nothing to write", file=str(store))
+            rows = write_frames(chain([first], frames), stream)
 
     write_together(path.parent, {path.name: write})
     return rows

@@ -63,6 +63,7 @@ def _filter(random: Random) -> list[str]:
     name = random.choice(sorted(endings))
     files = corpus.programs()[name]
     suffixes = [path.suffix for path in files] or [random.choice(endings[name])]
+    suffixes = [random.choice((".csv", ".parquet"))] if name == "table" else suffixes
     several = len(files) == 1 and random.random() < 0.15
     out = ">out" if several or len(suffixes) > 1 else f">out{suffixes[0]}"
     calibration = f"@cal-{name}" if corpus.axes_of(name) else random.choice(("@cal", "@cal", "@cal-map", "@cal-auto"))

@@ -126,6 +126,8 @@ def _programs(folder: Path) -> None:
         name = language.__name__.rsplit(".", 1)[1]  # type: ignore[attr-defined]
         for path in programs()[name]:
             (folder / f"{name}{path.suffix}").write_bytes(path.read_bytes())
+            if path.suffix == ".csv":
+                pd.read_csv(path).to_parquet(folder / f"{name}.parquet", index=False)
         if len(programs()[name]) == 1:  # a folder of two programs
             (folder / f"jobs-{name}").mkdir(exist_ok=True)
             for path in programs()[name]:

@@ -14,6 +14,7 @@ import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet import adding, store_page
+from irbcal.fleet.store import opened
 from irbcal.identification.fit import identify
 
 
@@ -177,3 +178,12 @@ def test_no_store_is_made_for_what_is_no_calibration(tmp_path):
     with pytest.raises(CalibrationError, match="calibration"):
         irbcal.fleet_add(tmp_path / "empty", tmp_path / "new.db")
     assert not (tmp_path / "new.db").exists()
+
+
+def test_an_empty_store_is_not_written_as_a_table(tmp_path):
+    with opened(tmp_path / "fleet.db", create=True):
+        pass
+    for ending in ("csv", "parquet"):
+        with pytest.raises(CalibrationError, match="no parameters: there is nothing to write"):
+            irbcal.fleet_export(tmp_path / f"p.{ending}", tmp_path / "fleet.db")
+    assert [path.name for path in tmp_path.iterdir()] == ["fleet.db"]
