@@ -117,6 +117,9 @@ def test_parquet_has_the_numbers_of_csv_whole_and_in_pieces(kind, calibration, p
             irbcal.correct(calibration, out, out=tmp_path / "again.parquet")
     with pytest.raises(OptionError, match=r"ends in \.parquet"):
         irbcal.correct(calibration, tmp_path / "job.parquet", out=tmp_path / "again.csv")
+    (tmp_path / "job.parquet").write_bytes((tmp_path / "job.csv").read_bytes())
+    with pytest.raises(ProgramError, match="not a Parquet file"):
+        irbcal.correct(calibration, tmp_path / "job.parquet", out=tmp_path / "again.parquet")
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])

@@ -465,7 +465,7 @@ def fingerprint(data: bytes, source: str = "program") -> str | None:
 
 def _parsed(data: bytes, source: str) -> pd.DataFrame:
     """Cells of a file; numbers of a Parquet file as such."""
-    if data.startswith(PARQUET):
+    if data.startswith(PARQUET) or source.endswith(".parquet"):
         return parse_parquet(data, source, (), lambda name: True)
     return parse_csv(data, source, typed=lambda name: False)
 
