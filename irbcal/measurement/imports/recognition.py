@@ -71,6 +71,8 @@ AGREES = 0.05
 CLEARLY = 3.0
 """So many times the best trial fit's residual has the second best, or it stays open which is right."""
 SCALE_TOLERANCE = 0.1
+SAMPLE = 1000
+"""Lines of a file that tell its delimiter and decimal mark: so many first ones, and as many all over it."""
 COMPUTED = 3e-6
 """Metres within which a nominal robot reaches no measured point."""
 
@@ -175,15 +177,16 @@ def _sheet(source: str) -> Sheet | None:
     header, titles, units = _header(cells, first, width)
     left_out: list[str] = []
     marks: set[str] = set()
+    is_row = [_is_row(row, width, count, shapes) for row, count in zip(cells, numeric, strict=True)]
     for k in range(first, len(cells)):
         row = cells[k]
-        if not any(row) or k == first or _is_row(row, width, numeric[k], shapes):
+        if not any(row) or k == first or is_row[k]:
             continue
         if numeric[k] >= 3 and _folded(next(cell for cell in row if cell)).strip(" .:") not in _SETS["statistics"]:
             continue  # a row with values too many or too few: it is refused when the table is read
         left_out.append(lines[k].strip())
         marks.add(re.split(r"\d", next(cell for cell in row if cell))[0].strip() or lines[k].strip()[:100])
-    rows = [lines[k].lstrip() for k in range(first, len(cells)) if _is_row(cells[k], width, numeric[k], shapes)]
+    rows = [lines[k].lstrip() for k in range(first, len(cells)) if is_row[k]]
     marks = {mark[:100] for mark in marks if not any(row.startswith(mark[:100]) for row in rows)}
     layout["skip_rows"] = header if titles else first
     layout["header"] = bool(titles)
@@ -226,20 +229,16 @@ def _skeleton(name: str) -> str:
 
 def _cutting(lines: Sequence[str], of_workbook: bool) -> tuple[list[list[str]], dict[str, Any], int] | None:
     """Cells of lines by the delimiter and decimal mark that give most numbers, how they were cut, and their number."""
-    best: tuple[float, str, str, str, list[list[str]], int] | None = None
+    best: tuple[float, str, str, str, int] | None = None
     spaced = tables.with_units(lines)
     marks = _marks_of_numbers("\n".join(lines))
+    drawn = sorted({*range(min(len(lines), SAMPLE)), *range(0, len(lines), max(len(lines) // SAMPLE, 1))})
     for delimiter in ("\t",) if of_workbook else ("\t", ";", "|", ",", BLANKS):
-        present = delimiter == BLANKS or any(delimiter in line for line in lines)
-        if not present:
+        if delimiter != BLANKS and not any(delimiter in line for line in lines):
             continue
         of_delimiter = spaced if delimiter == BLANKS else lines
-        raw = [tables._fields(line, delimiter) if line.strip() else [] for line in of_delimiter]
-        raw = [[cell.strip() for cell in row] for row in raw]
         for thousands, decimal in marks:
-            cells = raw
-            if thousands:
-                cells = [[tables.without_thousands(cell, thousands, decimal) for cell in row] for row in raw]
+            cells = _cut([of_delimiter[k] for k in drawn], delimiter, thousands, decimal)
             counts = [_numbers_in(row, decimal) for row in cells]
             widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 3)
             if not widths:
@@ -247,10 +246,11 @@ def _cutting(lines: Sequence[str], of_workbook: bool) -> tuple[list[list[str]], 
             width = widths.most_common(1)[0][0]
             score = sum(count for row, count in zip(cells, counts, strict=True) if len(row) == width and count >= 3)
             if best is None or score > best[0]:
-                best = score, delimiter, thousands, decimal, cells, width
+                best = score, delimiter, thousands, decimal, width
     if best is None:
         return None
-    _, delimiter, thousands, decimal, cells, width = best
+    _, delimiter, thousands, decimal, width = best
+    cells = _cut(spaced if delimiter == BLANKS else lines, delimiter, thousands, decimal)
     if sum(len(row) == width for row in cells) < FEWEST_ROWS:
         return None
     layout: dict[str, Any] = {"delimiter": {BLANKS: "space", "\t": "tab"}.get(delimiter, delimiter), "decimal": decimal}
@@ -263,6 +263,14 @@ def _cutting(lines: Sequence[str], of_workbook: bool) -> tuple[list[list[str]], 
             layout |= {"delimiter": "fixed", "starts": fixed}
             width = len(fixed)
     return cells, layout, width
+
+
+def _cut(lines: Sequence[str], delimiter: str, thousands: str, decimal: str) -> list[list[str]]:
+    """Cells of lines, without marks of thousands."""
+    cells = [[cell.strip() for cell in tables._fields(line, delimiter)] if line.strip() else [] for line in lines]
+    if thousands:
+        return [[tables.without_thousands(cell, thousands, decimal) for cell in row] for row in cells]
+    return cells
 
 
 def _marks_of_numbers(text: str) -> list[tuple[str, str]]:
