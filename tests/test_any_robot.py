@@ -298,8 +298,7 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
     with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
         proven_of(data, rail, base_link="rail_base", free=["stiffness_A"])
     with pytest.raises(
-        IdentificationError,
-        match="model 26 is for arms with six revolute joints, irb120_3_058 has 7 \\(rail slides, ",
+        OptionError, match="method circles is for arms with six revolute joints, irb120_3_058 has 7 \\(rail slides, "
     ):
         proven_of(data, rail, base_link="rail_base", method="circles")
     with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):

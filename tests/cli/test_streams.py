@@ -55,17 +55,16 @@ def test_a_stream_without_standard_input_is_refused(folder):
     assert (done.stdout, done.stderr, done.returncode) == ("", "irbcal: there is no standard input\n", 1)
 
 
-@pytest.mark.parametrize("package", ["meshcat", "scipy"])
 @pytest.mark.parametrize("command", ["view", "plan"])
-def test_a_package_that_is_not_installed_is_named(package, command, tmp_path):
+def test_a_package_that_is_not_installed_is_named(command, tmp_path):
     words = {
         "view": ["view", "irb1600", "--html", "view.html"],
         "plan": ["plan", "--robot", "irb1600", "--out", "plan", "--cube", "6", "--all-range", "6"],
     }[command]
-    done = run("-c", BLOCKED.format(package=package), *words, cwd=tmp_path)
-    assert done.stderr.endswith(f"pip install {package}\n")
+    done = run("-c", BLOCKED.format(package="meshcat"), *words, cwd=tmp_path)
+    assert done.stderr.endswith("pip install meshcat\n")
     assert done.stderr.count("\n") == 1
-    if (package, command) == ("meshcat", "plan"):
+    if command == "plan":
         assert done.returncode == 0
         assert (tmp_path / "plan" / "plan.csv").is_file()
         assert not (tmp_path / "plan" / "plan.html").exists()
