@@ -1,4 +1,4 @@
-"""A run of joint moves that a language writes as a robot program: see the module ``moves`` of each."""
+"""A run of joint moves that a language writes as a robot program: see ``write_moves`` of each."""
 
 from __future__ import annotations
 

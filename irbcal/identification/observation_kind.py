@@ -174,7 +174,7 @@ class Kind(ABC):
         """Unknowns of the kind where the tool's point is known, in closed form."""
 
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
-        """The tool's point in the tip link where ``seen.p`` is the tip itself, in closed form, and how firmly.
+        """The tool's point in the tip link where ``obs.p`` is the tip itself, in closed form, and how firmly.
 
         Returns
         -------

@@ -7,8 +7,8 @@ frame in which the feature is known or sought: kinds know nothing of the frames 
 
 A kind is added by a class here, or in a file of its own, and its name in `KINDS`: rows of it are then read, fitted,
 judged and drawn. Kinds are named elsewhere only where a device is of them (`irbcal.simulation.devices`,
-`irbcal.planning.device_plan`) or one is drawn otherwise than as a ball on a foot (`irbcal.viewer.features`), and
-``point`` for the rows of a tracker.
+`irbcal.planning.device_plan`) or one is drawn otherwise than as a ball on a foot, also by unknowns of new names
+(`irbcal.viewer.features`), and ``point`` for the rows of a tracker.
 """
 
 from __future__ import annotations

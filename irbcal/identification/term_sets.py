@@ -250,7 +250,7 @@ def with_type(
 
 
 def tau_of(term_set: TermSet, terms: Sequence[Term]) -> float | None:
-    """Time constant of a dictionary's warm-up; None without."""
+    """Time constant of a term set's warm-up; None without."""
     taus = [terms[k].parameters["tau"] for k in term_set.terms if terms[k].family == "warm_up"]
     return float(str(taus[0])) if taus else None
 
@@ -370,7 +370,7 @@ def like_type(chi2: float, directions: int) -> bool:
 
 
 def chi_square_of_type(
-    sums: NormalEquations, flat: int, dictionary: TermSet, fit: Posterior, largest: float = np.inf
+    sums: NormalEquations, flat: int, term_set: TermSet, fit: Posterior, largest: float = np.inf
 ) -> tuple[float, int]:
     """Chi-square of a robot against its sisters, and its degrees of freedom.
 
@@ -380,9 +380,9 @@ def chi_square_of_type(
     Parameters
     ----------
     sums : NormalEquations
-        Of the dictionary's columns.
+        Of the term set's columns.
     flat : int
-    dictionary : Dictionary
+    term_set : TermSet
         One that knows of sisters.
     fit : Posterior
         Its fit: residual variance, tempering and the variances of groups of which nothing is known.
@@ -395,11 +395,11 @@ def chi_square_of_type(
     directions : int
         Of which the measurements tell more than the prior.
     """
-    expected = dictionary.expected
+    expected = term_set.expected
     if expected is None:
         raise IdentificationError("this choice of terms knows of no sisters")
     a = fit.temper / min(fit.s2, largest)
-    free = np.concatenate([np.zeros(flat), np.where(expected.known, 0.0, 1.0 / fit.variances[dictionary.group])])
+    free = np.concatenate([np.zeros(flat), np.where(expected.known, 0.0, 1.0 / fit.variances[term_set.group])])
     A, b = a * sums.H + np.diag(free), a * sums.g
     of_type = np.concatenate([np.zeros(flat, dtype=bool), expected.known])
     crossed = np.linalg.solve(

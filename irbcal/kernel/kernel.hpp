@@ -676,6 +676,7 @@ inline Frame<S> chain_with_jacobian(const Robot& r, const S* theta, S (*J)[Robot
 
 // ------------------------------------------------------------------ the closed form of ortho-parallel arms
 
+constexpr double on_singularity = 1e-12;   // sine of q5 below which q4 is not defined by the pose
 constexpr double reach_tolerance = 1e-12;  // metres by which rounding may put a pose beyond the reach
 
 struct ClosedForm {
@@ -752,7 +753,7 @@ inline void wrist(const Hand<S>& hand, const S& front, const S& c23, const S& s2
   const S c5 = c23 * ar - s23 * hand.R[2][2];
   const S open = -hand.R[2][2] * c23 - s23 * ar;  // cos q4 sin q5
   const S s5 = root(open * open + at * at);
-  const auto singular = s5 < 1e-12;
+  const auto singular = s5 < on_singularity;
   const S x = singular ? all<S>(1.0) : open, y = singular ? S{} : at;
   const S first = (front * hand.along[0] * s23 + hand.R[0][2] * c23) * y + front * hand.across[0] * x;
   const S second = (front * hand.along[1] * s23 + hand.R[1][2] * c23) * y + front * hand.across[1] * x;

@@ -326,8 +326,7 @@ class Certainty(Locked):
 def _motion(q: ArrayLike, previous: ArrayLike | None) -> tuple[Motion, BoolArray]:
     """The motion, moves that are not known zero, and where they are known, shape (n,)."""
     q = np.atleast_2d(np.asarray(q, dtype=float))
-    if previous is None:
-        return Motion(q), np.zeros(len(q), dtype=bool)
-    move = q - np.asarray(previous, dtype=float)
-    has_move = np.asarray(np.isfinite(move).all(axis=1))
-    return Motion(q, np.where(has_move[:, None], move, 0.0)), has_move
+    has_move = np.zeros(len(q), dtype=bool)
+    if previous is not None:
+        has_move[:] = np.isfinite(q - np.asarray(previous, dtype=float)).all(axis=1)
+    return Motion.after(q, previous), has_move

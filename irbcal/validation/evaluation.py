@@ -58,7 +58,7 @@ from irbcal.validation.verdict import (
     expanded_uncertainty,
     region,
 )
-from irbcal.validation.verdict import verdict as judged
+from irbcal.validation.verdict import verdict as verdict_of_points
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -178,8 +178,8 @@ class Evaluation(Result):
     def report(self, verbose: bool = False) -> Sequence[Paragraph]:
         """What ``irbcal evaluate`` prints; ``verbose``: every point that was left out."""
         labels = {"nominal": "nominal", "calibrated": f"model {self.model}"}
-        judged = () if self.conformity is None else self.conformity.report()
-        lines: list[Paragraph] = [*judged, *self.verdict.report(), self._error_table(labels)]
+        conformity = () if self.conformity is None else self.conformity.report()
+        lines: list[Paragraph] = [*conformity, *self.verdict.report(), self._error_table(labels)]
         if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
             lines.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
@@ -507,7 +507,7 @@ def evaluate(
         accuracy.largest_covers(len(np.unique(repeat_groups(points)))),
         measured.simulated or record.simulated,
     )
-    outcome = judged(
+    outcome = verdict_of_points(
         errors["nominal"] / MM,
         errors["calibrated"] / MM,
         cleaned.number[points.pose],
@@ -749,7 +749,7 @@ def _of_long_file(
     notes = pieces.once((text for part in parts for text in part.notes), len(parts))
     proven = all(part.proven for part in parts)
     basis = next((part.basis for part in parts if part.basis), "")
-    outcome = judged(
+    outcome = verdict_of_points(
         errors["nominal"] / np.float32(MM),
         errors["calibrated"] / np.float32(MM),
         pose,
@@ -807,7 +807,7 @@ def in_frame_of_calibration(
 
     Returns
     -------
-    ready : CleanedPoints
+    points : CleanedPoints
     robots : dict of str to Robot
         ``nominal`` and ``calibrated``.
 
@@ -827,11 +827,11 @@ def in_frame_of_calibration(
             return robots
         return {name: refit.placed(robot, points, measured.source) for name, robot in robots.items()}
 
-    chosen, judged = (
+    chosen, to_judge = (
         refit.chosen(cleaned.points, measured.source) if refit else (np.ones(cleaned.points.poses, bool),) * 2
     )
     placing = cleaned.points.select(chosen)
-    robots, cleaned = placed(placing), cleaned.select(judged)
+    robots, cleaned = placed(placing), cleaned.select(to_judge)
     points, notes = with_last_moves(robots["calibrated"], cleaned.points)
     cleaned = replace(cleaned, points=points, notes=(*cleaned.notes, *notes))
     if points.previous is None:
@@ -839,7 +839,7 @@ def in_frame_of_calibration(
         robots = placed(placing)
     zeros = refit.zeros_in_words(record.robot_calibrated(), robots["calibrated"], placing)
     cleaned = replace(cleaned, notes=(*zeros, *cleaned.notes))
-    if not judged[chosen].any():
+    if not to_judge[chosen].any():
         cleaned = replace(cleaned, notes=(*cleaned.notes, _placed_in_words(refit, placing.poses, points.poses)))
     error = distances(robots["calibrated"], cleaned.points)
     refuse_far_points(robots["calibrated"], cleaned.points, error, measured, bool(refit))
@@ -972,7 +972,7 @@ def _parts(cleaned: CleanedPoints) -> dict[str, NameArray]:
 
 
 def _by_label(labels: NameArray, compute: Callable[[BoolArray], T]) -> dict[str, T]:
-    """``of(mask)`` for each label but the empty one."""
+    """``compute(mask)`` for each label but the empty one."""
     return {str(label): compute(labels == label) for label in sorted(set(labels)) if label}
 
 

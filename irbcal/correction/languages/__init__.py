@@ -144,7 +144,7 @@ _UNREADABLE = {
 }
 """Endings of programs that hold no text, the ending of the text of the same name, and what to do."""
 _ELSEWISE = (
-    (b"\x1f\x8b", "a compressed file (a PolyScope .urp is one: export the program as .script)"),
+    (b"\x1f\x8b", "a compressed file: unpack it"),
     (b"PK\x03\x04", "a zip archive: unpack it"),
     (b"%PDF", "a PDF document"),
     (b"<?xml", "an XML file of no language that is known"),
@@ -169,8 +169,8 @@ def of(path: str | Path) -> Language:
         return looks[0]
     expected = ", ".join(f"{language.NAME} ({', '.join(language.ENDINGS)})" for language in known())
     actual = f"the ending {ending}" if ending else "a name without ending"
-    if ending == ".tp":
-        actual = "a binary FANUC program: have the controller write it as .LS"
+    if ending in _UNREADABLE:
+        actual = _UNREADABLE[ending][1]
     else:
         actual = next((description for begin, description in _ELSEWISE if data.startswith(begin)), actual)
     raise ProgramError(f"expected a program in one of {expected}, found {actual}", file=path)

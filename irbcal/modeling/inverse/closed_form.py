@@ -33,6 +33,8 @@ __all__ = [
 
 LIMIT_TOLERANCE = 1e-9
 """Radians by which rounding may put a joint beyond its limit."""
+ALIGNED = 1e-10
+"""Angle between axes 4 and 6, radians, up to which they are one axis: `nearest` leaves joint 4 where it is."""
 
 BRANCH_NAMES = tuple(f"{s} {e} {w}" for s in ("front", "back") for e in ("up", "down") for w in ("no-flip", "flip"))
 """Names of the branches 0 to 7."""
@@ -136,7 +138,7 @@ def nearest(arm: Arm, branches: Branches, near: ArrayLike, limits: bool = True) 
     around = np.broadcast_to(np.asarray(near, dtype=float), (len(branches.joints), 6))
     around = np.ascontiguousarray(around.T).T[:, None, :]  # in memory as the branches are
     joints = branches.joints
-    singular = branches.valid & (branches.wrist <= 1e-10)
+    singular = branches.valid & (branches.wrist <= ALIGNED)
     if singular.any():
         joints = joints.copy()
         closed = branches.arm

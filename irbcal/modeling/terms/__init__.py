@@ -1,7 +1,7 @@
 """The error model as a sum of terms: one module a family, `TermMap` adds them up.
 
-A new family is a new module here with a `irbcal.modeling.terms.term.Family` called ``FAMILY``; nothing else need know
-it, but `irbcal.identification.term_sets`, which says what it is compared with.
+A new family is a new module here with a `irbcal.modeling.terms.term.Family` called ``FAMILY``: kinematics,
+inverse and files know it then. `irbcal.identification.term_sets` says what it is compared with.
 """
 
 from __future__ import annotations

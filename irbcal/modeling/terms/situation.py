@@ -144,10 +144,7 @@ def motion_at_use(
     usual_place : array_like, shape (3,)
     """
     q = np.asarray(q, dtype=float)
-    move = centre = None
-    if previous is not None:
-        move = q - np.asarray(previous, dtype=float)
-        move = np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0)
+    centre = None
     usual = 0.0 if usual_kg is None else usual_kg
     load: FloatArray = np.full(len(q), usual if payload_kg is None else payload_kg, dtype=float)
     load = np.where(np.isfinite(load), load, usual)
@@ -155,7 +152,7 @@ def motion_at_use(
         centre = np.broadcast_to(np.asarray(payload_place, dtype=float), (len(q), 3))
         centre = np.where(np.isfinite(centre).all(axis=1, keepdims=True), centre, usual_place)
     felt = None if torques is None else np.nan_to_num(np.asarray(torques, dtype=float))
-    return Motion(q, move, payload_kg=load, payload_place=centre, torques=felt)
+    return replace(Motion.after(q, previous), payload_kg=load, payload_place=centre, torques=felt)
 
 
 class Situation:

@@ -174,7 +174,7 @@ class Basis(ABC):
 
 
 class Family(ABC):
-    """Terms that belong together: they enter a dictionary together or not at all."""
+    """Terms that belong together: they enter a set of terms together or not at all."""
 
     name: str
     bases: tuple[Basis, ...] = ()

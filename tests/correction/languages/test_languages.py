@@ -38,7 +38,7 @@ def test_other_files_go_by_what_they_look_like(tmp_path):
     [
         ("job.abc", b"hello\n", "found the ending .abc"),
         ("job", b"hello\n", "found a name without ending"),
-        ("job.urp", b"\x1f\x8b\x08\x00", "export the program as .script"),
+        ("job.urp", b"\x1f\x8b\x08\x00", "export it as .script"),
         ("job.tp", b"\x00\x01", "have the controller write it as .LS"),
         ("job.zip", b"PK\x03\x04", "found a zip archive: unpack it"),
     ],
