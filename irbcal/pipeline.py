@@ -114,6 +114,8 @@ LARGEST_TURN = 3 * DEG
 """Median angle from the nominal robot above which measured orientations are refused, radians."""
 OPEN = 0.5
 """Share of what was not known of the tool's position that rows at features may leave open without a doubt."""
+NEARLY_PARALLEL = 1e-6
+"""Radians between two axes below which the nominal arm has them parallel."""
 LENGTH_ERROR = 0.1 * MM
 """Error of known lengths below which it is no doubt, metres."""
 LENGTHS_WORSE, LENGTHS_OPEN = 2.0, 3.0
@@ -994,6 +996,12 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
             file=rows.source,
         )
     file = robots.robot_file(robot)
+    notes = _robot_notes(file, None, nominal.arm)
+    if options.model in ("11", "16", "26", "34") and abs(np.sin(nominal.arm.table.alpha[2])) < NEARLY_PARALLEL:
+        notes.append(
+            f"Model {options.model} has no tilt between the parallel axes 2 and 3: intervals from rows at features are "
+            "too narrow with it. Where they count, take auto, 34b or placement."
+        )
     return Inputs(
         options=options,
         urdf=nominal,
@@ -1001,7 +1009,7 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
         nominal_source=_source(robot, options.package_dirs),
         measurements=rows.as_measurements(),
         feature_rows=rows,
-        notes=tuple(_robot_notes(file, None, nominal.arm)),
+        notes=tuple(notes),
     )
 
 

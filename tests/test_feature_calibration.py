@@ -158,6 +158,7 @@ def test_a_level_at_features_fits_its_error_parameters_and_no_others(tmp_path):
     table, known = cases.rows("point", truth, 25, 4, 1e-5)
     result = irbcal.calibrate(table, "irb1600", "26", features=known, hold=["delta_d3"], leave_out="none")
     assert result.record.model == "26"
+    assert any("no tilt between the parallel axes 2 and 3" in note for note in result.record.notes)
     names = {row.name for row in result.record.parameters if not row.name.startswith(("base", "target"))}
     assert names == {p.name for p in level_parameters("26")} - {"delta_d3"}
     assert not result.robot_calibrated().joint_map.terms.terms
