@@ -108,7 +108,8 @@ def drawn_robot(
     levels: Sequence[Dated],
     parameters: Sequence[str],
     days: Sequence[float],
-    ends: tuple[float, ...],
+    top: float,
+    tolerance: Sequence[float] = (),
 ) -> Drawing:
     """Errors of a robot over time, and the parameters that changed, one below the other.
 
@@ -121,10 +122,11 @@ def drawn_robot(
         Names of those that are drawn.
     days : sequence of float
         Ends of the time.
-    ends : tuple of float
-        Tolerance, if there is one, and where the scale of errors ends, mm.
+    top : float
+        Where the scale of errors ends, mm.
+    tolerance : sequence of float
+        One, in mm, or none.
     """
-    *tolerance, top = ends
     drawing = Drawing(f"Drift of {history.robot}", HEAD + ROW * len(parameters) + 26.0, WIDTH)
     lowest = len(parameters)
     dates = history.days[[0, -1]].tolist(), [str(history.measured[0]), str(history.measured[-1])]
@@ -213,7 +215,7 @@ def _charts(
         every = [*steps, change(levels[0], levels[-1])]
         causes = sorted((cause for step in every for cause in step.parameters), key=lambda cause: -cause.chi2)
         parameters = list(dict.fromkeys(cause.name for cause in causes))[:MOST_CURVES]
-        ends = (*limit, axis_top(np.array([max(shared, largest_mm), *limit])))
+        top = axis_top(np.array([max(shared, largest_mm), *limit]))
         folders = [stored.calibration["folder"] for stored in database.of_numbers(history.numbers[-2:], ())]
         sentences = [sentence for step in steps for sentence in step.in_words()]
         if len(steps) > 1 and every[-1].real and not any(step.real for step in steps):
@@ -227,7 +229,7 @@ def _charts(
             {
                 "number": len(out) + 1,
                 "history": history,
-                "drawing": drawn_robot(history, levels, parameters, days, ends),
+                "drawing": drawn_robot(history, levels, parameters, days, top, limit),
                 "changed": any(step.real for step in every),
                 "sentences": sentences,
                 "command": literals.shell("irbcal", "fleet", "drift", history.robot, "--store", store),

@@ -2,6 +2,7 @@
 
 import json
 import re
+from datetime import date
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,16 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet import adding, store_page
 from irbcal.fleet.store import opened
 from irbcal.identification.fit import identify
+
+
+def test_robots_beyond_the_tolerance_come_first_then_those_that_grew():
+    def history(name, *errors):
+        days = tuple(date(2026, month + 1, 1) for month in range(len(errors)))
+        return store_page.ErrorHistory(name, "arm", tuple(range(len(errors))), days, np.array(errors))
+
+    robots = [history("mended", 0.5, 0.1), history("worn", 0.1, 0.4), history("grew", 0.1, 0.2), history("lost", 0.1)]
+    order = [robot.robot for robot in store_page.worst_first(robots, {}, 0.3)]
+    assert order == ["worn", "grew", "lost", "mended"]
 
 
 def test_a_calibration_is_taken_as_it_is(calibrated, stored):

@@ -72,7 +72,8 @@ CLEARLY = 3.0
 """So many times the best trial fit's residual has the second best, or it stays open which is right."""
 SCALE_TOLERANCE = 0.1
 SAMPLE = 1000
-"""Lines of a file that tell its delimiter and decimal mark: so many first ones, and as many all over it."""
+"""Lines of a file that tell its delimiter and decimal mark: so many first ones, and as many all over it; all of them
+where less than half of these are rows."""
 COMPUTED = 3e-6
 """Metres within which a nominal robot reaches no measured point."""
 
@@ -229,24 +230,11 @@ def _skeleton(name: str) -> str:
 
 def _cutting(lines: Sequence[str], of_workbook: bool) -> tuple[list[list[str]], dict[str, Any], int] | None:
     """Cells of lines by the delimiter and decimal mark that give most numbers, how they were cut, and their number."""
-    best: tuple[float, str, str, str, int] | None = None
     spaced = tables.with_units(lines)
-    marks = _marks_of_numbers("\n".join(lines))
     drawn = sorted({*range(min(len(lines), SAMPLE)), *range(0, len(lines), max(len(lines) // SAMPLE, 1))})
-    for delimiter in ("\t",) if of_workbook else ("\t", ";", "|", ",", BLANKS):
-        if delimiter != BLANKS and not any(delimiter in line for line in lines):
-            continue
-        of_delimiter = spaced if delimiter == BLANKS else lines
-        for thousands, decimal in marks:
-            cells = _cut([of_delimiter[k] for k in drawn], delimiter, thousands, decimal)
-            counts = [_numbers_in(row, decimal) for row in cells]
-            widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 3)
-            if not widths:
-                continue
-            width = widths.most_common(1)[0][0]
-            score = sum(count for row, count in zip(cells, counts, strict=True) if len(row) == width and count >= 3)
-            if best is None or score > best[0]:
-                best = score, delimiter, thousands, decimal, width
+    best = _best_marks(lines, spaced, drawn, of_workbook)
+    if best is None or 2 * best[0] < len(drawn):  # a table in a long log
+        best = _best_marks(lines, spaced, range(len(lines)), of_workbook)
     if best is None:
         return None
     _, delimiter, thousands, decimal, width = best
@@ -263,6 +251,29 @@ def _cutting(lines: Sequence[str], of_workbook: bool) -> tuple[list[list[str]], 
             layout |= {"delimiter": "fixed", "starts": fixed}
             width = len(fixed)
     return cells, layout, width
+
+
+def _best_marks(
+    lines: Sequence[str], spaced: Sequence[str], drawn: Sequence[int], of_workbook: bool
+) -> tuple[int, str, str, str, int] | None:
+    """Rows, delimiter, marks of thousands and decimals, and cells of a row that give most numbers in drawn lines."""
+    best: tuple[int, int, str, str, str, int] | None = None
+    marks = _marks_of_numbers("\n".join(lines))
+    for delimiter in ("\t",) if of_workbook else ("\t", ";", "|", ",", BLANKS):
+        if delimiter != BLANKS and not any(delimiter in line for line in lines):
+            continue
+        of_delimiter = spaced if delimiter == BLANKS else lines
+        for thousands, decimal in marks:
+            cells = _cut([of_delimiter[k] for k in drawn], delimiter, thousands, decimal)
+            counts = [_numbers_in(row, decimal) for row in cells]
+            widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 3)
+            if not widths:
+                continue
+            width, rows = widths.most_common(1)[0]
+            score = sum(count for row, count in zip(cells, counts, strict=True) if len(row) == width and count >= 3)
+            if best is None or score > best[0]:
+                best = score, rows, delimiter, thousands, decimal, width
+    return None if best is None else best[1:]
 
 
 def _cut(lines: Sequence[str], delimiter: str, thousands: str, decimal: str) -> list[list[str]]:

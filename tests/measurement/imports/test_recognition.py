@@ -115,6 +115,14 @@ def test_what_contradicts_the_robot_is_refused(tmp_path):
     assert "a controller computed them" in refusal(log)
 
 
+def test_a_short_table_in_a_long_log_is_seen(tmp_path):
+    q, points = measured()
+    log = ["axis warm, waiting"] * 60_000
+    path = write(tmp_path / "log.txt", "\n".join([*log[:5010], HEADER, *long_rows(q, points), *log]))
+    imported = irbcal.import_measurements(path, robot="irb120")
+    np.testing.assert_allclose(imported.table[JOINTS].to_numpy()[::2], q, rtol=0, atol=1e-9)
+
+
 def test_a_row_with_values_too_many_is_refused_and_not_left_out(tmp_path):
     rows = long_rows(*measured())
     rows[7] += ";9"
