@@ -5,7 +5,7 @@ import pytest
 from support import arm
 
 from irbcal.planning.conditions import Targets
-from irbcal.planning.optimal_design import Aim, Candidates
+from irbcal.planning.optimal_design import Aim, Candidates, Criterion, LogDeterminant, MeanSquaredError
 
 PLACES = np.array([[-0.087, 0.087, 0.11], [0.084, 0.084, 0.11], [0.086, -0.086, 0.11]])
 
@@ -25,18 +25,31 @@ def random_candidates(n, r=2, p=9, h=4, seed=0):
     return Candidates(5 * rng.standard_normal((n, r, p)), rng.standard_normal((n, r, h)))
 
 
+class LargestVariance(Criterion):
+    """A criterion as a user may add it: E-optimality, the largest eigenvalue of the covariance."""
+
+    @classmethod
+    def of(cls, model, q, target, imagined):
+        return cls()
+
+    def value(self, M, N):
+        return 1.0 / np.linalg.eigvalsh(M)[0]
+
+
 def random_aim(kind, p=9, h=4, outer=3, seed=1):
     rng = np.random.default_rng(seed)
     J, E = rng.standard_normal((40, p)), rng.standard_normal((40, h))
-    return {
-        "D": Aim(outer),
-        "position": Aim(outer, J.T @ J / 40, np.zeros((p, 0))),
-        "imagined": Aim(outer, J.T @ J / 40, J.T @ E / 40, float(np.sum(E**2)) / 40),
-    }[kind]
+    criteria = {
+        "D": LogDeterminant(outer),
+        "position": MeanSquaredError(J.T @ J / 40, np.zeros((p, 0))),
+        "imagined": MeanSquaredError(J.T @ J / 40, J.T @ E / 40, float(np.sum(E**2)) / 40),
+        "new": LargestVariance(),
+    }
+    return Aim(criteria[kind])
 
 
 def without_errors(candidates, kind):
     return candidates if kind == "imagined" else Candidates.without_errors(candidates.rows)
 
 
-KINDS = pytest.mark.parametrize("kind", ["D", "position", "imagined"])
+KINDS = pytest.mark.parametrize("kind", ["D", "position", "imagined", "new"])

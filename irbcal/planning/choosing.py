@@ -292,7 +292,7 @@ class PlanRequest:
     def __post_init__(self) -> None:
         if self.axis not in (0, FEW, MANY):
             raise OptionError(f"expected {FEW}, {MANY} or 0 axis moves, found {self.axis}", parameter="axis")
-        for name, choices in (("criterion", CRITERIA), ("volume", VOLUMES)):
+        for name, choices in (("criterion", tuple(CRITERIA)), ("volume", VOLUMES)):
             if getattr(self, name) not in choices:
                 raise OptionError.unknown(name, getattr(self, name), choices)
         if not (self.axis or self.cube or self.all_range or self.optimal or self.zeros):
@@ -426,7 +426,7 @@ def optimal(
     pool = joined(pools)
     measured = first_seen(pool.seen, MOST_REFLECTORS)
     step(f"{request.optimal} poses of {len(pool.q)} candidates")
-    imagined = request.imagined if request.criterion == "position" else 0.0
+    imagined = request.imagined if CRITERIA[request.criterion].IN_METRES else 0.0
     cared_for = np.concatenate([samples_of[name] for name in samples_of if request.volume in ("both", name)])
     most_seen = int(np.argmax(measured.sum(axis=0)))
     aim = model.aim(request.criterion, cared_for, most_seen, imagined)

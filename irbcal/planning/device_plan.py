@@ -44,7 +44,16 @@ from irbcal.names import csv_bytes
 from irbcal.options import MOST_POSES, checked, number
 from irbcal.options import seed as check_seed
 from irbcal.planning.conditions import Setting, counted
-from irbcal.planning.optimal_design import WAVES, Aim, Candidates, Chosen, DesignComparison, compare, exchange
+from irbcal.planning.optimal_design import (
+    WAVES,
+    Aim,
+    Candidates,
+    Chosen,
+    DesignComparison,
+    MeanSquaredError,
+    compare,
+    exchange,
+)
 from irbcal.planning.route import shortest_order
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation import devices
@@ -171,7 +180,7 @@ class DeviceModel:
         columns = np.r_[at : at + 3, problem.flat : len(J)]
         G[np.ix_(columns, columns)] = self.G
         nuisance = J[:, row < 0]
-        aim = Aim(problem.flat, G, np.zeros((len(J), 0)), 0.0, (nuisance @ nuisance.T, 0.0))
+        aim = Aim(MeanSquaredError(G, np.zeros((len(J), 0))), (nuisance @ nuisance.T, 0.0))
         return Rated(Candidates.without_errors(rows), aim)
 
 

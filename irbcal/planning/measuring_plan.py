@@ -45,7 +45,7 @@ from irbcal.planning.choosing import (
 )
 from irbcal.planning.conditions import CONDITIONS, TargetsLike
 from irbcal.planning.lost_zeros_plan import enough_poses, model_of_zeros, zeros_of_plan_in_words
-from irbcal.planning.optimal_design import IMAGINED_SIZE, NOISE, DesignComparison, Model
+from irbcal.planning.optimal_design import CRITERIA, IMAGINED_SIZE, NOISE, DesignComparison, Model
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation.instruments import ACCEPTANCE, FRONT
 from irbcal.simulation.virtual_cell import WAIT_S
@@ -469,10 +469,11 @@ def facts(planned: PlannedPoses) -> dict[str, Any]:
 
 
 def _compared(comparison: DesignComparison, request: PlanRequest) -> dict[str, Any]:
-    """Chosen poses beside random ones; of the criterion ``position`` also as predicted errors, rms in mm."""
+    """Chosen poses beside random ones; of a criterion in metres also as predicted errors, rms in mm."""
 
     def values(value: float) -> dict[str, float]:
-        return {"value": value} | ({"error_mm": float(np.sqrt(value) / MM)} if request.criterion == "position" else {})
+        in_metres = CRITERIA[request.criterion].IN_METRES
+        return {"value": value} | ({"error_mm": float(np.sqrt(value) / MM)} if in_metres else {})
 
     return {
         "criterion": request.criterion,
@@ -494,7 +495,7 @@ def _settings(planned: PlannedPoses) -> dict[str, Any]:
         "candidates": request.candidates if request.optimal else 0,
         "criterion": request.criterion,
         "volume": request.volume,
-        "imagined_joint_errors_deg": request.imagined / DEG if request.criterion == "position" else 0.0,
+        "imagined_joint_errors_deg": request.imagined / DEG if CRITERIA[request.criterion].IN_METRES else 0.0,
         "margin_deg": round(setting.margin / DEG, 9),
         "acceptance_deg": round(setting.acceptance / DEG, 9),
         "min_height_mm": None if setting.heights is None else [value / MM for value in setting.heights],
@@ -601,12 +602,10 @@ class Plan(PlannedPoses, Result):
 
 def _beside_random(compared: dict[str, Any]) -> list[str]:
     """What the choice promises beside as many random poses: with errors that no model describes, and without."""
-    scatter = compared["scatter_alone"]
-    comparisons = {"errors imagined in the joints and scatter": compared, "scatter alone": scatter}
-    if compared["criterion"] != "position":
-        comparisons = {"the information that scatter leaves (log det, less is better)": compared}
-    elif scatter is None:
-        comparisons = {"scatter alone": compared}
+    criterion, scatter = CRITERIA[compared["criterion"]], compared["scatter_alone"]
+    comparisons = {criterion.WORDS: compared}
+    if criterion.IN_METRES:
+        comparisons = {"scatter alone": compared} if scatter is None else comparisons | {"scatter alone": scatter}
     out = []
     for basis, comparison in comparisons.items():
         chosen, random = (

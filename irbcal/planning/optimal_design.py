@@ -3,11 +3,7 @@
 A pose with Jacobian ``J`` (rows: coordinates of the reflectors seen in it; columns: base, targets and error parameters,
 each in its plausible size over the standard deviation of a coordinate) adds ``J^T J`` to the information ``M``. The
 prior, one plausible size for each error parameter and a metre and a radian for base and targets, keeps directions that
-no pose shows from spoiling the rest. Two criteria:
-
-``D``         log det of the information about the error parameters, base and targets eliminated
-``position``  mean squared error of the predicted positions of a reflector over sample poses of a volume, base and
-              target included
+no pose shows from spoiling the rest. What a plan is judged by is a `Criterion`; `CRITERIA` names them.
 
 No model describes a robot wholly. Plans for noise alone go to the corners of the workspace and are no better than
 random ones where such errors are the larger part; so ``position`` also counts what a fit makes of imagined joint
@@ -21,8 +17,10 @@ of Cook and Nachtsheim 1980). All candidates are rated at once by low-rank updat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -36,7 +34,6 @@ from irbcal.modeling.parameters import Parameter, level_parameters, parameter
 from irbcal.planning.conditions import Targets
 from irbcal.units import DEG, MM
 
-CRITERIA = ("position", "D")
 NOISE = 0.1 * MM
 """Standard deviation of one measured coordinate where none is given, metres."""
 WAVES = 6
@@ -139,7 +136,7 @@ class Model:
         out[pose, slot] = np.concatenate([moved, J[:, :, joints:]], axis=2)
         return out.reshape(len(q), out.shape[1] * 3, -1)
 
-    def aim(self, criterion: str, q: FloatArray | None = None, target: int = 0, imagined: float = 0.0) -> Aim:
+    def aim(self, criterion: str, q: FloatArray, target: int = 0, imagined: float = 0.0) -> Aim:
         """What a plan is chosen for.
 
         Parameters
@@ -147,9 +144,9 @@ class Model:
         criterion : str
             See `CRITERIA`.
         q : ndarray, shape (n, joints)
-            Sample poses of the volume, for ``position``.
+            Sample poses of the volume where the robot shall be accurate.
         target : int
-            Reflector whose predicted positions count.
+            Reflector whose predicted positions count there.
         imagined : float
             As for `candidates`.
 
@@ -162,12 +159,7 @@ class Model:
             raise MeasurementError(
                 f"unknown criterion {criterion!r}: choose one of {', '.join(CRITERIA)}", parameter="criterion"
             )
-        if criterion == "D" or q is None:
-            return Aim(self.outer)
-        candidates = self.candidates(q, self.one(len(q), target), imagined)
-        J, E = (flat(array) * self.noise for array in (candidates.rows, candidates.errors))
-        n = len(q)
-        return Aim(self.outer, J.T @ J / n, J.T @ E / n, float(np.sum(E**2)) / n)
+        return Aim(CRITERIA[criterion].of(self, q, target, imagined))
 
     def one(self, n: int, target: int) -> BoolArray:
         """Mask (n, k) of one reflector."""
@@ -208,28 +200,165 @@ class Candidates(Locked):
         return Candidates(rows, np.zeros((*rows.shape[:2], 0)))
 
 
+class Criterion(ABC):
+    """What a plan is judged by: a figure of the information ``M`` and of ``N = J^T E``; less is better.
+
+    A new one is a class with `of` and `value`, and its name in `CRITERIA`. `gains` then tries each candidate; a class
+    for which formulas do that faster keeps matrices of each candidate (`blocks`, `change`).
+    """
+
+    WORDS = "the criterion"
+    """What it is, for a comparison with random poses."""
+    IN_METRES = False
+    """Whether it is a mean squared distance, m^2, which imagined errors add to."""
+
+    @classmethod
+    @abstractmethod
+    def of(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+        """The criterion of a model, see `Model.aim`."""
+
+    @abstractmethod
+    def value(self, M: FloatArray, N: FloatArray) -> float:
+        """The figure for information with prior (p, p) and ``J^T E`` (p, h)."""
+
+    def gains(self, ratings: Ratings) -> FloatArray:
+        """How much better the figure becomes with each candidate, shape (N,)."""
+        with_each = [
+            self.value(ratings.M + X.T @ X, ratings.N + X.T @ E)
+            for X, E in zip(ratings.rows, ratings.errors, strict=True)
+        ]
+        return self.value(ratings.M, ratings.N) - np.array(with_each)
+
+    def blocks(self, ratings: Ratings) -> FloatArray:
+        """What `gains` needs of each candidate, shape (N, r, r)."""
+        return np.zeros((0, 0, 0))
+
+    def change(self, ratings: Ratings, X: FloatArray, C: FloatArray, sign: float, full: Turn) -> None:
+        """Bring ``ratings.blocks`` up to date, in place, for rows X that come (sign 1) or go (-1).
+
+        C is the inverse of ``ratings.M`` before the change, ``full`` what changes ``J C J^T``.
+        """
+        return
+
+
+@dataclass(frozen=True)
+class LogDeterminant(Criterion):
+    """Minus log det of the information about the error parameters, the ``outer`` unknowns before them eliminated."""
+
+    outer: int
+
+    WORDS = "the information that scatter leaves (log det, less is better)"
+
+    @classmethod
+    def of(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+        """Base and targets of the model are eliminated."""
+        return cls(model.outer)
+
+    def value(self, M: FloatArray, N: FloatArray) -> float:
+        """The logarithm of a quotient of determinants."""
+        return float(np.linalg.slogdet(M[: self.outer, : self.outer])[1] - np.linalg.slogdet(M)[1])
+
+    def blocks(self, ratings: Ratings) -> FloatArray:
+        """``J C J^T`` of base and targets alone."""
+        block = slice(self.outer)
+        return ratings.products(_inverse(ratings.M[block, block]), block)
+
+    def gains(self, ratings: Ratings) -> FloatArray:
+        """Sylvester's identity: determinants of the size of a pose's rows."""
+        one = np.eye(ratings.rows.shape[1])
+        return np.asarray(np.linalg.slogdet(one + ratings.full)[1] - np.linalg.slogdet(one + ratings.blocks)[1])
+
+    def change(self, ratings: Ratings, X: FloatArray, C: FloatArray, sign: float, full: Turn) -> None:
+        """Woodbury's formula once more."""
+        block = slice(self.outer)
+        ratings.turn(ratings.blocks, X, _inverse(ratings.M[block, block]), block, sign)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanSquaredError(Locked, Criterion):
+    """Mean squared error of predicted positions of a reflector over sample poses, base and target included.
+
+    Attributes
+    ----------
+    G : ndarray, shape (p, p)
+        Mean of ``J^T J`` over the samples, metres.
+    cross : ndarray, shape (p, h)
+        Mean of ``J^T E`` with the imagined errors there; ``h`` may be 0.
+    constant : float
+        Mean of their squares.
+    """
+
+    G: FloatArray
+    cross: FloatArray
+    constant: float = 0.0
+
+    WORDS = "errors imagined in the joints and scatter"
+    IN_METRES = True
+
+    @classmethod
+    def of(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+        """Samples are the poses q (n, joints), seen by one reflector."""
+        candidates = model.candidates(q, model.one(len(q), target), imagined)
+        J, E = (flat(array) * model.noise for array in (candidates.rows, candidates.errors))
+        n = len(q)
+        return cls(J.T @ J / n, J.T @ E / n, float(np.sum(E**2)) / n)
+
+    def value(self, M: FloatArray, N: FloatArray) -> float:
+        """Variance and squared bias."""
+        variance = float(np.sum(np.linalg.inv(M) * self.G))
+        if not self.counts_errors(N):
+            return variance
+        A = np.linalg.solve(M, N)
+        return variance + float(np.sum(A * (self.G @ A - 2 * self.cross))) + self.constant
+
+    def counts_errors(self, N: FloatArray) -> bool:
+        """Whether errors are imagined, in the poses and in the samples."""
+        return bool(N.shape[1] and self.cross.shape[1])
+
+    def blocks(self, ratings: Ratings) -> FloatArray:
+        """``J C G C J^T``."""
+        C = _inverse(ratings.M)
+        return ratings.products(C @ self.G @ C, slice(None))
+
+    def gains(self, ratings: Ratings) -> FloatArray:
+        """What the variance loses by Woodbury's formula, and what the bias does."""
+        W = _inverse(np.eye(ratings.rows.shape[1]) + ratings.full)
+        gain = np.einsum("nij,nji->n", W, ratings.blocks)
+        if self.counts_errors(ratings.N):
+            # the fit moves by C J' W e, with e what is left of the imagined errors in the candidate
+            C = _inverse(ratings.M)
+            A = C @ ratings.N
+            e = ratings.errors - (ratings.flat @ A).reshape(ratings.errors.shape)
+            We = W @ e
+            Y = (ratings.flat @ (C @ (self.G @ A - self.cross))).reshape(ratings.errors.shape)
+            gain -= np.einsum("nih,nih->n", We, 2 * Y + ratings.blocks @ We)
+        return np.asarray(gain)
+
+    def change(self, ratings: Ratings, X: FloatArray, C: FloatArray, sign: float, full: Turn) -> None:
+        """V W Z' + Z W V' - V (W U'GU W) V' = V T' + T V' with T = Z W - V (W U'GU W) / 2."""
+        V, W, U = full
+        T = ratings.flat @ (C @ (self.G @ U)) @ W - V @ (0.5 * W @ (U.T @ self.G @ U) @ W)
+        cross = ratings.outer(V, T)
+        blocks = ratings.blocks
+        blocks -= cross
+        blocks -= cross.transpose(0, 2, 1)
+
+
+CRITERIA: Mapping[str, type[Criterion]] = {"position": MeanSquaredError, "D": LogDeterminant}
+
+
 @dataclass(frozen=True, eq=False)
 class Aim(Locked):
     """What a plan is chosen for.
 
     Attributes
     ----------
-    outer : int
-        Number of base and target unknowns, the first ones.
-    G : ndarray, shape (p, p), or None
-        Mean of ``J^T J`` over the volume for criterion ``position`` (see `Model.aim`); None for ``D``.
-    cross : ndarray, shape (p, h), or None
-        Mean of ``J^T E`` with the imagined errors in the volume.
-    constant : float
-        Mean of their squares.
+    criterion : Criterion
     given : tuple
         Information (p, p) and ``J^T E`` (p, h) that are there anyway; numbers where there is nothing.
     """
 
-    outer: int
-    G: FloatArray | None = None
-    cross: FloatArray | None = None
-    constant: float = 0.0
+    criterion: Criterion
     given: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0)
 
     def with_given(self, poses: Candidates) -> Aim:
@@ -244,14 +373,7 @@ class Aim(Locked):
 
     def value(self, rows: FloatArray, errors: FloatArray) -> float:
         """The criterion; less is better."""
-        M, N = self.sums(rows, errors)
-        if self.G is None:
-            return float(np.linalg.slogdet(M[: self.outer, : self.outer])[1] - np.linalg.slogdet(M)[1])
-        value = float(np.sum(np.linalg.inv(M) * self.G))
-        if N.shape[1] and self.cross is not None:
-            A = np.linalg.solve(M, N)
-            value += float(np.sum(A * (self.G @ A - 2 * self.cross))) + self.constant
-        return value
+        return self.criterion.value(*self.sums(rows, errors))
 
 
 PASSES = 20
@@ -272,8 +394,7 @@ class Chosen(Locked):
     rows : ndarray of int, shape (count,)
         Ascending.
     value, start_value : float
-        The criterion reached and that of the start: less is better (``position``: mean squared distance error, m^2;
-        ``D``: minus log det).
+        The criterion reached and that of the start: less is better.
     exchanges : int
     """
 
@@ -320,11 +441,11 @@ def exchange(
     start_value, exchanges = value(), 0
     for _ in range(PASSES):
         previous = value()
-        everyone = _Ratings(candidates, np.arange(n), aim)
+        everyone = Ratings(candidates, np.arange(n), aim)
         everyone.reset(chosen)
         # where the best poses for this plan are, the best for its neighbours are, too
         pool = np.union1d(np.argsort(-everyone.gains())[: max(ACTIVE, 4 * count)], chosen)
-        positions, swapped = _pass(_Ratings(candidates, pool, aim), np.searchsorted(pool, chosen))
+        positions, swapped = _pass(Ratings(candidates, pool, aim), np.searchsorted(pool, chosen))
         chosen = pool[positions]
         exchanges += swapped
         if step is not None:
@@ -380,7 +501,7 @@ def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> 
 def _one_by_one(candidates: Candidates, count: int, aim: Aim) -> IntArray:
     """A start: each pose the best of a part of the candidates for those chosen before."""
     pool = np.arange(0, len(candidates.rows), max(1, len(candidates.rows) // max(ACTIVE, 4 * count)))
-    ratings = _Ratings(candidates, pool, aim)
+    ratings = Ratings(candidates, pool, aim)
     free = np.ones(len(pool), dtype=bool)
     chosen: list[int] = []
     for _ in range(count):
@@ -391,7 +512,7 @@ def _one_by_one(candidates: Candidates, count: int, aim: Aim) -> IntArray:
     return pool[chosen]
 
 
-def _pass(ratings: _Ratings, chosen: IntArray) -> tuple[IntArray, int]:
+def _pass(ratings: Ratings, chosen: IntArray) -> tuple[IntArray, int]:
     """Exchange each chosen pose for the best candidate in its place; new choice and number of exchanges."""
     chosen = chosen.copy()
     ratings.reset(chosen)
@@ -415,7 +536,12 @@ def _pass(ratings: _Ratings, chosen: IntArray) -> tuple[IntArray, int]:
     return chosen, swapped
 
 
-class _Ratings:
+Turn: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""V (N r, r), W (r, r) and U (p, r): ``J C J^T`` of the candidates changes by ``- V W V^T`` where C becomes
+``C - U W U^T``."""
+
+
+class Ratings:
     """What each candidate would add, kept up to date while poses come and go.
 
     Parameters
@@ -434,83 +560,45 @@ class _Ratings:
 
     def reset(self, chosen: IntArray) -> None:
         """Begin anew with chosen poses of the pool; no rounding is carried on."""
-        aim = self.aim
-        self.M, self.N = aim.sums(self.rows[chosen], self.errors[chosen])
-        C = _inverse(self.M)
-        self.full = self._blocks(C, slice(None))
-        if aim.G is None:
-            block = slice(aim.outer)
-            self.inner = self._blocks(_inverse(self.M[block, block]), block)
-        else:
-            self.B = self._blocks(C @ aim.G @ C, slice(None))
+        self.M, self.N = self.aim.sums(self.rows[chosen], self.errors[chosen])
+        self.full = self.products(_inverse(self.M), slice(None))
+        self.blocks = self.aim.criterion.blocks(self)
 
-    def _blocks(self, C: FloatArray, block: slice) -> FloatArray:
-        """``J C J^T`` of each candidate, shape (N, r, r)."""
+    def products(self, C: FloatArray, block: slice) -> FloatArray:
+        """``J C J^T`` of each candidate, for a block of the unknowns, shape (N, r, r)."""
         n, r, _ = self.rows.shape
         return (self.flat[:, block] @ C).reshape(n, r, -1) @ self.rows[:, :, block].transpose(0, 2, 1)
 
     def gains(self) -> FloatArray:
         """How much better the criterion becomes with each candidate, shape (N,)."""
-        r = self.rows.shape[1]
-        if self.aim.G is None:
-            return np.linalg.slogdet(np.eye(r) + self.full)[1] - np.linalg.slogdet(np.eye(r) + self.inner)[1]
-        W = _inverse(np.eye(r) + self.full)
-        gain = np.einsum("nij,nji->n", W, self.B)
-        if self.errors.shape[2] and self.aim.cross is not None:
-            # the fit moves by C J' W e, with e what is left of the imagined errors in the candidate
-            C = _inverse(self.M)
-            A = C @ self.N
-            e = self.errors - (self.flat @ A).reshape(self.errors.shape)
-            We = W @ e
-            Y = (self.flat @ (C @ (self.aim.G @ A - self.aim.cross))).reshape(self.errors.shape)
-            gain -= np.einsum("nih,nih->n", We, 2 * Y + self.B @ We)
-        return gain
+        return self.aim.criterion.gains(self)
 
     def saved(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """All that `change` changes, for `restore`."""
-        return self.M, self.N, self.full.copy(), (self.inner if self.aim.G is None else self.B).copy()
+        return self.M, self.N, self.full.copy(), self.blocks.copy()
 
     def restore(self, saved: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
         """Undo the changes since `saved`."""
-        self.M, self.N, self.full, outer_blocks = saved
-        if self.aim.G is None:
-            self.inner = outer_blocks
-        else:
-            self.B = outer_blocks
+        self.M, self.N, self.full, self.blocks = saved
 
     def change(self, k: int, sign: float) -> None:
         """Take candidate k in (sign 1) or out (-1)."""
-        X, G = self.rows[k], self.aim.G
-        C = _inverse(self.M)
-        V, W, U = self._turn(self.full, X, C, slice(None), sign)
-        if G is None:
-            block = slice(self.aim.outer)
-            self._turn(self.inner, X, _inverse(self.M[block, block]), block, sign)
-        else:
-            # V W Z' + Z W V' - V (W U'GU W) V' = V T' + T V' with T = Z W - V (W U'GU W) / 2
-            T = self._by(C @ (G @ U), slice(None)) @ W - V @ (0.5 * W @ (U.T @ G @ U) @ W)
-            cross = self._outer(V, T)
-            self.B -= cross
-            self.B -= cross.transpose(0, 2, 1)
+        X, C = self.rows[k], _inverse(self.M)
+        full = self.turn(self.full, X, C, slice(None), sign)
+        self.aim.criterion.change(self, X, C, sign, full)
         self.M = self.M + sign * X.T @ X
         self.N = self.N + sign * X.T @ self.errors[k]
 
-    def _turn(
-        self, blocks: FloatArray, X: FloatArray, C: FloatArray, block: slice, sign: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def turn(self, blocks: FloatArray, X: FloatArray, C: FloatArray, block: slice, sign: float) -> Turn:
         """Update ``J C J^T`` in place by Woodbury's formula; C is that before the change."""
         X = X[:, block]
         U = C @ X.T
         W = _inverse(sign * np.eye(len(X)) + X @ U)
-        V = self._by(U, block)
-        blocks -= self._outer(V @ W, V)
+        V = self.flat[:, block] @ U
+        blocks -= self.outer(V @ W, V)
         return V, W, U
 
-    def _by(self, U: FloatArray, block: slice) -> FloatArray:
-        """``J U`` of all candidates, shape (N r, r)."""
-        return self.flat[:, block] @ U
-
-    def _outer(self, A: FloatArray, B: FloatArray) -> FloatArray:
+    def outer(self, A: FloatArray, B: FloatArray) -> FloatArray:
         """``A B^T`` of each candidate for (N r, r) arrays, shape (N, r, r)."""
         n, r, _ = self.rows.shape
         return A.reshape(n, r, r) @ B.reshape(n, r, r).transpose(0, 2, 1)

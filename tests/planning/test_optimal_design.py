@@ -12,7 +12,7 @@ from irbcal.identification.fit import identify
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planning import optimal_design
-from irbcal.planning.optimal_design import Aim, Candidates, Model
+from irbcal.planning.optimal_design import Aim, Candidates, MeanSquaredError, Model
 from irbcal.units import DEG, MM
 
 
@@ -58,7 +58,7 @@ def test_the_criterion_position_is_the_error_of_least_squares_fits():
     rng = np.random.default_rng(0)
     X, E = rng.standard_normal((30, 6)), rng.standard_normal((30, 2))
     J, F = rng.standard_normal((50, 6)), rng.standard_normal((50, 2))
-    aim = Aim(2, J.T @ J / 50, J.T @ F / 50, float(np.sum(F**2)) / 50)
+    aim = Aim(MeanSquaredError(J.T @ J / 50, J.T @ F / 50, float(np.sum(F**2)) / 50))
     stacked = np.vstack([X, np.eye(6)])
     bias = [J @ np.linalg.lstsq(stacked, np.append(E[:, k], np.zeros(6)), rcond=None)[0] - F[:, k] for k in range(2)]
     covariance = np.linalg.inv(X.T @ X + np.eye(6))
@@ -95,7 +95,7 @@ def test_imagined_errors_have_the_size_asked_for_and_move_the_reflectors():
 def test_gains_are_the_differences_of_the_criterion(kind):
     """After poses came and went, against the criterion computed anew."""
     candidates, aim = without_errors(random_candidates(25), kind), random_aim(kind)
-    ratings = optimal_design._Ratings(candidates, np.arange(25), aim)
+    ratings = optimal_design.Ratings(candidates, np.arange(25), aim)
     for k, sign in ((3, 1), (7, 1), (1, 1), (7, -1), (11, 1), (3, -1), (20, 1)):
         ratings.change(k, sign)
     chosen = [1, 11, 20]
@@ -147,7 +147,7 @@ def test_an_optimal_plan_predicts_better_than_random_ones_of_its_size():
 def test_random_plans_to_compare_with():
     """Poses of one row each that measure one unknown alike: the variance is 1 / (1 + 9 n), whatever poses they are."""
     candidates = Candidates.without_errors(np.full((200, 1, 1), 3.0))
-    aim = Aim(0, np.eye(1), np.zeros((1, 0)))
+    aim = Aim(MeanSquaredError(np.eye(1), np.zeros((1, 0))))
     chosen = optimal_design.Chosen(np.arange(20), 1 / (1 + 9 * 50), 1.0, 0)  # as if 20 poses were as good as 50
     found = optimal_design.compare(candidates, chosen, aim)
     assert found.random == pytest.approx({n: 1 / (1 + 9 * n) for n in found.random})
@@ -164,4 +164,4 @@ def test_refusals():
         with pytest.raises(MeasurementError, match=f"between 1 and 5 poses of as many candidates, found {count}"):
             optimal_design.exchange(candidates, count, random_aim("imagined"))
     with pytest.raises(MeasurementError, match="unknown criterion 'A': choose one of position, D"):
-        Model(arm(), TARGETS, "11").aim("A")
+        Model(arm(), TARGETS, "11").aim("A", arm().random_joints(1, 1))
