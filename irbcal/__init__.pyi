@@ -9,6 +9,7 @@ from .cell.cell_file import CellFile as CellFile
 from .cell.cell_file import read_cell as read_cell
 from .cell.cell_frames import cell_frames as cell_frames
 from .cell.hand_eye import hand_eye as hand_eye
+from .cell.lenses import lens as lens
 from .correction.filter import correct as correct
 from .correction.program_touches import needed_touches as needed_touches
 from .correction.program_touches import program_touches as program_touches
@@ -47,7 +48,6 @@ from .joint_analysis.by_circles import circles as circles
 from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
 from .measurement.imports.feature_rows import import_features as import_features
-from .measurement.lens import lens as lens
 from .measurement.table import read_measurements as read_measurements
 from .modeling.trajectory import Trajectory as Trajectory
 from .planners.calibrated_model import CalibratedModel as CalibratedModel

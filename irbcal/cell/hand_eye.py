@@ -80,6 +80,30 @@ class DeviceFrame(Locked):
     u95_rad: float
 
 
+def frames_as_dicts(devices: Sequence[DeviceFrame]) -> list[dict[str, Any]]:
+    """Frames as JSON has them."""
+    numbers = "u95_mm=u95_m u95_deg=u95_rad"
+    return [
+        {**values(frame, "name device on"), **PoseSection.of(frame.T).model_dump(), **values(frame, numbers)}
+        for frame in devices
+    ]
+
+
+def frames_table(title: str, devices: Sequence[DeviceFrame]) -> Table:
+    """Frames as people read them."""
+    rows: list[tuple[str | float | int | None, ...]] = [
+        (
+            f"{frame.device} {frame.name} {'on the' if frame.on in ('flange', 'base') else 'in'} {frame.on}",
+            *(float(value) / MM for value in frame.T[:3, 3]),
+            *(float(value) for value in frames.rpy_from_matrix(frame.T[:3, :3]) / DEG),
+            frame.u95_m / MM,
+            frame.u95_rad / DEG,
+        )
+        for frame in devices
+    ]
+    return Table(title, ("frame", "x mm", "y mm", "z mm", "roll", "pitch", "yaw", "u95 mm", "deg"), tuple(rows))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class HandEye(Result):
     """Cameras and boards of a cell.
@@ -148,14 +172,7 @@ class HandEye(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it: ``CONTENT``, ``frames`` with millimetres, degrees and unit quaternions (scalar first)."""
-        numbers = "u95_mm=u95_m u95_deg=u95_rad"
-        devices, rig = (
-            [
-                {**values(frame, "name device on"), **PoseSection.of(frame.T).model_dump(), **values(frame, numbers)}
-                for frame in frames_of
-            ]
-            for frames_of in (self.devices, self.rig)
-        )
+        devices, rig = frames_as_dicts(self.devices), frames_as_dicts(self.rig)
         lens = {
             camera: {name: {"value": value, "u95": u95} for name, (value, u95) in fitted.items()}
             for camera, fitted in self.lens.items()
@@ -192,18 +209,10 @@ class HandEye(Result):
             f"{'SIMULATED: ' if self.simulated else ''}{int(self.corners.sum())} corners in {len(self.pixels)} "
             f"pictures agree with {self.robot} within {self.rms_pixels:.2f} px (rms){proof}"
         )
-        rows: list[tuple[str | float | int | None, ...]] = [
-            (
-                f"{frame.device} {frame.name} {'in' if frame in self.rig else 'on the'} {frame.on}",
-                *(float(value) / MM for value in frame.T[:3, 3]),
-                *(float(value) for value in frames.rpy_from_matrix(frame.T[:3, :3]) / DEG),
-                frame.u95_m / MM,
-                frame.u95_rad / DEG,
-            )
-            for frame in (*self.devices, *self.rig)
+        told: list[Paragraph] = [
+            headline,
+            frames_table("Cameras and boards, angles in degrees", (*self.devices, *self.rig)),
         ]
-        heads = ("frame", "x mm", "y mm", "z mm", "roll", "pitch", "yaw", "u95 mm", "deg")
-        told: list[Paragraph] = [headline, Table("Cameras and boards, angles in degrees", heads, tuple(rows))]
         for camera, numbers in self.lens.items():
             told.append(
                 f"Lens of {camera}: " + ", ".join(f"{n} {v:.6g} ± {u95:.2g}" for n, (v, u95) in numbers.items())
@@ -333,7 +342,7 @@ def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye
     """Frames, intervals and errors at the solution, with each part of the pictures left out in turn."""
     rows = problem.rows
     assert rows.corners is not None
-    u95 = _half_widths(problem, state)
+    u95 = half_widths(problem, state)
 
     def half_width(key: tuple[str, str]) -> float:
         shape, at = problem.layout[key]
@@ -376,7 +385,7 @@ def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye
         rows.feature.astype(object),
         count,
         pixels,
-        _left_out(problem, state, scale),
+        left_out(problem, state, scale),
         size / MM,
         float(np.sqrt(np.average(within, weights=count))),
         tuple(dict.fromkeys(filter(None, doubts))),
@@ -405,12 +414,12 @@ def _rig(problem: FeatureProblem, state: FeatureState, devices: Sequence[DeviceF
                 ahead, back = (between(problem.moved(state, sign * step)) for sign in (1.0, -1.0))
                 turned = T[:3, :3].T @ (ahead - back)[:3, :3]
                 slopes.append(np.r_[(ahead - back)[:3, 3], turned[2, 1], turned[0, 2], turned[1, 0]] / (2.0 * SMALL))
-            u95 = _half_widths(problem, state, np.array(slopes).T)
+            u95 = half_widths(problem, state, np.array(slopes).T)
             out.append(DeviceFrame(camera.name, "camera", both[0], T, float(u95[:3].max()), float(u95[3:].max())))
     return tuple(out)
 
 
-def _half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | None = None) -> FloatArray:
+def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | None = None) -> FloatArray:
     """Half-widths that hold 95 % of the unknowns' errors, shape (unknowns,), SI units (pixels).
 
     Of other numbers with their derivatives ``of`` by the unknowns' steps, shape (numbers, unknowns).
@@ -427,22 +436,27 @@ def _half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | 
     H = J @ J.T
     freedom = max(len(y) - len(J), 1)
     G = np.diag(problem.sizes) if of is None else of
-    variance = np.einsum("ij,jk,ik->i", G, np.linalg.pinv(H), G)
+    H_inverse = np.linalg.pinv(H, hermitian=True)
+    variance = np.einsum("ij,jk,ik->i", G, H_inverse, G)
     alike = stdtrit(freedom, 0.975) * np.sqrt(variance * float(y @ y) / freedom)
-    moves = []
+    moves, A = [], G @ H_inverse
     for k in np.unique(pose[pose >= 0]):
-        left = pose == k
-        moves.append(G @ np.linalg.pinv(H - J[:, left] @ J[:, left].T) @ (J[:, left] @ y[left]))
+        left = J[:, pose == k]
+        kept = np.eye(left.shape[1]) - left.T @ H_inverse @ left
+        moves.append(A @ left @ np.linalg.pinv(kept, rcond=1e-9, hermitian=True) @ y[pose == k])
     n = len(moves)
     jackknife = np.sqrt(np.sum((np.array(moves) - np.mean(moves, axis=0)) ** 2, axis=0) * (n - 1) / n)
     return np.asarray(np.maximum(alike, COVERAGE * jackknife))
 
 
-def _left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray) -> FloatArray:
-    """Pixels by which pictures miss while they are left out; NaN where the others do not show their camera or board."""
+def left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray, parts: int = PARTS) -> FloatArray:
+    """Pixels by which pictures miss while they are left out; NaN where the others do not show their camera or board.
+
+    What stands nowhere but in pictures that are left out is placed by these, which is counted.
+    """
     rows = problem.rows
     out = np.full(len(rows), np.nan)
-    part = rows.pose_index % min(PARTS, rows.poses)
+    part = rows.pose_index % min(parts, rows.poses)
     for k in np.unique(part):
         rest = part != k
         others = FeatureProblem(problem.arm, rows.select(rest), [], problem.known, robot=problem.robot)
@@ -455,8 +469,7 @@ def _left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray) -
         except IdentificationError:
             continue
         aside = FeatureProblem(problem.arm, rows.select(~rest), [], dict(fitted.values), robot=problem.robot)
-        for of_group in aside.group_residuals(fitted):
-            assert of_group.residuals.size is not None
-            at = np.flatnonzero(~rest)[of_group.group.rows]
-            out[at] = of_group.residuals.size / scale[at]
+        placed = feature_problem.settle(aside, FeatureState({**state.values, **fitted.values}, np.zeros(0)))
+        numbers = 2.0 * float(np.isfinite(np.asarray(aside.rows.corners)[:, :, 2]).sum())
+        out[~rest] = aside.distances(placed) / scale[~rest] * np.sqrt(numbers / max(numbers - aside.flat, 1.0))
     return out

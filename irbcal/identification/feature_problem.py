@@ -118,11 +118,11 @@ class Group:
 
     def keys(self) -> dict[str, Key]:
         """Its unknowns by their name in the kind."""
-        out = {}
+        out, fixed = {}, self.kind.fixed(self.feature)
         for name, unknown in self.kind.unknowns.items():
             if name == "centre" and (self.measured or self.feature.centre is not None):
                 continue
-            if name not in self.kind.fixed(self.feature):
+            if name not in fixed:
                 out[name] = (name, self.feature.name if unknown.of == "feature" else self.target)
         return out
 

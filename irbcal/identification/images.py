@@ -266,8 +266,8 @@ def _angles(A: FloatArray, B: FloatArray) -> FloatArray:
     return np.asarray(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)))
 
 
-FOCAL_U95, MIDDLE_U95, DISTORTION_U95 = 0.02, 0.02, 0.1
-"""How well fitted numbers of a lens are known before: shares of the focal length; k1."""
+LENS_U95 = (0.02, 0.02, 0.02, 0.02, 0.1, 0.3, 0.01, 0.01, 1.0)
+"""How well fitted numbers of a lens are known before: shares of the focal length of those in pixels."""
 
 TOO_FAR = 4.0
 """Times its standard deviation that a corner may miss within an image before lens and board are doubted."""
@@ -286,7 +286,7 @@ class Image(Kind):
         "centre": Unknown("place"),
         "attitude": Unknown("turn", unit="rad"),
         "axes": Unknown("turn", of="target", unit="rad"),
-        **{name: Unknown("number", unit="px" if name != "k1" else "") for name in FITTED},
+        **{name: Unknown("number", unit="px" if k < 4 else "") for k, name in enumerate(FITTED)},
     }
 
     @property
@@ -302,10 +302,8 @@ class Image(Kind):
     def expected(self, feature: Feature) -> dict[str, PriorValue]:
         """What the features' file says of the numbers that are."""
         view = _view(feature)
-        f = float(view.lens[0])
-        size = {"fx": FOCAL_U95 * f, "fy": FOCAL_U95 * f, "cx": MIDDLE_U95 * f, "cy": MIDDLE_U95 * f}
         return {
-            name: PriorValue(view.lens[k : k + 1], size.get(name, DISTORTION_U95))
+            name: PriorValue(view.lens[k : k + 1], LENS_U95[k] * (float(view.lens[0]) if k < 4 else 1.0))
             for k, name in enumerate(FITTED)
             if name in view.fit
         }
@@ -402,7 +400,7 @@ class Image(Kind):
             rotations = hand_eye(obs.R, D[:, :3, :3])
             A = np.eye(3) if rotations is None else rotations[0]
         F = np.asarray(frames.nearest_rotation((obs.R @ A @ D[:, :3, :3].transpose(0, 2, 1)).mean(axis=0)))
-        lens = {name: np.array([value]) for name, value in zip(FITTED, _view(obs.feature).lens, strict=False)}
+        lens = {name: np.array([value]) for name, value in zip(FITTED, _view(obs.feature).lens, strict=True)}
         return {"axes": A, "attitude": F, "centre": (obs.p - D[:, :3, 3] @ F.T).mean(axis=0), **lens}
 
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:

@@ -200,7 +200,7 @@ def _in_picture(obs: Observed) -> FloatArray:
 
 def _lens(obs: Observed) -> dict[str, FloatArray]:
     assert obs.feature.imaging is not None
-    return {name: np.array([value]) for name, value in zip(FITTED, obs.feature.imaging.lens, strict=False)}
+    return {name: np.array([value]) for name, value in zip(FITTED, obs.feature.imaging.lens, strict=True)}
 
 
 def _normalised(obs: Observed) -> FloatArray:

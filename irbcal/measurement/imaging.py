@@ -44,7 +44,7 @@ FIT = "fit"
 LENS_FILE, BOARD_FILE = "lens", "board"
 TEXT = (FIT, PATTERN, DICTIONARY, LENS_FILE, BOARD_FILE)
 """Columns that are no numbers."""
-FITTED = ("fx", "fy", "cx", "cy", "k1")
+FITTED = tuple(name.removesuffix("_px") for name in LENS)
 """Numbers of a camera that may be fitted, in the order of `LENS`."""
 
 PIXEL_U95 = 0.2
@@ -122,10 +122,22 @@ def shared(rows: Sequence[dict[str, str]]) -> None:
     Raises
     ------
     MeasurementError
-        If two say different things.
+        If two say different things, or have one name.
     """
     values: dict[tuple[str, str, str], str] = {}
     with_images = [row for row in rows if row["kind"] in CARRIED]
+    first: dict[str, dict[str, str]] = {}
+    for row in with_images:
+        name, other = row["feature"], first.setdefault(row["feature"], row)
+        if other is not row:
+            names = " and ".join(f"{name} {each.get('target') or CARRIED[each['kind']]}" for each in (other, row))
+            raise MeasurementError(
+                f"{name} is a feature in row {other['row']} already: a board that several cameras on the arm see has a "
+                f"name for each of them, such as {names}",
+                file=row["source"],
+                row=int(row["row"]),
+                column="feature",
+            )
     for again in (False, True):
         for one in with_images:
             one["target"] = one.get("target") or CARRIED[one["kind"]]

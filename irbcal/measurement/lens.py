@@ -6,25 +6,19 @@ distortion a lens gets is decided by pictures that were left out of the fit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from os import PathLike
-from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, Locked, NameArray, plain
+from irbcal.arrays import FloatArray, Locked, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, imaging, lens_formats
+from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
-from irbcal.measurement.pictures import boards_of, no_board, read_picture
-from irbcal.measurement.recordings import rosbag
-from irbcal.safe_files import refuse_overwriting
-from irbcal.summary import Paragraph, Result, Table
 
 LEAST = 5
 """Pictures that a lens needs; twenty or more with the board tilted, near and far, are better."""
@@ -34,7 +28,6 @@ DISTORTIONS = ("", "k1", "k1 k2", "k1 k2 p1 p2", "k1 k2 p1 p2 k3")
 """Numbers of distortion that are tried, from the fewest on."""
 BETTER = 0.98
 """What more numbers must leave of the error in pictures that were left out, to be taken."""
-ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 
 Corners: TypeAlias = "tuple[FloatArray, FloatArray]"
 """Of a picture: places on the board (n, 2), metres, and in the picture (n, 2), pixels."""
@@ -76,159 +69,6 @@ class Lens(Locked):
     def heldout_rms_pixels(self) -> float:
         """The same of pictures while they were left out."""
         return _rms(self.heldout_pixels, self.corners)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class LensCalibration(Result):
-    """Lenses of cameras.
-
-    Attributes
-    ----------
-    lenses : tuple of Lens
-    table : DataFrame
-        The features' file with these lenses.
-    missed : tuple of str
-        Pictures that are left out, with too few corners.
-    """
-
-    lenses: tuple[Lens, ...]
-    table: pd.DataFrame = field(repr=False)
-    missed: tuple[str, ...] = ()
-
-    CONTENT = "lenses left_out=missed"
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
-        lenses = [
-            {"camera": lens.camera, "width_px": lens.size[0], "height_px": lens.size[1], "pictures": len(lens.pictures)}
-            | {"rms_px": lens.rms_pixels, "heldout_px": lens.heldout_rms_pixels}
-            | {
-                name: {"value": value, "u95": u95}
-                for name, value, u95 in zip(imaging.LENS, lens.numbers, lens.u95, strict=True)
-            }
-            for lens in self.lenses
-        ]
-        return dict(plain({"lenses": lenses, "left_out": list(self.missed)}))
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row a picture."""
-        tables = [
-            pd.DataFrame(
-                {"camera": lens.camera, "picture": lens.pictures, "corners": lens.corners.astype(int)}
-                | {"rms_px": lens.pixels, "heldout_px": lens.heldout_pixels}
-            )
-            for lens in self.lenses
-        ]
-        return pd.concat(tables, ignore_index=True)
-
-    def save(self, out: str | PathLike[str], as_: str = "features") -> Path:
-        """Write the lenses: into a copy of the features' file, or as another program reads them.
-
-        Parameters
-        ----------
-        out : str or Path
-        as_ : str
-            ``features``, or a name of `irbcal.measurement.lens_formats.FORMATS`.
-
-        Raises
-        ------
-        OptionError
-            If the format is not known, or has one camera and there are several.
-        CalibrationError
-            If it cannot be written.
-        """
-        cameras = {lens.camera: (lens.numbers, lens.size) for lens in self.lenses}
-        return lens_formats.save(Path(out), as_, cameras, self.table)
-
-    def report(self) -> Sequence[Paragraph]:
-        """Numbers with their intervals, and how well pictures agree."""
-        told: list[Paragraph] = []
-        for lens in self.lenses:
-            told.append(
-                f"{lens.camera}: {int(lens.corners.sum())} corners in {len(lens.pictures)} pictures agree within "
-                f"{lens.rms_pixels:.3f} px (rms), {lens.heldout_rms_pixels:.3f} px in pictures that were left out"
-            )
-            rows = tuple(
-                (name, f"{value:.6g}", f"{u95:.2g}" if u95 else "not fitted")
-                for name, value, u95 in zip(imaging.LENS, lens.numbers, lens.u95, strict=True)
-            )
-            told.append(Table(f"Lens of {lens.camera}", ("number", "value", "± 95 %"), rows))
-        missed = ", ".join(self.missed[:10]) + (f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else "")
-        return [
-            *told,
-            *(
-                [f"Note: left out, with fewer than {imaging.FEWEST} corners or all but one on one line: {missed}"]
-                if missed
-                else []
-            ),
-        ]
-
-
-def lens(
-    images: str | Path,
-    features: TableLike,
-    out: str | PathLike[str] | None = None,
-    *,
-    as_: Literal["features", "ros", "opencv", "kalibr"] = "features",
-) -> LensCalibration:
-    """Calibrate the lenses of cameras from pictures of boards alone.
-
-    Parameters
-    ----------
-    images : str or Path
-        Folder of the pictures; of several boards or cameras, a folder for each feature in it. Or a bag of ROS 2.
-    features : str, Path or DataFrame
-        Cameras and boards as for corners, or a board of Kalibr's or industrial_calibration's (YAML); nothing needs to
-        be known of the lens.
-    out : str or Path, optional
-        File to write, such as camera.csv.
-    as_ : str
-        What to write: the features with these lenses, ROS camera_info, OpenCV's FileStorage, or Kalibr's camchain.
-
-    Raises
-    ------
-    MeasurementError
-        If a file does not keep its format, or the pictures are too few.
-    OptionError
-        If OpenCV is not installed.
-    CalibrationError
-        If the file cannot be written.
-    """
-    refuse_overwriting({"out": out}, [features] if isinstance(features, (str, PathLike)) else [])
-    lens_formats.check(as_)
-    cv2 = opencv()
-    name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
-    rows = given_rows(features, static=True)
-    boards = boards_of(rows, name_of)
-    folder = Path(images)
-    of_bag = rosbag.pictures_over_time(folder, rows) if rosbag.is_bag(folder) else None
-    shown: dict[str, dict[str, Corners]] = {}
-    sizes: dict[str, tuple[int, int]] = {}
-    missed: list[str] = []
-    for name, board in boards.items():
-        for label, grey in (
-            _pictures(folder, name, len(boards) == 1) if of_bag is None else of_bag.get(name, {}).items()
-        ):
-            if grey is None:
-                raise MeasurementError(f"there is no picture {label} that OpenCV reads", file=str(folder))
-            size = sizes.setdefault(board.camera, board.size or grey.shape[::-1])
-            if grey.shape[::-1] != size:
-                raise MeasurementError(
-                    f"{label} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}",
-                    file=str(folder),
-                )
-            number, uv = board.find(grey)
-            if not _tell_a_homography(board.board.corners[number]):
-                missed.append(label)
-                continue
-            shown.setdefault(board.camera, {})[label] = board.board.corners[number], uv
-    if not shown:
-        raise no_board(name_of)
-    lenses = tuple(calibrated(cv2, camera, sizes[camera], shown[camera], str(folder)) for camera in shown)
-    result = LensCalibration(lenses, _features(rows, lenses), tuple(missed))
-    if out is not None:
-        result.save(out, as_)
-    return result
 
 
 def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, tuple[Lens, ...]]:
@@ -275,21 +115,13 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
             shown.setdefault(camera, {})[f"{picture} {row['feature']}"] = board.corners[number[of]], uv[of]
     cv2, source = opencv(), unknown[0]["source"]
     lenses = tuple(calibrated(cv2, camera, sizes[camera], shown.get(camera, {}), source) for camera in sizes)
+    fitted = {lens.camera: " ".join(np.array(imaging.FITTED)[lens.u95 > 0.0]) for lens in lenses}
     for row in unknown:
-        row[imaging.FIT] = row.get(imaging.FIT) or " ".join(imaging.FITTED)
-    return _features(rows, lenses), lenses
+        row[imaging.FIT] = row.get(imaging.FIT) or fitted[imaging.camera_and_board(row)[0]]
+    return with_numbers(rows, lenses), lenses
 
 
-def _pictures(folder: Path, name: str, alone: bool) -> Iterator[tuple[str, Any]]:
-    """Names of a feature's pictures, and these in grey."""
-    of_board = folder if alone and not (folder / name).is_dir() else folder / name
-    if not of_board.is_dir():
-        raise MeasurementError("there is no such folder of pictures", file=str(of_board))
-    for path in sorted(path for path in of_board.iterdir() if path.suffix.lower() in ENDINGS):
-        yield path.relative_to(folder).as_posix(), read_picture(path)
-
-
-def _tell_a_homography(xy: FloatArray) -> bool:
+def tell_a_homography(xy: FloatArray) -> bool:
     """Whether corners (n, 2) are at least four, of which not all, nor all but one, are on one line.
 
     Others let OpenCV start from a place far from the truth, and spoil the lens of all pictures.
@@ -302,7 +134,7 @@ def _tell_a_homography(xy: FloatArray) -> bool:
     return bool((smallest >= 1e-6 * largest).all())
 
 
-def _features(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataFrame:
+def with_numbers(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataFrame:
     """The features with these lenses."""
     of = {lens.camera: lens for lens in lenses}
     out = []

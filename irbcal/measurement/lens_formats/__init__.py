@@ -1,7 +1,7 @@
 """Lenses in the files of other programs: one module a format.
 
 A module has ``WHAT``; ``read(content)``, which gives the numbers of each camera, or None where the content is another
-format's; and ``write(cameras)``, which gives text.
+format's; and ``write(cameras, rig)``, which gives text.
 """
 
 from __future__ import annotations
@@ -24,11 +24,20 @@ if TYPE_CHECKING:
 
 FORMATS = ("ros", "opencv", "kalibr")
 FEATURES = "features"
-ALONE = ("ros", "opencv")
-"""Formats of one camera."""
+MOST = {"ros": 1, "opencv": 2}
+"""Cameras that a file holds at most."""
 
 Cameras: TypeAlias = "Mapping[str, tuple[FloatArray, tuple[int, int]]]"
 """By name: nine numbers as `irbcal.measurement.imaging.LENS` names them, and width and height, pixels."""
+
+Rig: TypeAlias = "Mapping[str, tuple[str, FloatArray]]"
+"""Cameras of a rig by name: the rig's first camera, and the pose in it, (4, 4), metres."""
+
+
+def between(rig: Rig, one: str, other: str) -> FloatArray | None:
+    """What maps coordinates in one camera to those in another, (4, 4); None where they are of no rig."""
+    (a, T), (b, U) = rig.get(one, (one, np.eye(4))), rig.get(other, (other, np.eye(4)))
+    return np.asarray(np.linalg.inv(U) @ T) if a == b else None
 
 
 def check(name: str) -> None:
@@ -43,12 +52,15 @@ def check(name: str) -> None:
         raise OptionError(f"as_: expected one of {', '.join((FEATURES, *FORMATS))}, found {name}", parameter="as_")
 
 
-def save(out: Path, name: str, cameras: Cameras, table: pd.DataFrame) -> Path:
+def save(out: Path, name: str, cameras: Cameras, table: pd.DataFrame, rig: Rig) -> Path:
     """Write lenses as a format has them, or the features with them; see `irbcal.measurement.lens.LensCalibration`."""
     check(name)
-    if name in ALONE and len(cameras) > 1:
-        raise OptionError(f"as_: a file of {name} has one camera, here are {', '.join(cameras)}", parameter="as_")
-    data = csv_bytes(table) if name == FEATURES else _module(name).write(cameras).encode()
+    if len(cameras) > MOST.get(name, len(cameras)):
+        most = "one camera" if MOST[name] == 1 else f"{MOST[name]} cameras"
+        raise OptionError(
+            f"as_: a file of {name} has {most}, here are {', '.join(cameras)}: take kalibr", parameter="as_"
+        )
+    data = csv_bytes(table) if name == FEATURES else _module(name).write(cameras, rig).encode()
     write_set({out: data})
     return out
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.measurement.lens_formats import Cameras
+from irbcal.measurement.lens_formats import Cameras, Rig, between
 
 WHAT = "Kalibr's camchain"
 
@@ -29,8 +29,8 @@ def read(content: Any) -> dict[str, tuple[FloatArray, tuple[int, int]]] | None:
     return out
 
 
-def write(cameras: Cameras) -> str:
-    """The file of cameras.
+def write(cameras: Cameras, rig: Rig) -> str:
+    """The file of cameras, of a rig with the pose of each one's predecessor in it.
 
     Raises
     ------
@@ -53,4 +53,6 @@ def write(cameras: Cameras) -> str:
             "resolution": list(size),
             "rostopic": f"/{name}",
         }
+        T = between(rig, list(cameras)[k - 1], name) if k else None
+        content[f"cam{k}"] |= {} if T is None else {"T_cn_cnm1": T.tolist()}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None)

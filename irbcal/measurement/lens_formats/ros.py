@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from irbcal.arrays import FloatArray
-from irbcal.measurement.lens_formats import Cameras, brown
+from irbcal.measurement.lens_formats import Cameras, Rig, brown
 
 WHAT = "ROS camera_info"
 MODELS = ("plumb_bob", "rational_polynomial")
@@ -31,7 +31,7 @@ def read(content: Any) -> dict[str, tuple[FloatArray, tuple[int, int]]] | None:
     return {str(content.get("camera_name", "camera")): (brown(K, d), size)}
 
 
-def write(cameras: Cameras) -> str:
+def write(cameras: Cameras, rig: Rig) -> str:
     """The file of a camera."""
     import yaml
 

@@ -32,6 +32,8 @@ STILL = 5e-4
 """Radians (metres)."""
 MOST = 60
 """Pictures of a camera that a lens is calibrated from."""
+TOGETHER_S = 0.1
+"""Between the pictures of two cameras of a rig and those nearest to them, seconds, in the median."""
 GAP_S = 1.0
 """Between joint states, above which nothing is known of the robot."""
 JOINTS, POINT = "sensor_msgs/msg/JointState", "geometry_msgs/msg/PointStamped"
@@ -59,7 +61,9 @@ def is_bag(path: Path) -> bool:
 
 
 def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict[str, Any]]:
-    """Up to `MOST` pictures in grey of each feature, evenly over the bag, by their names; of lenses alone.
+    """Up to `MOST` pictures in grey of each feature, evenly over the bag, by topic and stamp; of lenses alone.
+
+    Of cameras that are triggered together those that were taken together.
 
     Raises
     ------
@@ -68,18 +72,26 @@ def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict
     """
     out: dict[str, dict[str, Any]] = {}
     with opened(path) as bag:
-        for topic, of_topic in _cameras(bag, rows, str(path)).items():
-            for row in of_topic:
-                connections = [c for c in bag.connections if c.topic == topic and c.msgtype in PICTURES]
-                count = sum(c.msgcount for c in connections)
-                chosen = set(np.linspace(0, count - 1, min(count, MOST)).round().astype(int).tolist())
-                for k, (connection, _, data) in enumerate(bag.messages(connections)):
-                    if k in chosen:
-                        grey = _grey(bag.deserialize(data, connection.msgtype), str(path))
-                        out.setdefault(row["feature"], {})[f"{topic} {k + 1}"] = grey
+        shown_at = _cameras(bag, rows, str(path))
+        stamps: dict[str, list[float]] = {}
+        for topic, at, _ in _messages(bag, PICTURES):
+            stamps.setdefault(topic, []).append(at)
+        first = np.array(next((stamps[topic] for topic in shown_at if shown_at[topic] and topic in stamps), []))
+        chosen: dict[str, set[float]] = {}
+        for topic, times in stamps.items():
+            nearest = np.array(times)[np.abs(np.subtract.outer(_evenly(first), times)).argmin(axis=1)]
+            together = len(nearest) and np.median(np.abs(nearest - _evenly(first))) < TOGETHER_S
+            chosen[topic] = set((nearest if together else _evenly(np.array(times))).tolist())
+        for topic, at, message in _messages(bag, PICTURES):
+            for row in shown_at.get(topic, []) if at in chosen[topic] else ():
+                out.setdefault(row["feature"], {})[f"{topic} {at:.6f}"] = _grey(message, str(path))
     if not out:
         raise MeasurementError("there are no pictures of these cameras in the bag", file=str(path))
     return out
+
+
+def _evenly(times: FloatArray) -> FloatArray:
+    return times[np.linspace(0, len(times) - 1, min(len(times), MOST)).round().astype(int)]
 
 
 @contextmanager

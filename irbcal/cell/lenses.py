@@ -1,0 +1,459 @@
+"""Lens calibration of one camera or several, from pictures of boards alone; those that see a board together are a rig.
+
+Each camera is calibrated by itself (`irbcal.measurement.lens`). Cameras that see one board at the same instants are
+then adjusted together, in pixels: the first stands still, and each instant's board is a device of its own before it, so
+that this is the problem of hand-eye calibration (`irbcal.cell.hand_eye`) with a flange that never moves.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import FloatArray, plain
+from irbcal.cell.hand_eye import DeviceFrame, frames_as_dicts, frames_table, half_widths, left_out
+from irbcal.errors import MeasurementError
+from irbcal.identification import feature_problem
+from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
+from irbcal.identification.images import boards
+from irbcal.io.opening import open_nominal
+from irbcal.measurement import columns, imaging, lens_formats
+from irbcal.measurement.boards import Board, opencv
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.features import Feature, FeatureSet, given_rows
+from irbcal.measurement.imaging import FITTED, Imaging
+from irbcal.measurement.lens import LEAST, PARTS, Corners, Lens, calibrated, tell_a_homography, with_numbers
+from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
+from irbcal.measurement.recordings import rosbag
+from irbcal.modeling import frames
+from irbcal.safe_files import refuse_overwriting
+from irbcal.summary import Paragraph, Result, Table
+
+ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
+SAME_S = 0.005
+"""Stamps that differ by no more are of one instant, seconds."""
+STIFF = 0.1
+"""Radians, or shares of the board's distance, by which a camera in another one may differ between instants."""
+APART = 5.0
+"""Times the median of instants that one misses, above which its pictures were not taken together."""
+
+Shown: TypeAlias = "Mapping[str, Mapping[str, Corners]]"
+"""Corners by camera and picture."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LensCalibration(Result):
+    """Lenses of cameras.
+
+    Attributes
+    ----------
+    lenses : tuple of Lens
+    table : DataFrame
+        The features' file with these lenses.
+    missed : tuple of str
+        Pictures that are left out, with too few corners.
+    rig : tuple of DeviceFrame
+        Cameras that see boards together with others: each in the first of them.
+    notes : tuple of str
+        Which cameras and pictures are not of a rig.
+    """
+
+    lenses: tuple[Lens, ...]
+    table: pd.DataFrame = field(repr=False)
+    missed: tuple[str, ...] = ()
+    rig: tuple[DeviceFrame, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    CONTENT = "lenses rig left_out=missed notes"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        lenses = [
+            {"camera": lens.camera, "width_px": lens.size[0], "height_px": lens.size[1], "pictures": len(lens.pictures)}
+            | {"rms_px": lens.rms_pixels, "heldout_px": lens.heldout_rms_pixels}
+            | {
+                name: {"value": value, "u95": u95}
+                for name, value, u95 in zip(imaging.LENS, lens.numbers, lens.u95, strict=True)
+            }
+            for lens in self.lenses
+        ]
+        return super().to_dict() | plain({"lenses": lenses, "rig": frames_as_dicts(self.rig)})
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a picture."""
+        tables = [
+            pd.DataFrame(
+                {"camera": lens.camera, "picture": lens.pictures, "corners": lens.corners.astype(int)}
+                | {"rms_px": lens.pixels, "heldout_px": lens.heldout_pixels}
+            )
+            for lens in self.lenses
+        ]
+        return pd.concat(tables, ignore_index=True)
+
+    def save(self, out: str | PathLike[str], as_: str = "features") -> Path:
+        """Write the lenses: into a copy of the features' file, or as another program reads them.
+
+        Parameters
+        ----------
+        out : str or Path
+        as_ : str
+            ``features``, or a name of `irbcal.measurement.lens_formats.FORMATS`.
+
+        Raises
+        ------
+        OptionError
+            If the format is not known, or has fewer cameras.
+        CalibrationError
+            If it cannot be written.
+        """
+        cameras = {lens.camera: (lens.numbers, lens.size) for lens in self.lenses}
+        rig = {frame.name: (frame.on, frame.T) for frame in self.rig}
+        return lens_formats.save(Path(out), as_, cameras, self.table, rig)
+
+    def report(self) -> Sequence[Paragraph]:
+        """Numbers with their intervals, and how well pictures agree."""
+        told: list[Paragraph] = []
+        for lens in self.lenses:
+            told.append(
+                f"{lens.camera}: {int(lens.corners.sum())} corners in {len(lens.pictures)} pictures agree within "
+                f"{lens.rms_pixels:.3f} px (rms), {lens.heldout_rms_pixels:.3f} px in pictures that were left out"
+            )
+            rows = tuple(
+                (name, f"{value:.6g}", f"{u95:.2g}" if u95 else "not fitted")
+                for name, value, u95 in zip(imaging.LENS, lens.numbers, lens.u95, strict=True)
+            )
+            told.append(Table(f"Lens of {lens.camera}", ("number", "value", "± 95 %"), rows))
+        if self.rig:
+            told.append(frames_table("Cameras of a rig, adjusted together; angles in degrees", self.rig))
+        missed = ", ".join(self.missed[:10]) + (f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else "")
+        return [
+            *told,
+            *(
+                [f"Note: left out, with fewer than {imaging.FEWEST} corners or all but one on one line: {missed}"]
+                if missed
+                else []
+            ),
+            *(f"Note: {note}" for note in self.notes),
+        ]
+
+
+def lens(
+    images: str | Path,
+    features: TableLike,
+    out: str | PathLike[str] | None = None,
+    *,
+    as_: Literal["features", "ros", "opencv", "kalibr"] = "features",
+) -> LensCalibration:
+    """Calibrate the lenses of cameras from pictures of boards alone, and where those of a rig are in the first one.
+
+    Pictures of several cameras that have the same number or stamp at the end of their names (or in a bag) were taken
+    together: where they show the same board, the cameras are adjusted together.
+
+    Parameters
+    ----------
+    images : str or Path
+        Folder of the pictures; of several boards or cameras, in it a folder for each feature, or names that begin with
+        it. Or a bag of ROS 2.
+    features : str, Path or DataFrame
+        Cameras and boards as for corners, or a board of Kalibr's or industrial_calibration's (YAML); nothing needs to
+        be known of the lens.
+    out : str or Path, optional
+        File to write, such as camera.csv.
+    as_ : str
+        What to write: the features with these lenses, ROS camera_info, OpenCV's FileStorage, or Kalibr's camchain.
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not keep its format, or the pictures are too few.
+    OptionError
+        If OpenCV is not installed.
+    CalibrationError
+        If the file cannot be written.
+    """
+    refuse_overwriting({"out": out}, [features] if isinstance(features, (str, PathLike)) else [])
+    lens_formats.check(as_)
+    cv2 = opencv()
+    name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
+    rows = given_rows(features, static=True)
+    seen = boards_of(rows, name_of)
+    folder = Path(images)
+    of_bag = rosbag.pictures_over_time(folder, rows) if rosbag.is_bag(folder) else None
+    shown: dict[str, dict[str, Corners]] = {}
+    sizes: dict[str, tuple[int, int]] = {}
+    missed: list[str] = []
+    board_of: dict[str, tuple[str, Board]] = {}
+    for name, board in seen.items():
+        for label, grey in (
+            _pictures(folder, board, list(seen.values())) if of_bag is None else of_bag.get(name, {}).items()
+        ):
+            if grey is None:
+                raise MeasurementError(f"there is no picture {label} that OpenCV reads", file=str(folder))
+            size = sizes.setdefault(board.camera, board.size or grey.shape[::-1])
+            if grey.shape[::-1] != size:
+                raise MeasurementError(
+                    f"{label} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}",
+                    file=str(folder),
+                )
+            number, uv = board.find(grey)
+            if not tell_a_homography(board.board.corners[number]):
+                missed.append(label)
+                continue
+            shown.setdefault(board.camera, {})[label] = board.board.corners[number], uv
+            board_of[label] = _name_of(board, list(seen.values())), board.board
+    if not shown:
+        raise no_board(name_of)
+    lenses = tuple(calibrated(cv2, camera, sizes[camera], shown[camera], str(folder)) for camera in shown)
+    lenses, rig, notes = rigs(lenses, shown, board_of, str(folder))
+    result = LensCalibration(lenses, with_numbers(rows, lenses), tuple(missed), rig, notes)
+    if out is not None:
+        result.save(out, as_)
+    return result
+
+
+def instants(pictures: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """When each picture was taken: those of several cameras with the same value were taken together.
+
+    The last number of each name counts: as a running number, or with ten digits and more before its point as a stamp in
+    seconds, milli-, micro- or nanoseconds. Where a name has none, or two of a camera the same, names count themselves.
+
+    Parameters
+    ----------
+    pictures : dict of str to sequence of str
+        Names by camera.
+    """
+    name_of = {
+        picture: re.sub(r"\.[A-Za-z]+$", "", picture.rsplit("/", 1)[-1]) for of in pictures.values() for picture in of
+    }
+    number = {picture: re.findall(r"\d+(?:\.\d+)?", name)[-1:] for picture, name in name_of.items()}
+    if not all(number.values()):
+        return name_of
+    at = {picture: float(n) / 10.0 ** max(len(n.split(".")[0]) - 10, 0) for picture, (n,) in number.items()}
+    order = sorted(at, key=lambda picture: at[picture])
+    group = np.cumsum(np.diff([at[picture] for picture in order], prepend=at[order[0]]) > SAME_S)
+    out = dict(zip(order, map(str, group), strict=True))
+    twice = any(len({out[picture] for picture in of}) < len(of) for of in pictures.values())
+    return name_of if twice else out
+
+
+def rigs(
+    lenses: Sequence[Lens], shown: Shown, board_of: Mapping[str, tuple[str, Board]], source: str
+) -> tuple[tuple[Lens, ...], tuple[DeviceFrame, ...], tuple[str, ...]]:
+    """Cameras that see boards together, adjusted together: lenses, places in the first of each rig, and notes.
+
+    Parameters
+    ----------
+    lenses : sequence of Lens
+        Of each camera by itself.
+    shown : dict of str to dict of str to Corners
+        By camera and picture.
+    board_of : dict of str to (str, Board)
+        What each picture shows: the board's name, and which it is.
+    source : str
+        For messages.
+    """
+    alone, rig, notes = {lens.camera: lens for lens in lenses}, [], []
+    at = instants(
+        {
+            f"{camera} {board}": [p for p in of if board_of[p][0] == board]
+            for camera, of in shown.items()
+            for board in {board_of[p][0] for p in of}
+        }
+    )
+    views = [(lens.camera, picture, *shown[lens.camera][picture]) for lens in lenses for picture in shown[lens.camera]]
+    rows = _rows(views, alone, {picture: f"{at[picture]} {board_of[picture][0]}" for picture in at}, source)
+    left = list(alone)
+    while left:
+        rows, values = _placed(rows, left, {picture: board for picture, (_, board) in board_of.items()})
+        cameras = [name for shape, name in values if shape == "centre"]
+        left = [camera for camera in left if camera not in cameras]
+        if len(cameras) == 1:
+            notes += [f"{cameras[0]} sees no board together with another camera"] if len(alone) > 1 else []
+            continue
+        of_rig = rows.select(np.isin(rows.feature, cameras))
+        problem, state = _adjusted(of_rig, cameras[0], values)
+        pixels = _pixels(problem, state)
+        misses = {name: float(np.sqrt(np.mean(pixels[of_rig.target == name] ** 2))) for name in set(of_rig.target)}
+        apart = [name for name, miss in misses.items() if miss > APART * np.median(list(misses.values()))]
+        if apart and len(apart) <= 0.25 * len(misses):
+            off = np.isin(of_rig.target, apart)
+            notes.append(f"not taken together, and left out of the rig: {', '.join(map(str, of_rig.pose[off][:10]))}")
+            of_rig = of_rig.select(~off)
+            problem, state = _adjusted(of_rig, cameras[0], dict(state.values))
+            pixels = _pixels(problem, state)
+        heldout, u95 = (
+            left_out(problem, state, imaging.per_pixel(np.asarray(of_rig.corners)), PARTS),
+            half_widths(problem, state),
+        )
+        for camera in cameras:
+            of, numbers, wide = of_rig.feature == camera, alone[camera].numbers.copy(), np.zeros(len(FITTED))
+            for k, name in enumerate(FITTED):
+                if (name, camera) in problem.layout:
+                    numbers[k], wide[k] = state.values[name, camera][0], u95[problem.layout[name, camera][1]]
+            count = np.isfinite(np.asarray(of_rig.corners)[of, :, 2]).sum(axis=1)
+            alone[camera] = replace(
+                alone[camera],
+                numbers=numbers,
+                u95=wide,
+                pictures=of_rig.pose[of],
+                corners=count,
+                pixels=pixels[of],
+                heldout_pixels=heldout[of],
+            )
+            if camera != cameras[0]:
+                place, turn = (u95[problem.layout[key, camera][1] :][:3].max() for key in ("centre", "attitude"))
+                T = frames.transform(state.values["attitude", camera], state.values["centre", camera])
+                rig.append(DeviceFrame(camera, "camera", cameras[0], T, float(place), float(turn)))
+    return tuple(alone.values()), tuple(rig), tuple(notes)
+
+
+def _rows(
+    views: Sequence[tuple[str, str, FloatArray, FloatArray]],
+    lenses: Mapping[str, Lens],
+    target_of: Mapping[str, str],
+    source: str,
+) -> FeatureSet:
+    """Pictures as rows: a camera is a feature in the hall, the board at an instant a target on a flange that stands."""
+    arm, m = open_nominal("irb1600").arm, len(views)
+    corners = np.full((m, max(len(uv) for *_, uv in views), 5), np.nan)
+    for k, (_, _, xy, uv) in enumerate(views):
+        corners[k, : len(uv)] = np.column_stack([xy, uv, np.full(len(uv), imaging.PIXEL_U95)])
+    target = np.array([target_of[picture] for _, picture, _, _ in views], dtype=object)
+    known = {
+        name: Feature(
+            name, "image", imaging=Imaging(lens.numbers, tuple(np.array(FITTED)[lens.u95 > 0.0]), size=lens.size)
+        )
+        for name, lens in lenses.items()
+    }
+    return FeatureSet(
+        q=np.zeros((m, len(arm.joint_columns))),
+        pose=np.array([picture for _, picture, _, _ in views], dtype=object),
+        pose_index=np.unique(target, return_inverse=True)[1],
+        target=target,
+        kind=np.full(m, "image", dtype=object),
+        feature=np.array([camera for camera, _, _, _ in views], dtype=object),
+        value=np.full(m, np.nan),
+        u95=imaging.u95_of(corners),
+        xyz=np.full((m, 3), np.nan),
+        rotation=np.full((m, 3, 3), np.nan),
+        row=np.arange(m),
+        cells=pd.DataFrame(index=range(m)),
+        features=known,
+        lengths=(),
+        joint_columns=tuple(arm.joint_columns),
+        source=source,
+        sha256="",
+        corners=corners,
+        flange=np.tile(np.eye(4), (m, 1, 1)),
+    )
+
+
+def _placed(
+    rows: FeatureSet, cameras: Sequence[str], board_of: Mapping[str, Board]
+) -> tuple[FeatureSet, dict[feature_problem.Key, FloatArray]]:
+    """Where cameras are that see boards together with the first, directly or by others, and where these boards are.
+
+    Each camera's place is that of one instant, which agrees best with all others. Boards that look the same after half
+    a turn are numbered as the camera does that was placed before.
+    """
+    corners = np.array(rows.corners)
+    D = np.zeros((len(rows), 4, 4))
+    for name, feature in rows.features.items():
+        of = rows.feature == name
+        assert feature.imaging is not None
+        D[of] = boards(feature.imaging.lens, corners[of])
+    depth = float(np.median(D[np.isin(rows.feature, cameras), 2, 3]))
+    T: dict[str, FloatArray] = {cameras[0]: np.eye(4)}
+    there: dict[str, FloatArray] = {}
+
+    def add(camera: str) -> None:
+        for k in np.flatnonzero(rows.feature == camera):
+            there.setdefault(rows.target[k], T[camera] @ D[k])
+
+    add(cameras[0])
+    rest = list(cameras[1:])
+    while rest:
+        for camera in rest:
+            of = np.array([k for k in np.flatnonzero(rows.feature == camera) if rows.target[k] in there], dtype=int)
+            if len(of) < LEAST:
+                continue
+            turns = np.tile(np.eye(4), (2, len(of), 1, 1))
+            for j, board in enumerate(board_of[picture] for picture in rows.pose[of]):
+                if board.turnable:
+                    turns[1, j] = np.diag([-1.0, -1.0, 1.0, 1.0])
+                    turns[1, j, :2, 3] = board.corners.min(axis=0) + board.corners.max(axis=0)
+            tried = np.array([there[name] for name in rows.target[of]]) @ frames.inverse(D[of] @ turns)
+            each = tried.reshape(-1, 4, 4)
+            angle = np.arccos(
+                np.clip(0.5 * np.einsum("aij,fnij->afn", each[:, :3, :3], tried[..., :3, :3]) - 0.5, -1, 1)
+            )
+            off = angle + np.linalg.norm(each[:, None, None, :3, 3] - tried[..., :3, 3], axis=-1) / depth
+            apart = np.median(off.min(axis=1), axis=1)
+            best = int(np.argmin(apart))
+            if apart[best] > STIFF:
+                continue
+            T[camera] = each[best]
+            turned = off[best].argmin(axis=0) == 1
+            corners[of[turned], :, :2] = turns[1, turned, None, :2, 3] - corners[of[turned], :, :2]
+            D[of] = np.where(turned[:, None, None], D[of] @ turns[1], D[of])
+            add(camera)
+            rest.remove(camera)
+            break
+        else:
+            break
+    values: dict[feature_problem.Key, FloatArray] = {}
+    for place, turn, placed in (("centre", "attitude", T), (TOOL, "axes", there)):
+        for name, frame in placed.items():
+            values |= {(place, name): frame[:3, 3], (turn, name): frame[:3, :3]}
+    for name in T:
+        view = rows.features[name].imaging
+        assert view is not None
+        values |= {(number, name): view.lens[k : k + 1] for k, number in enumerate(FITTED)}
+    return replace(rows, corners=corners), values
+
+
+def _adjusted(
+    rows: FeatureSet, first: str, values: Mapping[feature_problem.Key, FloatArray]
+) -> tuple[FeatureProblem, FeatureState]:
+    """The least squares of a rig, whose first camera stands where it is."""
+    known = {(key, first): values[key, first] for key in ("centre", "attitude")}
+    problem = FeatureProblem(open_nominal("irb1600").arm, rows, [], known)
+    start = {key: value for key, value in values.items() if key in problem.layout} | known
+    state = feature_problem.settle(problem, FeatureState(start, np.zeros(0)))
+    feature_problem.refuse_undetermined(problem, problem.sums(state, np.zeros(0, dtype=int)))
+    return problem, state
+
+
+def _pixels(problem: FeatureProblem, state: FeatureState) -> FloatArray:
+    """By how much the corners of each picture miss, root mean square, pixels."""
+    return np.asarray(problem.distances(state) / imaging.per_pixel(np.asarray(problem.rows.corners)))
+
+
+def _name_of(shown: Seen, all_shown: Sequence[Seen]) -> str:
+    """Of a board that several cameras see: of cameras on the arm it has a name for each, of which theirs are parts."""
+    if shown.row["kind"] == "image":
+        return shown.row["target"]
+    of_camera = [other for other in all_shown if other.camera == shown.camera]
+    return shown.row["feature"].replace(shown.camera, "") if len(of_camera) > 1 else repr(shown.board)
+
+
+def _pictures(folder: Path, shown: Seen, all_shown: Sequence[Seen]) -> Iterator[tuple[str, Any]]:
+    """Names of a feature's pictures, and these in grey: in a folder of its name or its camera's, or so named."""
+    name = shown.row["feature"]
+    sole = [other.camera for other in all_shown].count(shown.camera) == 1
+    tried = [folder / name, *([folder / shown.camera] if sole else [])]
+    of_feature = next((each for each in tried if each.is_dir()), folder)
+    begin = name if of_feature == folder and len(all_shown) > 1 else ""
+    paths = [path for path in of_feature.iterdir() if path.suffix.lower() in ENDINGS] if folder.is_dir() else []
+    paths = [path for path in paths if path.name.startswith(begin)]
+    if (begin and not paths) or not folder.is_dir():
+        raise MeasurementError("there is no such folder of pictures", file=str(folder / begin))
+    for path in sorted(paths):
+        yield path.relative_to(folder).as_posix(), read_picture(path)
