@@ -8,6 +8,7 @@ thread in each worker.
 from __future__ import annotations
 
 import functools
+import gc
 import logging
 import os
 import pickle
@@ -375,6 +376,7 @@ def _task(
     chunk: Sequence[tuple[int, Any]],
 ) -> list[tuple[int, Any]]:
     """In a worker: the tasks of a chunk, one thread at a time."""
+    gc.set_threshold(300_000, 20, 100)  # as on the command line: modules and tables stay, searching them is in vain
     if parent:
         _end_with(parent)
     with _one_at_a_time, one_thread():

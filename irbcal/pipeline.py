@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from os import PathLike
 from pathlib import Path
@@ -28,7 +29,7 @@ from irbcal.identification import commanded_poses, feature_errors
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.axis_calibration import PARALLELS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, Goal, method_of
-from irbcal.identification.evidence import check_averaging, identify_evidence, log_evidence
+from irbcal.identification.evidence import MOST_OUTLYING, check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.explanation import explain
 from irbcal.identification.feature_fit import (
@@ -866,8 +867,8 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
     return replace(identified, robot=identified.robot.replace(certainty=certainty_of(identified)))
 
 
-ROUNDS, MOST_OUTLYING = 5, 0.1
-"""How often a fit is repeated without the points that contradict all others, and the share of the points that may."""
+ROUNDS = 5
+"""How often a fit is repeated without the points that contradict all others."""
 
 
 def _screened(
@@ -1369,7 +1370,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         mesh_folders=_mesh_folders(done, added_to) or None,
         urdf_witnesses=urdf_check.check(urdf_bytes, robot.arm),
         largest_link_shift_mm=urdf.largest_link_shift(done.urdf, robot.arm) / MM,
-        software=software(),
+        software=dict(software()),
         seconds=time.perf_counter() - started,
     )
     return content.model_copy(update={"doubts": list(verdict_of(content).doubts)}), urdf_bytes
@@ -1435,7 +1436,8 @@ def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[F
     return [np.where(has_sign[number, None], sign_of[number], np.sign(points.moves())) for number, points in pairs]
 
 
-def software() -> dict[str, str]:
+@cache
+def software() -> Mapping[str, str]:
     """Versions of what a result depends on."""
     packages = {}
     for name in ("numpy", "scipy", "pandas", "pin", "yourdfpy"):

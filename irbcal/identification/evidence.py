@@ -64,6 +64,8 @@ READINGS_GATE = 1.5
 """Factor by which the residuals must fall for readings to count as taken before the arm stood still, beyond what a few
 poses leave to chance."""
 GATE_CERTAINTY = 0.95
+MOST_OUTLYING = 0.1
+"""Share of the points that may contradict all others."""
 LAG_FAMILIES = ("move",)
 """Families that cannot be told from readings that lag: joints lag by somewhat different shares of their moves. Where
 readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
@@ -93,6 +95,11 @@ class ComparedTermSet:
     weight: float = 0.0
     by_fit: Posterior | None = None
     leave_one_out: float | None = None
+
+    @property
+    def optimism(self) -> float:
+        """By how much its left-out residuals are too small."""
+        return LONGEST_OPTIMISM if self.term_set.highest > HIGHEST else 1.0
 
 
 def fit_term_set(
@@ -246,11 +253,8 @@ class Averaging:
         results : dict
             The attributes of `EvidenceFit` that say how the average came about.
         """
-        averaged, flat, union = self.kept, linear.flat, self.union
-        width = flat + len(union)
-        columns_of = [
-            np.concatenate([np.arange(flat), flat + np.searchsorted(union, i.term_set.terms)]) for i in averaged
-        ]
+        averaged, flat = self.kept, linear.flat
+        columns_of, width = self._columns(flat), flat + len(self.union)
         starts: list[Posterior | None] = [candidate.by_fit or candidate.by_evidence for candidate in averaged]
         for last in (False, True):
             fits = [
@@ -298,18 +302,48 @@ class Averaging:
         single, fifths = list[FloatArray](), list[FloatArray]()
         for candidate, columns, fit in zip(self.kept, places, fits, strict=True):
             u, pose, row = leave_one_out.residuals(linear, columns, fit)
-            optimism = LONGEST_OPTIMISM if candidate.term_set.highest > HIGHEST else 1.0
-            u = optimism * u
+            u = candidate.optimism * u
             candidate.leave_one_out = leave_one_out.lengths(linear, u, pose, row)[""]
             single.append(candidate.weight * u)
             if linear.sequence:
-                fifths.append(candidate.weight * optimism * leave_one_out.block_residuals(linear, columns, fit))
+                blocks_out = leave_one_out.block_residuals(linear, columns, fit)
+                fifths.append(candidate.weight * candidate.optimism * blocks_out)
         loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
         e = np.concatenate([block.y - mean @ block.J for block in linear.blocks()])
         u = np.sum(single, axis=0)
         self.outlying = leave_one_out.outlying(linear, e, u, row)
         self.alone = leave_one_out.standing_alone(e[row >= 0], u[row >= 0], linear.place[pose[row >= 0]])
         return loo, blocks[0] if blocks else loo
+
+    def _columns(self, flat: int) -> list[IntArray]:
+        """Columns of each term set with weight in a linear model of their `union`."""
+        places = (np.searchsorted(self.union, candidate.term_set.terms) for candidate in self.kept)
+        return [np.concatenate([np.arange(flat), flat + place]) for place in places]
+
+    def contradicting(self, linear: Linearisation) -> FloatArray:
+        """Points that contradict all others, and those that do so once these are left out, (points,), mm, else zero.
+
+        Parameters
+        ----------
+        linear : Linearisation
+            In which the average was made: it is made again there without those points.
+        """
+        points = linear.problem.points
+        out = more = self.outlying[: len(points)]
+        while more.any() and np.mean(out > 0.0) <= MOST_OUTLYING:
+            if not np.bincount(points.target[out == 0.0], minlength=len(points.target_names)).all():
+                break
+            rest = linear.without(out > 0.0)
+            sums, u, mean = rest.sums(), np.zeros(0), np.zeros(linear.flat + len(self.union))
+            for candidate, columns in zip(self.kept, self._columns(linear.flat), strict=True):
+                fit = fit_term_set(rest, sums.part(columns), candidate.term_set, self.fit_temper, candidate.by_fit)
+                left_out, _, row = leave_one_out.residuals(rest, columns, fit)
+                u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
+                mean[columns] += candidate.weight * fit.c
+            e = np.concatenate([block.y - mean @ block.J for block in rest.blocks()])
+            more = leave_one_out.outlying(rest, e, u, row)[: len(points)]
+            out = out + more
+        return out
 
     def _row(self, candidate: ComparedTermSet) -> TermSetResult:
         return TermSetResult(
@@ -426,10 +460,10 @@ def prepare(
         motion.torques is not None,
         None if elapsed is None else float(elapsed.max()),
     )
-    project, gain = False, None
+    project, gain, state = False, None, None
     if motion.readings and motion.moves.any():
-        project, gain = _lagging(problem, motion, superset, geometry)
-    state = linear_model.geometry_solution(problem, motion, geometry, project)
+        project, gain, state = _lagging(problem, motion, superset, geometry)
+    state = state or linear_model.geometry_solution(problem, motion, geometry)
     subset, subset_motion = problem, motion
     if points.poses > COMPARED:
         chosen = np.zeros(points.poses, dtype=bool)
@@ -441,19 +475,20 @@ def prepare(
 
 def _lagging(
     problem: Problem, motion: Motion, superset: Sequence[Term], geometry: Sequence[Term]
-) -> tuple[bool, float]:
-    """Whether readings lag, and by how much residuals fall if a share of the last move is taken from each pose."""
-    sizes, spare = [], []
+) -> tuple[bool, float, State]:
+    """Whether readings lag, how much residuals fall if a share of each last move is free, and the geometry solution."""
+    sizes, spare, states = [], [], []
     for project in (False, True):
-        state = linear_model.geometry_solution(problem, motion, geometry, project)
-        linear = Linearisation(problem, state, motion, superset, project)
+        states.append(linear_model.geometry_solution(problem, motion, geometry, project))
+        linear = Linearisation(problem, states[-1], motion, superset, project)
         middle = term_sets.make(superset, ["gravity", "gain", "harmonics"], 2, None)
         sums, t = linear.sums(middle.columns(linear.flat)), fit_temper(linear.per_pose)
         fit = fit_term_set(linear, sums, middle, t)
         sizes.append(np.sqrt(fit.s2))
         spare.append(max(t * sums.equations - linear.flat - float(fit.gammas.sum()), 1.0))
     ratio = float(sizes[0] / sizes[1])
-    return f_beyond((ratio / READINGS_GATE) ** 2, *spare) < 1.0 - GATE_CERTAINTY, ratio
+    project = f_beyond((ratio / READINGS_GATE) ** 2, *spare) < 1.0 - GATE_CERTAINTY
+    return project, ratio, states[project]
 
 
 def identify_evidence(
@@ -540,7 +575,8 @@ def identify_evidence(
         sums = linear.sums()
     else:
         sums = linearised.sums.part(np.concatenate([np.arange(flat), flat + union]))
-    _, mean, covariance, results = averaging.average(linear, sums)
+    improved, mean, covariance, results = averaging.average(linear, sums)
+    wrong = averaging.contradicting(improved) if isinstance(improved, Linearisation) else averaging.outlying
     state, names = linear.moved(mean), points.target_names
     lagging = LAG_FAMILIES if project else ()
     used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
@@ -550,8 +586,7 @@ def identify_evidence(
     loads = linearised.motion.payload_kg
     stop = stop_numbers(points, motion) if len(linearised.motion) < len(motion) else np.arange(len(motion))
     outlying = np.zeros((len(linearised.motion), len(names)))
-    points_used = linearised.problem.points
-    outlying[points_used.pose, points_used.target] = averaging.outlying[: len(points_used)] * MM
+    outlying[linearised.problem.points.pose, linearised.problem.points.target] = wrong * MM
     return EvidenceFit(
         nominal=arm,
         arm=linear.problem.arm_at(state),

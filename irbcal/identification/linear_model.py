@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from irbcal import parallel
-from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import IdentificationError
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
@@ -190,6 +190,7 @@ class Linearisation(LinearModel):
         self.target_names, self.session = problem.points.target_names, problem.points.session
         self.target = np.concatenate([problem.points.target, np.full(problem.rows - len(problem.points), -1)])
         self.bend: FloatArray | None = None
+        self.counts = np.ones(problem.rows, dtype=bool)
 
     @property
     def place(self) -> IntArray:
@@ -221,6 +222,7 @@ class Linearisation(LinearModel):
         if self.bend is not None:
             r = r + self.bend[rows].T
         order = np.argsort(pose, kind="stable")
+        order = order[self.counts[rows[order]]]
         pose, rows = pose[order], rows[order]
         columns_taken = np.concatenate([flats, self.flat + np.arange(len(chosen))])
         J, r = J[columns_taken][..., order], r[:, order]
@@ -269,7 +271,13 @@ class Linearisation(LinearModel):
     def extended(self, terms: Sequence[Term]) -> Linearisation:
         """The same linear model with more terms at its end."""
         out = Linearisation(self.problem, self.state, self.motion, [*self.terms, *terms], self.projected)
-        out.bend = self.bend
+        out.bend, out.counts = self.bend, self.counts
+        return out
+
+    def without(self, points: BoolArray) -> Linearisation:
+        """The same linear model without the rows of some points, shape (points,)."""
+        out = copy(self)
+        out.counts = self.counts & ~np.concatenate([points, points[self.problem.points.oriented()]])
         return out
 
     def moved(self, coefficients: FloatArray) -> State:

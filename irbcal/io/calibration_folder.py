@@ -29,6 +29,7 @@ from zipfile import ZIP_STORED, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
+from pydantic_core import to_json
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io import integrity, joint_origins
@@ -261,7 +262,7 @@ def _refuse_unreadable(files: Mapping[str, bytes], folder: Path) -> None:
 
 
 def _text(document: dict[str, Any]) -> bytes:
-    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode("utf-8")
+    return to_json(document, indent=1) + b"\n"
 
 
 def folder_of(path: str | os.PathLike[str]) -> Path:

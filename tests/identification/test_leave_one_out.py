@@ -135,13 +135,14 @@ def test_only_rows_that_depend_on_an_open_direction_are_infinite():
 
 @pytest.mark.parametrize("off", [0.0, 3e-3])
 def test_points_that_contradict_all_others_are_outlying(off):
+    """Also one that is less than half as far off as the other: it is seen once that one is left out."""
     model, rng = arm("irb120"), np.random.default_rng(5)
     points = measured(random_robot(model, "34", rng), model.random_joints(46, 3), 3e-5, rng)
-    wrong = np.isin(np.arange(len(points)), [17, 90])
-    moved = replace(points, xyz=points.xyz + off * wrong[:, None] * np.array([0.6, 0.0, 0.8]))
+    moved_by = np.zeros(len(points))
+    moved_by[[17, 90]] = off, 0.3 * off
+    moved = replace(points, xyz=points.xyz + moved_by[:, None] * np.array([0.6, 0.0, 0.8]))
     found = identify_evidence(model, moved, Motion.in_order(points.q), gear_scan=False)
-    np.testing.assert_array_equal(found.outlying > 0.0, wrong & (off > 0.0))
-    assert found.outlying[wrong] == pytest.approx(off, rel=0.2)
+    np.testing.assert_allclose(found.outlying, moved_by, rtol=0.2, atol=0.0)
 
 
 def test_a_pose_that_no_other_checks_is_named():
