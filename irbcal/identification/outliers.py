@@ -11,7 +11,7 @@ from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
-from irbcal.identification.problem import State
+from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
@@ -33,6 +33,9 @@ QUANTILE = 0.3
 
 CORE = 0.6
 """Share of the points that a robot is fitted to while gross errors are looked for."""
+
+STEPS = 20
+"""How often that share is chosen anew at most."""
 
 EQUATIONS = 3.0
 """Equations of that share for each unknown, below which a level is not tried."""
@@ -168,10 +171,12 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
         of_all = identify(arm, points, level).robot
         distance = distances(of_all, points)
     robot, core = of_all, None
-    for _ in range(20):
-        new = distance <= np.quantile(distance, CORE)
-        if core is not None and (new == core).all():
-            break
+    for _ in range(STEPS):
+        new = _core(distance)
+        if core is not None and state is not None:
+            if (new == core).all():
+                break
+            new, state = _concentrated(arm, points, level, state, new)
         core = new
         try:
             fit = identify(arm, points.take(core).without_empty_poses().with_seen_targets(), level, start=state)
@@ -183,6 +188,30 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
         distance = distances(robot, points)
     assert robot is not None
     return robot
+
+
+def _core(distance: FloatArray) -> BoolArray:
+    return np.asarray(distance <= np.quantile(distance, CORE))
+
+
+def _concentrated(arm: Arm, points: PointSet, level: Level, state: State, core: BoolArray) -> tuple[BoolArray, State]:
+    """The part of the points that a robot of the level fits best, and that robot, linearised at a state near it."""
+    problem = Problem(arm, points, level_parameters(level, arm))
+    J, r, at = np.empty((problem.unknowns, 3, problem.rows)), np.empty((3, problem.rows)), problem.arm_at(state)
+    for k in range(problem.block_count):
+        r[:, problem.rows_of(k)], J[:, :, problem.rows_of(k)] = problem.block(k, at, state)
+    step, before = np.zeros(problem.unknowns), None
+    for _ in range(STEPS):
+        if before is not None and (core == before).all():
+            break
+        rows = np.concatenate([core, core[points.oriented()]])
+        taken, left = ((problem.weights * x)[..., rows].reshape(*x.shape[:-2], -1) for x in (J, r))
+        H = taken @ taken.T
+        H += 1e-9 * H.diagonal().max() * np.eye(len(H))  # of what nothing tells, as a target without points
+        H[problem.outer :, problem.outer :] += np.diag(np.mean(left * left) / problem.scales**2)
+        step = np.linalg.solve(H, taken @ left)
+        before, core = core, _core(np.linalg.norm((r - np.tensordot(step, J, 1))[:, : len(points)], axis=0))
+    return core, problem.moved(state, step)
 
 
 def _refuse_slip(arm: Arm, points: PointSet, median: float, source: str, measurements: MeasurementSet | None) -> None:
