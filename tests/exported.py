@@ -13,7 +13,7 @@ from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.term_map import TermMap
 
-FAMILIES = ("gravity", "gain", "thesis", "harmonics", "direction", "move", "torque")
+FAMILIES = ("gravity", "own_weight", "gain", "thesis", "harmonics", "direction", "move", "torque")
 
 
 def with_all_terms(nominal, seed=3, names=FAMILIES, size=0.3):

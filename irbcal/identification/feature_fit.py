@@ -49,7 +49,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import Parameter, term_of
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms import chain
+from irbcal.modeling.terms import chain, families
 from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
@@ -344,6 +344,7 @@ def identify_features(
     )
     if isinstance(terms, str):
         superset = term_sets.superset(arm, terms, elapsed is not None, payload_centre, taus, end=end)
+        superset += families()["own_weight"].terms(arm)
         if not features.programmed:
             superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
     else:

@@ -46,7 +46,7 @@ HISTORY_FAMILIES = ("direction", "move")
 """Families that take part where last moves are known."""
 
 _LOADS = ("payload", "torque")
-_WEIGHTS = ("gravity", "gain", *_LOADS)
+_WEIGHTS = ("gravity", "gain", "own_weight", *_LOADS)
 _PHYSICS = (*_WEIGHTS, "bending", "harmonics")
 _HISTORY = (*_PHYSICS, *HISTORY_FAMILIES)
 CHOICES: tuple[tuple[tuple[str, ...], int], ...] = (

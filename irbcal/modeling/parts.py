@@ -19,6 +19,7 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import QUARTER, Row
+from irbcal.modeling.terms.own_weight import levers_of
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.term import AXES, Term
 from irbcal.modeling.terms.term_map import TermMap
@@ -127,7 +128,12 @@ def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
     waves: dict[tuple[int, float], list[float]] = {}
     levers: dict[tuple[int, tuple[int, ...]], dict[int, FloatArray]] = {}
     bends: list[Bend] = []
-    for term, coefficient in zip(terms.terms, map(float, terms.coefficients), strict=True):
+    pairs = [
+        (part, float(value))
+        for whole, value in zip(terms.terms, terms.coefficients, strict=True)
+        for part in (levers_of(whole, terms.arm) if whole.basis == "own_weight" else [whole])
+    ]
+    for term, coefficient in pairs:
         if term.basis == "decay" or coefficient == 0.0:
             continue  # the arm is warm
         if term.basis == "gravity":

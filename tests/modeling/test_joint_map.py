@@ -17,7 +17,7 @@ from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.warm_up import WarmUp
 
-FAMILIES = ("gravity", "gain", "thesis", "harmonics", "direction", "move")
+FAMILIES = ("gravity", "own_weight", "gain", "thesis", "harmonics", "direction", "move")
 
 
 def random_map(model, names=FAMILIES, highest=7, seed=0, ranges=None):
@@ -92,7 +92,7 @@ def test_identity_words_pickle_and_lock(model):
     assert "no joint map" in empty.in_words
     joint_map = random_map(model)
     assert len(repr(Robot(model, joint_map))) < 400
-    assert f"{len(joint_map.terms.terms)} terms (gravity, gain, thesis" in repr(joint_map)
+    assert f"{len(joint_map.terms.terms)} terms (gravity, own weight, gain, thesis" in repr(joint_map)
     again = pickle.loads(pickle.dumps(joint_map))
     assert np.array_equal(again.effective(q), joint_map.effective(q))
     with pytest.raises(ValueError, match="read-only"):

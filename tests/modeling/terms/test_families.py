@@ -11,7 +11,7 @@ from irbcal.modeling.terms.term_map import TermMap
 def test_families_are_found_and_have_as_many_terms_as_counted_by_hand():
     model = arm("irb120")
     assert {"geometry", "gain", "gravity", "bending", "harmonics", "direction", "move"} <= set(families())
-    assert {"warm_up", "wobble", "gear", "payload", "thesis"} <= set(families())
+    assert {"warm_up", "wobble", "gear", "payload", "thesis", "own_weight"} <= set(families())
     counts = {name: len(family.terms(model)) for name, family in families().items()}
     # gravity: none about the vertical axis 1; each link adds two to each axis below it, parallel axes share them
     assert counts["gravity"] == 2 + 4 + 6 + 8 + 10
