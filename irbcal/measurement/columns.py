@@ -896,10 +896,22 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
+def lines_are_rows(data: bytes) -> bool:
+    """Whether every line of a CSV file ends a row: as lines end, and outside of quotes; of whole lines."""
+    if data.count(b"\r") != data.count(b"\r\n"):
+        return False
+    if b'"' not in data:
+        return True
+    text = np.frombuffer(data, np.uint8)
+    quotes = np.flatnonzero(text == ord('"'))
+    before = np.searchsorted(quotes, np.flatnonzero(text == ord("\n")))
+    return not ((before % 2).any() or len(quotes) % 2)
+
+
 def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd.DataFrame | None:
     """Cells of a plain CSV file, read fast; any other is read cell by cell, which can say what is wrong where.
 
-    A file is plain where no cell below the header is quoted, no line is blank and all numbers are numbers.
+    A file is plain where no quoted cell holds the end of a line, no line is blank and all numbers are numbers.
 
     Parameters
     ----------
@@ -915,7 +927,7 @@ def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool])
         Numbers, NaN where nothing stands, and text; the index holds the lines of the file. None for a file that is not
         plain, or without pyarrow.
     """
-    if data.find(b'"', max(data.find(b"\n"), 0)) >= 0 or data.count(b"\r") != data.count(b"\r\n"):
+    if not lines_are_rows(data):
         return None
     try:
         import pyarrow as pa
@@ -930,7 +942,7 @@ def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool])
         table = arrow_csv.read_csv(
             pa.BufferReader(pa.py_buffer(data).slice(start)),
             arrow_csv.ReadOptions(use_threads=len(data) > LONG_FILE, column_names=list(names), skip_rows=1),
-            arrow_csv.ParseOptions(quote_char=False),
+            arrow_csv.ParseOptions(quote_char='"'),
             arrow_csv.ConvertOptions(
                 column_types={name: pa.float64() if name in numbers else pa.string() for name in names},
                 null_values=[""],

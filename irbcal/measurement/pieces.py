@@ -17,7 +17,7 @@ import numpy as np
 
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.columns import header_row
+from irbcal.measurement.columns import header_row, lines_are_rows
 from irbcal.measurement.table import MeasurementSet
 
 LONG = 1_000_000
@@ -106,9 +106,8 @@ def _csv(path: Path, column: str | None = "pose") -> LongFile | None:
         for block in iter(lambda: stream.read(BLOCK) + stream.readline(), b""):
             digest.update(block)
             data, offset = carry + block, at - len(carry)
-            quoted = block.find(b'"', 0 if at else len(header)) >= 0
-            if quoted or block.count(b"\r") != block.count(b"\r\n"):
-                return None  # not plain: a cell may hold a line
+            if not lines_are_rows(block):
+                return None
             goal = begins[-1][0] + step
             while goal < offset + len(data) - 64 * len(first):
                 begin = max(goal - offset, 0)
@@ -135,7 +134,10 @@ def _change_of_pose(data: bytes, goal: int, column: int) -> int | None:
         end = data.find(b"\n", begin)
         if end < 0:
             return None
-        pose = data[begin:end].split(b",", column + 1)[column : column + 1]
+        line = data[begin:end]
+        pose = line.split(b",", column + 1)[column : column + 1]
+        if b'"' in line:
+            pose = [cell.encode() for cell in next(csv.reader([line.decode()]))[column : column + 1]]
         if previous is not None and pose and pose[0].strip() != previous:
             return begin
         previous = pose[0].strip() if pose else previous

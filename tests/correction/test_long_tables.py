@@ -34,7 +34,7 @@ def cut(monkeypatch):
 def joints():
     rng = np.random.default_rng(1)
     q = np.array([0.0, 20.0, 10.0, 20.0, 40.0, 10.0]) + np.cumsum(rng.uniform(-0.5, 0.5, (ROWS, 6)), axis=0)
-    return pd.DataFrame(np.round(q, 4), columns=[f"q{k}_deg" for k in range(1, 7)]).assign(note="a")
+    return pd.DataFrame(np.round(q, 4), columns=[f"q{k}_deg" for k in range(1, 7)]).assign(note='a, "b"')
 
 
 def test_the_bytes_are_those_of_the_whole(calibration, tmp_path, monkeypatch):

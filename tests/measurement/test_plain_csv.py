@@ -49,9 +49,11 @@ def test_plain_files_are_read_alike(monkeypatch, start, end):
         (HEAD + ROWS).replace("\n", "\r\n"),
         HEAD.replace("\n", "\r\n") + ROWS,
         ",".join(f'"{name}"' for name in HEAD.strip().split(",")) + "\n" + ROWS,
+        HEAD + ROWS.replace("x y", '"x, ""y"""').replace("smr1", '"smr1"').replace("-2", '"-2"'),
+        HEAD + ROWS.replace("x y", 'a "x" y').replace(",7", ',""'),
     ],
 )
-def test_windows_lines_and_a_quoted_header_are_plain(monkeypatch, text):
+def test_windows_lines_and_quoted_cells_are_plain(monkeypatch, text):
     assert plain(text) is not None
     fast, slow = both(text, monkeypatch)
     pd.testing.assert_frame_equal(fast.table, slow.table, check_exact=True)
@@ -63,7 +65,8 @@ def test_windows_lines_and_a_quoted_header_are_plain(monkeypatch, text):
         HEAD + "\n" + ROWS,  # a blank line
         "\n" + HEAD + ROWS,
         HEAD + "," * 12 + "\n" + ROWS,  # a line of commas
-        HEAD + ROWS.replace("x y", '"x, y"'),
+        HEAD + ROWS.replace("x y", '"x\ny"'),
+        HEAD + ROWS.replace("x y", '2"'),  # a quote that does not end
         HEAD + ROWS.replace("x y", "x\ry"),
         HEAD + ROWS.replace("1.5", "inf"),
         HEAD + ROWS.replace("0.1", "NaN"),

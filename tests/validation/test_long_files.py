@@ -1,5 +1,7 @@
 """Long files are judged in pieces as they are judged as a whole."""
 
+import csv
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -68,9 +70,11 @@ def test_pieces_give_what_the_whole_gives(ending, cut, whole, demo_calibration, 
     assert low < found.calibrated["mean_mm"] < high
 
 
-def test_rows_of_a_pose_stay_together_and_all_rows_are_there(cut, verification, tmp_path):
+@pytest.mark.parametrize("quoting", [csv.QUOTE_MINIMAL, csv.QUOTE_ALL])
+def test_rows_of_a_pose_stay_together_and_all_rows_are_there(quoting, cut, verification, tmp_path):
     path, frame = tmp_path / "long.csv", pd.read_csv(verification)
-    frame.to_csv(path, index=False)
+    frame.insert(0, "note", 'a, "b"')
+    frame.to_csv(path, index=False, quoting=quoting)
     read = [pieces.read(piece) for piece in pieces.long_file(path).pieces]
     poses = [set(one.table["pose"]) for one in read]
     assert sum(map(len, poses)) == len(set.union(*poses)) == frame["pose"].nunique()
@@ -102,7 +106,7 @@ def test_what_was_judged_before_a_stop_is_kept(cut, demo_calibration, verificati
 
 def test_what_is_not_plain_or_needs_all_points_is_read_as_a_whole(cut, demo_calibration, verification, tmp_path):
     frame = pd.read_csv(verification)
-    frame.assign(group='a "b"').to_csv(tmp_path / "quoted.csv", index=False)
+    frame.assign(group='a\n"b"').to_csv(tmp_path / "quoted.csv", index=False)
     assert pieces.long_file(tmp_path / "quoted.csv") is None
     frame.assign(session="1").to_csv(tmp_path / "session.csv", index=False)
     assert pieces.long_file(tmp_path / "session.csv") is None
