@@ -49,6 +49,10 @@ PARTS = 16
 """Pictures are left out in as many parts at most."""
 SMALL = 1e-3
 """Part of an unknown's step that derivatives are taken over."""
+UNEXPLAINED = 3.0
+"""Standard deviations by which pictures may miss more than the noise of their corners explains."""
+ALL_TOLD = 1e-9
+"""Share of its misses that a pose keeps, below which it tells a number alone."""
 TOO_FAR = 3.0
 """Times the scatter of corners within a picture, above which the misfit over all pictures is that of robot or lens."""
 
@@ -351,7 +355,7 @@ def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye
     devices: dict[tuple[str, str], DeviceFrame] = {}
     lens: dict[str, dict[str, tuple[float, float]]] = {}
     count = np.isfinite(rows.corners[:, :, 2]).sum(axis=1)
-    pixels, size, within = (np.zeros(len(rows)) for _ in range(3))
+    pixels, size = np.zeros(len(rows)), np.zeros(len(rows))
     scale = imaging.per_pixel(rows.corners)
     doubts = []
     for of_group in problem.group_residuals(state):
@@ -373,9 +377,6 @@ def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye
         of = group.rows
         size[of] = of_group.residuals.size
         pixels[of] = size[of] / scale[of]
-        spare = np.maximum(2 * count[of] - of_group.residuals.r.shape[1], 1)
-        scatter = np.maximum(size[of] ** 2 - (of_group.residuals.r**2).sum(axis=1), 0.0)
-        within[of] = scatter * count[of] / spare / scale[of] ** 2
         doubts.append(group.kind.doubt(of_group.observed, of_group.residuals))
     return HandEye(
         robot,
@@ -387,7 +388,7 @@ def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye
         pixels,
         left_out(problem, state, scale),
         size / MM,
-        float(np.sqrt(np.average(within, weights=count))),
+        within_pixels(problem, state),
         tuple(dict.fromkeys(filter(None, doubts))),
         rows.simulated,
         rig=_rig(problem, state, tuple(devices.values())),
@@ -424,8 +425,9 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
 
     Of other numbers with their derivatives ``of`` by the unknowns' steps, shape (numbers, unknowns).
 
-    The larger of two: from noise of corners, all alike; and from how the solution moves as each pose is left out
-    (jackknife), which holds where the robot errs, too, so that what a picture misses is neither alike nor independent.
+    From noise of corners, where that explains what pictures miss. Else the robot errs, by more in some directions than
+    in others, and alike for all cameras at a pose: then from the sum of what each pose contributes to the solution
+    (Bell and McCaffrey 2002, CR2), with Student's factor of three numbers a pose, as the largest of three counts.
     """
     from scipy.special import stdtrit
 
@@ -433,20 +435,34 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
     J, y = np.concatenate([block.J for block in blocks], axis=1), np.concatenate([block.y for block in blocks])
     row = np.concatenate([block.row for block in blocks])
     pose = np.where(row >= 0, problem.rows.pose_index[row], -1)
-    H = J @ J.T
-    freedom = max(len(y) - len(J), 1)
-    G = np.diag(problem.sizes) if of is None else of
-    H_inverse = np.linalg.pinv(H, hermitian=True)
-    variance = np.einsum("ij,jk,ik->i", G, H_inverse, G)
-    alike = stdtrit(freedom, 0.975) * np.sqrt(variance * float(y @ y) / freedom)
-    moves, A = [], G @ H_inverse
-    for k in np.unique(pose[pose >= 0]):
+    H_inverse, freedom = np.linalg.pinv(J @ J.T, hermitian=True), max(len(y) - len(J), 1)
+    A = (np.diag(problem.sizes) if of is None else of) @ H_inverse
+    noise, variance = float(y @ y) / freedom, np.einsum("ij,ij->i", A @ J, A @ J)
+    u95 = float(np.median(imaging.typical_u95(np.asarray(problem.rows.corners))))
+    of_corners = (within_pixels(problem, state) / u95 * problem.typical / MM) ** 2
+    if noise <= (1.0 + UNEXPLAINED * np.sqrt(2.0 / freedom)) * of_corners:
+        return np.asarray(stdtrit(freedom, 0.975) * np.sqrt(noise * variance))
+    by_poses, poses = np.zeros(len(A)), np.unique(pose[pose >= 0])
+    for k in poses:
         left = J[:, pose == k]
-        kept = np.eye(left.shape[1]) - left.T @ H_inverse @ left
-        moves.append(A @ left @ np.linalg.pinv(kept, rcond=1e-9, hermitian=True) @ y[pose == k])
-    n = len(moves)
-    jackknife = np.sqrt(np.sum((np.array(moves) - np.mean(moves, axis=0)) ** 2, axis=0) * (n - 1) / n)
-    return np.asarray(np.maximum(alike, COVERAGE * jackknife))
+        share, V = np.linalg.eigh(np.eye(left.shape[1]) - left.T @ H_inverse @ left)
+        by, told = A @ left @ V, share > ALL_TOLD  # what a pose alone tells is missed by nothing: noise as of others
+        by_poses += (by[:, told] @ (V.T @ y[pose == k] / np.sqrt(np.maximum(share, ALL_TOLD)))[told]) ** 2
+        by_poses += noise * (by[:, ~told] ** 2).sum(axis=1)
+    student = stdtrit(3 * max(len(poses) - 1, 1), 0.975)
+    return np.asarray(np.maximum(COVERAGE * np.sqrt(of_corners * variance), student * np.sqrt(by_poses)))
+
+
+def within_pixels(problem: FeatureProblem, state: FeatureState) -> float:
+    """By how much corners scatter within pictures, a coordinate: what no place of camera and board explains."""
+    squares, spare = 0.0, 0.0
+    corners = np.asarray(problem.rows.corners)
+    count, scale = np.isfinite(corners[:, :, 2]).sum(axis=1), imaging.per_pixel(corners)
+    for of_group in problem.group_residuals(state):
+        of, r, size = of_group.group.rows, of_group.residuals.r, np.asarray(of_group.residuals.size)
+        squares += float((np.maximum(size**2 - (r**2).sum(axis=1), 0.0) * count[of] / scale[of] ** 2).sum())
+        spare += float(np.maximum(2 * count[of] - r.shape[1], 0).sum())
+    return float(np.sqrt(squares / max(spare, 1.0)))
 
 
 def left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray, parts: int = PARTS) -> FloatArray:
