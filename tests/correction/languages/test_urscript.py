@@ -142,6 +142,10 @@ TCP = "set_tcp(p[0,0,0.1,0,0,0])\n"
         ("movej(Waypoint_p)", "its target is computed"),
         (f"servoj({Q}, 0, 0, 0.1)", "while the program runs"),
         ("movec(p[1,2,3,4,5,6])", "its target is missing"),
+        (  # joint 1 by 0.8 rad: another side of what is between
+            f"x={P}\nmovej(get_inverse_kin(x, qnear={Q}))\nmovej(get_inverse_kin(x, qnear={Q.replace('0.1,-1', '0.9,-1')}))",
+            "start from different joints (qnear)",
+        ),
     ],
 )
 def test_what_cannot_be_corrected_is_left_with_its_reason(robots, text, reason):
