@@ -205,7 +205,9 @@ def recognised(
         others_as_set = others if isinstance(set_, Mapping) else [f"{key}={value}" for key, value in others.items()]
         values = changed(_yaml_of(import_map), "the recognised map", others_as_set)
         import_map = validated(ImportMap, values, "the recognised map")
-    imported = understand(recognition.sources, import_map, recognition.joints)
+    imported = recognition.imported
+    if others or imported is None:
+        imported = understand(recognition.sources, import_map, recognition.joints)
     return replace(imported, warnings=(*recognition.notes, *imported.warnings), columns=recognition.columns)
 
 

@@ -80,6 +80,8 @@ COMPUTED = 3e-6
 
 def _folded(text: str) -> str:
     """Small letters without accents."""
+    if text.isascii():
+        return text.lower()
     text = unicodedata.normalize("NFKD", unicodedata.normalize("NFKC", text)).casefold()
     return "".join(letter for letter in text if not unicodedata.combining(letter))
 
@@ -166,7 +168,8 @@ def _sheet(source: str) -> Sheet | None:
             for line, row in zip(lines, cells, strict=True)
         ]
     decimal = layout["decimal"]
-    numeric = [_numbers_in(row, decimal) for row in cells]
+    texts = [[cell for cell in row if not _is_number(cell, decimal)] for row in cells]
+    numeric = [len(row) - len(others) for row, others in zip(cells, texts, strict=True)]
     usual = float(
         np.median([count for row, count in zip(cells, numeric, strict=True) if len(row) == width and count >= 3])
     )
@@ -198,7 +201,8 @@ def _sheet(source: str) -> Sheet | None:
     if marks:
         layout["comment"] = sorted(marks)
     comments = [lines[k].strip() for k in range(layout["skip_rows"]) if lines[k].strip()]
-    excuses = _lost_marks(cells, first, width, decimal)
+    # what stands in columns of numbers in place of them excuses a short row
+    excuses = sorted({cell.lower() for row in texts[first:] for cell in row})[:200]
     table = tables.read(source, validated(Dialect, layout, source), excuses)
     for k in range(table.width):
         axes = table.cells[k].str.casefold()
@@ -207,11 +211,6 @@ def _sheet(source: str) -> Sheet | None:
             table = tables.read(source, validated(Dialect, layout, source), excuses)
             break
     return Sheet(source, layout, table, tuple(comments), tuple(left_out))
-
-
-def _lost_marks(cells: list[list[str]], first: int, width: int, decimal: str) -> list[str]:
-    """What stands in columns of numbers in place of them, in small letters: it excuses a short row."""
-    return sorted({cell.lower() for row in cells[first:] for cell in row if not _is_number(cell, decimal)})[:200]
 
 
 def _is_row(row: Sequence[str], width: int, numeric: int, shapes: Counter[str]) -> bool:
@@ -286,11 +285,11 @@ def _cut(lines: Sequence[str], delimiter: str, thousands: str, decimal: str) -> 
 
 def _marks_of_numbers(text: str) -> list[tuple[str, str]]:
     """Marks of thousands (none: empty) and of decimals that numbers may have; the former where one proves it."""
-    of_thousands = (
-        ("'", ".", r"\d['\u2019]\d{3}(?!\d)"),
-        ("'", ",", r"\d['\u2019]\d{3}(?!\d)"),
-        (",", ".", r"\d,\d{3}\.\d"),
-        (".", ",", r"\d\.\d{3},\d"),
+    of_thousands = (  # each begins with its mark, which a search finds fast among digits
+        ("'", ".", r"['\u2019](?<=\d.)\d{3}(?!\d)"),
+        ("'", ",", r"['\u2019](?<=\d.)\d{3}(?!\d)"),
+        (",", ".", r",(?<=\d.)\d{3}\.\d"),
+        (".", ",", r"\.(?<=\d.)\d{3},\d"),
     )
     proven = [(mark, decimal) for mark, decimal, proof in of_thousands if re.search(proof, text)]
     return [("", "."), ("", ","), *proven]
@@ -861,6 +860,8 @@ class Recognised:
         Column, what it holds, its unit and where that comes from.
     notes : tuple of str
         What was left out, and by what the units are proven, in sentences.
+    imported : Imported or None
+        What the map makes of the files, where that is known already.
     """
 
     map: ImportMap
@@ -868,6 +869,7 @@ class Recognised:
     joints: str | None
     columns: tuple[tuple[str, str, str], ...] = ()
     notes: tuple[str, ...] = ()
+    imported: reader.Imported | None = None
 
 
 class _Table(NamedTuple):
@@ -1428,7 +1430,8 @@ def _finished(entry: _Understood, values: dict[str, Any], notes: list[str]) -> R
     elif candidate.joints is not None:
         columns.append((Path(candidate.joints).name, "joints, as literals of a program", "of its language"))
     import_map = validated(ImportMap, values, source)
-    return Recognised(import_map, candidate.sources, candidate.joints, tuple(columns), tuple(notes))
+    known = None if rename else imported
+    return Recognised(import_map, candidate.sources, candidate.joints, tuple(columns), tuple(notes), known)
 
 
 def _moves(table: pd.DataFrame, name: str) -> bool:
