@@ -191,6 +191,10 @@ def lens(
     missed: list[str] = []
     board_of: dict[str, tuple[str, Board]] = {}
     for name, board in seen.items():
+        if not isinstance(board.board, Board):
+            raise MeasurementError(
+                "the lens comes from a flat board, not from markers on a body", file=name_of, row=int(board.row["row"])
+            )
         for label, grey in (
             _pictures(folder, board, list(seen.values())) if of_bag is None else of_bag.get(name, {}).items()
         ):

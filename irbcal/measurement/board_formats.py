@@ -1,4 +1,4 @@
-"""Boards in the files of other programs: a target of Kalibr's, a target finder of industrial_calibration's."""
+"""Boards in files: a target of Kalibr's, a target finder of industrial_calibration's, markers on a body (CSV)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from irbcal.errors import MeasurementError
-from irbcal.safe_files import read_bytes
+import numpy as np
 
+from irbcal.errors import MeasurementError
+from irbcal.measurement.boards import MarkerBody
+from irbcal.measurement.columns import POSITION, InputTable
+from irbcal.safe_files import read_bytes
+from irbcal.units import MM
+
+SQUARE = 0.05
+"""Share by which the sides of a marker on a body may differ."""
 FINDER, STATIC = "target_finder", "static_camera"
 DICTIONARIES = (
     *(f"DICT_{bits}X{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)),
@@ -49,6 +56,36 @@ def board(content: Any, source: str) -> dict[str, str]:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise MeasurementError(f"this board is not understood: {error}", file=source) from None
     return cells
+
+
+def marker_body(path: Path, dictionary: str) -> MarkerBody:
+    """Markers on a body, from a table with ``marker``, ``x_mm``, ``y_mm``, ``z_mm``: four rows a marker.
+
+    Raises
+    ------
+    MeasurementError
+        If a marker has not four rows, or these are not the corners of a square.
+    """
+    table = InputTable.read(path, ["marker", *POSITION])
+    xyz = np.column_stack([table.numbers(name) for name in POSITION]) * MM
+    number = table.numbers("marker")
+    for k in np.flatnonzero((number < 0) | (number != np.floor(number))):
+        raise table.fault(f"expected the number of a marker, found {number[k]:g}", int(k), "marker")
+    markers, corners = list(dict.fromkeys(number.astype(int).tolist())), []
+    for marker in markers:
+        of = np.flatnonzero(number == marker)
+        if len(of) != 4:
+            raise table.fault(f"marker {marker} has {len(of)} rows, expected its four corners", int(of[0]), "marker")
+        sides, diagonals = (np.linalg.norm(np.roll(xyz[of], -k, axis=0) - xyz[of], axis=1) for k in (1, 2))
+        if not np.allclose(np.r_[sides, diagonals / np.sqrt(2.0)], sides[0], rtol=SQUARE, atol=0.0) or not sides[0]:
+            raise table.fault(
+                f"the corners of marker {marker} are no square in this order: expected them clockwise from the upper "
+                "left one, as the marker is seen upright",
+                int(of[0]),
+                "marker",
+            )
+        corners.append(xyz[of])
+    return MarkerBody(tuple(markers), np.concatenate(corners), dictionary)
 
 
 def yaml_of(path: Path, data: bytes | None = None) -> Any:

@@ -1,4 +1,4 @@
-"""Flat boards that pictures show: where their corners are, and what of OpenCV finds them; a row of `PATTERNS` each.
+"""Boards that pictures show: where their corners are, and what of OpenCV finds them; flat ones are rows of `PATTERNS`.
 
 Corners are numbered along x first. A board has a number of squares, circles or markers along x and y, and a pitch: the
 distance of their middles.
@@ -6,7 +6,7 @@ distance of their middles.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, TypeAlias
@@ -21,6 +21,10 @@ Finder: TypeAlias = Callable[[Any], "tuple[IntArray, FloatArray]"]
 
 MARKER = 0.75
 """Side of a marker in shares of the pitch, unless it is given."""
+
+
+STEEP = 0.5
+"""Area of a marker on a body in squares of its longest side: OpenCV misplaces corners of flatter ones by pixels."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,40 @@ class Board:
             return PATTERNS[self.pattern].finder(cv2, self)
         except (cv2.error, SystemError):  # sizes that are equal in its single precision
             raise ValueError(f"{self.across} × {self.along}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerBody:
+    """Markers on a body that need not be flat.
+
+    Attributes
+    ----------
+    markers : tuple of int
+        Their numbers.
+    corners : ndarray, shape (4 times markers, 3)
+        In the body's axes, of each marker from its upper left one on clockwise, metres.
+    dictionary : str
+    """
+
+    markers: tuple[int, ...]
+    corners: FloatArray
+    dictionary: str
+
+    def finder(self) -> Finder:
+        """What finds its corners in pictures, but for markers that the camera sees more than 60° from the side."""
+        cv2 = opencv()
+        coarse = _of_numbers(cv2, _dictionary(cv2, self), self.markers)
+
+        def find(grey: Any) -> tuple[IntArray, FloatArray]:
+            number, uv = coarse(grey)
+            p = uv.reshape(-1, 4, 2)
+            across, along = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
+            area = 0.5 * np.abs(across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
+            side = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2).max(axis=1)
+            clear = np.repeat(area > STEEP * side**2, 4)
+            return number[clear], uv[clear]
+
+        return find
 
 
 @dataclass(frozen=True)
@@ -210,11 +248,15 @@ def _staggered_circles(cv2: Any, board: Board) -> Finder:
 
 
 def _markers(cv2: Any, board: Board, border: int = 1) -> Finder:
+    return _of_numbers(cv2, _dictionary(cv2, board), _numbers(board, 1).tolist(), border)
+
+
+def _of_numbers(cv2: Any, dictionary: Any, numbers: Sequence[int], border: int = 1) -> Finder:
     options = cv2.aruco.DetectorParameters()
     options.markerBorderBits = border
     options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.ArucoDetector(_dictionary(cv2, board), options)
-    at = {int(number): k for k, number in enumerate(_numbers(board, 1))}
+    detector = cv2.aruco.ArucoDetector(dictionary, options)
+    at = {number: k for k, number in enumerate(numbers)}
 
     def find(grey: Any) -> tuple[IntArray, FloatArray]:
         uv, numbers, _ = detector.detectMarkers(grey)
@@ -248,7 +290,7 @@ def _aprilgrid(cv2: Any, board: Board) -> Finder:
     return find
 
 
-def _dictionary(cv2: Any, board: Board) -> Any:
+def _dictionary(cv2: Any, board: Board | MarkerBody) -> Any:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
 
 

@@ -129,8 +129,11 @@ def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
     for row in rows:
         if row.get(imaging.BOARD_FILE):
             path = Path(row["source"]).parent / row[imaging.BOARD_FILE]
-            cells = board_formats.board(board_formats.yaml_of(path), str(path))
-            row |= {name: value for name, value in cells.items() if not row.get(name)}
+            if path.suffix.lower() == ".csv":  # markers on a body: pictures give places of their corners
+                row[imaging.BOARD_FILE] = str(path)
+            else:
+                cells = board_formats.board(board_formats.yaml_of(path), str(path))
+                row |= {name: value for name, value in cells.items() if not row.get(name)}
         if not row.get(imaging.LENS_FILE):
             continue
         path = Path(row["source"]).parent / row[imaging.LENS_FILE]

@@ -143,7 +143,7 @@ def shared(rows: Sequence[dict[str, str]]) -> None:
             one["target"] = one.get("target") or CARRIED[one["kind"]]
             camera, board = camera_and_board(one)
             owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [
-                ("board", board, n) for n in (*BOARD, PATTERN, MARKER_SIDE, DICTIONARY, FIRST)
+                ("board", board, n) for n in (*BOARD, PATTERN, MARKER_SIDE, DICTIONARY, FIRST, BOARD_FILE)
             ]
             for key in owner:
                 value = one.get(key[2], "")
@@ -230,13 +230,17 @@ def board_of(row: Mapping[str, str]) -> Board | None:
         raise refuse(f"expected a marker smaller than its square, found {marker:g} mm", MARKER_SIDE)
     if not (0.0 <= first < MOST_MARKERS and first == int(first)):
         raise refuse(f"expected the number of a marker, found {first:g}", FIRST)
-    dictionary = (row.get(DICTIONARY) or "").upper()
-    dictionary = dictionary if dictionary.startswith("DICT_") or not dictionary else f"DICT_{dictionary}"
     across, along = int(value["squares_x"]), int(value["squares_y"])
-    board = Board(pattern, across, along, value["square_mm"] * MM, marker * MM, dictionary, int(first))
+    board = Board(pattern, across, along, value["square_mm"] * MM, marker * MM, dictionary_of(row), int(first))
     if board.turnable and across == along:
         raise refuse(f"{across} × {along} look the same after a quarter turn: take a board that is no square", BOARD[0])
     return board
+
+
+def dictionary_of(row: Mapping[str, str]) -> str:
+    """OpenCV's name of the markers of a row of the features' file; empty where it says none."""
+    name = (row.get(DICTIONARY) or "").upper()
+    return name if name.startswith("DICT_") or not name else f"DICT_{name}"
 
 
 def size_of(row: Mapping[str, str]) -> tuple[int, int] | None:

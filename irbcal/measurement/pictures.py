@@ -15,8 +15,9 @@ import pandas as pd
 from irbcal import safe_files
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, imaging
-from irbcal.measurement.boards import PATTERNS, Board, Finder, opencv
-from irbcal.measurement.columns import InputTable, TableLike
+from irbcal.measurement.board_formats import marker_body
+from irbcal.measurement.boards import PATTERNS, Board, Finder, MarkerBody, opencv
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
 from irbcal.names import csv_bytes
 from irbcal.safe_files import libraries_silent
@@ -96,7 +97,7 @@ class Seen:
     ----------
     camera : str
         That sees it.
-    board : Board
+    board : Board or MarkerBody
     find : callable
     size : (int, int) or None
         Of the camera's pictures, pixels.
@@ -105,7 +106,7 @@ class Seen:
     """
 
     camera: str
-    board: Board
+    board: Board | MarkerBody
     find: Finder
     size: tuple[int, int] | None
     row: dict[str, str]
@@ -140,7 +141,10 @@ def corners_of(read: Callable[[str], Any], joints: TableLike, features: TableLik
         if not imaging.tell_a_place(boards[name].board.corners[number]):
             missed.append((picture, len(number)))
             continue
-        more = {"corner": number} | dict(zip(("u_px", "v_px"), uv.T, strict=True))
+        of_body = isinstance(boards[name].board, MarkerBody)
+        places = boards[name].board.corners[number] / MM
+        more = dict(zip(POSITION, places.T, strict=True)) if of_body else {"corner": number}
+        more |= dict(zip(("u_px", "v_px"), uv.T, strict=True))
         tables.append(pd.DataFrame({"pose": picture} | cell | {"feature": names[name][k]} | more))
     if not tables:
         raise no_board(name_of)
@@ -181,10 +185,15 @@ def boards_of(rows: list[dict[str, str]], name_of: str) -> dict[str, Seen]:
         def fault(message: str, column: str, row: dict[str, str] = row) -> MeasurementError:
             return MeasurementError(message, file=name_of, row=int(row["row"]), column=column)
 
-        board = imaging.board_of(row)
+        file = Path(row.get(imaging.BOARD_FILE) or "")
+        flat = imaging.board_of(row)
+        board = marker_body(file, imaging.dictionary_of(row)) if file.suffix.lower() == ".csv" else flat
         if board is None:
             raise fault(f"expected {', '.join(imaging.BOARD)} of the board", imaging.BOARD[0])
-        if PATTERNS[board.pattern].markers and not hasattr(cv2.aruco, board.dictionary or "nothing"):
+        if isinstance(board, MarkerBody) and flat is not None:
+            raise fault("expected no squares of a body of markers", imaging.BOARD[0])
+        has_markers = isinstance(board, MarkerBody) or PATTERNS[board.pattern].markers
+        if has_markers and not hasattr(cv2.aruco, board.dictionary or "nothing"):
             raise fault(
                 "expected one of OpenCV's dictionaries of markers, such as DICT_5X5_100, found "
                 f"{row.get(imaging.DICTIONARY) or 'nothing'}",
@@ -193,6 +202,7 @@ def boards_of(rows: list[dict[str, str]], name_of: str) -> dict[str, Seen]:
         try:
             find = board.finder()
         except ValueError as error:
+            assert isinstance(board, Board)
             raise fault(
                 f"OpenCV makes no board of {error} squares of {board.pitch / MM:g} mm with markers of "
                 f"{board.marker / MM:g} mm",

@@ -10,7 +10,9 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError, OptionError
+from irbcal.io.opening import open_nominal
 from irbcal.measurement import features, imaging
+from irbcal.modeling import frames
 
 SIZE, SQUARES, SQUARE, SCALE = (640, 480), (8, 6), 0.03, 60  # pixels of a square as drawn
 KNOWN = {
@@ -260,3 +262,110 @@ def test_a_pipe_is_no_picture(pictures, tmp_path):
     os.mkfifo(tmp_path / "0.png")
     with pytest.raises(MeasurementError, match=r"there is no picture 0\.png"):
         irbcal.corners(tmp_path, joints.head(1), pd.DataFrame([KNOWN]))
+
+
+DIE, TAG, SHEET = 0.06, 0.044, 300  # side of the die and of a tag, metres; pixels of a side as drawn
+K = np.array([[1200.0, 0.0, 480.0], [0.0, 1200.0, 360.0], [0.0, 0.0, 1.0]])
+FACES = {  # of each tag: its x and y on the die
+    3: ([1, 0, 0], [0, -1, 0]),
+    7: ([0, 1, 0], [0, 0, -1]),
+    8: ([0, -1, 0], [0, 0, -1]),
+    11: ([-1, 0, 0], [0, 0, -1]),
+    20: ([1, 0, 0], [0, 0, -1]),
+}
+
+
+def square(tag, side):
+    """Corners of a square on a side of the die, from the upper left one on clockwise, (4, 3), metres."""
+    x, y = np.array(FACES[tag], dtype=float)
+    outward = np.cross(y, x)
+    return 0.5 * DIE * outward + 0.5 * side * np.array([-x - y, x - y, x + y, y - x])
+
+
+def die_seen(cv2, T):
+    """A SIMULATED picture of the die at a pose before the camera; sides that face away are not seen."""
+    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    shown = np.full((720, 960), 120, dtype=np.uint8)
+    for tag in FACES:
+        corners = square(tag, DIE) @ T[:3, :3].T + T[:3, 3]
+        x, y = np.array(FACES[tag], dtype=float) @ T[:3, :3].T
+        if np.cross(y, x) @ corners.mean(axis=0) > 0.0:
+            continue
+        side = np.full((SHEET, SHEET), 255, dtype=np.uint8)
+        inner, margin = round(SHEET * TAG / DIE), (SHEET - round(SHEET * TAG / DIE)) // 2
+        side[margin : margin + inner, margin : margin + inner] = cv2.aruco.generateImageMarker(words, tag, inner)
+        uv = (corners / corners[:, 2:]) @ K.T
+        edges = np.array([[0, 0], [SHEET, 0], [SHEET, SHEET], [0, SHEET]], dtype=np.float32) - 0.5
+        H = cv2.getPerspectiveTransform(edges, uv[:, :2].astype(np.float32))
+        seen = cv2.warpPerspective(side, H, (960, 720), flags=cv2.INTER_AREA)
+        inside = cv2.warpPerspective(np.full_like(side, 255), H, (960, 720)) > 127
+        shown[inside] = seen[inside]
+    return cv2.GaussianBlur(shown, (3, 3), 0.7)
+
+
+def test_tags_on_a_die_are_a_body_whose_corners_place_the_camera(tmp_path, program):
+    """Each picture shows other sides; hand-eye takes the pictures, and the rows that corners writes."""
+    cv2 = pytest.importorskip("cv2")
+    corners_of_die = {tag: square(tag, TAG) for tag in FACES}
+    body = [f"{tag},{x},{y},{z}" for tag, of in corners_of_die.items() for x, y, z in 1e3 * of]
+    (tmp_path / "die.csv").write_text("\n".join(["marker,x_mm,y_mm,z_mm", *body]))
+    (tmp_path / "camera.csv").write_text(
+        "feature,kind,target,fx_px,cx_px,cy_px,width_px,height_px,board,dictionary\n"
+        "hall,image,die,1200,480,360,960,720,die.csv,4x4_50\n"
+    )
+    rng = np.random.default_rng(3)
+    on_flange = frames.transform(frames.rotation_from_vector(np.array([0.2, -0.3, 0.4])), np.array([0.02, 0.01, 0.09]))
+    turn = frames.rotation_from_vector(np.array([2.6, 0.4, 0.2]))
+    camera = frames.transform(turn, np.array([0.7, 0.1, 0.9]))
+    table, T_die = [], []
+    for k in range(10):
+        R = frames.rotation_from_vector(rng.uniform(-0.9, 0.9, 3)) @ frames.rotation_from_vector(
+            np.array([np.pi, 0, 0])
+        )
+        T_die.append(frames.transform(R, np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.3, 0.45)])))
+        cv2.imwrite(str(tmp_path / f"{k}.png"), die_seen(cv2, T_die[-1]))
+        flange = camera @ T_die[-1] @ frames.inverse(on_flange)
+        q = frames.quaternion_from_matrix(flange[None, :3, :3])[0]
+        table.append([f"{k}.png", *flange[:3, 3] * 1e3, *q])
+    heads = ["image", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
+    poses = pd.DataFrame(table, columns=heads)
+    poses.to_csv(tmp_path / "poses.csv", index=False)
+    given = ["--features", tmp_path / "camera.csv"]
+    result = program("hand-eye", tmp_path / "poses.csv", *given, "--images", tmp_path, "--json")
+    assert result["pictures"] == 10
+    for name, true in (("die", on_flange), ("hall", camera)):
+        (frame,) = (frame for frame in result["frames"] if frame["name"] == name)
+        np.testing.assert_allclose([frame[f"{axis}_mm"] for axis in "xyz"], true[:3, 3] * 1e3, rtol=0, atol=0.5)
+    joints = poses[["image"]].assign(**{f"q{j}_deg": 10.0 * j for j in range(1, 7)})
+    found = irbcal.corners(tmp_path, joints, tmp_path / "camera.csv").to_frame()
+    assert found.groupby("image").size().nunique() > 1
+    for k, of in found.groupby(found.image.str.removesuffix(".png").astype(int)):
+        y = of[["x_mm", "y_mm", "z_mm"]].to_numpy() * 1e-3 @ T_die[k][:3, :3].T + T_die[k][:3, 3]
+        uv = (y / y[:, 2:]) @ K.T
+        assert np.abs(of[["u_px", "v_px"]].to_numpy() - uv[:, :2]).max() < 1.2
+    rows = features.read(found, tmp_path / "camera.csv", open_nominal("irb1600").arm)
+    assert rows.corners.shape[2] == 6
+    with pytest.raises(MeasurementError, match="the lens comes from a flat board, not from markers on a body"):
+        irbcal.lens(tmp_path, tmp_path / "camera.csv")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda rows: rows[:3], "row 2, column marker: marker 3 has 3 rows, expected its four corners"),
+        (
+            lambda rows: [rows[1], rows[0], *rows[2:]],
+            "corners of marker 3 are no square in this order: expected them clockwise",
+        ),
+        (lambda rows: ["1.5,0,0,0", *rows], "expected the number of a marker, found 1.5"),
+        (lambda rows: [], "no rows"),
+    ],
+)
+def test_a_body_of_markers_that_is_none_is_refused(tmp_path, change, words):
+    pytest.importorskip("cv2")
+    rows = [f"3,{x},{y},{z}" for x, y, z in square(3, TAG)]
+    (tmp_path / "die.csv").write_text("\n".join(["marker,x_mm,y_mm,z_mm", *change(rows)]) + "\n")
+    row = {"feature": "hall", "kind": "image", "target": "die", "board": str(tmp_path / "die.csv")}
+    joints = pd.DataFrame([{"image": "0.png"} | {f"q{k}_deg": 0.0 for k in range(1, 7)}])
+    with pytest.raises(MeasurementError, match=words):
+        irbcal.corners(tmp_path, joints, pd.DataFrame([row | {"dictionary": "DICT_4X4_50"}]))
