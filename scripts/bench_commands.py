@@ -65,6 +65,9 @@ def measured_file(points, path, first=1):
 
 
 TRAJECTORY = "ROS JointTrajectory"
+FLEET, FOREIGN = 30, 27
+"""Robots of a list, and how often a file of 1,000 poses stands in a file to import."""
+TITLES = ["Punkt", *(f"A{k} [deg]" for k in range(1, 7)), "Messpunkt", *(f"{axis} [mm]" for axis in "XYZ")]
 
 
 def commands(add, folder, simulated, arm):
@@ -86,8 +89,24 @@ def commands(add, folder, simulated, arm):
         "evaluate": ("evaluate", folder / "34", proof),
         "filter, ten poses": ("filter", folder / "34", program, "--out", folder / "corrected.mod", "--allow-partial"),
         "plan": ("plan", "--robot", "irb1600", "--out", folder / "plan"),
+        "demo": ("demo", "--out", folder / "demo"),
     }.items():
         add(f"irbcal {name}", *spent(*words))
+    rows = [f"{r},{measured_file(simulated(arm, 50, r), folder / f'{r}.csv')},irb1600,model=34\n" for r in range(FLEET)]
+    taken = []
+    for count in (FLEET // 3, FLEET):
+        manifest = folder / f"list{count}.csv"
+        manifest.write_text("id,measurements,robot,options\n" + "".join(rows[:count]))
+        words = ("fleet", "calibrate", manifest, "--out", folder / f"fleet{count}", "--jobs", 1)
+        taken.append(spent(*words, times=1))
+    (short, _), (long, memory) = taken
+    add("irbcal fleet calibrate, a robot of 50 poses x 3, beyond start", (long - short) / (FLEET - FLEET // 3), memory)
+    table = pd.concat([pd.read_csv(folder / "auto1000.csv").assign(run=run) for run in range(FOREIGN)])
+    table["pose"] += 1000 * table.pop("run")
+    table = table.drop(columns="simulated").set_axis(TITLES, axis=1)
+    table.to_csv(folder / "foreign.csv", sep=";", decimal=",", index=False)
+    words = ("import", folder / "foreign.csv", "--robot", "irb1600", "--out", folder / "imported.csv")
+    add(f"irbcal import, {len(table):,} rows of another program", *spent(*words, times=1))
 
 
 def large(add, folder, simulated, arm):

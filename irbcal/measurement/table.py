@@ -373,20 +373,21 @@ def _of_numbers(name: str) -> bool:
 
 def _checked(rows: InputTable) -> MeasurementSet:
     names, source = rows.names, rows.source
-    table = pd.DataFrame({"row": rows.rows})
+    cells: dict[str, Any] = {"row": rows.rows}
     joints = [*columns.joint_columns(names), *columns.programmed_columns(names, source)]
     for name in [*joints, *columns.torque_columns(names, source)]:
-        table[name] = rows.numbers(name)
+        cells[name] = rows.numbers(name)
     for name in POSITION:
-        table[name] = rows.numbers(name, lost=True)
+        cells[name] = rows.numbers(name, lost=True)
     for name in ("pose", "target"):
-        table[name] = rows.filled(name)
-    for name in [name for name in names if name not in table.columns]:
+        cells[name] = rows.filled(name)
+    for name in [name for name in names if name not in cells]:
         if name in NUMERIC_EXTRAS:
-            table[name] = rows.numbers(name, lost=True)
+            cells[name] = rows.numbers(name, lost=True)
         else:
-            table[name] = rows.texts(name) if name in ("group", "cycle", "session") else rows.cells[name].to_numpy()
-    table.loc[rows.lost(), POSITION] = np.nan
+            cells[name] = rows.texts(name) if name in ("group", "cycle", "session") else rows.cells[name].to_numpy()
+    lost = rows.lost()
+    table = pd.DataFrame(cells | {name: np.where(lost, np.nan, cells[name]) for name in POSITION}, copy=False)
     table["pose_index"] = _pose_index(table, source)
     columns.payload_centre_columns(names, source)
     quaternions = rows.quaternions()
