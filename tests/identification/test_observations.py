@@ -115,6 +115,27 @@ def test_truth_without_noise_is_found_without_a_guess(name):
     np.testing.assert_allclose(np.arcsin(found), np.arcsin(true), atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["point", "sphere", "radius", "plane", "line", "gauge"])
+def test_the_tool_is_told_in_closed_form(name):
+    """Tips from places on the feature, each with a turn of its own: p = place - R t."""
+    rng = np.random.default_rng(3)
+    t, centre, n = np.array([0.03, -0.02, 0.15]), np.array([0.8, 0.2, 0.5]), np.array([2.0, -1.0, 2.0]) / 3.0
+    R = np.array([frames.rotation_from_vector(w) for w in rng.standard_normal((60, 3))])
+    away, value = rng.uniform(-0.2, 0.2, (60, 3)), rng.uniform(0.1, 0.4, 60)
+    length = np.linalg.norm(away, axis=1, keepdims=True)
+    place = {
+        "point": np.tile(centre, (60, 1)),
+        "sphere": centre + 0.025 * away / length,
+        "radius": centre + value[:, None] * away / length,
+        "plane": centre + away - np.outer(away @ n, n),
+        "line": centre + np.outer(away[:, 0], n),
+        "gauge": centre + away - np.outer(away @ n - value, n),
+    }[name]
+    tips = place - np.einsum("mij,j->mi", R, t)
+    closed = KINDS[name].tool(Observed(Feature("f", name), tips, R, value, place, R))
+    np.testing.assert_allclose(closed[0], t, atol=1e-10)
+
+
 def test_known_lengths_change_as_their_ends_move():
     first, second = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.6, 0.3])
     miss, by = observations.length_misses(first, second, 0.4)
