@@ -270,11 +270,11 @@ def reversals(q: FloatArray, s: FloatArray, smallest: float = 1e-4) -> list[Reve
         if np.ptp(q[:, j]) < smallest:
             continue
         change = np.diff(q[:, j])
-        turns = np.flatnonzero(np.sign(change[1:]) * np.sign(change[:-1]) < 0) + 1
-        for k in turns:
+        moving = np.flatnonzero(change)  # an extremum between two places may leave both the same
+        for k in moving[1:][np.diff(np.sign(change[moving])) != 0]:
             a, b, c = q[k - 1 : k + 2, j]
             offset = 0.5 * (a - c) / (a - 2 * b + c)
-            kind: Literal["min", "max"] = "max" if b > a else "min"
+            kind: Literal["min", "max"] = "max" if b > c else "min"
             turning_points.append(
                 Reversal(float(s[k] + offset * step), j + 1, float(b - 0.25 * (a - c) * offset), kind)
             )

@@ -78,6 +78,16 @@ def test_reversals_of_known_curves():
     assert np.abs(np.array([r.angle for r in reversals(q, s)]) - [-0.2, 0.5, 0.2, -0.5]).max() < 1e-6
 
 
+def test_a_reversal_halfway_between_two_places():
+    """Both have the same joint then, exactly; the parabola's top lies between them."""
+    k = np.arange(10.0)
+    q = np.zeros((10, 6))
+    q[:, 1] = 1.0 - 0.01 * (k - 4.5) ** 2
+    (top,) = reversals(q, k)
+    assert (top.joint, top.kind) == (2, "max")
+    assert (top.s, top.angle) == pytest.approx((4.5, 1.0))
+
+
 def small_circle(nominal):
     """The circle of annex VI, first test: radius 300 mm about a point in front of the robot, horizontal."""
     seed = np.radians([-3.984, 5.733483, 4.519, -0.017, 79.885, -273.988])
