@@ -89,7 +89,7 @@ def commands(add, folder, simulated, arm):
         "evaluate": ("evaluate", folder / "34", proof),
         "filter, ten poses": ("filter", folder / "34", program, "--out", folder / "corrected.mod", "--allow-partial"),
         "plan": ("plan", "--robot", "irb1600", "--out", folder / "plan"),
-        "demo": ("demo", "--out", folder / "demo"),
+        "demo": ("demo", "--out", folder / "demo", "--force"),
     }.items():
         add(f"irbcal {name}", *spent(*words))
     rows = [f"{r},{measured_file(simulated(arm, 50, r), folder / f'{r}.csv')},irb1600,model=34\n" for r in range(FLEET)]

@@ -173,8 +173,8 @@ class MeasurementSet(ReadOnlyTables, Result):
         return self._of_poses(self.joint_columns)
 
     def _of_poses(self, names: list[str]) -> FloatArray:
-        first = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy()
-        q: FloatArray = first * columns.joint_units(names)
+        first = np.unique(self._rows["pose_index"], return_index=True)[1]
+        q: FloatArray = self._rows[names].to_numpy()[first] * columns.joint_units(names)
         return q if self.coupling is None else np.asarray(q @ self.coupling.T)
 
     def reading_lag(self) -> ReadingLag | None:
