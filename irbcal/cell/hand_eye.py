@@ -250,7 +250,7 @@ def hand_eye(
         Corners as ``irbcal corners`` writes them, or with images a row a picture: ``image`` and joints (``q1_deg`` …),
         or the flange in the robot base as the controller shows it (``flange_x_mm`` … ``flange_qz``; a row a picture
         also ``x_mm`` … ``qz``); or a data folder of industrial_calibration or robot_cal_tools, samples of
-        easy_handeye2, poses in OpenCV's FileStorage, or a bag of ROS 2.
+        easy_handeye2, poses in OpenCV's FileStorage, or a bag of ROS 2 or 1.
     features : str, Path or DataFrame, optional
         Cameras and boards, as for corners. Where nothing is known of a lens but the size of its pictures, the lens is
         calibrated from the corners alone, and fitted from there.

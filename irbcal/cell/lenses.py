@@ -160,7 +160,7 @@ def lens(
     ----------
     images : str or Path
         Folder of the pictures; of several boards or cameras, in it a folder for each feature, or names that begin with
-        it. Or a bag of ROS 2.
+        it. Or a bag of ROS 2 or 1.
     features : str, Path or DataFrame
         Cameras and boards as for corners, or a board of Kalibr's or industrial_calibration's (YAML); nothing needs to
         be known of the lens.

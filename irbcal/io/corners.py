@@ -26,7 +26,7 @@ def corners(
     Parameters
     ----------
     images : str or Path
-        Folder of the pictures (PNG, JPEG, TIFF, ...), or a bag of ROS 2 with joint states and pictures.
+        Folder of the pictures (PNG, JPEG, TIFF, ...), or a bag of ROS 2 or 1 with joint states and pictures.
     joints : str, Path or DataFrame, optional
         Of a folder. A row a picture: ``image`` (its file's name), joints (``q1_deg`` ...), and what the rows shall have
         besides: ``pose`` (the picture's name unless given), ``feature``, and what names of features are made of, as

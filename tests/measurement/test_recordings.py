@@ -285,10 +285,11 @@ def bag(folder, arm, plugin, encoding, names=None):
     Gives the joints of the stands and where the camera is on the flange.
     """
     cv2, rosbag2 = pytest.importorskip("cv2"), pytest.importorskip("rosbags.rosbag2")
+    from rosbags import rosbag1
     from rosbags.typesys import Stores, get_typestore
 
     rng = np.random.default_rng(11)
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC if plugin == "ROS1" else Stores.ROS2_HUMBLE)
     kind = store.types
     middle = np.array([0.1, 0.2, 0.3, 0.2, 0.9, 0.1])
     q = middle + rng.uniform(-0.2, 0.2, (STANDS, 6))
@@ -301,7 +302,7 @@ def bag(folder, arm, plugin, encoding, names=None):
 
     def header(t):
         stamp = kind["builtin_interfaces/msg/Time"](int(t), round((t % 1.0) * 1e9))
-        return kind["std_msgs/msg/Header"](stamp, "")
+        return kind["std_msgs/msg/Header"](*([0] if plugin == "ROS1" else []), stamp, "")
 
     def joints_at(t):
         k, share = int(t // 3.0), np.clip(t % 3.0 - 2.0, 0.0, 1.0)
@@ -328,7 +329,9 @@ def bag(folder, arm, plugin, encoding, names=None):
         sizes = (600, 800, "plumb_bob", np.zeros(5), K, np.eye(3).ravel(), P, 0, 0, region(0, 0, 0, 0, False))
         return kind["sensor_msgs/msg/CameraInfo"](header(t), *sizes)
 
-    with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+    write = rosbag1.Writer(folder) if plugin == "ROS1" else rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+    serialize = store.serialize_ros1 if plugin == "ROS1" else store.serialize_cdr
+    with write as writer:
         for topic, make, step in (
             ("/joint_states", states, 0.02),
             ("/hand/image", picture, 0.5),
@@ -339,7 +342,7 @@ def bag(folder, arm, plugin, encoding, names=None):
             to = writer.add_connection(topic, first.__msgtype__, typestore=store)
             for t in np.arange(0.25, 3.0 * STANDS - 1.0, step):
                 message = make(t)
-                writer.write(to, int(1e9 * (t + 5.0)), store.serialize_cdr(message, to.msgtype))
+                writer.write(to, int(1e9 * (t + 5.0)), serialize(message, to.msgtype))
     return q, camera_on
 
 
@@ -369,25 +372,29 @@ def test_a_bag_of_ros_2_gives_the_camera(plugin, encoding, tmp_path, program):
     assert (middle < 1.8).all()
 
 
-def test_a_bag_has_corners_and_lens_in_it(tmp_path, program):
+@pytest.mark.parametrize("name", ["run", "run.bag"], ids=["ROS 2", "ROS 1"])
+def test_a_bag_has_corners_and_lens_in_it(tmp_path, program, name):
     """The lens that the bag itself says is taken; from the pictures alone comes the same one."""
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    q, camera_on = bag(tmp_path / "run", cases.arm(), rosbag2.StoragePlugin.MCAP, "bgr8")
+    plugin = "ROS1" if name == "run.bag" else rosbag2.StoragePlugin.MCAP
+    q, camera_on = bag(tmp_path / name, cases.arm(), plugin, "png" if name == "run.bag" else "bgr8")
     heads = "feature,kind,target,squares_x,squares_y,square_mm,marker_mm,dictionary"
     (tmp_path / "f.csv").write_text(f"{heads}\nboard,image-on-tool,hand,8,6,30,20,6X6_250\n")
     given = ["--features", tmp_path / "f.csv"]
-    result = program("hand-eye", tmp_path / "run", *given, "--robot", "irb1600", "--json")
+    result = program("hand-eye", tmp_path / name, *given, "--robot", "irb1600", "--json")
     camera = next(frame for frame in result["frames"] if frame["device"] == "camera")
     np.testing.assert_allclose([camera[f"{axis}_mm"] for axis in "xyz"], camera_on[:3, 3] / MM, rtol=0, atol=0.6)
     assert not result["lens"]
     out = tmp_path / "corners.csv"
-    found = program("corners", tmp_path / "run", *given, "--robot", "irb1600", "--out", out, "--json")
+    found = program("corners", tmp_path / name, *given, "--robot", "irb1600", "--out", out, "--json")
     assert found["images"] == STANDS
     rows = pd.read_csv(out).drop_duplicates("pose")
     np.testing.assert_allclose(np.radians(rows[[f"q{k}_deg" for k in range(1, 7)]]), q, rtol=0, atol=2e-5)
     with pytest.raises(OptionError, match="name the table that has the joints"):
         irbcal.corners(tmp_path, None, tmp_path / "f.csv")
-    (lens,) = program("lens", tmp_path / "run", *given, "--json")["lenses"]
+    if plugin != "ROS1":
+        return
+    (lens,) = program("lens", tmp_path / name, *given, "--json")["lenses"]
     assert lens["pictures"] > 40
     assert lens["width_px"] == 800
     for name, true in (("fx_px", 900.0), ("fy_px", 900.0), ("cx_px", 400.0), ("cy_px", 300.0)):
@@ -405,8 +412,10 @@ def test_a_bag_of_another_robot_is_refused(tmp_path):
         hand_eye(tmp_path / "run", tmp_path / "f.csv")
     file = next((tmp_path / "run").glob("*.mcap"))
     file.write_bytes(file.read_bytes()[:200])
-    with pytest.raises(MeasurementError, match="expected a bag of ROS 2"):
-        hand_eye(tmp_path / "run", tmp_path / "f.csv", robot="irb1600")
+    (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(200))
+    for damaged in ("run", "old.bag", "none.bag"):
+        with pytest.raises(MeasurementError, match="expected a bag of ROS 2 or ROS 1: "):
+            hand_eye(tmp_path / damaged, tmp_path / "f.csv", robot="irb1600")
 
 
 @pytest.mark.parametrize("depth", [False, True], ids=["pixels", "places of a depth camera"])

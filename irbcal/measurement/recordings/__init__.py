@@ -97,7 +97,7 @@ def corner_rows(measurements: TableLike, features: TableLike, arm: Arm) -> tuple
 
 def _of_other_program(path: Path) -> bool:
     """Whether measurements are no table of irbcal's."""
-    return path.is_dir() or path.suffix in (".yaml", ".yml", ".json", ".xml", ".samples", ".mcap", ".db3")
+    return path.is_dir() or path.suffix in (".yaml", ".yml", ".json", ".xml", ".samples", ".mcap", ".db3", ".bag")
 
 
 def transforms(content: list[tuple[str, Mapping[str, Any]]]) -> pd.DataFrame:

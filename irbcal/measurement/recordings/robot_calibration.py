@@ -102,7 +102,8 @@ def _with_lenses(rows: list[dict[str, str]], cameras: Mapping[str, Mapping[str, 
 
 def _pairs(observations: list[Any]) -> list[tuple[Any, Any]]:
     """Cameras, which say their lens, each with the next sensor that has as many points."""
-    is_camera = [observation.ext_camera_info.camera_info.k[0] > 0.0 for observation in observations]
+    lenses = [rosbag.lens_fields(observation.ext_camera_info.camera_info) for observation in observations]
+    is_camera = [lens["k"][0] > 0.0 for lens in lenses]
     out = []
     for camera, sees in zip(observations, is_camera, strict=True):
         others = [each for each, also in zip(observations, is_camera, strict=True) if not also]
@@ -120,7 +121,7 @@ def _in_picture(camera: Any, source: str) -> tuple[Any, float, dict[str, str]]:
     """Pixels of a camera's points (n, 2), their uncertainty, and the lens as columns of the features' file."""
     info = camera.ext_camera_info.camera_info
     try:
-        known = ros.read({name: getattr(info, name) for name in rosbag.INFO_FIELDS})
+        known = ros.read(rosbag.lens_fields(info))
         ((numbers, size),) = (known or {}).values()
     except ValueError as error:
         raise MeasurementError(f"{camera.sensor_name}: this is no lens: {error}", file=source) from None

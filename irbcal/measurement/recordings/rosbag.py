@@ -1,4 +1,4 @@
-"""Bags of ROS 2 (mcap, sqlite3): joint states with pictures or points; a row a picture or point where the robot stands.
+"""Bags of ROS 2 (mcap, sqlite3) and ROS 1: joint states with pictures or points, where the robot stands a row of each.
 
 The reading is that of the package ``rosbags``, which is not installed with irbcal but with its extra ``ros``.
 """
@@ -25,7 +25,8 @@ from irbcal.measurement.recordings import Recording
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG, MM
 
-WHAT = "a bag of ROS 2"
+WHAT = "a bag of ROS 2 or ROS 1"
+ENDINGS = (".mcap", ".db3", ".bag")
 STILL_S = 0.5
 """The robot stands where no joint moved by more than `STILL` for so long, seconds."""
 STILL = 5e-4
@@ -57,7 +58,7 @@ def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Reco
 
 def is_bag(path: Path) -> bool:
     """Whether this is a bag by its name."""
-    return path.suffix in (".mcap", ".db3") or (path.is_dir() and (path / "metadata.yaml").is_file())
+    return path.suffix in ENDINGS or (path.is_dir() and (path / "metadata.yaml").is_file())
 
 
 def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict[str, Any]]:
@@ -90,6 +91,11 @@ def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict
     return out
 
 
+def lens_fields(info: Any) -> dict[str, Any]:
+    """What a message of `INFO` says of the lens; in ROS 1 K and D are capital letters."""
+    return {name: getattr(info, name if hasattr(info, name) else name.upper()) for name in INFO_FIELDS}
+
+
 def _evenly(times: FloatArray) -> FloatArray:
     return times[np.linspace(0, len(times) - 1, min(len(times), MOST)).round().astype(int)]
 
@@ -112,7 +118,8 @@ def opened(path: Path, definitions: Mapping[str, str] | None = None) -> Iterator
         raise OptionError(
             "bags need the package rosbags, which is not installed here: pip install 'irbcal[ros]'"
         ) from None
-    source = path if path.is_dir() or not (folder / "metadata.yaml").is_file() else folder
+    alone = path.is_dir() or path.suffix == ".bag" or not (folder / "metadata.yaml").is_file()
+    source = path if alone else folder
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, text in (definitions or {}).items():
         store.register(get_types_from_msg(text, name))
@@ -255,10 +262,11 @@ def _lenses(bag: Any, rows: list[dict[str, str]], source: str) -> pd.DataFrame |
     features_of = _by_topic(bag, unknown, (INFO,))
     filled = False
     for topic, _, message in _messages(bag, (INFO,)) if unknown else ():
-        if not features_of[topic] or not message.k[0]:  # zeros: the camera is not calibrated
+        info = lens_fields(message)
+        if not features_of[topic] or not info["k"][0]:  # zeros: the camera is not calibrated
             continue
         try:
-            cameras = ros.read({name: getattr(message, name) for name in INFO_FIELDS})
+            cameras = ros.read(info)
         except ValueError as error:
             raise MeasurementError(f"{topic}: this is no lens: {error}", file=source) from None
         for numbers, size in (cameras or {}).values():
