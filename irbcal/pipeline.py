@@ -1113,11 +1113,11 @@ def _feature_doubts(section: FeaturesSection) -> list[str]:
     """What speaks against it, whatever the rows say of each other."""
     doubts = (
         []
-        if section.scale_measured or section.scale_from
+        if section.scale_measured
         else [
-            "No length was measured: a robot whose links are all 0.3 % longer than nominal fits these rows as well, "
-            "and would be calibrated worse than it is. Add a known length between two features (a bar), or rows that a "
-            "tracker measured."
+            "No length was measured that tells the size of the arm: a robot whose links are all 0.3 % longer than "
+            "nominal fits these rows as well, and would be calibrated worse than it is. Add a known length between two "
+            "features (a bar), or rows that a tracker measured."
         ]
     )
     pairs = [(e.nominal_mm, e.heldout_mm) for e in section.lengths if None not in (e.nominal_mm, e.heldout_mm)]

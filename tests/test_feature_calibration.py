@@ -43,7 +43,7 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     assert told.exit_code == 0, told.output
     assert "SIMULATED" in told.output
     words = " ".join(told.output.split())
-    assert "No length was measured: the scale rests on nominal link lengths." in words
+    assert "No length was measured that tells the size of the arm: the scale rests on nominal link lengths." in words
     assert "not its accuracy in a measuring frame" in words
     found = irbcal.load(tmp_path / "robot")
     assert found.record.features.left_out == "features"
@@ -188,3 +188,13 @@ def test_planes_and_one_known_length_make_a_robot_better(tmp_path):
     irbcal.simulate("irb1600", random=40, seed=5, only=["noise"]).save(tmp_path / "tracked.csv")
     errors = irbcal.evaluate(done, tmp_path / "tracked.csv", refit_base=True, refit_tool=True).to_frame()
     assert errors["calibrated_mm"].mean() < 0.3 * errors["nominal_mm"].mean()
+
+
+@pytest.mark.parametrize(("noise", "doubted"), [(5e-5, True), (2e-6, False)])
+def test_a_short_stroke_that_does_not_tell_the_size_of_the_arm_is_doubted(noise, doubted):
+    """SIMULATED gauges with a stroke of 20 mm."""
+    table, known = cases.rows("gauge", cases.true_arm(cases.arm(), 3), 20, 3, noise)
+    table = table.assign(simulated="yes", u95_mm=2e3 * noise)
+    record = irbcal.calibrate(table, "irb1600", features=known.fillna("")).record
+    assert any("No length was measured that tells the size" in doubt for doubt in record.doubts) is doubted
+    assert record.features.scale_measured is not doubted

@@ -276,7 +276,11 @@ class FeaturesSection(Section):
         """Where the scale of the robot comes from, in a sentence; empty where lengths were measured."""
         if self.scale_from:
             return f"the scale rests on {self.scale_from}: were these 0.1 % longer, the robot would be, too"
-        return "" if self.scale_measured else "no length was measured: the scale rests on nominal link lengths"
+        return (
+            ""
+            if self.scale_measured
+            else "no length was measured that tells the size of the arm: the scale rests on nominal link lengths"
+        )
 
     def length_error(self) -> tuple[float, float] | None:
         """Mean size of the errors of known lengths at left-out places, nominal and calibrated, mm."""
