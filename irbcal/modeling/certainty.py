@@ -322,6 +322,40 @@ class Certainty(Locked):
             covariance[rows] = R @ self.spread(path, p, block, has_move[rows], target) @ R.T
         return position, covariance, self.outside(motion.q)
 
+    def moves(
+        self,
+        walk: Callable[[Motion], chain.Walk],
+        q: ArrayLike,
+        previous: ArrayLike | None,
+        point: FloatArray,
+        target: str,
+        load: Mapping[str, FloatArray | None],
+    ) -> tuple[FloatArray, FloatArray]:
+        """Lengths of the ways from each place to the next, and half-widths, shape (n - 1,); parameters as `predict`."""
+        loo = self.determined_left_out(target)
+        motion, has_move = _motion(q, previous)
+        loaded: dict[str, Any] = dict(load)
+        motion = replace(motion, **loaded)
+        count = max(len(motion) - 1, 0)
+        length, variance = np.zeros(count), np.zeros(count)
+        history = len(self.covariance) - len(self.terms) + np.flatnonzero([t.basis in HISTORY for t in self.terms])
+        sizes = self.coefficients[history - len(self.covariance)]
+        for start in range(0, count, BLOCK):
+            rows = slice(start, start + BLOCK + 1)
+            block, known = motion.select(rows), has_move[rows]
+            path = walk(block)
+            p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], point)
+            J, way = self.jacobian(path, p, block, known, target), np.diff(p, axis=1)
+            each = np.linalg.norm(way, axis=0)
+            u = way / np.where(each > 0.0, each, 1.0)
+            g = np.einsum("ckm,km->cm", np.diff(J, axis=2), u)
+            spread = np.einsum("cm,cm->m", g, self.covariance @ g)
+            for end in (slice(None, -1), slice(1, None)):  # turns of joints that came from an unknown side
+                side = np.einsum("hkm,km,h->hm", J[history][..., end], u, sizes)
+                spread += np.sum(side**2, axis=0) * ~known[end]
+            length[start : start + BLOCK], variance[start : start + BLOCK] = each, spread
+        return length, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + 2.0 * loo**2 / 3.0)
+
 
 def _motion(q: ArrayLike, previous: ArrayLike | None) -> tuple[Motion, BoolArray]:
     """The motion, moves that are not known zero, and where they are known, shape (n,)."""

@@ -256,6 +256,33 @@ class Robot:
             If nothing is known of the robot's certainty, it has no such target, the joints have another shape, or look
             like degrees.
         """
+        certainty, name = self._certain(target)
+        q = self.arm.check_joints(q)
+        load = self.joint_map.load(len(q), payload_kg, payload_place, torques)
+        point = self.targets[name]
+        return certainty.predict(self.walk, q, previous, point, name, self.T_world_base, in_order, load)
+
+    def predict_moves(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        target: str | None = None,
+        *,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Lengths of the ways of a reflector from each pose to the next, with 95 % half-widths, metres, shape (n - 1,).
+
+        What both ends share counts once: the base not at all. Parameters and errors as `predict`.
+        """
+        certainty, name = self._certain(target)
+        q = self.arm.check_joints(q)
+        load = self.joint_map.load(len(q), payload_kg, payload_place, torques)
+        return certainty.moves(self.walk, q, previous, self.targets[name], name, load)
+
+    def _certain(self, target: str | None) -> tuple[Certainty, str]:
+        """What is known of the robot, and which target is meant."""
         if self.certainty is None:
             raise RobotError(
                 f"nothing is known of how certain {self.arm.name} is: only a calibrated robot predicts with intervals "
@@ -267,10 +294,7 @@ class Robot:
             raise RobotError(
                 f"unknown target {name!r}: this robot has {', '.join(self.targets) or 'none'}", parameter="target"
             )
-        q = self.arm.check_joints(q)
-        load = self.joint_map.load(len(q), payload_kg, payload_place, torques)
-        point = self.targets[name]
-        return self.certainty.predict(self.walk, q, previous, point, name, self.T_world_base, in_order, load)
+        return self.certainty, name
 
     def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None) -> Prediction:
         """As `predict` for the origin of the tip in the base link: base and tool do not matter."""

@@ -307,7 +307,7 @@ def predictions(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]
     return position, width
 
 
-def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
+def coverage(robot: Robot, points: PointSet, moves: bool = False) -> dict[str, Any] | None:
     """How many measured coordinates lie within the predicted intervals.
 
     Parameters
@@ -315,13 +315,16 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
     robot : Robot
     points : PointSet
         In its measuring frame; not those of its fit.
+    moves : bool
+        Count lengths of the ways of each target from pose to pose in place of coordinates: where the base was placed
+        on these points.
 
     Returns
     -------
     dict or None
-        ``expected`` share and ``parts``: for ``all``, for poses ``within`` and ``outside`` the joint ranges of the fit
-        and for each target the number ``n`` of coordinates, the share ``inside`` and the median half-width ``u95_mm``.
-        None where nothing is known of the robot's certainty.
+        ``expected`` share, ``of`` what, and ``parts``: for ``all``, for poses ``within`` and ``outside`` the joint
+        ranges of the fit and for each target the number ``n`` of them, the share ``inside`` and the median half-width
+        ``u95_mm``. None where nothing is known of the robot's certainty.
     """
     if points.poses > MOST_POSES:
         drawn = np.random.default_rng(0).permutation(points.poses)[:MOST_POSES]
@@ -331,19 +334,38 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
         return None
     position, width = predicted
     inside = np.abs(points.xyz - position) < width
-    outside = robot.certainty.outside(points.q)[points.pose]
-    masks: dict[str, BoolArray] = {"all": np.ones(len(points), dtype=bool), "within": ~outside, "outside": outside}
-    masks |= {name: points.target == k for k, name in enumerate(points.target_names)}
+    outside, target = robot.certainty.outside(points.q)[points.pose], points.target
+    if moves:
+        order = np.lexsort((points.pose, target))
+        ways = [rows for rows in np.split(order, np.flatnonzero(np.diff(target[order])) + 1) if len(rows) > 1]
+        if not ways:
+            return None
+        inside, width = (
+            np.concatenate(each)[:, None] for each in zip(*(_of_ways(robot, points, w) for w in ways), strict=True)
+        )
+        outside = np.concatenate([outside[rows[1:]] | outside[rows[:-1]] for rows in ways])
+        target = np.concatenate([target[rows[1:]] for rows in ways])
+    masks: dict[str, BoolArray] = {"all": np.ones(len(inside), dtype=bool), "within": ~outside, "outside": outside}
+    masks |= {name: target == k for k, name in enumerate(points.target_names)}
     shares = {
         name: {
-            "n": 3 * int(mask.sum()),
+            "n": inside[mask].size,
             "inside": float(inside[mask].mean()),
             "u95_mm": float(np.median(width[mask])) / MM,
         }
         for name, mask in masks.items()
         if mask.any()
     }
-    return {"expected": EXPECTED, "parts": shares}
+    return {"expected": EXPECTED, "of": "lengths of moves" if moves else "coordinates", "parts": shares}
+
+
+def _of_ways(robot: Robot, points: PointSet, rows: IntArray) -> tuple[BoolArray, FloatArray]:
+    """Whether measured lengths of a target's ways from row to row lie within their intervals, and half-widths, m."""
+    pose = points.pose[rows]
+    load: dict[str, Any] = {key: None if value is None else value[pose] for key, value in points.load().items()}
+    previous = None if points.previous is None else points.previous[pose]
+    length, width = robot.predict_moves(points.q[pose], previous, points.target_names[points.target[rows[0]]], **load)
+    return np.abs(np.linalg.norm(np.diff(points.xyz[rows], axis=0), axis=1) - length) < width, width
 
 
 def coverage_in_words(coverage: Mapping[str, Any]) -> str:
@@ -351,8 +373,8 @@ def coverage_in_words(coverage: Mapping[str, Any]) -> str:
     ranges = coverage["parts"]
     total = ranges["all"]
     text = (
-        f"{total['inside']:.1%} of {total['n']} measured coordinates lie within their predicted 95 % intervals (median "
-        f"half-width {total['u95_mm']:.3f} mm)"
+        f"{total['inside']:.1%} of {total['n']} measured {coverage['of']} lie within their predicted 95 % intervals "
+        f"(median half-width {total['u95_mm']:.3f} mm)"
     )
     if "outside" in ranges:
         inner = f"{ranges['within']['inside']:.1%} within the joint ranges of the fit, " if "within" in ranges else ""

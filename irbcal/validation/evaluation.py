@@ -94,8 +94,8 @@ class Evaluation(Result):
     intervals, relative, flange, verified : dict or None
         Where asked for.
     coverage : dict or None
-        How many measured coordinates lie within the predicted 95 % intervals, see `irbcal.validation.accuracy`; None
-        where nothing is known of the calibration's certainty, or the base was placed anew.
+        How many measured coordinates (lengths of moves, where the base was placed anew) lie within the predicted 95 %
+        intervals, see `irbcal.validation.accuracy`; None where nothing is known of the calibration's certainty.
     excluded : tuple of Exclusion
     verdict : Verdict
         Better than the nominal robot, no better or worse, and whether that may be trusted.
@@ -241,8 +241,9 @@ class Evaluation(Result):
             rows = tuple(
                 (name, *(row[key] for key in ("n", "inside", "u95_mm"))) for name, row in shares["parts"].items()
             )
-            columns = ("", "coordinates", "within", "half-width (median, mm)")
-            lines.append(Table("Coordinates within the predicted 95 % intervals (share)", columns, rows, 3))
+            columns = ("", shares["of"], "within", "half-width (median, mm)")
+            title = f"{shares['of'].capitalize()} within the predicted 95 % intervals (share)"
+            lines.append(Table(title, columns, rows, 3))
         return lines
 
     def _flange(self, labels: Mapping[str, str]) -> list[Paragraph]:
@@ -527,7 +528,7 @@ def evaluate(
         largest_covers=covers,
         orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
         intervals=_intervals(errors, points, labels_of, seed) if intervals else None,
-        coverage=None if refit_base else coverage(robots["calibrated"], points),
+        coverage=coverage(robots["calibrated"], points, moves=refit_base),
         relative=_relative(robots, points, relative, frame_points, measured.source) if relative else None,
         flange=_flange(robots, points, measured.source) if flange else None,
         verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),

@@ -77,6 +77,33 @@ def test_covariance_grows_with_its_matrix_and_follows_the_base(robot):
     assert not only.predict_tip(q).covariance.any()
 
 
+def test_lengths_of_moves_are_as_uncertain_as_finite_differences_say(robot):
+    """Covariance of one reflector's place and of the base, which no length depends on."""
+    q, name = robot.arm.random_joints(12, 5), "smr2"
+    slot = 6 + 3 * robot.certainty.free_targets.index(name)
+    covariance = np.zeros_like(robot.certainty.covariance)
+    covariance[:6, :6] = 1e-6 * np.eye(6)
+    covariance[slot : slot + 3, slot : slot + 3] = 1e-8 * np.diag([1.0, 4.0, 9.0])
+    still = 0.0 * robot.certainty.coefficients
+    one = robot.replace(certainty=replace(robot.certainty, covariance=covariance, coefficients=still))
+    length, width = one.predict_moves(q, target=name)
+    np.testing.assert_allclose(length, np.linalg.norm(np.diff(robot.points(q, name), axis=0), axis=1), atol=1e-13)
+    variance = np.zeros(11)
+    for axis, std in enumerate([1e-4, 2e-4, 3e-4]):
+        step = 1e-6 * np.eye(3)[axis]
+        ahead, behind = (
+            robot.replace(targets={**robot.targets, name: robot.targets[name] + sign * step}).predict_moves(
+                q, None, name
+            )[0]
+            for sign in (1.0, -1.0)
+        )
+        variance += ((ahead - behind) / 2e-6 * std) ** 2
+    loo = robot.certainty.leave_one_out[name]
+    np.testing.assert_allclose(width, 1.96 * np.sqrt(variance + 2.0 * loo**2 / 3.0), rtol=1e-6)
+    known = robot.predict_moves(q, robot.arm.random_joints(12, 6))[1]
+    assert (robot.predict_moves(q)[1] > known).all()  # from which side the joints come is not known
+
+
 def test_poses_outside_are_told_by_joint_and_degrees(robot):
     low, high = robot.certainty.ranges
     q = np.tile(0.5 * (low + high), (5, 1))

@@ -301,7 +301,22 @@ def test_evaluate_says_whether_intervals_hold(record):
     assert found.to_dict()["coverage"]["expected"] == 0.95
     table = irbcal.evaluate(record, robots.demo_file("demo_verification.csv"), intervals=True).summary()
     assert "Coordinates within the predicted 95 % intervals" in table
-    assert irbcal.evaluate(record, robots.demo_file("demo_verification.csv"), refit_base=True).coverage is None
+
+
+def test_lengths_of_moves_are_counted_where_the_base_was_placed_anew(record, points):
+    robot = record.robot_calibrated()
+    away = robot.replace(T_world_base=frames.from_xyz_angles([3.0, -2.0, 1.0, 0.3, 0.2, -2.0]))
+    found = coverage(away, points, moves=True)["parts"]
+    assert found["all"]["n"] == 3 * 39
+    length, width = robot.predict_moves(points.q, target=points.target_names[0])
+    xyz = points.xyz[points.target == 0]
+    inside = np.abs(np.linalg.norm(np.diff(xyz, axis=0), axis=1) - length) < width
+    assert found[points.target_names[0]]["inside"] == pytest.approx(inside.mean())
+    assert found["all"]["inside"] > 0.9
+    evaluated = irbcal.evaluate(record, robots.demo_file("demo_verification.csv"), refit_base=True)
+    share = evaluated.coverage["parts"]["all"]
+    assert 0.88 < share["inside"] <= 1.0
+    assert f"{share['inside']:.1%} of {share['n']} measured lengths of moves" in evaluated.summary()
 
 
 def test_tips_spread_as_the_parameters_do(record):
