@@ -176,9 +176,12 @@ class DeviceModel:
         order_of = np.argsort(row[row >= 0], kind="stable")
         rows = J[:, row >= 0][:, order_of].reshape(len(J), len(seen), size).transpose(1, 2, 0)
         G = np.zeros((len(J), len(J)))
-        at = problem.layout[TOOL, target][1]
-        columns = np.r_[at : at + 3, problem.flat : len(J)]
-        G[np.ix_(columns, columns)] = self.G
+        if (TOOL, target) in problem.layout:
+            at = problem.layout[TOOL, target][1]
+            columns = np.r_[at : at + 3, problem.flat : len(J)]
+            G[np.ix_(columns, columns)] = self.G
+        else:  # an inclinometer does not see where it is on the tool
+            G[problem.flat :, problem.flat :] = self.G[3:, 3:]
         nuisance = J[:, row < 0]
         aim = Aim(MeanSquaredError(G, np.zeros((len(J), 0))), (nuisance @ nuisance.T, 0.0))
         return Rated(Candidates.without_errors(rows), aim)
@@ -240,6 +243,8 @@ class Access(Locked):
         angle = f"tool axis within {self.cone / DEG:.0f}° of {to.get(self.found.device.kind, 'the line to the anchor')}"
         if self.found.device.sees:
             angle = f"the whole board in the image, within {self.cone / DEG:.0f}° of its normal"
+        if self.found.device.tilts:
+            return [f"the inclinometer's axis within {self.cone / DEG:.0f}° of the horizontal"]
         if not self.touched:
             end = "the board" if self.found.device.sees else "the anchor"
             return [angle, *([f"the line to {end} free of the arm"] if self.setting.solids else [])]
@@ -261,7 +266,7 @@ class Access(Locked):
         if self.touched:
             good[rows] = self.retreated(q[rows])[1]
             removed["approach"] = len(rows) - int(good.sum())
-        elif self.setting.solids is not None and len(rows):
+        elif self.setting.solids is not None and len(rows) and not self.found.device.tilts:
             p = self._points(q[rows])[0]
             theta = self.setting.effective(q[rows])
             good[rows] = ~self.setting.solids.blocked(theta, p[:, None], self.found.middle[feature])[:, 0]
@@ -292,6 +297,9 @@ class Access(Locked):
     def _turned(self, feature: str, q: FloatArray) -> BoolArray:
         p, axis = self._points(q)
         middle = self.found.middle[feature]
+        if self.found.device.tilts:
+            tilt = values(self.setting.arm, self.found, q, np.zeros(len(q), dtype=int))
+            return np.asarray(np.abs(np.asarray(tilt)) <= self.cone)
         if self.found.imaging is not None:
             unknowns, T = dict(self.found.own[feature]), self.setting.arm.forward(q)
             return devices.visible(self.found.imaging, unknowns, T, np.array(BALL), self.cone)
@@ -308,7 +316,7 @@ class Access(Locked):
 
 def with_stands(solids: CollisionModel, features: Placed, arm: Arm) -> None:
     """Put what carries the features of a device in the arm's way; anchors are beside it and carried by nothing here."""
-    if features.device.kind == "radius" and not features.bar:
+    if features.device.tilts or (features.device.kind == "radius" and not features.bar):
         return
     for name, middle in features.middle.items():
         n = _open(features, name)
@@ -445,7 +453,8 @@ class DevicePlan(Result):
         bar = f", bar of {lengths} mm" if self.found.bar else ""
         lines: list[Paragraph] = [f"{self.arm.name}: {len(self.q)} poses at {device.words}{bar}"]
         for (name, middle), count in zip(self.places_mm().items(), counts, strict=True):
-            lines.append(f"  {name} near {', '.join(f'{x:.0f}' for x in middle)} mm in the base link: {count} poses")
+            place = "anywhere" if device.tilts else f"near {', '.join(f'{x:.0f}' for x in middle)} mm in the base link"
+            lines.append(f"  {name} {place}: {count} poses")
         lines.append(f"Every pose meets: {', '.join(self.conditions)}")
         largest = max(self.comparison.random)
         good = self.comparison.as_good_as
@@ -455,11 +464,16 @@ class DevicePlan(Result):
             f"{self.left_by_random / MM:.3f} mm after as many random ones that meet the same ({equal}); root mean "
             "square over the whole range, calculated, joints err beyond the geometry"
         )
+        advice = "Put features elsewhere, too, or take a device that moves the arm farther"
+        if device.tilts:
+            advice = (
+                "An inclinometer sees no length and nothing of joint 1: measure with a device that sees places, too"
+            )
         if self.left_by_all > FLOOR * self.left:
             lines.append(
                 f"All {sum(self.candidates.values())} poses that they were chosen from would leave "
-                f"{self.left_by_all / MM:.3f} mm: what is left is what no pose at these features tells. Put features "
-                "elsewhere, too, or take a device that moves the arm farther (irbcal plan --compare-devices)"
+                f"{self.left_by_all / MM:.3f} mm: what is left is what no pose at these features tells. {advice} "
+                "(irbcal plan --compare-devices)"
             )
         removed = ", ".join(f"{count} by {name}" for name, count in self.tally.items() if count)
         lines.append(f"Chosen from {sum(self.candidates.values())} poses; removed before: {removed or 'none'}")
@@ -503,7 +517,8 @@ def device_plan(
     Parameters
     ----------
     robot : str, Path or calibration
-    device : {"balls", "string", "ballbar", "ballbars", "telescope", "two-balls", "sockets", "ball", "camera", "plane"}
+    device : {"balls", "string", "ballbar", "ballbars", "telescope", "two-balls", "sockets", "ball", "camera",
+        "inclinometer", "plane"}
         What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`.
     poses : int
         In all, of a device.

@@ -26,7 +26,7 @@ from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification import images
-from irbcal.identification.observation_kind import Observed, with_third
+from irbcal.identification.observation_kind import LEVER, Observed, with_third
 from irbcal.identification.observations import KINDS
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import MARKER, Board
@@ -60,6 +60,10 @@ its middle, in shares of the distance."""
 
 AXES: FloatArray = frames.rotation_from_vector(np.array([0.03, -0.02, 0.4]))
 """Axes of the camera in the tip link: it looks along the tool."""
+
+TILT: FloatArray = with_third(np.array([0.8, 0.0, 0.6]))
+"""Axis of an inclinometer in the tip link, the third: neither along the tool nor across it, so that all joints but the
+first turn it."""
 
 MARGIN = 25.0
 """Pixels that corners keep from the image's edge: the robot ends somewhere else."""
@@ -167,10 +171,10 @@ class Device:
         Number of its lengths, evenly spaced over the travel; 0 where it telescopes.
     noise : float
         Standard deviation of a coordinate that is plausible for it, metres.
-        Of a camera: of an image as a whole.
+        Of a camera: of an image as a whole; of an inclinometer at the end of `LEVER`.
     cone : float
         Largest angle between the tool's axis and what it is turned to (the surface, the bar, the string), radians;
-        between a camera's view and a board's normal.
+        between a camera's view and a board's normal; between an inclinometer's axis and the horizontal.
     """
 
     name: str
@@ -195,9 +199,14 @@ class Device:
         return self.kind in imaging.TARGETS
 
     @property
+    def tilts(self) -> bool:
+        """Whether it is an inclinometer, which shows how the tool is turned wherever that is."""
+        return self.kind == "angle"
+
+    @property
     def target(self) -> str:
         """What the tool carries."""
-        return imaging.TARGETS.get(self.kind, TARGET)
+        return "inclinometer" if self.tilts else imaging.TARGETS.get(self.kind, TARGET)
 
 
 _FRONT = (0.55, 0.0, 0.30)
@@ -274,6 +283,7 @@ DEVICES: Mapping[str, Device] = {
             tuple(Spot(f"board {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
             cone=50.0 * DEG,
         ),
+        Device("inclinometer", "an inclinometer on the tool", "angle", (Spot("level", (0.0, 0.0, 0.0)),)),
         Device(
             "plane",
             "three planes",
@@ -333,6 +343,8 @@ class Placed(Locked):
     def unknowns(self) -> dict[tuple[str, str], FloatArray]:
         """What is true of features and tool, by the keys of `irbcal.identification.feature_problem`."""
         out = {(name, feature): value for feature, values in self.own.items() for name, value in values.items()}
+        if self.device.tilts:
+            return out | {("axis", self.device.target): TILT}
         out["tool", self.device.target] = np.array(BALL)
         return out | ({("axes", self.device.target): AXES} if self.device.sees else {})
 
@@ -360,6 +372,8 @@ def placed(arm: Arm, device: Device) -> Placed:
         n = np.array(spot.normal)
         if view is not None:
             unknowns[spot.name] = board(view, centre, n)
+        elif device.tilts:
+            unknowns[spot.name] = {"up": with_third(n)}
         elif device.kind == "plane":
             unknowns[spot.name] = {"normal": with_third(n), "height": np.array([n @ centre])}
         else:
@@ -448,6 +462,9 @@ def drawn(arm: Arm, features: Placed, feature: str, count: int, seed: int, patch
         features = replace(features, device=replace(features.device, kind="point"), own={feature: {"centre": spots}})
     if features.imaging is not None:
         q, good = _seeing(arm, features, feature, q, seed)
+    elif features.device.tilts:
+        tilt = values(arm, features, q, np.zeros(count, dtype=int))
+        good = np.abs(np.asarray(tilt)) < features.device.cone
     elif features.device.kind == "radius" and not features.bar:
         good = arm.forward(q)[:, 2, 3] > 0.0
     else:
@@ -540,7 +557,9 @@ def rows_table(arm: Arm, features: Placed, q: FloatArray, which: IntArray, value
         uv = np.round(value.reshape(-1, 2), 4)
         frame = frame.loc[np.repeat(np.arange(count), corners)].reset_index(drop=True)
         return frame.assign(corner=np.tile(np.arange(corners), count), u_px=uv[:, 0], v_px=uv[:, 1])
-    if KINDS[features.device.kind].needs:
+    if features.device.tilts:
+        table["value_deg"] = "" if value is None else np.round(value / DEG, 6)
+    elif KINDS[features.device.kind].needs:
         table["value_mm"] = "" if value is None else np.round(value / MM, 4)
     return pd.DataFrame(table)
 
@@ -556,7 +575,7 @@ def shown(T: FloatArray, features: Placed, which: IntArray) -> FloatArray | None
     Returns
     -------
     ndarray or None
-        Strings and ballbars: shape (n,), metres. Cameras: corners, shape (n, k, 2), pixels.
+        Strings and ballbars: shape (n,), metres; inclinometers radians. Cameras: corners, shape (n, k, 2), pixels.
     """
     names = list(features.own)
     if features.imaging is not None:
@@ -565,6 +584,9 @@ def shown(T: FloatArray, features: Placed, which: IntArray) -> FloatArray | None
             rows = which == k
             out[rows] = pixels(features.imaging, dict(features.own[name]), T[rows], np.array(BALL))[0]
         return out
+    if features.device.tilts:
+        up = np.array([features.own[names[k]]["up"][:, 2] for k in which])
+        return np.asarray(np.arcsin(np.clip(np.einsum("ni,nij,j->n", up, T[:, :3, :3], TILT[:, 2]), -1.0, 1.0)))
     if features.device.kind != "radius":
         return None
     p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
@@ -575,6 +597,8 @@ def shown(T: FloatArray, features: Placed, which: IntArray) -> FloatArray | None
 
 def spread(features: Placed, noise: float) -> float:
     """Standard deviation of what is `shown`, in its unit, where that of the device is ``noise``, metres."""
+    if features.device.tilts:
+        return noise / LEVER
     return noise if features.imaging is None else pixel_noise(features.imaging, features.reach, noise)
 
 
@@ -601,7 +625,7 @@ class SimulatedDevice(Result):
     which : ndarray of int, shape (n,)
         Number of the feature at each.
     value : ndarray, shape (n,) or (n, corners, 2), or None
-        What the device showed: metres, of a camera pixels.
+        What the device showed: metres, of a camera pixels, of an inclinometer radians.
     noise : float
         Standard deviation of a contact or a value, of a camera that of an image as a whole, metres.
     payload : float or None
@@ -670,6 +694,7 @@ class SimulatedDevice(Result):
             "data_sha256": hashlib.sha256(data[0]).hexdigest(),
             "ball_in_tip_link_mm": ball,
             **({"camera_axes_in_tip_link": AXES.tolist()} if self.found.device.sees else {}),
+            **({"inclinometer_axis_in_tip_link": TILT[:, 2].tolist()} if self.found.device.tilts else {}),
             "features_in_base_link_m": {
                 name: {key: value.tolist() for key, value in values.items()} for name, values in self.found.own.items()
             },
@@ -704,7 +729,8 @@ def simulate_device(
     ----------
     robot : str or Path
         As for `irbcal.simulate`.
-    device : {"balls", "string", "ballbar", "ballbars", "telescope", "two-balls", "sockets", "ball", "camera", "plane"}
+    device : {"balls", "string", "ballbar", "ballbars", "telescope", "two-balls", "sockets", "ball", "camera",
+        "inclinometer", "plane"}
         What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`.
     random : int
         Number of poses, shared out among the device's features.

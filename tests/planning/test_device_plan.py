@@ -94,6 +94,20 @@ def test_a_plan_says_where_more_poses_do_not_help(made):
     assert balls.to_dict()["predicted_mm"]["all_candidates"] == pytest.approx(balls.left_by_all / MM)
 
 
+def test_an_inclinometer_has_poses_anywhere_and_tells_what_it_does_not_see():
+    """It sees no length: however many its poses and small its noise, the share of lengths is left, and little more."""
+    plan = device_plan("irb1600", "inclinometer", 18, candidates=120)
+    axis = plan.arm.forward(plan.q)[:, :3, :3] @ [0.8, 0.0, 0.6]
+    assert (np.abs(axis[:, 2]) < np.sin(60 * DEG) + 1e-9).all()
+    assert "value_deg" in plan.to_frame()
+    assert "level anywhere: 18 poses" in str(plan.summary())
+    assert "An inclinometer sees no length and nothing of joint 1" in str(plan.summary())
+    model = DeviceModel(plan.arm)
+    many = model.at(plan.found, *poses(model.arm, plan.found, 300), 1e-9).left()
+    lengths = np.sqrt(np.diagonal(model.G)[3:][[term.axis[0] == "t" for term in model.terms]].sum())
+    assert lengths < many < 1.1 * lengths
+
+
 def test_planes_ballbars_and_boards_have_poses_for_each_feature():
     for name in ("plane", "ballbar", "camera"):
         found = device_plan("irb1600", name, 18, candidates=60)

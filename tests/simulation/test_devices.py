@@ -5,7 +5,7 @@ import pytest
 from irbcal.errors import IdentificationError
 from irbcal.identification.feature_problem import FeatureProblem, FeatureState
 from irbcal.measurement import features
-from irbcal.simulation.devices import BALL, DEVICES, met, placed, poses, rows_table, shown
+from irbcal.simulation.devices import BALL, DEVICES, TILT, met, placed, poses, rows_table, shown
 
 LONGER = {"ballbar": (0.0,), "ballbars": (0.0, 0.07, 0.14), "telescope": None}
 """What ballbars are longer than the shortest, in shares of the reach; anything up to 0.08 where it telescopes."""
@@ -37,13 +37,19 @@ def test_poses_are_at_the_features(name):
         elif name == "camera":
             y = own["centre"] + np.array([0.06, 0.09, 0.0]) @ own["attitude"].T - mine
             assert (np.einsum("ni,nij->nj", y, T[which == k, :3, :3])[:, 2] > 0.2).all()
+        elif name == "inclinometer":
+            rising = (T @ np.r_[TILT[:, 2], 0.0])[:, 2]
+            across = np.linalg.norm((T @ np.r_[TILT[:, 2], 0.0])[:, :2], axis=1)
+            np.testing.assert_allclose(shown(T, found, which), np.arctan2(rising, across), atol=1e-9)
+            assert np.abs(np.arctan2(rising, across)).max() < DEVICES[name].cone
         elif name != "string":
             np.testing.assert_allclose(mine, np.tile(own["centre"], (len(mine), 1)), atol=1e-9)
     seen = features.read(rows_table(arm, found, q, which, shown(T, found, which)), found.table(), arm)
     np.testing.assert_allclose(seen.q, q, atol=1e-8)
-    if name == "camera":  # the kind itself, written by other hands, sees nothing missed
+    if name in ("camera", "inclinometer"):  # the kind itself, written by other hands, sees nothing missed
         problem = FeatureProblem(arm, seen, [])
         assert problem.distances(FeatureState(found.unknowns(), np.zeros(0))).max() < 1e-6
+    if name == "camera":
         assert ((seen.corners[..., 2:4] > 0) & (seen.corners[..., 2:4] < [1920, 1200])).all()
     assert len(seen.lengths) == (len(found.own) * (len(found.own) - 1) // 2 if DEVICES[name].lengths else 0)
 
