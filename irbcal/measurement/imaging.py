@@ -380,7 +380,13 @@ def gathered(
         strange = rows_of_feature[corners.target[rows_of_feature] != targets[str(name)]]
         if len(strange):
             k, device = int(strange[0]), CARRIED[str(corners.kind[strange[0]])]
-            raise refuse(k, f"unknown {device} {corners.target[k]}: {name} is seen with {targets[str(name)]}", "target")
+            more = f"; for {corners.target[k]} give it a feature of another name, such as {name} {corners.target[k]}"
+            raise refuse(
+                k,
+                f"unknown {device} {corners.target[k]}: {name} is seen with {targets[str(name)]}"
+                + (more if device == "camera" else ""),
+                "target",
+            )
         alone = np.isin(corners.kind[rows_of_feature].astype(str), list(POINTS))
         xyz[rows_of_feature[alone]] = 0.0
         xyz[rows_of_feature[~alone]] = _on_board(corners, imaging, rows_of_feature[~alone], refuse)

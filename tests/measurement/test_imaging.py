@@ -94,7 +94,11 @@ def test_what_one_row_says_of_a_camera_holds_for_all():
         (changed("corner", 2, ""), known(), "a corner needs its number, or x_mm and y_mm"),
         (corners().drop(index=[3, 4, 5]), known(), "row 1.*at least 4 corners that are not on one line, found 3"),
         (corners(z_mm=[""] * 11 + ["5"]), known(), "boards are flat"),
-        (corners(target="other"), known(), "unknown camera other: board is seen with camera"),
+        (
+            corners(target="other"),
+            known(),
+            "seen with camera; for other give it a feature of another name, such as board other",
+        ),
         (corners(feature="plate", kind="image"), known(), "row 1.*needs fx_px … of its camera"),
         (
             corners(),
