@@ -315,7 +315,8 @@ def hand_eye(
     arm = open_nominal("irb1600").arm if opened is None else opened.nominal  # joints of flange poses are not read
     if posed:
         cells = cells.assign(**dict.fromkeys(arm.joint_columns, 0.0))
-    rows = _read(cells, features, arm, posed)
+    as_given = recording.pictures is None and images is None and not posed  # messages then name file and row
+    rows = _read(recording.rows if as_given else cells, features, arm, posed)
     by = Robot(arm) if opened is None else opened.robot
     problem = FeatureProblem(arm, rows, [], robot=by)
     if len(rows) < LEAST:

@@ -211,8 +211,12 @@ def test_real_pictures_give_what_an_independent_calculation_gave(
     )
 
 
-def test_bad_input_is_refused():
+def test_bad_input_is_refused(tmp_path):
     rows, known, _, T = simulated("image-on-tool", 4)
+    rows.assign(target=["held", "other", *["held"] * (len(rows) - 2)]).to_csv(tmp_path / "corners.csv", index=False)
+    with pytest.raises(MeasurementError, match="unknown camera other: it is seen with held; for other") as refused:
+        hand_eye(tmp_path / "corners.csv", known, robot="irb1600")
+    assert (refused.value.file, refused.value.row) == (str(tmp_path / "corners.csv"), 3)
     with pytest.raises(OptionError, match="name the robot whose joints these are"):
         hand_eye(rows, known)
     poses = as_flange_poses(rows, T)
