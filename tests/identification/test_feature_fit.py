@@ -139,5 +139,8 @@ def test_rows_are_points_without_places():
     assert points.poses == len(points) == 15
     assert not points.xyz.any()
     assert list(dict.fromkeys(points.groups)) == ["plane 0", "plane 1", "plane 2"]
+    table, known = cases.rows("plane", cases.arm(), 5)
+    placed = as_points(features.read(table.assign(place=[f"stand {k % 2}" for k in range(15)]), known, cases.arm()))
+    assert list(placed.groups[:3]) == ["stand 0", "stand 1", "stand 0"]
     assert shape_only(seen)
     assert not shape_only(cases.seen("point", cases.arm(), 5))
