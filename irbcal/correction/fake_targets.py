@@ -25,7 +25,7 @@ from irbcal.units import DEG, MM
 if TYPE_CHECKING:
     import pandas as pd
 
-SINGULAR = 10.0
+SINGULAR_GAIN = 10.0
 """Degrees that joints turn for one degree of the tool (or of a point at the arm's reach), next to a singularity."""
 LARGEST_CHANGE = 10 * DEG
 """Largest turn of a joint that counts as a correction, radians; more is needed next to a singularity only."""
@@ -209,7 +209,7 @@ def next_to_singularities(arm: Arm, q: FloatArray, reach: float) -> dict[int, tu
     _, size, V = np.linalg.svd(np.concatenate([linear, np.where(slides, 0.0, walk.z)], axis=1).transpose(2, 1, 0))
     gain = 1.0 / np.maximum(size[:, -1], 1e-9)
     joint = np.abs(V[:, size.shape[1] - 1]).argmax(axis=1)
-    return {int(k): (int(joint[k]), float(gain[k])) for k in np.flatnonzero(gain > SINGULAR)}
+    return {int(k): (int(joint[k]), float(gain[k])) for k in np.flatnonzero(gain > SINGULAR_GAIN)}
 
 
 def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray, controller: Arm) -> Corrected:

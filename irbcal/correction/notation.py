@@ -28,7 +28,7 @@ QUATERNION_DECIMALS = 9
 QUATERNION_TOLERANCE = 1e-3
 """How far the length of a quaternion may be from one."""
 
-SINGULAR = 1e-7
+GIMBAL_LOCK = 1e-7
 """Cosine (or sine) of the middle angle below which only the sum of the outer two is determined."""
 
 _TURN = 2.0 * np.pi
@@ -92,7 +92,7 @@ class Angles:
         R = np.asarray(R, dtype=float).reshape(-1, 3, 3)
         old = self._in_order(near)
         up, along = self._first(R)
-        first = np.where(np.hypot(up, along) < SINGULAR, old[:, 0], np.arctan2(up, along))
+        first = np.where(np.hypot(up, along) < GIMBAL_LOCK, old[:, 0], np.arctan2(up, along))
         sets = []
         for start in (first, first + np.pi):
             R_rest = np.swapaxes(_about(self.axes[0], start), 1, 2) @ R

@@ -27,7 +27,7 @@ LARGEST_CHANGE = 1.0 * DEG, 10.0 * MM
 """Of a joint, from reading to command: what is farther away is another solution, or another pose."""
 STEPS, SOLVED, LARGEST_STEP = 12, 1e-9, 0.05
 DAMPING = 1e-10
-SINGULAR = 0.03
+SINGULAR_VALUE_HALF_WAY = 0.03
 """Singular value of the Jacobian (metres and radians) along whose direction half of the way from reading to command is
 taken: near a singularity a pose hardly tells the joints."""
 SHARES = (0.0, 0.5, 1.0)
@@ -159,7 +159,7 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, known: Commands | None =
         joints = joints + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
     largest = np.where(arm.table.prismatic, LARGEST_CHANGE[1], LARGEST_CHANGE[0])
     value, V = np.linalg.eigh(J.transpose(0, 2, 1) @ J)
-    shown = (V * (value / (value + SINGULAR**2))[:, None]) @ V.transpose(0, 2, 1)
+    shown = (V * (value / (value + SINGULAR_VALUE_HALF_WAY**2))[:, None]) @ V.transpose(0, 2, 1)
     difference = np.einsum("nij,nj->ni", shown, joints - q)
     solved = has & (np.abs(error).max(axis=1) < 1e3 * SOLVED) & (np.abs(difference) < largest).all(axis=1)
     return Commands(frames.inverse(T_base), T_tool, misfit, np.where(solved[:, None], difference, 0.0), solved)

@@ -46,7 +46,7 @@ NEAR, NEAR_SHARE = 10.0 * MM, 0.01
 SUSPECT = 4.0 * MM
 """Median distance from the nominal robot below which no slip is looked for, metres."""
 
-FEWEST_POSES, FEWEST_EQUATIONS = 10, 2.0
+FEWEST_POSES_FOR_HYPOTHESES, FEWEST_EQUATIONS = 10, 2.0
 """Poses, and equations for each unknown, below which nothing is named: too many hypotheses would fit."""
 
 SUBSET, ENOUGH_POINTS = 48, 72
@@ -237,7 +237,7 @@ def find_entry_error(arm: Arm, points: PointSet, misfit: float | None = None, pa
     if points.session is not None:
         points = points.select(points.session == points.session[-1]).without_empty_poses()
     unknowns = 12 + 3 * len(np.unique(points.target))
-    if points.poses < FEWEST_POSES or 3 * len(points) < FEWEST_EQUATIONS * unknowns:
+    if points.poses < FEWEST_POSES_FOR_HYPOTHESES or 3 * len(points) < FEWEST_EQUATIONS * unknowns:
         return None
     error_as_read = _judged(arm, replace(points, rotation=None, previous=None, session=None))
     misfit = error_as_read if misfit is None else min(error_as_read, misfit)
@@ -503,7 +503,7 @@ def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None
     return options
 
 
-ROWS_FEWEST_POSES, FEWEST_ROWS = 20, 3
+FEWEST_POSES_FOR_SHIFTED_ROWS, FEWEST_ROWS = 20, 3
 """Poses below which nothing is looked for, and poses that must be shifted and poses that must not be."""
 
 ROWS_NEARER, ROWS_SHARE = 8.0, 0.6
@@ -576,7 +576,7 @@ def find_lost_row(arm: Arm, points: PointSet) -> LostRow | None:
     LostRow or None
         None where no place explains clearly more than the file as it is.
     """
-    if points.session is not None or points.poses < ROWS_FEWEST_POSES:
+    if points.session is not None or points.poses < FEWEST_POSES_FOR_SHIFTED_ROWS:
         return None
     points = replace(points, rotation=None, previous=None)
     unknowns = 12 + 3 * len(points.target_names)
@@ -610,7 +610,7 @@ def lost_row_of_robot(robot: Robot, points: PointSet) -> LostRow | None:
     points : PointSet
         All poses in the order of the file.
     """
-    if points.session is not None or points.poses < ROWS_FEWEST_POSES:
+    if points.session is not None or points.poses < FEWEST_POSES_FOR_SHIFTED_ROWS:
         return None
     if points.torques is None and points.payload_kg is None:  # each pose's prediction serves its neighbours, too
         predicted = _every_target(robot, points)

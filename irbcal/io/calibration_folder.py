@@ -39,7 +39,7 @@ from irbcal.names import comment
 from irbcal.safe_files import read_bytes, recover, write_set, write_together
 from irbcal.section import Base64, Section, Sha256
 
-FEWEST_POSES = 2_000
+FEWEST_POSES_IN_TABLE_FILES = 2_000
 """Poses from which on they and their points stand beside ``calibration.json``."""
 SCHEMA = "irbcal-calibration-1"
 TABLE_FILES = {"points": "calibration.points.npz", "poses": "calibration.poses.npz"}
@@ -59,7 +59,7 @@ def without_tables(record: Record) -> tuple[dict[str, Any], dict[str, bytes]]:
     files : dict of str to bytes
         Empty where there are few poses.
     """
-    if len(record.poses.pose) < FEWEST_POSES:
+    if len(record.poses.pose) < FEWEST_POSES_IN_TABLE_FILES:
         return record.model_dump(mode="json"), {}
     files = {file: _columns_as_bytes(getattr(record, name)) for name, file in TABLE_FILES.items()}
     references = {name: _reference(file, files[file]) for name, file in TABLE_FILES.items()}

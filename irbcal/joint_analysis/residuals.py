@@ -59,7 +59,7 @@ from irbcal.modeling.terms.term import Term, own_axis, own_unit
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
-FEWEST_POSES = 12
+FEWEST_POSES_FOR_EFFECTS = 12
 
 SMALLEST_LEVER = 0.3
 """Poses whose targets lie nearer to a joint's axis than this share of the typical distance do not show that joint."""
@@ -229,15 +229,16 @@ def _usable(
     step = step[np.isin(np.arange(points.poses), points.pose)]
     points = points.without_empty_poses()
     excluded: tuple[tuple[str, str, float], ...] = ()
-    if points.poses >= FEWEST_POSES and not cleaned:
+    if points.poses >= FEWEST_POSES_FOR_EFFECTS and not cleaned:
         gross, names = outliers.find_gross_errors(arm, points), points.names()
         far = np.flatnonzero(~gross.keep)
         excluded = tuple((str(points.pose_ids[points.pose[k]]), names[k], float(gross.distance[k])) for k in far)
         used = np.isin(np.arange(points.poses), points.pose[gross.keep])
         points, step = points.take(gross.keep).select(used).with_seen_targets(), step[used]
-    if points.poses < FEWEST_POSES:
+    if points.poses < FEWEST_POSES_FOR_EFFECTS:
         raise IdentificationError(
-            f"{points.poses} poses are too few to look for effects of single joints: at least {FEWEST_POSES} are needed"
+            f"{points.poses} poses are too few to look for effects of single joints: at least "
+            f"{FEWEST_POSES_FOR_EFFECTS} are needed"
         )
     if points.poses > COMPARED:
         drawn: BoolArray = np.isin(

@@ -490,7 +490,7 @@ def replace_geometry(robot: Robot, nominal: Arm) -> Robot:
 
 RESAMPLES = 2000
 LEVEL = 0.95
-FEWEST_POSES = 10
+FEWEST_POSES_FOR_INTERVALS = 10
 """Poses below which intervals would be far too narrow: none are given then."""
 
 MOMENTS = ("mean_mm", "sigma_mm", "mean_plus_3sigma_mm", "rms_mm")
@@ -542,12 +542,12 @@ def intervals(
     Returns
     -------
     dict of str to [float, float], or None
-        Low and high ends in mm for the keys of `MOMENTS` and ``p50_mm`` and so on; None for fewer than `FEWEST_POSES`
-        poses.
+        Low and high ends in mm for the keys of `MOMENTS` and ``p50_mm`` and so on; None for fewer poses than
+        `FEWEST_POSES_FOR_INTERVALS`.
     """
     row = consecutive(pose)
     n = int(row.max(initial=-1)) + 1
-    if n < FEWEST_POSES:
+    if n < FEWEST_POSES_FOR_INTERVALS:
         return None
     if n > MOST_DRAWN:
         drawn = _some(n, seed)[row]
@@ -585,7 +585,7 @@ def intervals(
 def difference(
     values: ArrayLike, resamples: int = RESAMPLES, seed: int = 0, level: float = LEVEL
 ) -> list[float] | None:
-    """BCa interval of the mean of one value for each pose; None for fewer than `FEWEST_POSES`.
+    """BCa interval of the mean of one value for each pose; None for fewer than `FEWEST_POSES_FOR_INTERVALS`.
 
     Parameters
     ----------
@@ -600,7 +600,7 @@ def difference(
     """
     v = np.asarray(values, dtype=float)
     n = len(v)
-    if n < FEWEST_POSES:
+    if n < FEWEST_POSES_FOR_INTERVALS:
         return None
     if n > MOST_DRAWN:
         drawn = v[_some(n, seed)]

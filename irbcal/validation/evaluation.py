@@ -44,20 +44,11 @@ from irbcal.validation.cleaned_points import (
     refuse_far_points,
     without_fitted,
 )
+from irbcal.validation.conformity import Conformity, Region, Requirement, Rule, conformity, region, requirement
 from irbcal.validation.length_scale import length_scale, scale_in_words
 from irbcal.validation.origin import Origin, checked_info, origin
 from irbcal.validation.refit import Refit
-from irbcal.validation.verdict import (
-    Conformity,
-    Region,
-    Rule,
-    Verdict,
-    check_options,
-    conformity,
-    counted,
-    expanded_uncertainty,
-    region,
-)
+from irbcal.validation.verdict import Verdict, counted
 from irbcal.validation.verdict import verdict as verdict_of_points
 
 if TYPE_CHECKING:
@@ -67,7 +58,7 @@ if TYPE_CHECKING:
 PARTS = ("per_target", "per_group", "per_payload", "per_group_payload")
 MODELS = ("nominal", "calibrated")
 KEYS = ("n", "mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm", "rms_mm")
-FOUR = ("mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm")
+FOUR = ("mean", "sigma", "max", "mean_plus_3sigma")
 
 Statistics: TypeAlias = Mapping[str, Any]
 """STATS: n, mean_mm, sigma_mm, max_mm, mean_plus_3sigma_mm, rms_mm."""
@@ -177,131 +168,114 @@ class Evaluation(Result):
 
     def report(self, verbose: bool = False) -> Sequence[Paragraph]:
         """What ``irbcal evaluate`` prints; ``verbose``: every point that was left out."""
-        labels = {"nominal": "nominal", "calibrated": f"model {self.model}"}
         conformity = () if self.conformity is None else self.conformity.report()
-        lines: list[Paragraph] = [*conformity, *self.verdict.report(), self._error_table(labels)]
+        lines: list[Paragraph] = [*conformity, *self.verdict.report(), self._error_table()]
         if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
             lines.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
             count = f"{len(self.excluded)} point{'' if len(self.excluded) == 1 else 's'}"
             lines += [f"Left out: {count}", *left_out(self.excluded, None if verbose else 8)]
-        for name, label in labels.items() if self.orientation else ():
-            assert self.orientation is not None
-            lines.append(orientation_line(label, self.orientation[name]))
-        for section in (
-            self._intervals,
-            self._coverage,
-            self._flange,
-            self._relative,
-            self._verified,
-        ):
-            lines += section(labels)
+        if self.orientation is not None:
+            lines += [orientation_line(label, self.orientation[name]) for name, label in self._labels.items()]
+        if self.intervals is not None:
+            lines += self._interval_table(self.intervals)
+        if self.coverage is not None:
+            lines += self._coverage_table(self.coverage)
+        if self.flange is not None:
+            lines += self._flange_tables(self.flange)
+        if self.relative is not None:
+            lines += self._relative_table(self.relative)
+        if self.verified is not None:
+            lines += _verified_table(self.verified)
         scope = () if self.conformity is None or self.origin is None else self.origin.scope
-        lines += [f"Note: {text}" for text in scope]
-        return [*lines, *(f"Note: {note}" for note in self.notes if note not in self.verdict.doubts)]
+        notes = (*scope, *(note for note in self.notes if note not in self.verdict.doubts))
+        return [*lines, *(f"Note: {text}" for text in notes)]
 
-    def _error_table(self, labels: Mapping[str, str]) -> Table:
-        entries = [("all", label, getattr(self, name)) for name, label in labels.items()]
-        for part in PARTS:
-            by_label = getattr(self, part)
-            if len(by_label) > 1:
-                entries += [
-                    (label, words, errors[name]) for label, errors in by_label.items() for name, words in labels.items()
-                ]
-        kind = simulated_mark(self.simulated)
-        return statistics_table(f"{kind}position errors of model {self.model}, mm", entries, bold={1})
+    @property
+    def _labels(self) -> dict[str, str]:
+        return {"nominal": "nominal", "calibrated": f"model {self.model}"}
 
-    def _intervals(self, labels: Mapping[str, str]) -> list[Paragraph]:
-        if self.intervals is None:
-            return []
+    def _error_table(self) -> Table:
+        labelled = [("all", {"nominal": self.nominal, "calibrated": self.calibrated})]
+        for kind in PARTS:
+            by_label = getattr(self, kind)
+            labelled += by_label.items() if len(by_label) > 1 else ()
+        entries = [
+            (label, words, by_model[name]) for label, by_model in labelled for name, words in self._labels.items()
+        ]
+        mark = simulated_mark(self.simulated)
+        return statistics_table(f"{mark}position errors of model {self.model}, mm", entries, bold={1})
+
+    def _interval_table(self, intervals: Mapping[str, Any]) -> list[Paragraph]:
+        keys = {"mean": "mean_mm", "sigma": "sigma_mm", "mean + 3σ": "mean_plus_3sigma_mm"}
+        keys |= {f"{p} % of the points below": f"p{p}_mm" for p in accuracy.PERCENTILES}
         rows: list[tuple[Cell, ...]] = []
-        for name, words in labels.items():
-            ends, values = self.intervals[name] or {}, {**getattr(self, name), **self.percentiles[name]}
-            for label, key in (
-                ("mean", "mean_mm"),
-                ("sigma", "sigma_mm"),
-                ("mean + 3σ", "mean_plus_3sigma_mm"),
-                *((f"{p} % of the points below", f"p{p}_mm") for p in accuracy.PERCENTILES),
-            ):
-                end = ends.get(key)
-                rows.append((label, words, values[key], "–" if end is None else f"{end[0]:.3f} … {end[1]:.3f}"))
-        level, resamples = self.intervals["level"], self.intervals["resamples"]
-        title = f"Bootstrap intervals ({level:.0%}, {resamples} resamples of the poses), mm"
+        for name, words in self._labels.items():
+            ends, values = intervals[name] or {}, {**getattr(self, name), **self.percentiles[name]}
+            for label, key in keys.items():
+                interval = f"{ends[key][0]:.3f} … {ends[key][1]:.3f}" if key in ends else "–"
+                rows.append((label, words, values[key], interval))
+        title = f"Bootstrap intervals ({intervals['level']:.0%}, {intervals['resamples']} resamples of the poses), mm"
         return [
             Table(title, ("", "model", "value", "interval"), tuple(rows)),
             f"With 95 % confidence {self.largest_covers:.1%} of all such poses stay below the largest error seen.",
         ]
 
-    def _coverage(self, labels: Mapping[str, str]) -> list[Paragraph]:
-        shares = self.coverage
-        if shares is None:
-            return []
-        lines: list[Paragraph] = [coverage_in_words(shares)]
-        if self.intervals is not None:
-            rows = tuple(
-                (name, *(row[key] for key in ("n", "inside", "u95_mm"))) for name, row in shares["parts"].items()
-            )
-            columns = ("", shares["of"], "within", "half-width (median, mm)")
-            title = f"{shares['of'].capitalize()} within the predicted 95 % intervals (share)"
-            lines.append(Table(title, columns, rows, 3))
-        return lines
+    def _coverage_table(self, shares: Mapping[str, Any]) -> list[Paragraph]:
+        if self.intervals is None:
+            return [coverage_in_words(shares)]
+        rows = tuple((name, row["n"], row["inside"], row["u95_mm"]) for name, row in shares["parts"].items())
+        columns = ("", shares["of"], "within", "half-width (median, mm)")
+        title = f"{shares['of'].capitalize()} within the predicted 95 % intervals (share)"
+        return [coverage_in_words(shares), Table(title, columns, rows, 3)]
 
-    def _flange(self, labels: Mapping[str, str]) -> list[Paragraph]:
+    def _flange_tables(self, errors: Mapping[str, Any]) -> list[Paragraph]:
         lines: list[Paragraph] = []
-        for quantity, unit, digits in (("position", "mm", 3), ("orientation", "deg", 4)) if self.flange else ():
-            assert self.flange is not None
-            keys = [f"{key}_{unit}" for key in ("mean", "sigma", "max", "mean_plus_3sigma")]
-            rows = tuple((label, *(self.flange[name][quantity][key] for key in keys)) for name, label in labels.items())
-            n = self.flange["nominal"][quantity]["n"]
-            title = f"{quantity.capitalize()} errors of the flange ({n} poses), {unit}"
-            lines.append(Table(title, ("model", "mean", "sigma", "max", "mean+3σ"), rows, digits))
+        for quantity, unit, digits in (("position", "mm", 3), ("orientation", "deg", 4)):
+            title = f"{quantity.capitalize()} errors of the flange ({errors['nominal'][quantity]['n']} poses), {unit}"
+            by_model = {name: errors[name][quantity] for name in MODELS}
+            lines.append(self._table_by_model(title, by_model, unit, digits))
         return lines
 
-    def _relative(self, labels: Mapping[str, str]) -> list[Paragraph]:
-        errors = self.relative
-        if errors is None:
-            return []
-        rows = tuple((label, *(errors[name][key] for key in FOUR)) for name, label in labels.items())
-        virtual = errors["kind"] == "virtual"
-        how = "from a virtual frame" if virtual else f"in the frame of {', '.join(errors['points'])}"
-        lines: list[Paragraph] = [
-            Table(f"Relative position errors {how}, mm", ("model", "mean", "sigma", "max", "mean+3σ"), rows)
-        ]
-        if virtual:
-            x, y, z = errors["shift_mm"]["calibrated"]
-            lines.append(
-                f"Shift taken off for {labels['calibrated']}: {x:+.3f}, {y:+.3f}, {z:+.3f} mm in the base link"
-            )
-        return lines
+    def _relative_table(self, errors: Mapping[str, Any]) -> list[Paragraph]:
+        if errors["kind"] != "virtual":
+            title = f"Relative position errors in the frame of {', '.join(errors['points'])}, mm"
+            return [self._table_by_model(title, errors)]
+        x, y, z = errors["shift_mm"]["calibrated"]
+        shift = f"Shift taken off for {self._labels['calibrated']}: {x:+.3f}, {y:+.3f}, {z:+.3f} mm in the base link"
+        return [self._table_by_model("Relative position errors from a virtual frame, mm", errors), shift]
 
-    def _verified(self, labels: Mapping[str, str]) -> list[Paragraph]:
-        errors = self.verified
-        if errors is None:
-            return []
-        names = ("uncorrected", "expected", "verified")
-        rows: list[tuple[Cell, ...]] = [(name, errors[name]["n"], *(errors[name][k] for k in FOUR)) for name in names]
-        for group, values in errors["per_group"].items():
-            rows += [
-                (f"{group}: {name}", values[name]["n"], *(values[name][k] for k in FOUR))
-                for name in names
-                if values[name]
-            ]
-        columns = ("", "points", "mean", "sigma", "max", "mean+3σ")
-        lines: list[Paragraph] = [Table("Expected against verified errors, mm", columns, tuple(rows))]
-        unlike = errors["poses"]["set_aside"]
-        if unlike:
-            more = f" … and {len(unlike) - 8} more" if len(unlike) > 8 else ""
-            lines.append(
-                "Note: verified poses left out, because their commands are no fake targets of this calibration: "
-                f"{', '.join(unlike[:8])}{more}"
-            )
-        if errors["command_mm"] > 0.1:
-            lines.append(
-                f"Note: the verified commands miss this calibration's own fake targets by up to "
-                f"{errors['command_mm']:.3f} mm: they are not its fake targets for poses of these names (not filtered, "
-                "filtered with another calibration, or poses named otherwise)"
-            )
-        return lines
+    def _table_by_model(self, title: str, errors: Mapping[str, Any], unit: str = "mm", digits: int = 3) -> Table:
+        keys = [f"{key}_{unit}" for key in FOUR]
+        rows = tuple((label, *(errors[name][key] for key in keys)) for name, label in self._labels.items())
+        return Table(title, ("model", "mean", "sigma", "max", "mean+3σ"), rows, digits)
+
+
+def _verified_table(errors: Mapping[str, Any]) -> list[Paragraph]:
+    """Expected beside verified errors, and what speaks against the comparison."""
+    by_label = {"": errors, **{f"{group}: ": values for group, values in errors["per_group"].items()}}
+    rows: list[tuple[Cell, ...]] = [
+        (f"{label}{name}", values[name]["n"], *(values[name][f"{key}_mm"] for key in FOUR))
+        for label, values in by_label.items()
+        for name in ("uncorrected", "expected", "verified")
+        if values[name]
+    ]
+    columns = ("", "points", "mean", "sigma", "max", "mean+3σ")
+    lines: list[Paragraph] = [Table("Expected against verified errors, mm", columns, tuple(rows))]
+    unlike = errors["poses"]["set_aside"]
+    if unlike:
+        more = f" … and {len(unlike) - 8} more" if len(unlike) > 8 else ""
+        lines.append(
+            "Note: verified poses left out, because their commands are no fake targets of this calibration: "
+            f"{', '.join(unlike[:8])}{more}"
+        )
+    if errors["command_mm"] > 0.1:
+        lines.append(
+            f"Note: the verified commands miss this calibration's own fake targets by up to "
+            f"{errors['command_mm']:.3f} mm: they are not its fake targets for poses of these names (not filtered, "
+            "filtered with another calibration, or poses named otherwise)"
+        )
+    return lines
 
 
 def statistics_table(title: str, entries: Sequence[tuple[str, str, Statistics]], bold: set[int]) -> Table:
@@ -329,6 +303,7 @@ NOTHING = Refit()
 """Base and tool stay where the calibration has them."""
 
 T = TypeVar("T")
+EVERY = slice(None)
 
 
 @on_workers
@@ -402,15 +377,15 @@ def evaluate(
     same_tool : bool
         With a load that the calibration does not know the reflectors are where they were with its usual load.
     tolerance : float, optional
-        What the calibrated robot is judged by, metres, see `irbcal.validation.verdict`.
+        What the calibrated robot is judged by, metres, see `irbcal.validation.conformity`.
     rule : {"mean3sigma", "max", "percentile"}, optional
         What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th.
     tracker_u95 : float, optional
         Expanded uncertainty (95 %) of a measured position, metres, which is added to the upper bound of that figure; by
-        default the largest ``u95_mm`` of the measurements, else `irbcal.validation.verdict.ASSUMED_U95`.
+        default the largest ``u95_mm`` of the measurements, else `irbcal.validation.conformity.ASSUMED_U95`.
     region_only : bool
         Judge the tolerance for the region of these poses only, which the certificate states; else they must cover the
-        calibrated ranges, see `irbcal.validation.verdict`.
+        calibrated ranges, see `irbcal.validation.conformity`.
     info : dict of str to str, optional
         What a certificate tells besides: ``serial_number``, ``operator`` and others of
         `irbcal.validation.origin.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
@@ -425,7 +400,6 @@ def evaluate(
     IrbcalError
         If an input is refused.
     """
-    record = open_calibration(calibration)
     check_seed(seed)
     if sphere is not None:
         place("sphere", sphere, "x, y, z of the centre and the diameter in metres", (4,))
@@ -433,187 +407,149 @@ def evaluate(
         checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
-    judged_by, stated = check_options(tolerance, rule, tracker_u95, region_only), checked_info(info)
-    whole = refit_base or refit_tool or refit_zeros or relative or flange or verified is not None or sphere is not None
-    if not whole and (file := pieces.long_file(measurements)) is not None:
-        drawn = -(-MOST_POSES // len(file.pieces))
-        shared = _OfAllPieces(record, file.sha256, payload, same_tool, include_fitted, drawn, seed)
-        if not pieces.read(file.pieces[0]).is_reference().any():
-            judged_pieces, stopped = _in_pieces(shared, file, progress)
-            import pandas as pd
-
-            rows = pd.concat([part.drawn for part in judged_pieces], ignore_index=True)
-            some = replace(table.read(rows), source=file.path, sha256=file.sha256)
-            sample = evaluate(
-                calibration,
-                some,
-                intervals=intervals,
-                include_fitted=include_fitted,
-                seed=seed,
-                payload=None if "payload_kg" in rows else payload,
-                same_tool=same_tool,
-                info=info,
-            )
-
-            def judge(
-                figures: Mapping[str, float],
-                error: NDArray[Any],
-                position: NDArray[Any],
-                outcome: Verdict,
-                poses: int,
-                u95: float,
-            ) -> Conformity | None:
-                if tolerance is None:
-                    return None
-                tracker = expanded_uncertainty(np.array([u95]), tracker_u95)
-                return conformity(
-                    figures,
-                    error,
-                    position,
-                    outcome,
-                    tolerance,
-                    judged_by,
-                    poses=poses,
-                    tracker=tracker,
-                    region=sample.region,
-                    region_only=region_only,
-                    simulated=sample.simulated,
-                    seed=seed,
-                )
-
-            return _of_long_file(judged_pieces, sample, judge, intervals, seed, stopped)
-    measurements = carrying(table.read(measurements), payload)
-    refit = Refit(refit_base, refit_tool, refit_from, seed, lost_joints(refit_zeros, record.arm(calibrated=False)))
-    cleaned, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
-    cleaned = without_fitted(cleaned.without_copies(), record, include_fitted)
-    against = doubts_of(cleaned.points, robots["calibrated"], record)
-    cleaned = _inside(cleaned, robots["calibrated"], sphere)
-    measured, points = cleaned.measurements, cleaned.points
-    errors = {name: distances(robot, points) for name, robot in robots.items()}
-    turns = {name: rotation_statistics(rotation_distances(robot, points)) for name, robot in robots.items()}
-    labels_of = _parts(cleaned)
-
-    def by_model(mask: BoolArray) -> ByModel:
-        return {name: _known(statistics(error[mask])) for name, error in errors.items()}
-
-    of_parts = {kind: _by_label(labels, by_model) for kind, labels in labels_of.items()}
-    fit = record.used_points(heldout=False)
-    covered = region(robots["calibrated"], points, None if fit is None else fit[0])
-    scale = scale_in_words(
-        length_scale(record.arm(calibrated=False), record.arm()), points.xyz, stated.get("scale_bar", "")
+    record = open_calibration(calibration)
+    request = _Request(
+        record=record,
+        required=requirement(tolerance, rule, tracker_u95, region_only),
+        info=checked_info(info),
+        refit=Refit(refit_base, refit_tool, refit_from, seed, lost_joints(refit_zeros, record.arm(calibrated=False))),
+        intervals=intervals,
+        include_fitted=include_fitted,
+        relative=relative,
+        frame_points=frame_points,
+        sphere=sphere,
+        flange=flange,
+        verified=verified,
+        seed=seed,
+        payload=payload,
+        same_tool=same_tool,
     )
-    overall = by_model(np.ones(len(points), dtype=bool))
-    percentiles = {name: _known(accuracy.percentiles(error)) for name, error in errors.items()}
-    covers, simulated = (
-        accuracy.largest_covers(len(np.unique(repeat_groups(points)))),
-        measured.simulated or record.simulated,
-    )
-    outcome = verdict_of_points(
-        errors["nominal"] / MM,
-        errors["calibrated"] / MM,
-        cleaned.number[points.pose],
-        counted(cleaned.excluded),
-        cleaned.proven,
-        against,
-        basis=cleaned.basis,
-    )
-    return Evaluation(
-        nominal=overall["nominal"],
-        calibrated=overall["calibrated"],
-        per_target=of_parts["per_target"],
-        per_group=of_parts["per_group"],
-        per_payload=of_parts["per_payload"],
-        per_group_payload=of_parts["per_group_payload"],
-        percentiles=percentiles,
-        largest_covers=covers,
-        orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
-        intervals=_intervals(errors, points, labels_of, seed) if intervals else None,
-        coverage=coverage(robots["calibrated"], points, moves=refit_base),
-        relative=_relative(robots, points, relative, frame_points, measured.source) if relative else None,
-        flange=_flange(robots, points, measured.source) if flange else None,
-        verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),
-        excluded=tuple(cleaned.excluded),
-        verdict=outcome,
-        notes=(*against, *_notes(cleaned, record)),
-        simulated=simulated,
-        model=record.model,
-        refit_base=refit_base,
-        refit_tool=refit_tool,
-        errors=_pose_errors(robots, points, errors),
-        origin=origin(
-            calibration,
-            record,
-            cleaned,
-            stated,
-            (*_scope(refit, sphere, cleaned), scale, *_open_ends(robots["calibrated"].certainty)),
-        ),
-        region=covered,
-        conformity=None
-        if tolerance is None
-        else conformity(
-            {**overall["calibrated"], **percentiles["calibrated"]},
-            errors["calibrated"],
-            repeat_groups(points)[points.pose],
-            outcome,
-            tolerance,
-            judged_by,
-            poses=points.poses,
-            tracker=expanded_uncertainty(points.u95, tracker_u95),
-            region=covered,
-            region_only=region_only,
-            simulated=simulated,
-            seed=seed,
-        ),
-    )
-
-
-MOST_POSES = 20_000
-"""Poses of a long file that figures, doubts and the region come from."""
+    file = None if request.needs_all_points else pieces.long_file(measurements)
+    if file is not None and not pieces.read(file.pieces[0]).is_reference().any():
+        return _of_long_file(calibration, request, file, progress)
+    prepared = _prepared(request, carrying(table.read(measurements), payload))
+    judged = prepared.judged()
+    return _evaluation(calibration, request, prepared, judged, judged)
 
 
 @dataclass(frozen=True, eq=False)
-class _OfAllPieces:
-    """What all pieces of a long file have in common; so many poses of each are ``drawn``."""
+class _Request:
+    """What `evaluate` was asked, checked."""
 
     record: Record
-    sha256: str
+    required: Requirement | None
+    info: dict[str, str]
+    refit: Refit
+    intervals: bool
+    include_fitted: bool
+    relative: Literal["virtual", "three-points"] | None
+    frame_points: Sequence[tuple[str, str]] | None
+    sphere: Sequence[float] | None
+    flange: bool
+    verified: table.MeasurementsLike | None
+    seed: int
     payload: float | None
     same_tool: bool
-    include_fitted: bool
-    drawn: int
-    seed: int
+
+    @property
+    def needs_all_points(self) -> bool:
+        """Whether something is asked for that all points give together, so that a file is not judged in pieces."""
+        wanted = self.refit or self.relative or self.flange or self.verified is not None or self.sphere is not None
+        return bool(wanted)
+
+
+@dataclass(frozen=True, eq=False)
+class _PointErrors:
+    """Errors of m points under both models, and what divides the points.
+
+    Attributes
+    ----------
+    distance, turn : dict of str to ndarray
+        Distances (m,), metres, and angles where orientations were measured, radians, by model.
+    pose : ndarray of int, shape (m,)
+    place : ndarray of int, shape (m,), or None
+        Place of each point, which repeats of a pose share; None where each pose has its own.
+    labels : dict of str to (ndarray of int (m,), list of str)
+        Of each of `PARTS`: number of each point's label, and the labels; points with an empty one belong to no part.
+    """
+
+    distance: Mapping[str, NDArray[Any]]
+    turn: Mapping[str, NDArray[Any]]
+    pose: NDArray[Any]
+    place: NDArray[Any] | None
+    labels: Mapping[str, tuple[NDArray[Any], list[str]]]
+
+    @property
+    def places(self) -> NDArray[Any]:
+        """Place of each point."""
+        return self.pose if self.place is None else self.place
+
+    def statistics(self, points: Any = EVERY) -> ByModel:
+        """Statistics of the points of a mask."""
+        return {name: _known(statistics(distance[points])) for name, distance in self.distance.items()}
+
+    def percentiles(self) -> ByModel:
+        """Percentiles of all points."""
+        return {name: _known(accuracy.percentiles(distance)) for name, distance in self.distance.items()}
+
+    def orientation(self) -> ByModel | None:
+        """Statistics of the angles; None where no orientation was measured."""
+        turns = {name: rotation_statistics(turn) for name, turn in self.turn.items()}
+        return None if turns["nominal"] is None else {name: _known(turn) for name, turn in turns.items()}
+
+    def intervals(self, seed: int) -> dict[str, Any]:
+        """Bootstrap intervals of all points and of parts; repeats of a place are drawn together."""
+
+        def by_model(points: Any = EVERY) -> dict[str, Any]:
+            return {
+                name: accuracy.intervals(distance[points], self.places[points], seed=seed)
+                for name, distance in self.distance.items()
+            }
+
+        settings = {"level": accuracy.LEVEL, "resamples": accuracy.RESAMPLES, "seed": seed}
+        return {**settings, **by_model(), **self.by_label(by_model)}
+
+    def by_label(self, compute: Callable[[BoolArray], T]) -> dict[str, dict[str, T]]:
+        """``compute(mask)`` for each label of each of `PARTS`, in the order of the alphabet."""
+        out = {}
+        for kind, (codes, names) in self.labels.items():
+            ordered = sorted((name, code) for code, name in enumerate(names) if name)
+            out[kind] = {name: compute(codes == code) for name, code in ordered}
+        return out
+
+    def small(self) -> _PointErrors:
+        """In four bytes a number, and less for labels: a worker sends them, and there may be a hundred million."""
+
+        def in_bytes(codes: NDArray[Any], names: list[str]) -> tuple[NDArray[Any], list[str]]:
+            return codes.astype(np.min_scalar_type(len(names)))[: None if len(names) > 1 else 1], names
+
+        return _PointErrors(
+            {name: distance.astype(np.float32) for name, distance in self.distance.items()},
+            {name: turn.astype(np.float32) for name, turn in self.turn.items()},
+            self.pose.astype(np.int32),
+            None if self.place is None else self.place.astype(np.int32),
+            {kind: in_bytes(*coded) for kind, coded in self.labels.items()},
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What is kept of the points of a piece of a long file: m points.
+    """Errors of measurements, and what is known of these: of a file, or of a piece of a long one.
 
     Attributes
     ----------
-    errors, turns : dict of str to ndarray
-        Distances (m,), and angles where orientations were measured, by model; four bytes each.
-    labels, names : dict of str to ndarray of int (m,) and list of str
-        Of each of `PARTS`: which name each point has; one number where all have the same.
-    pose : ndarray of int, shape (m,)
-        Numbers of the poses.
-    place : ndarray of int, shape (n,), or None
-        Place of each pose; None where each has its own.
-    cleaned : CleanedPoints
-        Without its points.
+    errors : _PointErrors
     poses, fitted : int
+        ``fitted`` are at joints that were fitted; None where that is not known.
+    counted_out, excluded, proven, basis
+        See `irbcal.validation.cleaned_points.CleanedPoints`.
     against, notes : tuple of str
     u95 : float
-        The largest uncertainty that is stated; not a number where none is.
-    drawn : DataFrame
-        Rows of some poses.
+        The largest uncertainty that is declared, metres; not a number where none is.
+    simulated : bool
     """
 
-    errors: Mapping[str, NDArray[np.float32]]
-    turns: Mapping[str, NDArray[np.float32]]
-    labels: Mapping[str, NDArray[Any]]
-    names: Mapping[str, list[str]]
-    pose: NDArray[np.int32]
-    place: NDArray[np.int32] | None
+    errors: _PointErrors
     poses: int
     fitted: int | None
     counted_out: int
@@ -624,172 +560,228 @@ class _Judged:
     notes: tuple[str, ...]
     u95: float
     simulated: bool
-    drawn: pd.DataFrame
 
 
-def _judged_piece(shared: _OfAllPieces, piece: pieces.Piece) -> _Judged:
-    """In a worker: read and judge a piece of a long file."""
-    import pandas as pd
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """Measurements that are ready to be judged, the robots that predict them, and what speaks against their errors."""
 
-    record = shared.record
-    measurements = carrying(pieces.read(piece, shared.sha256), shared.payload)
-    cleaned, robots = in_frame_of_calibration(record, measurements, NOTHING, shared.same_tool)
-    cleaned = without_fitted(cleaned.without_copies(), record, shared.include_fitted)
-    points = cleaned.points
-    coded = {part: pd.factorize(labels) for part, labels in _parts(cleaned).items()}
-    rng = np.random.default_rng([shared.seed, piece.row])
-    drawn = rng.permutation(cleaned.number)[: shared.drawn]
-    rows = shared_table(measurements)
-    return _Judged(
-        {name: distances(robot, points).astype(np.float32) for name, robot in robots.items()},
-        {name: rotation_distances(robot, points).astype(np.float32) for name, robot in robots.items()},
-        {
-            part: codes.astype(np.min_scalar_type(len(names)))[: len(codes) if len(names) > 1 else 1]
-            for part, (codes, names) in coded.items()
-        },
-        {part: [str(name) for name in names] for part, (_, names) in coded.items()},
-        points.pose.astype(np.int32),
-        None if np.array_equal(place := repeat_groups(points), np.arange(points.poses)) else place.astype(np.int32),
-        points.poses,
-        None if cleaned.at_fitted is None else int(cleaned.at_fitted.sum()),
-        cleaned.counted_out,
-        cleaned.excluded,
-        cleaned.proven,
-        cleaned.basis,
-        tuple(doubts_of(points, robots["calibrated"], record)),
-        _notes(cleaned, record),
-        np.nan if points.u95 is None or not np.isfinite(points.u95).any() else float(np.nanmax(points.u95)),
-        measurements.simulated,
-        measurements.to_frame()[rows["pose_index"].isin(drawn).to_numpy()],
+    record: Record
+    cleaned: CleanedPoints
+    robots: Mapping[str, Robot]
+    against: tuple[str, ...]
+
+    def judged(self) -> _Judged:
+        """Their errors."""
+        import pandas as pd
+
+        cleaned, points = self.cleaned, self.cleaned.points
+        coded = {kind: pd.factorize(labels) for kind, labels in _parts(cleaned).items()}
+        place = repeat_groups(points)
+        alone = len(np.unique(place)) == points.poses
+        errors = _PointErrors(
+            {name: distances(robot, points) for name, robot in self.robots.items()},
+            {name: rotation_distances(robot, points) for name, robot in self.robots.items()},
+            points.pose,
+            None if alone else place[points.pose],
+            {kind: (codes, [str(name) for name in names]) for kind, (codes, names) in coded.items()},
+        )
+        return _Judged(
+            errors=errors,
+            poses=points.poses,
+            fitted=None if cleaned.at_fitted is None else int(cleaned.at_fitted.sum()),
+            counted_out=cleaned.counted_out,
+            excluded=tuple(cleaned.excluded),
+            proven=cleaned.proven,
+            basis=cleaned.basis,
+            against=self.against,
+            notes=_notes(cleaned, self.record),
+            u95=np.nan if points.u95 is None or not np.isfinite(points.u95).any() else float(np.nanmax(points.u95)),
+            simulated=cleaned.measurements.simulated,
+        )
+
+
+def _prepared(request: _Request, measurements: table.MeasurementSet) -> _Prepared:
+    """Clean measurements without fitted poses, and what speaks against them before a sphere is cut out."""
+    record = request.record
+    cleaned, robots = in_frame_of_calibration(record, measurements, request.refit, request.same_tool)
+    cleaned = without_fitted(cleaned.without_copies(), record, request.include_fitted)
+    against = tuple(doubts_of(cleaned.points, robots["calibrated"], record))
+    return _Prepared(record, _inside(cleaned, robots["calibrated"], request.sphere), robots, against)
+
+
+def _evaluation(
+    calibration: CalibrationLike, request: _Request, some: _Prepared, errors_of_some: _Judged, judged: _Judged
+) -> Evaluation:
+    """The evaluation of what was judged; ``some`` are all of its points, or those drawn from a long file.
+
+    Figures, coverage and the region are those of ``some``.
+    """
+    record, required, refit, errors = request.record, request.required, request.refit, judged.errors
+    robots, points, source = some.robots, some.cleaned.points, some.cleaned.measurements.source
+    calibrated = robots["calibrated"]
+    fit = record.used_points(heldout=False)
+    covered = region(calibrated, points, None if fit is None else fit[0])
+    link_lengths = length_scale(record.arm(calibrated=False), record.arm())
+    scope = (
+        *_scope(refit, request.sphere, some.cleaned),
+        scale_in_words(link_lengths, points.xyz, request.info.get("scale_bar", "")),
+        *_open_ends(calibrated.certainty),
+    )
+    overall, percentiles = errors.statistics(), errors.percentiles()
+    simulated = judged.simulated or some.cleaned.measurements.simulated or record.simulated
+    outcome = verdict_of_points(
+        errors.distance["nominal"] / MM,
+        errors.distance["calibrated"] / MM,
+        errors.pose,
+        counted(judged.excluded),
+        judged.proven,
+        judged.against,
+        basis=judged.basis,
+    )
+    kept = None
+    if required is not None:
+        kept = conformity(
+            required,
+            {**overall["calibrated"], **percentiles["calibrated"]},
+            errors.distance["calibrated"],
+            errors.places,
+            outcome,
+            poses=judged.poses,
+            declared_u95=[judged.u95],
+            region=covered,
+            simulated=simulated,
+            seed=request.seed,
+        )
+    of_some = origin(calibration, record, some.cleaned, request.info, scope)
+    of_parts: dict[str, Any] = errors.by_label(errors.statistics)
+    return Evaluation(
+        **overall,
+        **of_parts,
+        percentiles=percentiles,
+        largest_covers=accuracy.largest_covers(len(np.unique(errors.places))),
+        orientation=errors.orientation(),
+        intervals=errors.intervals(request.seed) if request.intervals else None,
+        coverage=coverage(calibrated, points, moves=refit.base),
+        relative=None
+        if request.relative is None
+        else _relative(robots, points, request.relative, request.frame_points, source),
+        flange=_flange(robots, points, source) if request.flange else None,
+        verified=None if request.verified is None else _verified(record, calibrated, points, request.verified),
+        excluded=judged.excluded,
+        verdict=outcome,
+        notes=(*judged.against, *judged.notes),
+        simulated=simulated,
+        model=record.model,
+        refit_base=refit.base,
+        refit_tool=refit.tool,
+        errors=_pose_errors(robots, points, errors_of_some.errors.distance),
+        origin=replace(of_some, poses=judged.poses, fitted=judged.fitted, counted_out=judged.counted_out),
+        region=covered,
+        conformity=kept,
     )
 
 
-def _in_pieces(
-    shared: _OfAllPieces, file: pieces.LongFile, progress: Callable[[str], Any] | None
-) -> tuple[list[_Judged], tuple[str, ...]]:
-    """Judge the pieces of a long file side by side; those that were judged before Ctrl-C, and a note of that."""
-    done: dict[int, _Judged] = {}
-    note: tuple[str, ...] = ()
+# --- files of millions of rows ----------------------------------------------------------------------------
+
+MOST_POSES = 20_000
+"""Poses of a long file that figures, coverage and the region come from."""
+PIECE_S = 1.0
+"""Seconds that a piece of a long file takes, about."""
+
+
+def _of_long_file(
+    calibration: CalibrationLike, request: _Request, file: pieces.LongFile, progress: Callable[[str], Any] | None
+) -> Evaluation:
+    """The evaluation of a long file, its pieces judged side by side."""
+    judged, drawn = _joined_pieces(request, file, progress)
+    some = _prepared(request, replace(table.read(drawn), source=file.path, sha256=file.sha256))
+    return _evaluation(calibration, request, some, some.judged(), judged)
+
+
+def _joined_pieces(
+    request: _Request, file: pieces.LongFile, progress: Callable[[str], Any] | None
+) -> tuple[_Judged, pd.DataFrame]:
+    """What the pieces of a long file say together, and rows of poses drawn from it.
+
+    After Ctrl-C these are the pieces that were judged before, and a note of that.
+    """
+    import pandas as pd
+
+    shared = request, file.sha256, -(-MOST_POSES // len(file.pieces))
+    done: dict[int, tuple[_Judged, pd.DataFrame]] = {}
+    stopped: tuple[str, ...] = ()
     try:
-        for index, judged_piece in parallel.each(_judged_piece, shared, file.pieces, seconds=PIECE_S):
-            done[index] = judged_piece
+        for index, piece in parallel.each(_judged_piece, shared, file.pieces, seconds=PIECE_S):
+            done[index] = piece
             if progress is not None:
                 progress(f"{len(done)} of {len(file.pieces)} pieces")
     except KeyboardInterrupt:
         if not done:
             raise
-        note = (f"Stopped after {len(done)} of {len(file.pieces)} pieces of the file: the rest was not judged.",)
-    return [done[index] for index in sorted(done)], note
-
-
-PIECE_S = 1.0
-"""Seconds that a piece of a long file takes, about."""
-
-
-def _joined(parts: Sequence[NDArray[np.int32]]) -> NDArray[np.int32]:
-    """Numbers of all pieces, those of each beyond those of the one before."""
-    out, begin = [], 0
-    for numbers in parts:
-        out.append(numbers + np.int32(begin))
-        begin += int(numbers.max(initial=-1)) + 1
-    return np.concatenate(out)
-
-
-def _same_codes(parts: Sequence[_Judged], kind: str) -> tuple[NDArray[Any], list[str]]:
-    """Labels of all pieces with the same numbers."""
-    names = list(dict.fromkeys(name for part in parts for name in part.names[kind]))
-    number = {name: k for k, name in enumerate(names)}
-    code = np.min_scalar_type(len(names))
-    if len(names) == 1:
-        return np.broadcast_to(np.zeros(1, dtype=code), sum(len(part.pose) for part in parts)), names
-    codes = [
-        np.broadcast_to(np.array([number[n] for n in part.names[kind]], dtype=code)[part.labels[kind]], len(part.pose))
-        for part in parts
-    ]
-    return np.concatenate(codes), names
-
-
-def _of_long_file(
-    parts: list[_Judged],
-    sample: Evaluation,
-    judge: Callable[[Mapping[str, float], NDArray[Any], NDArray[Any], Verdict, int, float], Conformity | None],
-    intervals: bool,
-    seed: int,
-    stopped: tuple[str, ...],
-) -> Evaluation:
-    """The evaluation of poses drawn from a long file, with the errors of all."""
-    pose = position = _joined([part.pose for part in parts])
-    if any(part.place is not None for part in parts):
-        places = [np.arange(part.poses, dtype=np.int32) if part.place is None else part.place for part in parts]
-        position = _joined([place[part.pose] for place, part in zip(places, parts, strict=True)])
-    errors = {name: np.concatenate([part.errors[name] for part in parts]) for name in MODELS}
-    turns = {name: rotation_statistics(np.concatenate([part.turns[name] for part in parts])) for name in MODELS}
-    coded = {kind: _same_codes(parts, kind) for kind in PARTS}
-    none = np.zeros(0, dtype=np.int32)
-    parts[:] = [replace(part, errors={}, turns={}, labels={}, pose=none, place=None) for part in parts]
-
-    def by_model(mask: BoolArray) -> ByModel:
-        return {name: _known(statistics(error[mask])) for name, error in errors.items()}
-
-    def with_intervals(mask: BoolArray) -> dict[str, Any]:
-        return {name: accuracy.intervals(error[mask], position[mask], seed=seed) for name, error in errors.items()}
-
-    of_parts: dict[str, Any] = {}
-    ends: dict[str, Any] = {}
-    for kind in PARTS:
-        codes, names = coded[kind]
-        ordered = [(k, name) for k, name in sorted(enumerate(names), key=lambda pair: pair[1]) if name]
-        of_parts[kind] = {name: by_model(codes == k) for k, name in ordered}
-        if intervals:
-            ends[kind] = {name: with_intervals(codes == k) for k, name in ordered}
-    everything = np.ones(len(pose), dtype=bool)
-    overall = by_model(everything)
-    percentiles = {name: _known(accuracy.percentiles(error)) for name, error in errors.items()}
-    excluded = tuple(exclusion for part in parts for exclusion in part.excluded)
-    against = (*pieces.once((text for part in parts for text in part.against), len(parts)), *stopped)
-    notes = pieces.once((text for part in parts for text in part.notes), len(parts))
-    proven = all(part.proven for part in parts)
-    basis = next((part.basis for part in parts if part.basis), "")
-    outcome = verdict_of_points(
-        errors["nominal"] / np.float32(MM),
-        errors["calibrated"] / np.float32(MM),
-        pose,
-        counted(excluded),
-        proven,
-        against,
-        basis=basis,
-    )
-    poses = sum(part.poses for part in parts)
+        stopped = (f"Stopped after {len(done)} of {len(file.pieces)} pieces of the file: the rest was not judged.",)
+    parts, rows = zip(*(done[index] for index in sorted(done)), strict=True)
+    errors = _joined_errors([part.errors for part in parts], [part.poses for part in parts])
+    text = f"A file of {len(parts)} pieces: errors are of all {len(errors.pose):,} points, figures of poses drawn at"
     fitted = [part.fitted for part in parts]
-    u95 = np.array([part.u95 for part in parts])
-    text = f"A file of {len(parts)} pieces: errors are of all {len(pose):,} points, figures of poses drawn at random."
-    assert sample.origin is not None
-    origin_of_all = replace(
-        sample.origin,
-        poses=poses,
+    judged = _Judged(
+        errors=errors,
+        poses=sum(part.poses for part in parts),
         fitted=None if None in fitted else sum(filter(None, fitted)),
         counted_out=sum(part.counted_out for part in parts),
+        excluded=tuple(exclusion for part in parts for exclusion in part.excluded),
+        proven=all(part.proven for part in parts),
+        basis=next((part.basis for part in parts if part.basis), ""),
+        against=(*pieces.once((text for part in parts for text in part.against), len(parts)), *stopped),
+        notes=(f"{text} random.", *pieces.once((text for part in parts for text in part.notes), len(parts))),
+        u95=float(np.nanmax([-np.inf, *(part.u95 for part in parts)])),
+        simulated=any(part.simulated for part in parts),
     )
-    figures = {**overall["calibrated"], **percentiles["calibrated"]}
-    return replace(
-        sample,
-        nominal=overall["nominal"],
-        calibrated=overall["calibrated"],
-        **of_parts,
-        percentiles=percentiles,
-        largest_covers=accuracy.largest_covers(int(position.max(initial=-1)) + 1),
-        orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
-        intervals=None
-        if sample.intervals is None
-        else {**{key: sample.intervals[key] for key in ("level", "resamples", "seed")}, **with_intervals(everything)}
-        | ends,
-        excluded=excluded,
-        verdict=outcome,
-        notes=(text, *against, *notes),
-        simulated=sample.simulated or any(part.simulated for part in parts),
-        origin=origin_of_all,
-        conformity=judge(figures, errors["calibrated"], position, outcome, poses, float(np.nanmax([*u95, -np.inf]))),
+    return judged, pd.concat(rows, ignore_index=True)
+
+
+def _judged_piece(shared: tuple[_Request, str, int], piece: pieces.Piece) -> tuple[_Judged, pd.DataFrame]:
+    """In a worker: read and judge a piece of a long file, and draw rows of some of its poses."""
+    request, sha256, most = shared
+    measurements = carrying(pieces.read(piece, sha256), request.payload)
+    prepared = _prepared(request, measurements)
+    judged = prepared.judged()
+    drawn = np.random.default_rng([request.seed, piece.row]).permutation(prepared.cleaned.number)[:most]
+    rows = shared_table(measurements)["pose_index"].isin(drawn).to_numpy()
+    return replace(judged, errors=judged.errors.small()), measurements.to_frame()[rows]
+
+
+def _joined_errors(parts: Sequence[_PointErrors], poses: Sequence[int]) -> _PointErrors:
+    """Errors of all pieces, whose poses and places are told apart."""
+    begin = np.cumsum([0, *poses[:-1]], dtype=np.int32)
+
+    def joined(name: str) -> dict[str, NDArray[Any]]:
+        return {model: np.concatenate([getattr(part, name)[model] for part in parts]) for model in MODELS}
+
+    repeated = any(part.place is not None for part in parts)
+    return _PointErrors(
+        joined("distance"),
+        joined("turn"),
+        np.concatenate([part.pose + first for part, first in zip(parts, begin, strict=True)]),
+        np.concatenate([part.places + first for part, first in zip(parts, begin, strict=True)]) if repeated else None,
+        {kind: _same_codes([(*part.labels[kind], len(part.pose)) for part in parts]) for kind in PARTS},
     )
+
+
+def _same_codes(parts: Sequence[tuple[NDArray[Any], list[str], int]]) -> tuple[NDArray[Any], list[str]]:
+    """Labels of all pieces with the same numbers; parts are codes, names and how many points there are."""
+    number = {name: k for k, name in enumerate(dict.fromkeys(name for _, names, _ in parts for name in names))}
+    code = np.min_scalar_type(len(number))
+    if len(number) == 1:
+        return np.broadcast_to(np.zeros(1, dtype=code), sum(count for _, _, count in parts)), list(number)
+    codes = [
+        np.broadcast_to(np.array([number[name] for name in names], dtype=code)[codes], count)
+        for codes, names, count in parts
+    ]
+    return np.concatenate(codes), list(number)
+
+
+# --- measurements in the frame of a calibration -----------------------------------------------------------
 
 
 def in_frame_of_calibration(
@@ -818,41 +810,27 @@ def in_frame_of_calibration(
         If the measurements are refused, or are nowhere near what the calibrated robot predicts.
     """
     record = open_calibration(calibration)
-    measured = table.read(measurements)
-    measured = measured.of_arm(record.arm())
+    measured = table.read(measurements).of_arm(record.arm())
     cleaned = prepare(measured, record, any_target=refit.tool, same_tool=same_tool)
-    robots = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
+    before = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
+    chosen, to_judge = refit.chosen(cleaned.points, measured.source)
+    placing, cleaned = cleaned.points.select(chosen), cleaned.select(to_judge)
 
-    def placed(points: PointSet) -> dict[str, Robot]:
-        if not refit:
-            return robots
-        return {name: refit.placed(robot, points, measured.source) for name, robot in robots.items()}
+    def placed() -> dict[str, Robot]:
+        return {name: refit.placed(robot, placing, measured.source) for name, robot in before.items()}
 
-    chosen, to_judge = (
-        refit.chosen(cleaned.points, measured.source) if refit else (np.ones(cleaned.points.poses, bool),) * 2
-    )
-    placing = cleaned.points.select(chosen)
-    robots, cleaned = placed(placing), cleaned.select(to_judge)
+    robots = placed()
     points, notes = with_last_moves(robots["calibrated"], cleaned.points)
-    cleaned = replace(cleaned, points=points, notes=(*cleaned.notes, *notes))
-    if points.previous is None:
+    if placing.previous is not None and points.previous is None:
         placing = replace(placing, previous=None)
-        robots = placed(placing)
-    zeros = refit.zeros_in_words(record.robot_calibrated(), robots["calibrated"], placing)
-    cleaned = replace(cleaned, notes=(*zeros, *cleaned.notes))
+        robots = placed()
+    zeros = refit.zeros_in_words(before["calibrated"], robots["calibrated"], placing)
     if not to_judge[chosen].any():
-        cleaned = replace(cleaned, notes=(*cleaned.notes, _placed_in_words(refit, placing.poses, points.poses)))
-    error = distances(robots["calibrated"], cleaned.points)
-    refuse_far_points(robots["calibrated"], cleaned.points, error, measured, bool(refit))
-    lost = lost_row(robots["calibrated"], cleaned.points, error, measured)
-    return replace(cleaned, notes=(*cleaned.notes, *lost)), robots
-
-
-def _placed_in_words(refit: Refit, placing: int, judged: int) -> str:
-    return (
-        f"The {refit.what} {'were' if refit.base and refit.tool else 'was'} placed anew on {placing} poses of these "
-        f"measurements, for each model; errors are those of the other {judged} poses."
-    )
+        notes.append(refit.sentence(placing.poses, points.poses))
+    error = distances(robots["calibrated"], points)
+    refuse_far_points(robots["calibrated"], points, error, measured, bool(refit))
+    lost = lost_row(robots["calibrated"], points, error, measured)
+    return replace(cleaned, points=points, notes=(*zeros, *cleaned.notes, *notes, *lost)), robots
 
 
 def _scope(refit: Refit, sphere: Sequence[float] | None, cleaned: CleanedPoints) -> tuple[str, ...]:
@@ -887,8 +865,14 @@ def _inside(cleaned: CleanedPoints, robot: Robot, sphere: Sequence[float] | None
 
 def _notes(cleaned: CleanedPoints, record: Record) -> tuple[str, ...]:
     measured = cleaned.measurements
-    notes = (*cleaned.notes, *mixed_use(record.programmed, measured.programmed, measured.source))
-    return (*notes, *_other_loads(cleaned.points, record), *_outside_ranges(cleaned.points, record))
+    certainty = record.robot_calibrated().certainty
+    outside = "" if certainty is None else certainty.outside_in_words(cleaned.points.q)
+    return (
+        *cleaned.notes,
+        *mixed_use(record.programmed, measured.programmed, measured.source),
+        *_other_loads(cleaned.points, record),
+        *([outside] if outside else []),
+    )
 
 
 def carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
@@ -916,12 +900,6 @@ def _other_loads(points: PointSet, record: Record) -> list[str]:
         f"Poses with {', '.join(f'{load:g}' for load in others)} kg are judged by a calibration that was measured with "
         f"{usual:g} kg only: what the joints give way under another load is in their errors."
     ]
-
-
-def _outside_ranges(points: PointSet, record: Record) -> list[str]:
-    """How many poses lie beyond the joint ranges of the calibration's fit, joint by joint."""
-    certainty = record.robot_calibrated().certainty
-    return [text] if certainty is not None and (text := certainty.outside_in_words(points.q)) else []
 
 
 def _known(values: Statistics | None) -> Statistics:
@@ -972,28 +950,6 @@ def _parts(cleaned: CleanedPoints) -> dict[str, NameArray]:
     }
 
 
-def _by_label(labels: NameArray, compute: Callable[[BoolArray], T]) -> dict[str, T]:
-    """``compute(mask)`` for each label but the empty one."""
-    return {str(label): compute(labels == label) for label in sorted(set(labels)) if label}
-
-
-def _intervals(
-    errors: Mapping[str, FloatArray], points: PointSet, labelled: Mapping[str, NameArray], seed: int
-) -> dict[str, Any]:
-    position = repeat_groups(points)[points.pose]  # repeats of one place are drawn together
-
-    def compute(mask: BoolArray) -> dict[str, Any]:
-        return {name: accuracy.intervals(e[mask], position[mask], seed=seed) for name, e in errors.items()}
-
-    return {
-        "level": accuracy.LEVEL,
-        "resamples": accuracy.RESAMPLES,
-        "seed": seed,
-        **compute(np.ones(len(points), dtype=bool)),
-        **{kind: _by_label(labels, compute) for kind, labels in labelled.items()},
-    }
-
-
 def _relative(
     robots: Mapping[str, Robot],
     points: PointSet,
@@ -1033,8 +989,7 @@ def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[
 def _verified(
     calibration: Record, robot: Robot, points: PointSet, verified: table.MeasurementsLike
 ) -> Mapping[str, Any]:
-    measured = table.read(verified)
-    measured = measured.of_arm(calibration.arm())
+    measured = table.read(verified).of_arm(calibration.arm())
     points_verified = prepare(measured, calibration).points
     refuse_far_points(robot, points_verified, distances(robot, points_verified), measured, False)
     return accuracy.expected_and_verified(robot, calibration.arm(calibrated=False), points, points_verified)

@@ -72,6 +72,13 @@ class Refit:
         words = [word for word, refitted in (("base", self.base), ("tool", self.tool)) if refitted]
         return " and ".join([*words, *(f"zero of joint {joint}" for joint in self.zeros)])
 
+    def sentence(self, placing: int, judged: int) -> str:
+        """That so many poses place base and tool, and so many others are judged."""
+        return (
+            f"The {self.what} {'were' if self.base and self.tool else 'was'} placed anew on {placing} poses of these "
+            f"measurements, for each model; errors are those of the other {judged} poses."
+        )
+
     def chosen(self, points: PointSet, source: str) -> tuple[BoolArray, BoolArray]:
         """Which poses place base and tool, and which are judged, (n,) each.
 
@@ -80,11 +87,11 @@ class Refit:
         MeasurementError
             If none are left to judge.
         """
-        index = repeat_groups(points)
-        count = int(index.max(initial=-1)) + 1
         if self.poses is None and not self.tool:
             every = np.ones(points.poses, dtype=bool)
             return every, every
+        index = repeat_groups(points)
+        count = int(index.max(initial=-1)) + 1
         take = int(HALF * count) if self.poses is None else self.poses
         if take >= count:
             hint = f" (--refit-from {count - 1} leaves one)" if count > 3 else ""
@@ -111,6 +118,8 @@ class Refit:
         MeasurementError
             If the poses do not determine it.
         """
+        if not self:
+            return robot
         names = points.target_names
         R, p = _tips(robot, points)
         base = robot.T_world_base

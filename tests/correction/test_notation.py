@@ -119,4 +119,4 @@ def test_angles_beyond_half_a_turn_stay_there():
 
 def test_every_maker_has_its_own():
     assert {how.names for how, _ in CHECKED} >= {("A", "B", "C"), ("W", "P", "R"), ("O", "A", "T")}
-    assert notation.SINGULAR < 1e-6
+    assert notation.GIMBAL_LOCK < 1e-6

@@ -16,7 +16,7 @@ from irbcal.io.opening import open_calibration
 @pytest.fixture
 def large(folder, tmp_path, monkeypatch):
     saved = calibration_folder.read(folder)
-    monkeypatch.setattr(calibration_folder, "FEWEST_POSES", 10)
+    monkeypatch.setattr(calibration_folder, "FEWEST_POSES_IN_TABLE_FILES", 10)
     calibration_folder.write(tmp_path / "large", saved.record, saved.urdf, "report")
     return saved, tmp_path / "large"
 
@@ -51,7 +51,7 @@ def test_a_table_that_was_changed_or_lost_is_refused(large):
 
 def test_tables_of_a_calibration_that_was_here_before_go(large, monkeypatch):
     saved, folder = large
-    monkeypatch.setattr(calibration_folder, "FEWEST_POSES", 10**6)
+    monkeypatch.setattr(calibration_folder, "FEWEST_POSES_IN_TABLE_FILES", 10**6)
     calibration_folder.write(folder, saved.record, saved.urdf, "report")
     assert not list(folder.glob("*.npz"))
     assert calibration_folder.read(folder).record.points == saved.record.points

@@ -74,7 +74,7 @@ FOLD = 0.2
 NEAR_SEED = 0.1
 """Radians: in whatever branch, a solution so near to the seed is the one that is looked for."""
 
-SINGULAR = 0.1
+NEAR_WRIST_SINGULARITY = 0.1
 """Radians between axes 4 and 6 next to the wrist singularity."""
 
 PULL = 5e-4
@@ -276,7 +276,9 @@ class _Solver:
         if len(stages) > 1:  # next to a singularity a branch has several solutions
             beyond = beyond[done[beyond]]
             wrist, radius = self.closed.wrist_angle(self.q.T), np.abs(self.closed.radius(self.q.T))
-            singular = ((wrist < SINGULAR) | (np.minimum(radius, self.margin) < 20 * self.difference))[beyond]
+            singular = ((wrist < NEAR_WRIST_SINGULARITY) | (np.minimum(radius, self.margin) < 20 * self.difference))[
+                beyond
+            ]
             self.rank[beyond] = -2.0
             self.search(beyond[singular], stages)
             self.search(beyond[~singular], stages[:2])
