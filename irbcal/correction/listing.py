@@ -173,6 +173,11 @@ def mark_in(comments: Iterable[str]) -> str | None:
     return None
 
 
+def joined_comments(comments: Iterable[str], signs: str) -> list[str]:
+    """Comments as one, without their signs: the second line of a mark bears the fingerprint."""
+    return [" ".join(text.strip(signs) for text in comments)]
+
+
 def up_to_next(heads: Sequence[re.Match[str]], end: int) -> Iterator[tuple[re.Match[str], int]]:
     """Headings of a text, each with the place where the next one begins; ``end``: of the text."""
     return zip(heads, [*(behind.start() for behind in heads[1:]), end], strict=False)

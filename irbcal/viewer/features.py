@@ -33,10 +33,7 @@ from irbcal.viewer.scene import Points
 FRAME = "frame"
 """The frame in which a device measured whole poses: rows of kind ``pose`` have no feature."""
 
-BALL, SOCKET, FLAT, LENGTH = (
-    np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
-    for text in ("#c98a1b", "#5b6570", "#5d8fbf", "#7a4fa3")
-)
+BALL, SOCKET, FLAT, LENGTH = shapes.colours("#c98a1b", "#5b6570", "#5d8fbf", "#7a4fa3")
 """Colours of balls and anchors, of what carries them, of planes and lines, and of lengths."""
 
 

@@ -32,10 +32,7 @@ with warnings.catch_warnings():
     import umsgpack
     from meshcat.visualizer import Visualizer
 
-INK, BODY, GLASS, TEAL, CUBE, PATH = (
-    np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
-    for text in ("#3a4149", "#f2f2ee", "#20262c", "#0b7a75", "#7a4fa3", "#0b7a75")
-)
+INK, BODY, GLASS, TEAL, CUBE, PATH = shapes.colours("#3a4149", "#f2f2ee", "#20262c", "#0b7a75", "#7a4fa3", "#0b7a75")
 """Colours of tracker (ink, body, glass), references, cube and path."""
 COARSE_TRIANGLES = 6_000
 """About so many triangles has a robot whose picture moves where there is no graphics card."""

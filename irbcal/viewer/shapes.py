@@ -24,6 +24,11 @@ CREASE = np.cos(np.radians(38.0))
 MOST_FACES_AT_A_CORNER = 64
 
 
+def colours(*texts: str) -> list[FloatArray]:
+    """Red, green and blue (3,) from 0 to 1 of texts such as ``#c98a1b``."""
+    return [np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255 for text in texts]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh(Locked):
     """An indexed mesh as the graphics card takes it.

@@ -19,7 +19,7 @@ from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
-from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, up_to_next
+from irbcal.correction.listing import Edit, Listing, Number, Span, joined_comments, mark_in, up_to_next
 from irbcal.correction.loads import Load, LoadFlow, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -411,7 +411,7 @@ def parse(
             *moves.notes(targets),
             *from_backup(targets, setup, backup, "SYSFRAME.VA beside the program"),
         ],
-        comments=_joined(moves.comments),
+        comments=joined_comments(moves.comments, COMMENT_SIGNS),
         mark_at=sections_of["MN"][1],
         mark_number=max(numbers, default=0) + 1 if any(numbers) else 0,
     )
@@ -569,14 +569,11 @@ def fingerprint(data: bytes, source: str = "program") -> str | None:
         raise ProgramError("expected a FANUC listing with /PROG and /MN", file=source)
     steps = instructions(listing, *sections(listing)["MN"]) if "MN" in sections(listing) else []
     texts = [listing.text[step.start : step.end] for step in steps]
-    return mark_in(_joined([text for text in texts if text.lstrip().startswith("!")]))
+    comments = [text for text in texts if text.lstrip().startswith("!")]
+    return mark_in(joined_comments(comments, COMMENT_SIGNS))
 
 
-def _joined(comments: Sequence[str]) -> list[str]:
-    """The comments as one: the second line of a mark bears the fingerprint."""
-    return [" ".join(text.strip(" \t\r!;") for text in comments)]
-
-
+COMMENT_SIGNS = " \t\r!;"
 LONGEST = 32
 """Characters of a remark that all controllers take."""
 LONGEST_WAIT_S = 300.0

@@ -19,7 +19,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.instructions import INSTRUCTIONS, MotionInstruction, teaching
-from irbcal.correction.listing import Edit, Listing, Number, mark_in, up_to_next
+from irbcal.correction.listing import Edit, Listing, Number, joined_comments, mark_in, up_to_next
 from irbcal.correction.loads import load_of
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -201,7 +201,7 @@ def parse(
             *job.notes.values(),
             *from_backup(targets, setup, backup, "TOOL.CND and UFRAME.CND beside the job"),
         ],
-        comments=_joined(job.comments),
+        comments=joined_comments(job.comments, COMMENT_SIGNS),
         mark_at=job.nop,
         pulses=tuple(setup.pulses),
     )
@@ -403,14 +403,11 @@ def _numbers(text: str, at: int) -> list[Number] | None:
 def fingerprint(data: bytes, source: str = "program") -> str | None:
     """Fingerprint in the mark of a job; see `irbcal.correction.languages.Language`."""
     listing = Listing([(source, data)], "Yaskawa INFORM")
-    return mark_in(_joined([line for line in _LINE.findall(listing.text) if line.lstrip().startswith("'")]))
+    comments = [line for line in _LINE.findall(listing.text) if line.lstrip().startswith("'")]
+    return mark_in(joined_comments(comments, COMMENT_SIGNS))
 
 
-def _joined(comments: Sequence[str]) -> list[str]:
-    """The comments as one: the second line of a mark bears the fingerprint."""
-    return [" ".join(text.strip(" \t'") for text in comments)]
-
-
+COMMENT_SIGNS = " \t'"
 LONGEST = 30
 """Characters of a comment that all controllers take."""
 LONGEST_WAIT_S = 600.0
