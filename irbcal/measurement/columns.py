@@ -30,7 +30,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
-from irbcal.names import LONGEST_NAME, fault_of, from_cell
+from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
 from irbcal.options import shown
 from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, LARGEST_PAYLOAD_KG, MM
@@ -832,6 +832,16 @@ def with_input_columns(
         names_used.add(new)
         names[name] = new
     return pd.concat([columns_in.rename(columns=names), computed.reset_index(drop=True)], axis=1)
+
+
+def with_extra_columns(computed: pd.DataFrame, extra: Mapping[str, NameArray]) -> pd.DataFrame:
+    """What was computed, then columns of its rows that were only carried along: texts, names as `with_input_columns`.
+
+    No name begins like a formula: these tables are opened in a spreadsheet.
+    """
+    inputs = pd.DataFrame({cell(name): texts for name, texts in extra.items()}, index=computed.index)
+    both = with_input_columns(inputs, computed, as_written=True)
+    return both[[*computed.columns, *both.columns.drop(computed.columns)]]
 
 
 def _numbers_where_possible(cells: pd.DataFrame) -> pd.DataFrame:

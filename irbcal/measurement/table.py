@@ -51,6 +51,8 @@ GOAL_QUATERNION = tuple(f"goal_{name}" for name in QUATERNION)
 """Columns of the pose that the controller was sent to: angles about the fixed axes x, y, z, or a quaternion."""
 GOALS = (*GOAL_POSITIONS[0], *GOAL_POSITIONS[1], *GOAL_ANGLES[0], *GOAL_ANGLES[1], *GOAL_QUATERNION)
 NUMERIC_EXTRAS = [PAYLOAD, *PAYLOAD_CENTRE, "time_s", "u95_mm", *QUATERNION, *GOALS]
+DECLARED_NAMES = {*REQUIRED, *columns.NAMES, *NUMERIC_EXTRAS, "direction", "simulated", "row", "pose_index"}
+"""Columns that irbcal knows, beside those of joints and torques."""
 REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
 
@@ -127,6 +129,11 @@ class MeasurementSet(ReadOnlyTables, Result):
     def simulated(self) -> bool:
         """Whether the file says so itself: any value but ``no`` in a column ``simulated``."""
         return InputTable(self._rows).simulated
+
+    @property
+    def extra_columns(self) -> list[str]:
+        """Columns that irbcal does not know and only carries along (``operator``, ``program``), as they stand."""
+        return [name for name in self._rows.columns if not (name in DECLARED_NAMES or _of_numbers(name))]
 
     @property
     def poses(self) -> int:

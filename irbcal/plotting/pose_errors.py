@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import OptionError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import line_at_home
@@ -116,6 +116,8 @@ class PoseErrors(Locked):
         What the errors are: ``position error``, or ``distance from feature``.
     arm : ndarray, shape (k, 3), or None
         A line along the arm at home in the base link, metres, see `irbcal.modeling.home.line_at_home`.
+    extra : dict of str to ndarray of str, shape (m,)
+        Columns of the measurements that are only carried along, see `MeasurementSet.extra_columns`.
     """
 
     name: str
@@ -127,6 +129,7 @@ class PoseErrors(Locked):
     place: FloatArray | None
     what: str = field(default=POSITION, kw_only=True)
     arm: FloatArray | None = field(default=None, kw_only=True)
+    extra: Mapping[str, NameArray] = field(default_factory=dict, kw_only=True)
 
     def __repr__(self) -> str:
         return f"<PoseErrors: {len(self.pose_names)} {self.name} poses, {len(self.pose)} points, {dict(self.models)!r}>"

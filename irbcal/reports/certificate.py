@@ -160,11 +160,6 @@ def data_files(evaluation: Evaluation) -> dict[str, bytes]:
     Lengths in mm, angles in degrees; vectors along the axes of the base link.
     """
     e, origin = evaluation.errors, _origin(evaluation)
-    model = e.models["calibrated"]
-    points = evaluation.to_frame()
-    if model.vector is not None:
-        for axis, values in zip("xyz", (model.vector / MM).T, strict=True):
-            points[f"calibrated_d{axis}_mm"] = values.round(6)
     poses = [
         {
             "pose": name,
@@ -177,7 +172,8 @@ def data_files(evaluation: Evaluation) -> dict[str, bytes]:
         }
         for k, name in enumerate(e.pose_names)
     ]
-    rows = [{str(key): value for key, value in row.items()} for row in points.to_dict("records")]
+    points = evaluation.to_frame().to_dict("records")
+    rows = [{str(key): value for key, value in row.items()} for row in points]
     data = json.dumps({"irbcal": __version__, **evaluation.to_dict()}, indent=1, allow_nan=False, ensure_ascii=False)
     return {
         "points.csv": as_csv(rows, evaluation.simulated),

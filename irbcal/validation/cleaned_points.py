@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
@@ -65,6 +66,22 @@ class CleanedPoints(Locked):
             return np.full(self.points.poses, "", dtype=object)
         first = table.groupby("pose_index", sort=True)[column].first().to_numpy(dtype=object)
         return np.array([_text(value) for value in first[self.number]], dtype=object)
+
+    def extra(self) -> dict[str, NameArray]:
+        """What columns that irbcal does not know say of each point, as text of shape (m,).
+
+        It stands in the first row of the point's pose and target; for poses of a tool in the first of the pose.
+        """
+        names, points = self.measurements.extra_columns, self.points
+        if not names:
+            return {}
+        table = shared_table(self.measurements)
+        of_point = {"pose_index": self.number[points.pose], "target": points.names()}
+        if not np.isin(points.target_names, table["target"]).all():
+            del of_point["target"]
+        rows = table.drop_duplicates(list(of_point))[[*of_point, *names]]
+        merged = pd.DataFrame(of_point).merge(rows, how="left", on=list(of_point))
+        return {name: merged[name].fillna("").astype(str).to_numpy(dtype=object) for name in names}
 
     def keep(self, mask: BoolArray) -> CleanedPoints:
         """The points that a mask of shape (m,) keeps, without empty poses."""

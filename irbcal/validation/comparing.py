@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, plain
+from irbcal.arrays import FloatArray, IntArray, NameArray, plain
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
+from irbcal.measurement.columns import with_extra_columns
 from irbcal.measurement.points import distances
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.robot import Robot
@@ -125,6 +126,8 @@ class Compared(Result):
     doubts, notes : tuple of str
         Sentences that begin with a name.
     simulated : bool
+    extra : dict of str to ndarray of str, shape (n,)
+        What columns that irbcal does not know say in the first row of each pose.
     """
 
     names: tuple[str, ...]
@@ -140,6 +143,7 @@ class Compared(Result):
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
     simulated: bool
+    extra: Mapping[str, NameArray] = field(default_factory=dict)
 
     @property
     def ranking(self) -> list[str]:
@@ -196,12 +200,12 @@ class Compared(Result):
         return "\n".join([*lines, r"\end{tabular}", ""])
 
     def to_frame(self) -> pd.DataFrame:
-        """A row a pose: pose, group, and the mean error of its points under each calibration, mm."""
+        """A row a pose: pose, group, mean error of its points under each calibration, mm; columns carried along."""
         import pandas as pd
 
         columns: dict[str, Any] = {"pose": self.poses, "group": self.groups}
         columns |= {f"{name}_mm": self.error_mm[:, k] for k, name in enumerate(self.names)}
-        return pd.DataFrame({**columns, "simulated": int(self.simulated)})
+        return with_extra_columns(pd.DataFrame({**columns, "simulated": int(self.simulated)}), self.extra)
 
     CONTENT = (
         "ranking poses=poses.__len__ points=distance_mm.__len__ counted_out fitted_by verdict trusted "
@@ -335,6 +339,7 @@ def compare(
         _doubts(records, cleaned, robots),
         _notes(names, cleaned),
         measured.simulated or any(record.simulated for record in records.values()),
+        {name: first.labels(name)[used] for name in measured.extra_columns},
     )
 
 

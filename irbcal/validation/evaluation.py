@@ -17,6 +17,7 @@ from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import pieces, table
 from irbcal.measurement.cleaning import Exclusion, left_out
+from irbcal.measurement.columns import with_extra_columns
 from irbcal.measurement.motions import with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
@@ -138,7 +139,11 @@ class Evaluation(Result):
     CONTENT += " notes simulated verdict origin region conformity"
 
     def to_frame(self) -> pd.DataFrame:
-        """A row a point: pose, group, target, nominal_mm, calibrated_mm; degrees where orientations were measured."""
+        """A row a point: pose, group, target, nominal_mm, calibrated_mm; degrees where orientations were measured.
+
+        The calibrated robot's error vector in the base link follows (calibrated_dx_mm …), then as text what columns of
+        the measurements say that irbcal does not know.
+        """
         import pandas as pd
 
         e = self.errors
@@ -151,7 +156,10 @@ class Evaluation(Result):
             columns[f"{name}_mm"] = model.distance / MM
             if model.rotation is not None:
                 columns[f"{name}_deg"] = np.degrees(model.rotation)
-        return pd.DataFrame(columns)
+        vector = e.models["calibrated"].vector
+        if vector is not None:
+            columns |= {f"calibrated_d{axis}_mm": values for axis, values in zip("xyz", vector.T / MM, strict=True)}
+        return with_extra_columns(pd.DataFrame(columns), e.extra)
 
     @property
     def plot(self) -> PoseErrorPlots:
@@ -675,7 +683,7 @@ def _evaluation(
         model=record.model,
         refit_base=refit.base,
         refit_tool=refit.tool,
-        errors=_pose_errors(robots, points, errors_of_some.errors.distance),
+        errors=_pose_errors(robots, some.cleaned, errors_of_some.errors.distance),
         origin=replace(of_some, poses=judged.poses, fitted=judged.fitted, counted_out=judged.counted_out),
         region=covered,
         conformity=kept,
@@ -908,7 +916,8 @@ def _known(values: Statistics | None) -> Statistics:
     return values
 
 
-def _pose_errors(robots: Mapping[str, Robot], points: PointSet, errors: Mapping[str, FloatArray]) -> PoseErrors:
+def _pose_errors(robots: Mapping[str, Robot], cleaned: CleanedPoints, errors: Mapping[str, FloatArray]) -> PoseErrors:
+    points = cleaned.points
     T_base_world = frames.inverse(robots["nominal"].T_world_base)
     count = np.bincount(points.pose, minlength=points.poses)
     models = {
@@ -931,6 +940,7 @@ def _pose_errors(robots: Mapping[str, Robot], points: PointSet, errors: Mapping[
         models,
         frames.apply(T_base_world, points.xyz),
         arm=line_at_home(robots["nominal"].arm),
+        extra=cleaned.extra(),
     )
 
 

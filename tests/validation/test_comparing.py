@@ -25,6 +25,7 @@ FIT = robots.demo_file("demo_identification.csv")
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory):
     table = pd.read_csv(robots.demo_file("demo_verification.csv"))
+    table["operator"] = "of " + table["pose"].astype(str)
     path = tmp_path_factory.mktemp("compare") / "v.csv"
     table[table["pose"].isin(table["pose"].unique()[::10])].to_csv(path, index=False)
     return path
@@ -113,7 +114,8 @@ def test_the_command_and_its_files(three, proof, tmp_path):
     assert done.exit_code == 0, done.output
     assert "SIMULATED data: position errors" in done.stdout
     rows = pd.read_csv(tmp_path / "c.csv")
-    assert list(rows) == ["pose", "group", "m_11&_mm", "m_34&_mm", "m_26&_mm", "simulated"]
+    assert list(rows) == ["pose", "group", "m_11&_mm", "m_34&_mm", "m_26&_mm", "simulated", "operator"]
+    assert (rows["operator"] == "of " + rows["pose"].astype(str)).all()
     text = (tmp_path / "c.tex").read_text()
     assert r"m\_34\& (34)" in text
     assert not re.search(r"(?<!\\)[_%]", text.replace("% SIM", "SIM"))

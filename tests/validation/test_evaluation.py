@@ -155,6 +155,40 @@ def test_the_table_of_points_gives_the_statistics_back(found):
     assert of_target == pytest.approx(found.per_target["smr2"]["calibrated"]["mean_mm"], rel=1e-12)
 
 
+@pytest.mark.parametrize("flat", [True, False])
+def test_columns_that_are_carried_along_stand_beside_the_errors(
+    program, demo_calibration, verification, flat, tmp_path
+):
+    """Each point has the texts of its row: also where rows of a pose differ, some were lost, and names are taken."""
+    rows = pd.read_csv(verification, dtype=str)
+    rows["operator"] = ["007" if k % 3 else "" for k in range(len(rows))]
+    rows.loc[rows["pose"] == rows["pose"].iloc[0], "x_mm"] = ""  # the first pose is lost
+    rows["nominal_mm"], rows["=note"] = rows["target"] + " of " + rows["pose"], "n" + rows.index.astype(str)
+    if not flat:
+        rows = rows[["operator", *rows.columns.drop("operator")]].sample(frac=1, random_state=2).sort_values("pose")
+    rows.to_csv(tmp_path / "v.csv", index=False)
+    page = ["--report", tmp_path / "c.html", "--data", tmp_path]
+    program("evaluate", demo_calibration, tmp_path / "v.csv", *page)
+    points = pd.read_csv(tmp_path / "points.csv", dtype=str, keep_default_na=False)
+    new = ["given_nominal_mm", "'=note", "simulated"]
+    assert sorted(points.columns[-4:]) == sorted([*new, "operator"])
+    assert list(points.columns[:5]) == ["pose", "group", "target", "nominal_mm", "calibrated_mm"]
+    joined = points.merge(rows.fillna(""), on=["pose", "group", "target"], suffixes=("", "_file"))
+    assert len(joined) == len(points) > 100
+    assert (joined["operator"] == joined["operator_file"]).all()
+    assert (joined["'=note"] == joined["=note"]).all()
+    assert (joined["given_nominal_mm"] == joined["nominal_mm_file"]).all()
+
+
+def test_poses_of_a_tool_have_the_texts_of_their_first_rows(verification):
+    fit = pd.read_csv(robots.demo_file("demo_identification.csv"))
+    calibration = irbcal.calibrate(fit, "irb1600", "nominal", holdout=0, as_poses=True)
+    rows = pd.read_csv(verification).assign(note=lambda table: table["target"] + " of " + table["pose"].astype(str))
+    points = irbcal.evaluate(calibration, rows, refit_base=True, refit_tool=True, refit_from=10).to_frame()
+    assert set(points["target"]) == {"tool"}
+    assert (points["note"] == "smr1 of " + points["pose"]).all()
+
+
 def test_everything_asked_for_is_told(found):
     text = found.summary()
     for words in ("SIMULATED", "Bootstrap intervals", "errors of the flange", "virtual frame", "Left out"):

@@ -37,7 +37,7 @@ def whole(demo_calibration, verification):
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_pieces_give_what_the_whole_gives(ending, cut, whole, demo_calibration, verification, tmp_path):
     path = tmp_path / f"long.{ending}"
-    frame = pd.read_csv(verification)
+    frame = pd.read_csv(verification).assign(operator=lambda table: "of " + table["pose"].astype(str))
     if ending == "csv":
         frame.to_csv(path, index=False)
     else:
@@ -68,6 +68,8 @@ def test_pieces_give_what_the_whole_gives(ending, cut, whole, demo_calibration, 
     assert found.origin.files[0].sha256 == file.sha256
     low, high = found.intervals["calibrated"]["mean_mm"]
     assert low < found.calibrated["mean_mm"] < high
+    points = found.to_frame()
+    assert (points["operator"] == "of " + points["pose"]).all()
 
 
 @pytest.mark.parametrize("quoting", [csv.QUOTE_MINIMAL, csv.QUOTE_ALL])
