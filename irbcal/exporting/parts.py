@@ -224,7 +224,7 @@ class Vectors(Locked):
         return len(self.q)
 
 
-def vectors_of(robot: Robot, parts: Parts, n: int = TESTS, seed: int = 1) -> Vectors:
+def vectors_of(robot: Robot, parts: Parts) -> Vectors:
     """Test vectors by irbcal's own kinematics at random joints: with and without the stop before, with several loads.
 
     Parameters
@@ -232,19 +232,16 @@ def vectors_of(robot: Robot, parts: Parts, n: int = TESTS, seed: int = 1) -> Vec
     robot : Robot
     parts : Parts
         Of this robot.
-    n : int
-    seed : int
     """
-    rng = np.random.default_rng(seed)
-    q, previous = robot.arm.random_joints(n, seed), robot.arm.random_joints(n, seed + 1)
+    rng, several = np.random.default_rng(1), bool(parts.compliance.any())
+    payload_at = np.tile(parts.payload_place, (TESTS, 1))
+    if several:
+        payload_at = payload_at + 0.1 * rng.uniform(-1, 1, payload_at.shape)
+    generator = rng if parts.torque.any() else None
+    q, previous, load, felt = robot.arm.random_stops(TESTS, parts.payload_kg, several, generator)
+    torques = np.zeros(q.shape) if felt is None else felt
     previous[::4] = np.nan
     previous[1::4] = q[1::4] - 0.01 * previous[1::4]  # short moves
-    load, payload_at = np.full(n, parts.payload_kg), np.tile(parts.payload_place, (n, 1))
-    torques = np.zeros(q.shape)
-    if parts.compliance.any():
-        load, payload_at = load + np.arange(n) % 5, payload_at + 0.1 * rng.uniform(-1, 1, (n, 3))
-    if parts.torque.any():
-        torques = rng.normal(0.0, 50.0, q.shape)
     situation = (previous, load, payload_at, torques)
     effective = np.array(robot.joint_map.effective(q, *situation), dtype=float)
     tip = robot.replace(frame_terms=None).forward(q, *situation)[:, :3]

@@ -150,13 +150,13 @@ class FamilyShown(Section):
 
     def in_words(self) -> str:
         """Name and size: ``gravity (0.213 mm)``."""
-        return f"{_word(self.family)} ({self.moves_mm:.3f} mm)"
+        return f"{_family_in_words(self.family)} ({self.moves_mm:.3f} mm)"
 
 
 def sentence(families: Sequence[FamilyShown]) -> str:
     """What the data show and what not, in words."""
     there = sorted((row for row in families if row.shown), key=lambda row: -row.moves_mm)
-    rest = [_word(row.family) for row in families if not row.shown]
+    rest = [_family_in_words(row.family) for row in families if not row.shown]
     said = "Beside errors of the geometry the data show nothing."
     if there:
         said = (
@@ -166,7 +166,7 @@ def sentence(families: Sequence[FamilyShown]) -> str:
     return said + (f" Not shown: {', '.join(rest)}." if rest else "")
 
 
-def _word(family: str) -> str:
+def _family_in_words(family: str) -> str:
     return "the thesis's joint map" if family == "thesis" else family.replace("_", "-")
 
 

@@ -121,7 +121,7 @@ class TermSet:
 
     def longer(self, indices: Sequence[int], names: Sequence[str], highest: int) -> TermSet:
         """With harmonics of the superset up to a higher order at its end, each with the name of its group."""
-        name = self.name.replace(_word("harmonics", self.highest), _word("harmonics", highest))
+        name = self.name.replace(_name_with_order("harmonics", self.highest), _name_with_order("harmonics", highest))
         return replace(self.extended(indices, names), name=name, highest=highest)
 
     def extended(self, indices: Sequence[int], names: Sequence[str]) -> TermSet:
@@ -211,7 +211,7 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
         groups.append(band_group(term, highest) if term.family == "harmonics" and highest > LOW else term.group)
     present = {terms[k].family for k in indices}
     distinct = tuple(dict.fromkeys(groups))
-    texts = ["geometry", *(_word(n, highest) for n in names if n in present)]
+    texts = ["geometry", *(_name_with_order(n, highest) for n in names if n in present)]
     numbers = np.array([distinct.index(name) for name in groups], dtype=int)
     return TermSet(", ".join(texts), np.array(indices, dtype=int), distinct, numbers, highest > LOW, highest)
 
@@ -263,7 +263,7 @@ def with_tau(term_set: TermSet, terms: Sequence[Term], tau: float) -> TermSet:
     return replace(term_set, terms=indices)
 
 
-def _word(family: str, highest: int) -> str:
+def _name_with_order(family: str, highest: int) -> str:
     if family == "harmonics":
         return f"harmonics to {highest}"
     return family.replace("_", "-")

@@ -347,14 +347,11 @@ class JointMapSection(Section):
     @staticmethod
     def of(joint_map: JointMap, arm: Arm) -> JointMapSection:
         """The section of a joint map, with test vectors at random joints of the arm."""
-        q, q_before = (arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
-        usual = joint_map.payload_kg or 0.0
-        load = np.full(TEST_VECTORS, usual)
-        if joint_map.knows_loads:
-            load = usual + np.arange(TEST_VECTORS)  # the usual one, and others
-        torques = None
-        if any(term.basis == "torque" for term in joint_map.terms.terms):
-            torques = np.random.default_rng(3).normal(0.0, 50.0, q.shape)
+        felt = any(term.basis == "torque" for term in joint_map.terms.terms)
+        generator = np.random.default_rng(3) if felt else None
+        q, q_before, load, torques = arm.random_stops(
+            TEST_VECTORS, joint_map.payload_kg or 0.0, joint_map.knows_loads, generator
+        )
         motion = Motion(q, q - q_before, payload_kg=load, torques=torques)
         return JointMapSection(**joint_map.terms.to_json(joint_map.ranges, motion), payload_kg=joint_map.payload_kg)
 
@@ -405,7 +402,7 @@ class FrameTermsSection(Section):
         """The section of a robot; None for one without frame terms."""
         if robot.frame_terms is None:
             return None
-        q, q_before = (robot.arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
+        q, q_before, *_ = robot.arm.random_stops(TEST_VECTORS)
         ranges = getattr(robot.joint_map, "ranges", None)
         low, high = (robot.arm.lower, robot.arm.upper) if ranges is None else ranges
         inside = np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
