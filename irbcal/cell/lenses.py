@@ -214,7 +214,8 @@ def lens(
             board_of[label] = _name_of(board, list(seen.values())), board.board
     if not shown:
         raise no_board(name_of)
-    lenses = tuple(calibrated(cv2, camera, sizes[camera], shown[camera], str(folder)) for camera in shown)
+    fit = {board.camera: board.row.get(imaging.FIT, "") for board in seen.values()}
+    lenses = tuple(calibrated(cv2, camera, sizes[camera], shown[camera], str(folder), fit[camera]) for camera in shown)
     lenses, rig, notes = rigs(lenses, shown, board_of, str(folder))
     result = LensCalibration(lenses, with_numbers(rows, lenses), tuple(missed), rig, notes)
     if out is not None:

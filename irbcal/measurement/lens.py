@@ -26,8 +26,14 @@ PARTS = 5
 """Pictures are left out in as many parts at most."""
 DISTORTIONS = ("", "k1", "k1 k2", "k1 k2 p1 p2", "k1 k2 p1 p2 k3")
 """Numbers of distortion that are tried, from the fewest on."""
-BETTER = 0.98
-"""What more numbers must leave of the error in pictures that were left out, to be taken."""
+WORSE = 0.02
+"""By how much more numbers may make the error larger in pictures that were left out, and are taken all the same.
+
+What is not fitted goes into other numbers, whose intervals then do not hold: p1 and p2 into the centre.
+"""
+BETTER = 0.02
+"""By how much `FARTHEST` must make it smaller: beyond the corners that were seen it goes anywhere."""
+FARTHEST = "k3"
 
 Corners: TypeAlias = "tuple[FloatArray, FloatArray]"
 """Of a picture: places on the board (n, 2), metres, and in the picture (n, 2), pixels."""
@@ -114,7 +120,10 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
             of = of_board & (pose == picture)
             shown.setdefault(camera, {})[f"{picture} {row['feature']}"] = board.corners[number[of]], uv[of]
     cv2, source = opencv(), unknown[0]["source"]
-    lenses = tuple(calibrated(cv2, camera, sizes[camera], shown.get(camera, {}), source) for camera in sizes)
+    fit = {imaging.camera_and_board(row)[0]: row.get(imaging.FIT, "") for row in unknown}
+    lenses = tuple(
+        calibrated(cv2, camera, sizes[camera], shown.get(camera, {}), source, fit[camera]) for camera in sizes
+    )
     fitted = {lens.camera: " ".join(np.array(imaging.FITTED)[lens.u95 > 0.0]) for lens in lenses}
     for row in unknown:
         row[imaging.FIT] = row.get(imaging.FIT) or fitted[imaging.camera_and_board(row)[0]]
@@ -148,8 +157,12 @@ def with_numbers(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataF
     return pd.DataFrame(out).fillna("")
 
 
-def calibrated(cv2: Any, camera: str, size: tuple[int, int], shown: Mapping[str, Corners], source: str) -> Lens:
+def calibrated(
+    cv2: Any, camera: str, size: tuple[int, int], shown: Mapping[str, Corners], source: str, fit: str = ""
+) -> Lens:
     """A camera's lens from corners by their pictures, with each part of the pictures left out in turn.
+
+    Where numbers to ``fit`` are named, no other number of distortion is tried.
 
     Raises
     ------
@@ -165,18 +178,22 @@ def calibrated(cv2: Any, camera: str, size: tuple[int, int], shown: Mapping[str,
         )
     count = np.array([len(uv) for _, uv in views], dtype=float)
     part = np.arange(len(views)) % PARTS
-    best: tuple[str, FloatArray] | None = None
+    left_out: dict[str, FloatArray] = {}
     for distortion in DISTORTIONS:
-        heldout = np.zeros(len(views))
+        if fit and not set(distortion.split()) <= set(fit.split()):
+            continue
+        heldout = left_out[distortion] = np.zeros(len(views))
         for k in np.unique(part):
             numbers, _, _ = _fit(cv2, [views[i] for i in np.flatnonzero(part != k)], size, distortion, source)
             for i in np.flatnonzero(part == k):
                 heldout[i] = _missed(cv2, numbers, *views[i])
-        if best is None or _rms(heldout, count) < BETTER * _rms(best[1], count):
-            best = distortion, heldout
-    assert best is not None
-    numbers, u95, pixels = _fit(cv2, views, size, best[0], source)
-    return Lens(camera, size, numbers, u95, np.array(names, dtype=object), count, pixels, best[1])
+    error, best = {distortion: _rms(pixels, count) for distortion, pixels in left_out.items()}, ""
+    for distortion in error:
+        allowed = 1.0 - BETTER if FARTHEST in distortion else 1.0 + WORSE
+        least = min((error[other] for other in error if other != distortion), default=np.inf)
+        best = distortion if error[distortion] <= allowed * least else best
+    numbers, u95, pixels = _fit(cv2, views, size, best, source)
+    return Lens(camera, size, numbers, u95, np.array(names, dtype=object), count, pixels, left_out[best])
 
 
 def _rms(pixels: FloatArray, count: FloatArray) -> float:

@@ -44,7 +44,11 @@ def write(cameras: Cameras, rig: Rig) -> str:
     content: dict[str, Any] = {}
     for k, (name, (lens, size)) in enumerate(cameras.items()):
         if lens[8] != 0.0:
-            raise OptionError(f"as_: the lens of {name} has k3, which Kalibr's radtan lacks", parameter="as_")
+            raise OptionError(
+                f"as_: the lens of {name} has k3, which Kalibr's radtan lacks: name the others as fit in the features "
+                "(fx fy cx cy k1 k2 p1 p2)",
+                parameter="as_",
+            )
         content[f"cam{k}"] = {
             "camera_model": "pinhole",
             "intrinsics": [float(value) for value in lens[:4]],
