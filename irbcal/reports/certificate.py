@@ -172,7 +172,7 @@ def data_files(evaluation: Evaluation) -> dict[str, bytes]:
         }
         for k, name in enumerate(e.pose_names)
     ]
-    points = evaluation.to_frame().to_dict("records")
+    points = evaluation.to_frame().round({f"calibrated_d{axis}_mm": 6 for axis in "xyz"}).to_dict("records")
     rows = [{str(key): value for key, value in row.items()} for row in points]
     data = json.dumps({"irbcal": __version__, **evaluation.to_dict()}, indent=1, allow_nan=False, ensure_ascii=False)
     return {
