@@ -132,16 +132,12 @@ class LensCalibration(Result):
             told.append(Table(f"Lens of {lens.camera}", ("number", "value", "± 95 %"), rows))
         if self.rig:
             told.append(frames_table("Cameras of a rig, adjusted together; angles in degrees", self.rig))
-        missed = ", ".join(self.missed[:10]) + (f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else "")
-        return [
-            *told,
-            *(
-                [f"Note: left out, with fewer than {imaging.FEWEST} corners or all but one on one line: {missed}"]
-                if missed
-                else []
-            ),
-            *(f"Note: {note}" for note in self.notes),
-        ]
+        notes = list(self.notes)
+        if self.missed:
+            more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
+            names = ", ".join(self.missed[:10]) + more
+            notes.insert(0, f"left out, with fewer than {imaging.FEWEST} corners or all but one on one line: {names}")
+        return [*told, *(f"Note: {note}" for note in notes)]
 
 
 def lens(

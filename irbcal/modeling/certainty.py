@@ -224,11 +224,15 @@ class Certainty(Locked):
         J = self.jacobian(path, p, motion, has_move, target)
         CJ = (self.covariance @ J.reshape(len(J), -1)).reshape(J.shape)
         spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
-        history = np.flatnonzero([t.basis in HISTORY for t in self.terms])
-        if len(history) and not has_move.all():
-            H = J[len(J) - len(self.terms) + history][..., ~has_move] * self.coefficients[history, None, None]
+        if not has_move.all():
+            H = self.from_unknown_sides(J[..., ~has_move])
             spread[~has_move] += np.einsum("kin,kjn->nij", H, H)
         return spread
+
+    def from_unknown_sides(self, J: FloatArray) -> FloatArray:
+        """What joints from an unknown side move points by, shape (terms of the last move, 3, n), of `jacobian`'s."""
+        history = np.flatnonzero([t.basis in HISTORY for t in self.terms])
+        return np.asarray(J[len(J) - len(self.terms) + history] * self.coefficients[history, None, None])
 
     def jacobian(
         self, path: chain.Walk, p: FloatArray, motion: Motion, has_move: BoolArray, target: str | None
@@ -307,9 +311,7 @@ class Certainty(Locked):
         load: Mapping[str, FloatArray | None] | None = None,
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Positions (n, 3), their covariance (n, 3, 3) and which poses are outside; parameters as `predict`."""
-        motion, has_move = _motion(q, previous)
-        loaded: dict[str, Any] = dict(load or {})
-        motion = replace(motion, **loaded)
+        motion, has_move = _motion(q, previous, load)
         T = np.eye(4) if target is None else T_world_base
         R = T[:3, :3]
         position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
@@ -333,13 +335,9 @@ class Certainty(Locked):
     ) -> tuple[FloatArray, FloatArray]:
         """Lengths of the ways from each place to the next, and half-widths, shape (n - 1,); parameters as `predict`."""
         loo = self.determined_left_out(target)
-        motion, has_move = _motion(q, previous)
-        loaded: dict[str, Any] = dict(load)
-        motion = replace(motion, **loaded)
+        motion, has_move = _motion(q, previous, load)
         count = max(len(motion) - 1, 0)
         length, variance = np.zeros(count), np.zeros(count)
-        history = len(self.covariance) - len(self.terms) + np.flatnonzero([t.basis in HISTORY for t in self.terms])
-        sizes = self.coefficients[history - len(self.covariance)]
         for start in range(0, count, BLOCK):
             rows = slice(start, start + BLOCK + 1)
             block, known = motion.select(rows), has_move[rows]
@@ -350,17 +348,20 @@ class Certainty(Locked):
             u = way / np.where(each > 0.0, each, 1.0)
             g = np.einsum("ckm,km->cm", np.diff(J, axis=2), u)
             spread = np.einsum("cm,cm->m", g, self.covariance @ g)
-            for end in (slice(None, -1), slice(1, None)):  # turns of joints that came from an unknown side
-                side = np.einsum("hkm,km,h->hm", J[history][..., end], u, sizes)
-                spread += np.sum(side**2, axis=0) * ~known[end]
+            sides = self.from_unknown_sides(J)
+            for end in (slice(None, -1), slice(1, None)):
+                spread += np.sum(np.einsum("hkm,km->hm", sides[..., end], u) ** 2, axis=0) * ~known[end]
             length[start : start + BLOCK], variance[start : start + BLOCK] = each, spread
         return length, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + 2.0 * loo**2 / 3.0)
 
 
-def _motion(q: ArrayLike, previous: ArrayLike | None) -> tuple[Motion, BoolArray]:
-    """The motion, moves that are not known zero, and where they are known, shape (n,)."""
+def _motion(
+    q: ArrayLike, previous: ArrayLike | None, load: Mapping[str, FloatArray | None] | None = None
+) -> tuple[Motion, BoolArray]:
+    """The motion with its load, moves that are not known zero, and where they are known, shape (n,)."""
     q = np.atleast_2d(np.asarray(q, dtype=float))
     has_move = np.zeros(len(q), dtype=bool)
     if previous is not None:
         has_move[:] = np.isfinite(q - np.asarray(previous, dtype=float)).all(axis=1)
-    return Motion.after(q, previous), has_move
+    loaded: dict[str, Any] = dict(load or {})
+    return replace(Motion.after(q, previous), **loaded), has_move
