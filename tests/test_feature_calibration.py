@@ -1,3 +1,5 @@
+import re
+
 import feature_cases as cases
 import numpy as np
 import pandas as pd
@@ -57,6 +59,9 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     truth = cases.true_arm(cases.arm(), 7)
     assert cases.apart(truth, robot.arm, q, robot.targets["ball"]).mean() < 1e-3
     page = (tmp_path / "robot" / "report.html").read_text()
+    (worst,) = re.findall(r'<section id="poses">.*?</table>', page, re.DOTALL)
+    assert len(re.findall('<th scope="col"', worst)) == 4  # no columns of what rows at features do not have
+    assert "–" not in worst
     assert 'id="features"' in page
     assert "Distance from features, " in page
     assert "Position error, " not in page

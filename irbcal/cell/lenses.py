@@ -182,6 +182,7 @@ def lens(
     seen = boards_of(rows, name_of)
     folder = Path(images)
     of_bag = rosbag.pictures_over_time(folder, rows) if rosbag.is_bag(folder) else None
+    fit = {board.camera: imaging.numbers_to_fit(board.row) for board in seen.values()}
     shown: dict[str, dict[str, Corners]] = {}
     sizes: dict[str, tuple[int, int]] = {}
     missed: list[str] = []
@@ -210,7 +211,6 @@ def lens(
             board_of[label] = _name_of(board, list(seen.values())), board.board
     if not shown:
         raise no_board(name_of)
-    fit = {board.camera: board.row.get(imaging.FIT, "") for board in seen.values()}
     lenses = tuple(calibrated(cv2, camera, sizes[camera], shown[camera], str(folder), fit[camera]) for camera in shown)
     lenses, rig, notes = rigs(lenses, shown, board_of, str(folder))
     result = LensCalibration(lenses, with_numbers(rows, lenses), tuple(missed), rig, notes)

@@ -184,17 +184,33 @@ def imaging_of(row: Mapping[str, str]) -> Imaging:
     missing = [name for name in SIZE if name not in value]
     if len(missing) == 1:
         raise refuse(f"expected {', '.join(SIZE)}, all or none", missing[0])
-    fit = tuple(row.get(FIT, "").split())
-    strange = [name for name in fit if name not in FITTED]
-    if strange:
-        raise refuse(f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted", FIT)
     return Imaging(
         np.array([value.get(name, 0.0) for name in LENS]),
-        tuple(name for name in FITTED if name in fit),
+        numbers_to_fit(row),
         board_of(row),
         (value["width_px"], value["height_px"]) if "width_px" in value else None,
         value.get("u95_px", PIXEL_U95),
     )
+
+
+def numbers_to_fit(row: Mapping[str, str]) -> tuple[str, ...]:
+    """Numbers of the lens that a row of the features' file says to fit, in the order of `FITTED`.
+
+    Raises
+    ------
+    MeasurementError
+        If it names others.
+    """
+    names = row.get(FIT, "").split()
+    strange = [name for name in names if name not in FITTED]
+    if strange:
+        raise MeasurementError(
+            f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted",
+            file=row["source"],
+            row=int(row["row"]),
+            column=FIT,
+        )
+    return tuple(name for name in FITTED if name in names)
 
 
 def board_of(row: Mapping[str, str]) -> Board | None:

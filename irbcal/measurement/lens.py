@@ -120,7 +120,7 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
             of = of_board & (pose == picture)
             shown.setdefault(camera, {})[f"{picture} {row['feature']}"] = board.corners[number[of]], uv[of]
     cv2, source = opencv(), unknown[0]["source"]
-    fit = {imaging.camera_and_board(row)[0]: row.get(imaging.FIT, "") for row in unknown}
+    fit = {imaging.camera_and_board(row)[0]: imaging.numbers_to_fit(row) for row in unknown}
     lenses = tuple(
         calibrated(cv2, camera, sizes[camera], shown.get(camera, {}), source, fit[camera]) for camera in sizes
     )
@@ -158,7 +158,7 @@ def with_numbers(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataF
 
 
 def calibrated(
-    cv2: Any, camera: str, size: tuple[int, int], shown: Mapping[str, Corners], source: str, fit: str = ""
+    cv2: Any, camera: str, size: tuple[int, int], shown: Mapping[str, Corners], source: str, fit: Sequence[str] = ()
 ) -> Lens:
     """A camera's lens from corners by their pictures, with each part of the pictures left out in turn.
 
@@ -180,7 +180,7 @@ def calibrated(
     part = np.arange(len(views)) % PARTS
     left_out: dict[str, FloatArray] = {}
     for distortion in DISTORTIONS:
-        if fit and not set(distortion.split()) <= set(fit.split()):
+        if fit and not set(distortion.split()) <= set(fit):
             continue
         heldout = left_out[distortion] = np.zeros(len(views))
         for k in np.unique(part):

@@ -70,7 +70,7 @@ def test_a_lens_without_distortion_has_zero_in_its_intervals_and_none_where_none
     lens = calibrated(cv2, "camera", SIZE, seen, "pictures")
     assert (np.abs(lens.numbers[4:]) <= 1.5 * lens.u95[4:]).all()
     assert lens.numbers[8] == 0.0
-    plain = calibrated(cv2, "camera", SIZE, seen, "pictures", "fx fy cx cy")
+    plain = calibrated(cv2, "camera", SIZE, seen, "pictures", ("fx", "fy", "cx", "cy"))
     assert (plain.numbers[4:] == 0).all()
     assert (plain.u95[4:] == 0).all()
 
@@ -155,3 +155,8 @@ def test_other_files_are_refused(tmp_path, text, words):
 def test_an_unknown_format_is_refused_before_the_work(tmp_path):
     with pytest.raises(OptionError, match="expected one of features, ros, opencv, kalibr"):
         irbcal.lens(tmp_path, pd.DataFrame([KNOWN | cases.camera()]), as_="halcon")
+
+
+def test_a_number_to_fit_that_no_lens_has_is_refused_before_the_work(tmp_path):
+    with pytest.raises(MeasurementError, match="cannot fit 'k4': of a camera fx, fy, cx, cy, k1"):
+        irbcal.lens(tmp_path, pd.DataFrame([KNOWN | {"square_mm": 30, "fit": "fx k4"}]))
