@@ -52,21 +52,14 @@ MOST_LOSSES = 2
 
 @dataclass(frozen=True)
 class Workers:
-    """How many workers there are, and where.
-
-    Attributes
-    ----------
-    jobs : int
-        On this machine.
-    asked : bool
-        Whether the number was asked for: then also for small work.
-    address : str or None
-        ``HOST:PORT`` of a Dask scheduler.
-    """
+    """How many workers there are, and where."""
 
     jobs: int
+    """On this machine."""
     asked: bool = False
+    """Whether the number was asked for: then also for small work."""
     address: str | None = None
+    """``HOST:PORT`` of a Dask scheduler."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -319,23 +312,15 @@ def _give_up(task: T, lost: Callable[[T], R] | None) -> R:
 
 @dataclass(frozen=True, eq=False)
 class _Parcel:
-    """What all tasks of a call have in common.
-
-    Attributes
-    ----------
-    function : callable
-    blob : ndarray of uint8
-        What they share, pickled: joblib sends large arrays once.
-    name : str
-        Of the blob.
-    parent : int
-        Process that a worker ends with; 0 for a cluster's.
-    """
+    """What all tasks of a call have in common."""
 
     function: Callable[[Any, Any], Any]
     blob: NDArray[np.uint8]
+    """What they share, pickled: joblib sends large arrays once."""
     name: str
+    """Of the blob."""
     parent: int
+    """Process that a worker ends with; 0 for a cluster's."""
 
 
 def _round(

@@ -260,132 +260,84 @@ class Options:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Inputs(Locked):
-    """What is read.
-
-    Attributes
-    ----------
-    options : Options
-        As given; what is left open is as in the earlier calibration, where there is one.
-    urdf : UrdfArm
-        The nominal robot.
-    robot_file : Path
-    nominal_source : (str, str)
-        Name and SHA-256 of the nominal URDF.
-    measurements : MeasurementSet
-    verification : MeasurementSet or None
-        Where the held-out poses come from a file of their own.
-    earlier : Earlier or None
-        The calibration that is added to.
-    known_targets : dict of str to ndarray, or None
-        Metres, in the tip link.
-    prior : TypePrior or None
-    feature_rows : FeatureSet or None
-        Where features were touched: the points then have no measured positions.
-    notes : tuple of str
-        What the user should know; each step adds to it.
-    """
+    """What is read."""
 
     options: Options
+    """As given; what is left open is as in the earlier calibration, where there is one."""
     urdf: UrdfArm
+    """The nominal robot."""
     robot_file: Path
     nominal_source: tuple[str, str]
+    """Name and SHA-256 of the nominal URDF."""
     measurements: MeasurementSet
     verification: MeasurementSet | None = None
+    """Where the held-out poses come from a file of their own."""
     earlier: Earlier | None = None
+    """The calibration that is added to."""
     known_targets: Mapping[str, FloatArray] | None = None
+    """Metres, in the tip link."""
     prior: TypePrior | None = None
     feature_rows: FeatureSet | None = None
+    """Where features were touched: the points then have no measured positions."""
     notes: tuple[str, ...] = ()
+    """What the user should know; each step adds to it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CleanInputs(Inputs):
-    """Cleaned points of all sessions, each in its own measuring frame.
-
-    Attributes
-    ----------
-    points : PointSet
-    motion : Motion
-        Of the points' poses.
-    proof : (PointSet, Motion) or None
-        Those of ``verification``.
-    excluded : tuple of Exclusion
-    references : dict of str to ndarray
-        Positions of the reference points of the last session, metres; empty without references.
-    tool_shape : dict of str to ndarray
-        Positions of the reflectors on the tool where they were turned into poses, metres; else empty.
-    poses_measured : int
-        Before cleaning, those of the earlier calibration included.
-    usual_kg : float or None
-        The payload of most poses.
-    """
+    """Cleaned points of all sessions, each in its own measuring frame."""
 
     points: PointSet
     motion: Motion
+    """Of the points' poses."""
     proof: tuple[PointSet, Motion] | None = None
+    """Those of ``verification``."""
     excluded: tuple[Exclusion, ...] = ()
     references: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Positions of the reference points of the last session, metres; empty without references."""
     tool_shape: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Positions of the reflectors on the tool where they were turned into poses, metres; else empty."""
     poses_measured: int = 0
+    """Before cleaning, those of the earlier calibration included."""
     usual_kg: float | None = None
+    """The payload of most poses."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SplitInputs(CleanInputs):
-    """Points to fit, and points to prove with, which may be none.
-
-    Attributes
-    ----------
-    fit_points, heldout_points : PointSet
-    fit_motion, heldout_motion : Motion
-        Of their poses; ``elapsed`` is the number of each pose in its session.
-    whole : tuple of PointSet
-        Each file's in the order of measuring.
-    """
+    """Points to fit, and points to prove with, which may be none."""
 
     fit_points: PointSet
     heldout_points: PointSet
     fit_motion: Motion
     heldout_motion: Motion
+    """Of their poses; ``elapsed`` is the number of each pose in its session."""
     whole: tuple[PointSet, ...] = ()
+    """Each file's in the order of measuring."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fitted(SplitInputs):
-    """The identified robot. From here on all points are in the measuring frame of the last session.
-
-    Attributes
-    ----------
-    fit : Fit or EvidenceFit
-        The level asked for, or model ``auto``.
-    nominal_robot : Robot
-        The nominal robot with base and tool from the same points.
-    nominal_fit : Fit or None
-        Base and tool alone; None where these come from no fit of points.
-    choice : LevelChoice or None
-        The comparison of levels, where the level was chosen by it.
-    sessions : tuple of str
-        Names of all sessions, the last one last; empty where there is one only.
-    """
+    """The identified robot. From here on all points are in the measuring frame of the last session."""
 
     fit: Fit | EvidenceFit
+    """The level asked for, or model ``auto``."""
     nominal_robot: Robot
+    """The nominal robot with base and tool from the same points."""
     nominal_fit: Fit | None = None
+    """Base and tool alone; None where these come from no fit of points."""
     choice: LevelChoice | None = None
+    """The comparison of levels, where the level was chosen by it."""
     sessions: tuple[str, ...] = ()
+    """Names of all sessions, the last one last; empty where there is one only."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Doubted(Fitted):
-    """What speaks against the result, whatever its errors say.
-
-    Attributes
-    ----------
-    doubts : tuple of str
-        These stand among the notes, too.
-    """
+    """What speaks against the result, whatever its errors say."""
 
     doubts: tuple[str, ...] = ()
+    """These stand among the notes, too."""
 
 
 class PointErrors(NamedTuple):
@@ -399,17 +351,11 @@ class PointErrors(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Proven(Doubted):
-    """Everything that comes out of a calibration, ready to be recorded.
-
-    Attributes
-    ----------
-    errors : PointErrors
-    features : FeaturesSection or None
-        Where features were touched.
-    """
+    """Everything that comes out of a calibration, ready to be recorded."""
 
     errors: PointErrors
     features: FeaturesSection | None = None
+    """Where features were touched."""
 
     def __repr__(self) -> str:
         poses = f"{self.fit_points.poses} fitted and {self.heldout_points.poses} held-out poses"

@@ -51,28 +51,17 @@ SAME_ROBOT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class SessionPoints:
-    """Cleaned points of one session, or of several, each in its own measuring frame.
-
-    Attributes
-    ----------
-    points : PointSet
-    motion : Motion
-        Of the points' poses.
-    references : dict of str to ndarray
-        Positions of the reference points of the last session, metres.
-    tool_shape : dict of str to ndarray
-        Of the last session, where reflectors were turned into poses, metres.
-    target_names : tuple of str
-        All targets measured in the last session.
-    excluded : tuple of Exclusion
-    notes : tuple of str
-    """
+    """Cleaned points of one session, or of several, each in its own measuring frame."""
 
     points: PointSet
     motion: Motion
+    """Of the points' poses."""
     references: Mapping[str, FloatArray]
+    """Positions of the reference points of the last session, metres."""
     tool_shape: Mapping[str, FloatArray]
+    """Of the last session, where reflectors were turned into poses, metres."""
     target_names: tuple[str, ...]
+    """All targets measured in the last session."""
     excluded: tuple[Exclusion, ...] = field(default=())
     notes: tuple[str, ...] = ()
 
@@ -275,20 +264,13 @@ def joined_motions(motions: Sequence[Motion]) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class Earlier(Locked):
-    """What an earlier calibration gives to a new one.
-
-    Attributes
-    ----------
-    record : Record
-    sessions : tuple of (name, PointSet, Motion)
-        All its points, fitted and held out, by session, with the targets' plain names.
-    folder : Path or None
-        Where it lies.
-    """
+    """What an earlier calibration gives to a new one."""
 
     record: Record
     sessions: tuple[tuple[str, PointSet, Motion], ...]
+    """Name, points and motion. All its points, fitted and held out, by session, with the targets' plain names."""
     folder: Path | None = None
+    """Where it lies."""
 
     @property
     def poses(self) -> int:

@@ -50,25 +50,16 @@ LONGEST_REPR = 1_500
 
 @dataclass(frozen=True)
 class Table:
-    """A table for people.
-
-    Attributes
-    ----------
-    title : str
-    columns : tuple of str
-        Headings; the first columns up to the first number stand on the left, the others on the right.
-    rows : tuple of tuple
-        Text as it is; numbers with ``digits`` decimals; None and NaN as a dash.
-    digits : int
-    bold : frozenset of int
-        Rows that are headlines.
-    """
+    """A table for people."""
 
     title: str
     columns: tuple[str, ...]
+    """Headings; the first columns up to the first number stand on the left, the others on the right."""
     rows: tuple[tuple[Cell, ...], ...]
+    """Text as it is; numbers with ``digits`` decimals; None and NaN as a dash."""
     digits: int = 3
     bold: frozenset[int] = frozenset()
+    """Rows that are headlines."""
 
     @classmethod
     def of(cls, title: str, frame: pd.DataFrame, columns: Sequence[str] | None = None, digits: int = 3) -> Table:

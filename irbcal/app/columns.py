@@ -41,52 +41,33 @@ CHILD = (
 
 @dataclass(frozen=True)
 class TableColumns:
-    """The columns of a table.
-
-    Attributes
-    ----------
-    source : str
-    keys : tuple of str or int
-        The columns as a map names them.
-    samples : tuple of str
-        The first cells of each.
-    words : tuple of str
-        What each means, one of `choices`.
-    """
+    """The columns of a table."""
 
     source: str
     keys: tuple[str | int, ...]
+    """The columns as a map names them."""
     samples: tuple[str, ...]
+    """The first cells of each."""
     words: tuple[str, ...]
+    """What each means, one of `choices`."""
 
 
 @dataclass(frozen=True)
 class Understanding:
-    """What is understood of the dropped files.
-
-    Attributes
-    ----------
-    sentence : str
-        How many poses and targets there are.
-    complaint : str
-        Why they are refused; empty where they are not.
-    notes : tuple of str
-    tables : tuple of TableColumns
-    joints : int
-        How many a robot has.
-    units : dict of str to str
-        In use, by their keys of the map.
-    rows : list of dict
-        The first rows as they are understood.
-    """
+    """What is understood of the dropped files."""
 
     sentence: str
+    """How many poses and targets there are."""
     complaint: str
+    """Why they are refused; empty where they are not."""
     notes: tuple[str, ...]
     tables: tuple[TableColumns, ...]
     joints: int
+    """How many a robot has."""
     units: Mapping[str, str]
+    """In use, by their keys of the map."""
     rows: list[dict[str, Any]]
+    """The first rows as they are understood."""
 
 
 def understood(project: Project) -> Understanding:

@@ -34,30 +34,20 @@ def shown(arguments: Sequence[str]) -> str:
 
 @dataclass(eq=False)
 class Job:
-    """A command line that runs or ran.
-
-    Attributes
-    ----------
-    step : str
-        The step of a page that it is.
-    arguments : list of str
-        Behind ``irbcal``.
-    output : str
-        What it printed.
-    at : str
-        What it works on.
-    code : int or None
-        Its exit code; None while it runs.
-    stopped : bool
-        Whether a user stopped it.
-    """
+    """A command line that runs or ran."""
 
     step: str
+    """The step of a page that it is."""
     arguments: list[str]
+    """Behind ``irbcal``."""
     output: str = ""
+    """What it printed."""
     at: str = ""
+    """What it works on."""
     code: int | None = None
+    """Its exit code; None while it runs."""
     stopped: bool = False
+    """Whether a user stopped it."""
     began: float = field(default_factory=time.monotonic)
     ended: float = 0.0
     _process: asyncio.subprocess.Process | None = None

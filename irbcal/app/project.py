@@ -26,12 +26,7 @@ FORBIDDEN = '<>:"/\\|?*'
 
 @dataclass(frozen=True)
 class Project:
-    """A project's folder.
-
-    Attributes
-    ----------
-    folder : Path
-    """
+    """A project's folder."""
 
     folder: Path
 

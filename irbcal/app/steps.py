@@ -58,25 +58,16 @@ LABELS = {
 
 @dataclass(frozen=True)
 class Option:
-    """An option of a command line that a page asks for.
-
-    Attributes
-    ----------
-    name : str
-        As it is typed: ``--holdout``.
-    kind : str
-        ``text``, ``switch`` or ``choice``.
-    choices : tuple of str
-    explanation : str
-    hint : str
-        What is typed, such as ``X,Y,Z``.
-    """
+    """An option of a command line that a page asks for."""
 
     name: str
+    """As it is typed: ``--holdout``."""
     kind: str
+    """``text``, ``switch`` or ``choice``."""
     choices: tuple[str, ...]
     explanation: str
     hint: str
+    """What is typed, such as ``X,Y,Z``."""
 
     @property
     def label(self) -> str:
@@ -87,33 +78,21 @@ class Option:
 
 @dataclass(frozen=True)
 class Step:
-    """A step: command lines, and the files that they read and write.
-
-    Attributes
-    ----------
-    name : str
-    title : str
-    command : str
-        Whose options are asked for, such as ``fleet add``.
-    lines : callable
-        Command lines of a project, without the options.
-    needs : callable
-        What must be done first, as a sentence; empty where all is there.
-    options : tuple of str
-    pages : tuple of str
-        Files (HTML) that show the result.
-    files : tuple of str
-        Files and folders to download.
-    """
+    """A step: command lines, and the files that they read and write."""
 
     name: str
     title: str
     command: str
+    """Whose options are asked for, such as ``fleet add``."""
     lines: Callable[[Project, Values], list[list[str]]]
+    """Command lines of a project, without the options."""
     needs: Callable[[Project], str]
+    """What must be done first, as a sentence; empty where all is there."""
     options: tuple[str, ...] = ()
     pages: tuple[str, ...] = ()
+    """Files (HTML) that show the result."""
     files: tuple[str, ...] = ()
+    """Files and folders to download."""
 
     @property
     def asked(self) -> list[Option]:
@@ -236,30 +215,19 @@ def _times(store: Path, changed: int, robot: str) -> int:
 
 @dataclass(frozen=True)
 class Page:
-    """A page of the app.
-
-    Attributes
-    ----------
-    name : str
-        Of its address.
-    title : str
-    icon : str
-        Of the Material set.
-    text : str
-        What to do, then why.
-    upload : str
-        Folder into which files are dropped; empty for none.
-    drop : str
-        What is dropped.
-    steps : tuple of Step
-    """
+    """A page of the app."""
 
     name: str
+    """Of its address."""
     title: str
     icon: str
+    """Of the Material set."""
     text: str
+    """What to do, then why."""
     upload: str = ""
+    """Folder into which files are dropped; empty for none."""
     drop: str = ""
+    """What is dropped."""
     steps: Sequence[Step] = ()
 
 

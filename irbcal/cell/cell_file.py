@@ -44,24 +44,16 @@ Matrix: TypeAlias = Annotated[FloatArray, Numbers(-1, -1)]
 
 
 class Notation(NamedTuple):
-    """How frames are written for people.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the numbers.
-    numbers : callable
-        From ``tool`` or ``work_object`` and its transform to the numbers.
-    words : str
-        What they count from.
-    digits : int
-        Decimals.
-    """
+    """How frames are written for people."""
 
     names: tuple[str, ...]
+    """Of the numbers."""
     numbers: Callable[[str, FloatArray], Sequence[float]]
+    """From ``tool`` or ``work_object`` and its transform to the numbers."""
     words: str
+    """What they count from."""
     digits: int = 4
+    """Decimals."""
 
 
 def _rpy(_: str, T: FloatArray) -> list[float]:
@@ -75,33 +67,26 @@ AS_URDF = Notation(
 
 @dataclass(frozen=True, eq=False)
 class FrameInCell(Locked):
-    """A tool or a work object.
-
-    Attributes
-    ----------
-    name : str
-        As programs call it.
-    T_true : ndarray, shape (4, 4)
-        By the calibrated robot, metres: a tool in the tip link (``T_f_t``), a work object in the base link (``T_b_o``).
-    T_nominal : ndarray, shape (4, 4)
-        From the same touches by the nominal robot: what a controller that computes with it has.
-    T_controller : ndarray, shape (4, 4), or None
-        What the controller has, in the same links, where that is known.
-    position_only : bool
-        A tool taught by its tip alone: its axes are the controller's, or the tip link's (of a fixed tool the base
-        link's), and count as exact.
-    fixed_tool : bool
-        A part that the robot holds, or the tool that stands and works on it.
-    """
+    """A tool or a work object."""
 
     __pydantic_config__ = IN_FILE
 
     name: Name
+    """As programs call it."""
     T_true: Annotated[Pose, Field(alias="true")]
+    """Shape (4, 4). By the calibrated robot, metres: a tool in the tip link (``T_f_t``), a work object in the base link
+    (``T_b_o``).
+    """
     T_nominal: Annotated[Pose, Field(alias="nominal")]
+    """Shape (4, 4). From the same touches by the nominal robot: what a controller that computes with it has."""
     T_controller: Annotated[Pose | None, Field(alias="controller")] = None
+    """Shape (4, 4). What the controller has, in the same links, where that is known."""
     position_only: bool = False
+    """A tool taught by its tip alone: its axes are the controller's, or the tip link's (of a fixed tool the base
+    link's), and count as exact.
+    """
     fixed_tool: bool = False
+    """A part that the robot holds, or the tool that stands and works on it."""
 
     def title(self, mount: str) -> str:
         """What it is, and its name; ``mount`` is ``tool`` on the flange, else ``work_object``."""
@@ -111,49 +96,36 @@ class FrameInCell(Locked):
 
 @dataclass(frozen=True, eq=False)
 class Touch(Locked):
-    """A touch and what is left of it.
-
-    Attributes
-    ----------
-    row : int
-        In the table, for messages.
-    frame, name, point, tool : str
-        ``tool``, ``work_object``, ``held_part`` or ``fixed_tool``; its name; the point of it; the tool whose tip
-        touched, the tool itself for tools, and for a held part the fixed tool that was touched with it.
-    q : ndarray, shape (joints,)
-        Radians (metres).
-    u95 : float
-        Of the touch, metres.
-    xyz : ndarray, shape (3,), or None
-        The point in the work object (held part, fixed tool), where it is known, metres.
-    kind : str
-        What the tip of a tool touched: a ``point``, ``sphere``, ``plane`` or ``line``.
-    radius : float or None
-        Of the sphere, to the tip, where it is known, metres.
-    tracker : ndarray, shape (3,), or None
-        The point as a tracker measured it, in the measuring frame of the calibration, metres.
-    residual, residual_nominal : ndarray, shape (3,)
-        In the base link, metres: the tip by the calibrated (nominal) robot less where it should be.
-    e : ndarray, shape (axes,)
-        Positions of the external axes, radians (metres).
-    """
+    """A touch and what is left of it."""
 
     __pydantic_config__ = IN_FILE
 
     row: int
+    """In the table, for messages."""
     frame: Annotated[str, StringConstraints(pattern="^(tool|work_object|held_part|fixed_tool)$")]
     name: Name
     point: Name
     tool: Name
+    """``tool``, ``work_object``, ``held_part`` or ``fixed_tool``; its name; the point of it; the tool whose tip
+    touched, the tool itself for tools, and for a held part the fixed tool that was touched with it.
+    """
     q: Annotated[Joints, Field(alias="joints_rad")]
+    """Shape (joints,). Radians (metres)."""
     u95: Annotated[float, Numbers(unit=MM), Field(alias="u95_mm")]
+    """Of the touch, metres."""
     xyz: Annotated[Point | None, Field(alias="xyz_mm")] = None
+    """Shape (3,). The point in the work object (held part, fixed tool), where it is known, metres."""
     kind: Annotated[str, StringConstraints(pattern="^(point|sphere|plane|line)$")] = "point"
+    """What the tip of a tool touched: a ``point``, ``sphere``, ``plane`` or ``line``."""
     radius: Annotated[Annotated[float, Numbers(unit=MM)] | None, Field(alias="radius_mm")] = None
+    """Of the sphere, to the tip, where it is known, metres."""
     tracker: Annotated[Point | None, Field(alias="tracker_mm")] = None
+    """Shape (3,). The point as a tracker measured it, in the measuring frame of the calibration, metres."""
     residual: Annotated[Point, Field(alias="residual_mm")] = field(default_factory=lambda: np.zeros(3))
     residual_nominal: Annotated[Point, Field(alias="residual_nominal_mm")] = field(default_factory=lambda: np.zeros(3))
+    """Shape (3,). In the base link, metres: the tip by the calibrated (nominal) robot less where it should be."""
     e: Annotated[Joints, Field(alias="axes")] = field(default_factory=lambda: np.zeros(0))
+    """Shape (axes,). Positions of the external axes, radians (metres)."""
 
     @property
     def on_flange(self) -> tuple[str, str]:

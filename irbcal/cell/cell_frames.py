@@ -110,26 +110,18 @@ SIDES: Mapping[str, tuple[str, FloatArray, int]] = {
 
 @dataclass(frozen=True, eq=False)
 class Adjusted:
-    """Tools, work objects and external axes by one robot.
-
-    Attributes
-    ----------
-    problem : FeatureProblem
-        A row of its rows for each touch.
-    state : FeatureState
-    root : str
-        The frame that stands still.
-    touches : sequence of Touch
-        With joints as they would be shown with the zeros that were adjusted.
-    zeros : tuple of int
-        Joints, from 1, whose zeros were adjusted, too: the last unknowns, radians (metres) that each shows too little.
-    """
+    """Tools, work objects and external axes by one robot."""
 
     problem: FeatureProblem
+    """A row of its rows for each touch."""
     state: FeatureState
     root: str = cell_graph.BASE
+    """The frame that stands still."""
     touches: Sequence[Touch] = ()
+    """With joints as they would be shown with the zeros that were adjusted."""
     zeros: tuple[int, ...] = ()
+    """Joints, from 1, whose zeros were adjusted, too: the last unknowns, radians (metres) that each shows too little.
+    """
 
     @cached_property
     def by_group(self) -> list[GroupResiduals]:

@@ -30,21 +30,14 @@ CONTACT = "contact"
 
 @dataclass(frozen=True, eq=False)
 class Contacts(Locked):
-    """Touches with the points of the other robot in place of its joints.
-
-    Attributes
-    ----------
-    table : DataFrame
-        For `irbcal.cell_frames`.
-    rows : ndarray of int, shape (n,)
-        Of the contacts, counted from 0.
-    covariance : ndarray, shape (3 n, 3 n)
-        Of their points in the other robot's base link, m^2.
-    """
+    """Touches with the points of the other robot in place of its joints."""
 
     table: pd.DataFrame
+    """For `irbcal.cell_frames`."""
     rows: IntArray
+    """Shape (n,). Of the contacts, counted from 0."""
     covariance: FloatArray
+    """Shape (3 n, 3 n). Of their points in the other robot's base link, m^2."""
 
 
 def with_contacts(touches: TableLike, other: CalibrationLike, other_cell: CellFile | str | Path) -> Contacts:

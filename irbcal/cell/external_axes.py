@@ -29,26 +29,18 @@ COLUMN = re.compile(r"e[1-6]_(mm|deg)")
 
 @dataclass(frozen=True, eq=False)
 class ExternalAxis(Locked):
-    """An external axis.
-
-    Attributes
-    ----------
-    column : str
-        ``e1_mm`` … of sliding axes, ``e1_deg`` … of turning ones: its column in tables.
-    carries : tuple of str
-        ``robot``, or names of work objects in lower case.
-    screw : ndarray, shape (6,)
-        Turn and shift by one radian (metre), in the base link at zero of all axes.
-    nominal : ndarray, shape (6,)
-        Likewise, as the controller has it.
-    """
+    """An external axis."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
     column: Annotated[str, Field(alias="axis", pattern=f"^{COLUMN.pattern}$")]
+    """``e1_mm`` … of sliding axes, ``e1_deg`` … of turning ones: its column in tables."""
     carries: tuple[Name, ...]
+    """``robot``, or names of work objects in lower case."""
     screw: Annotated[FloatArray, Numbers(6), Field(alias="screw_rad_m")]
+    """Shape (6,). Turn and shift by one radian (metre), in the base link at zero of all axes."""
     nominal: Annotated[FloatArray, Numbers(6), Field(alias="nominal_rad_m")]
+    """Shape (6,). Likewise, as the controller has it."""
 
     @property
     def name(self) -> str:

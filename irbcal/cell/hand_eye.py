@@ -59,29 +59,21 @@ TOO_FAR = 3.0
 
 @dataclass(frozen=True, eq=False)
 class DeviceFrame(Locked):
-    """A camera or a board.
-
-    Attributes
-    ----------
-    name : str
-        Of the features' file.
-    device : str
-        ``camera`` or ``board``.
-    on : str
-        ``flange`` or ``base``; of one camera of a rig the first camera's name.
-    T : ndarray, shape (4, 4)
-        In the tip link, the base link or the first camera, metres. A camera looks along its z, x is to the right of the
-        picture; a board's origin and axes are those of its corners.
-    u95_m, u95_rad : float
-        Half-widths that hold 95 % of a coordinate's and an angle's errors, largest of three.
-    """
+    """A camera or a board."""
 
     name: str
+    """Of the features' file."""
     device: str
+    """``camera`` or ``board``."""
     on: str
+    """``flange`` or ``base``; of one camera of a rig the first camera's name."""
     T: FloatArray
+    """Shape (4, 4). In the tip link, the base link or the first camera, metres. A camera looks along its z, x is to the
+    right of the picture; a board's origin and axes are those of its corners.
+    """
     u95_m: float
     u95_rad: float
+    """Half-widths that hold 95 % of a coordinate's and an angle's errors, largest of three."""
 
 
 def frames_as_dicts(devices: Sequence[DeviceFrame]) -> list[dict[str, Any]]:

@@ -51,24 +51,16 @@ LEFT_OUT = ("progress",)
 
 @dataclass(frozen=True)
 class Typed:
-    """How a value is typed in a shell.
-
-    Attributes
-    ----------
-    kind : type
-        What typer reads: float, str, Path, ...
-    metavar : str
-        What help shows for it.
-    read : callable
-        Value as typed, and the option's name, to the function's value.
-    shown : callable
-        The function's default as it would be typed.
-    """
+    """How a value is typed in a shell."""
 
     kind: Any
+    """What typer reads: float, str, Path, ..."""
     metavar: str | None
+    """What help shows for it."""
     read: Callable[[Any, str], Any] = lambda value, option: value
+    """Value as typed, and the option's name, to the function's value."""
     shown: Callable[[Any], Any] = lambda value: value
+    """The function's default as it would be typed."""
 
 
 def scaled(factor: float, metavar: str) -> Typed:

@@ -36,21 +36,16 @@ LARGEST_ARCHIVE = 500_000_000
 
 
 class Backup(NamedTuple):
-    """What a backup says.
-
-    Attributes
-    ----------
-    T_world_base : ndarray, shape (4, 4), or None
-        Where the robot stands in the controller's world, metres; None where they are the same or nothing says.
-    source : str
-        File that says so.
-    accuracy : str
-        What the controller corrects itself, and the file that says so; empty where nothing says.
-    """
+    """What a backup says."""
 
     T_world_base: FloatArray | None = None
+    """Shape (4, 4). Where the robot stands in the controller's world, metres; None where they are the same or nothing
+    says.
+    """
     source: str = ""
+    """File that says so."""
     accuracy: str = ""
+    """What the controller corrects itself, and the file that says so; empty where nothing says."""
 
 
 def of_programs(language: str, files: Sequence[Path]) -> Backup:
@@ -221,18 +216,12 @@ def _stays_inside(info: zipfile.ZipInfo) -> bool:
 
 
 class Unpacked(NamedTuple):
-    """Programs whose archives are unpacked.
-
-    Attributes
-    ----------
-    programs : list of Path
-        Files and folders, those of archives among them.
-    archives : dict of Path to Path
-        The archives by the folders of their files.
-    """
+    """Programs whose archives are unpacked."""
 
     programs: list[Path]
+    """Files and folders, those of archives among them."""
     archives: dict[Path, Path]
+    """The archives by the folders of their files."""
 
     def shown(self, name: str) -> str:
         """A text that names files, with those of archives as ``archive.zip!file``."""

@@ -13,21 +13,14 @@ from typing import NamedTuple
 
 
 class CallEffect(NamedTuple):
-    """What a routine may do.
-
-    Attributes
-    ----------
-    sets_frames : bool
-        It may set the tool or the frame.
-    moves : bool
-        It may move the arm.
-    sets_loads : bool
-        It may say that the robot carries something else.
-    """
+    """What a routine may do."""
 
     sets_frames: bool
+    """It may set the tool or the frame."""
     moves: bool
+    """It may move the arm."""
     sets_loads: bool
+    """It may say that the robot carries something else."""
 
 
 @dataclass

@@ -21,30 +21,23 @@ from irbcal.errors import OptionError
 
 
 class Declaration(NamedTuple):
-    """How a maker declares frames.
-
-    Attributes
-    ----------
-    language : str
-        Of `irbcal.correction.languages`.
-    name, names : str
-        Pattern of the names that it allows, and the same in words.
-    head, tool, work_object, foot : str
-        Lines; those of frames with their ``{name}``, its ``{base}`` without index, and numbers ``{0}`` …
-    held_part, fixed_tool : str
-        Likewise of a part that the robot holds, in the flange, and of the tool that works on it; empty where how the
-        maker has them is not known.
-    """
+    """How a maker declares frames."""
 
     language: str
+    """Of `irbcal.correction.languages`."""
     name: str
     names: str
+    """Pattern of the names that it allows, and the same in words."""
     head: str
     tool: str
     work_object: str
     foot: str = ""
+    """Lines; those of frames with their ``{name}``, its ``{base}`` without index, and numbers ``{0}`` …"""
     held_part: str = ""
     fixed_tool: str = ""
+    """Likewise of a part that the robot holds, in the flange, and of the tool that works on it; empty where how the
+    maker has them is not known.
+    """
 
 
 _WORD = r"[A-Za-z_]\w{0,31}"

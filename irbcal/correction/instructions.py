@@ -120,21 +120,14 @@ NAME_TOOLS = ("rapid", "val3")
 
 
 class MotionInstruction(NamedTuple):
-    """A motion instruction.
-
-    Attributes
-    ----------
-    name : str
-        As usually spelled.
-    words : tuple of str
-        Its arguments that are not optional.
-    taught : bool
-        Whether a user's file has it.
-    """
+    """A motion instruction."""
 
     name: str
+    """As usually spelled."""
     words: tuple[str, ...]
+    """Its arguments that are not optional."""
     taught: bool = False
+    """Whether a user's file has it."""
 
     def roles(self, count: int, tool_given: bool) -> tuple[str, ...] | None:
         """Of each of ``count`` arguments its word; None where that is not their number.

@@ -28,23 +28,17 @@ MOST = 10
 
 @dataclass(frozen=True, eq=False)
 class LastMoves(Locked):
-    """What is known of the last moves of a program whose robot depends on them.
-
-    Attributes
-    ----------
-    errors : tuple of ndarray, each of shape (n,)
-        For each kind of goals and each of its targets what the last move leaves, metres, root mean square over its
-        stops: the effect of a move that is not known, or of sides that differ. NaN where not corrected.
-    stops, known : int
-        Stops at corrected targets, and those of them whose last move is known.
-    notes : tuple of Note
-        Targets that are reached from different sides, with the distance.
-    """
+    """What is known of the last moves of a program whose robot depends on them."""
 
     errors: tuple[FloatArray, ...]
+    """Each of shape (n,). For each kind of goals and each of its targets what the last move leaves, metres, root mean
+    square over its stops: the effect of a move that is not known, or of sides that differ. NaN where not corrected.
+    """
     stops: int
     known: int
+    """Stops at corrected targets, and those of them whose last move is known."""
     notes: tuple[Note, ...]
+    """Targets that are reached from different sides, with the distance."""
 
 
 def with_last_moves(

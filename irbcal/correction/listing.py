@@ -192,22 +192,15 @@ def number_like(old: str, value: float, fewest: int) -> str:
 
 
 class Token(NamedTuple):
-    """A word of a program.
-
-    Attributes
-    ----------
-    kind : str
-        As the language's reader calls it: ``number``, ``name``, ``symbol`` …
-    word : str
-        As it stands there; names in lower case where the language does not mind.
-    start, end : int
-        Place in the text.
-    """
+    """A word of a program."""
 
     kind: str
+    """As the language's reader calls it: ``number``, ``name``, ``symbol`` …"""
     word: str
+    """As it stands there; names in lower case where the language does not mind."""
     start: int
     end: int
+    """Place in the text."""
 
 
 Tokens = Sequence[Token]

@@ -28,22 +28,16 @@ FARTHEST_M = 10.0
 
 
 class Load(NamedTuple):
-    """What the flange carries, tool and part.
-
-    Attributes
-    ----------
-    mass_kg : float
-        NaN where it is not known.
-    centre : tuple of float, length 3, or None
-        Its centre of gravity, metres: in the controller's flange as a language reads it, in the tip link in a
-        `irbcal.correction.text_program.Target`; None where it is not known.
-    why : str
-        Why the mass is not known, one sentence part.
-    """
+    """What the flange carries, tool and part."""
 
     mass_kg: float
+    """NaN where it is not known."""
     centre: tuple[float, float, float] | None = None
+    """Length 3. Its centre of gravity, metres: in the controller's flange as a language reads it, in the tip link in a
+    `irbcal.correction.text_program.Target`; None where it is not known.
+    """
     why: str = ""
+    """Why the mass is not known, one sentence part."""
 
 
 def unknown_load(why: str) -> Load:
@@ -65,21 +59,14 @@ _USUAL: Ways = frozenset([None])
 
 
 class Carrying(NamedTuple):
-    """What the robot carries in a move.
-
-    Attributes
-    ----------
-    ways : frozenset
-        What the program says.
-    tool : Load or None
-        Of the tool, in the controller's flange, where the program says the part alone.
-    seen_from : str or None
-        Name of the tool in whose frame the centres of the parts are; None: in the flange.
-    """
+    """What the robot carries in a move."""
 
     ways: Ways
+    """What the program says."""
     tool: Load | None = None
+    """Of the tool, in the controller's flange, where the program says the part alone."""
     seen_from: str | None = None
+    """Name of the tool in whose frame the centres of the parts are; None: in the flange."""
 
 
 class _LoadBlock(NamedTuple):
@@ -191,24 +178,16 @@ class LoadFlow:
 
 @dataclass(frozen=True, eq=False)
 class Carried(Locked):
-    """What the robot carries at the n targets of a batch.
-
-    Attributes
-    ----------
-    mass : ndarray, shape (n,)
-        Kg; of several loads the mean.
-    centre : ndarray, shape (n, 3)
-        Its centre in the tip link, metres.
-    several : tuple of tuple of (float, ndarray of shape (3,)), length n
-        Masses and centres where they are several, else empty.
-    reasons : tuple of str, length n
-        Why it is not known; empty where it is.
-    """
+    """What the robot carries at the n targets of a batch."""
 
     mass: FloatArray
+    """Shape (n,). Kg; of several loads the mean."""
     centre: FloatArray
+    """Shape (n, 3). Its centre in the tip link, metres."""
     several: tuple[tuple[tuple[float, FloatArray], ...], ...]
+    """Mass and place, shape (3,), of each; length n. Masses and centres where they are several, else empty."""
     reasons: tuple[str, ...]
+    """Length n. Why it is not known; empty where it is."""
 
     @classmethod
     def at(cls, robot: Robot, batch: WantedTargets) -> Carried:

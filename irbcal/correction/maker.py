@@ -41,25 +41,17 @@ NO_REACH = "the nominal robot does not reach it within its joint limits in this 
 
 
 class Posture(NamedTuple):
-    """Which of the solutions of a pose is meant; None where the program does not say.
-
-    Attributes
-    ----------
-    back : bool or None
-        Whether the wrist centre lies behind axis 1.
-    bent : bool or None
-        Whether the forearm is bent to the other side of the upper arm's line than in `Maker.reference`.
-    wrist : int or None
-        Sign of joint 5 as the controller counts it.
-    low, high : tuple of float
-        Between which the joints lie as the controller counts them, radians.
-    """
+    """Which of the solutions of a pose is meant; None where the program does not say."""
 
     back: bool | None = None
+    """Whether the wrist centre lies behind axis 1."""
     bent: bool | None = None
+    """Whether the forearm is bent to the other side of the upper arm's line than in `Maker.reference`."""
     wrist: int | None = None
+    """Sign of joint 5 as the controller counts it."""
     low: tuple[float, ...] = (-np.inf,) * 6
     high: tuple[float, ...] = (np.inf,) * 6
+    """Between which the joints lie as the controller counts them, radians."""
 
     @property
     def whole(self) -> bool:
@@ -69,52 +61,37 @@ class Posture(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Maker(Locked):
-    """A maker's way to write targets.
-
-    Attributes
-    ----------
-    name : str
-    orientation : Orientation
-    length, angle, joint : float
-        SI value of one unit of positions, orientations and joints.
-    decimals : tuple of int
-        Least decimals written for positions, orientations and joints.
-    axes : tuple of str
-        Directions of the six axes in the base link at zero joints of the URDF, ``+z`` and so on; empty: any.
-    matrix : ndarray, shape (6, 6)
-        Joints of the URDF from those of the controller.
-    reference : tuple of float
-        Joints of the controller, degrees, with the wrist in front and the elbow to the side that ``bent`` false means.
-    aligned : bool
-        Whether numbers keep their right edge, with blanks before them.
-    wrist_axis : int
-        The joint (from 1) that tells the two wrists from one another: 5 by its sign, 4 by whether it is within 90
-        degrees of zero (that counts as negative).
-    world : bool
-        Whether the controller's world need not be the arm's base link, so that the URDF must name it.
-    pulses : bool
-        Whether joints are written in pulses, of which each robot has its own number per degree.
-    largest : float
-        Numbers as large stand for no place, and for no axis.
-    asks_where : bool
-        Whether the controller's base and flange are told by a pair of joints and pose, because no URDF names them.
-    """
+    """A maker's way to write targets."""
 
     name: str
     orientation: Orientation
     length: float
     angle: float
     joint: float
+    """SI value of one unit of positions, orientations and joints."""
     decimals: tuple[int, int, int]
+    """Least decimals written for positions, orientations and joints."""
     axes: tuple[str, ...]
+    """Directions of the six axes in the base link at zero joints of the URDF, ``+z`` and so on; empty: any."""
     matrix: FloatArray
+    """Shape (6, 6). Joints of the URDF from those of the controller."""
     reference: tuple[float, ...] = (0.0,) * 6
+    """Joints of the controller, degrees, with the wrist in front and the elbow to the side that ``bent`` false means.
+    """
     aligned: bool = False
+    """Whether numbers keep their right edge, with blanks before them."""
     world: bool = False
+    """Whether the controller's world need not be the arm's base link, so that the URDF must name it."""
     wrist_axis: int = 5
+    """The joint (from 1) that tells the two wrists from one another: 5 by its sign, 4 by whether it is within 90
+    degrees of zero (that counts as negative).
+    """
     pulses: bool = False
+    """Whether joints are written in pulses, of which each robot has its own number per degree."""
     asks_where: bool = False
+    """Whether the controller's base and flange are told by a pair of joints and pose, because no URDF names them."""
     largest: float = 1e6
+    """Numbers as large stand for no place, and for no axis."""
 
     def check(self, arm: Arm, source: str) -> None:
         """Refuse arms whose joints need not be those of this maker's controllers.

@@ -16,24 +16,16 @@ from irbcal.units import DEG
 
 
 class JointMove(NamedTuple):
-    """A joint move, and a rest behind it.
-
-    Attributes
-    ----------
-    comment : str
-        Before it; none where empty.
-    wait_s : float
-        Seconds; none where zero.
-    share : float
-        Speed as a share (0 to 1) of the robot's largest joint speeds.
-    joint_speed : float
-        Of the joint that turns most, rad/s.
-    """
+    """A joint move, and a rest behind it."""
 
     comment: str
+    """Before it; none where empty."""
     wait_s: float
+    """Seconds; none where zero."""
     share: float
+    """Speed as a share (0 to 1) of the robot's largest joint speeds."""
     joint_speed: float
+    """Of the joint that turns most, rad/s."""
 
     @property
     def percent(self) -> int:
@@ -43,29 +35,20 @@ class JointMove(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Moves(Locked):
-    """Joint moves of an arm in their order.
-
-    Attributes
-    ----------
-    arm : Arm
-        What the controller computes with.
-    q : ndarray, shape (n, 6)
-        Joints of the URDF, radians.
-    moves : tuple of JointMove, length n
-    head : tuple of str
-        Comments at the begin.
-    tip_speed : float
-        m/s, for languages that take it.
-    pulses : tuple of float
-        Pulses per degree of the joints, for languages that write these.
-    """
+    """Joint moves of an arm in their order."""
 
     arm: Arm
+    """What the controller computes with."""
     q: FloatArray
+    """Shape (n, 6). Joints of the URDF, radians."""
     moves: tuple[JointMove, ...]
+    """Length n."""
     head: tuple[str, ...] = ()
+    """Comments at the begin."""
     tip_speed: float = 0.5
+    """m/s, for languages that take it."""
     pulses: tuple[float, ...] = ()
+    """Pulses per degree of the joints, for languages that write these."""
 
     def degrees(self, maker: Maker | None = None) -> FloatArray:
         """Joints as the controller counts them, degrees, rounded to `DECIMALS`, shape (n, 6)."""

@@ -57,21 +57,14 @@ class Orientation(Protocol):
 
 @dataclass(frozen=True)
 class Angles:
-    """Three angles about axes.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the fields as the maker writes them.
-    axes : str
-        ``zyx`` for ``Rz Ry Rx``, and so on; neighbours differ.
-    reverse : bool
-        Whether the first field is the angle about the last axis.
-    """
+    """Three angles about axes."""
 
     names: tuple[str, str, str]
+    """Of the fields as the maker writes them."""
     axes: str
+    """``zyx`` for ``Rz Ry Rx``, and so on; neighbours differ."""
     reverse: bool = False
+    """Whether the first field is the angle about the last axis."""
 
     def problem(self, values: Sequence[float]) -> str | None:
         """Nothing is: all angles mean rotations."""

@@ -225,24 +225,16 @@ def joints_along(
 
 @dataclass(frozen=True)
 class Reversal:
-    """A joint that turns back on a path: where backlash is to be expected.
-
-    Attributes
-    ----------
-    s : float
-        Place on the path, fraction of the way.
-    joint : int
-        Counted from 1.
-    angle : float
-        Of the joint there, radians.
-    kind : str
-        ``min`` or ``max``.
-    """
+    """A joint that turns back on a path: where backlash is to be expected."""
 
     s: float
+    """Place on the path, fraction of the way."""
     joint: int
+    """Counted from 1."""
     angle: float
+    """Of the joint there, radians."""
     kind: Literal["min", "max"]
+    """``min`` or ``max``."""
 
 
 def reversals(q: FloatArray, s: FloatArray, smallest: float = 1e-4) -> list[Reversal]:
@@ -283,31 +275,21 @@ def reversals(q: FloatArray, s: FloatArray, smallest: float = 1e-4) -> list[Reve
 
 @dataclass(frozen=True, eq=False)
 class PathMove(Locked):
-    """A straight or circular move of a program.
-
-    Attributes
-    ----------
-    line : int
-    name : str
-        Instruction and target.
-    start, via, to : int or None
-        Numbers of the targets; ``via`` of circular moves only, ``start`` None where the program does not tell.
-    T_tip_tcp : ndarray, shape (4, 4)
-        The tool of the move.
-    zones : tuple of float
-        How far from its ends the controller may leave the path, metres.
-    why : str
-        Why no points can be put into it; empty where they can.
-    """
+    """A straight or circular move of a program."""
 
     line: int
     name: str
+    """Instruction and target."""
     start: int | None
     via: int | None
     to: int | None
+    """Numbers of the targets; ``via`` of circular moves only, ``start`` None where the program does not tell."""
     T_tip_tcp: FloatArray
+    """Shape (4, 4). The tool of the move."""
     zones: tuple[float, float] = (0.0, 0.0)
+    """How far from its ends the controller may leave the path, metres."""
     why: str = ""
+    """Why no points can be put into it; empty where they can."""
 
 
 class Ends(NamedTuple):
@@ -321,34 +303,24 @@ class Ends(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CutPath(Locked):
-    """A move with the points that were put into it.
-
-    Attributes
-    ----------
-    move : PathMove
-    length : float
-        Of the wanted path, metres; NaN where it is not known.
-    T_fake : ndarray, shape (n, 4, 4)
-        Fake tip poses to put in: ends of pieces; of circular moves, in turn, the point on the arc and its end, and last
-        the point on the last arc.
-    q : ndarray, shape (n, 6)
-        Joints there, radians.
-    deviation, uncut : float
-        Largest distance of the true tool centre point from the wanted path with these points and without, metres.
-    turns : tuple of Reversal
-        Where joints turn back.
-    why : str
-        Why the tolerance is not kept; empty where it is.
-    """
+    """A move with the points that were put into it."""
 
     move: PathMove
     length: float = np.nan
+    """Of the wanted path, metres; NaN where it is not known."""
     T_fake: FloatArray = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    """Shape (n, 4, 4). Fake tip poses to put in: ends of pieces; of circular moves, in turn, the point on the arc and
+    its end, and last the point on the last arc.
+    """
     q: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
+    """Shape (n, 6). Joints there, radians."""
     deviation: float = np.nan
     uncut: float = np.nan
+    """Largest distance of the true tool centre point from the wanted path with these points and without, metres."""
     turns: tuple[Reversal, ...] = ()
+    """Where joints turn back."""
     why: str = ""
+    """Why the tolerance is not kept; empty where it is."""
 
     @property
     def pieces(self) -> int:

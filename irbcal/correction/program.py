@@ -25,21 +25,14 @@ Kind: TypeAlias = Literal["joint", "pose"]
 
 
 class Left(NamedTuple):
-    """A target or a move that is left as it was.
-
-    Attributes
-    ----------
-    target : str
-        Its name; a move is named by its instruction and its target.
-    line : int
-        Where it stands in the file, from 1.
-    reason : str
-        Why, one sentence part.
-    """
+    """A target or a move that is left as it was."""
 
     target: str
+    """Its name; a move is named by its instruction and its target."""
     line: int
+    """Where it stands in the file, from 1."""
     reason: str
+    """Why, one sentence part."""
 
 
 class Note(NamedTuple):
@@ -50,60 +43,46 @@ class Note(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """A stop of the program.
-
-    Attributes
-    ----------
-    line : int
-        Of the move, from 1.
-    target : int or None
-        Number of its target in the program; None where the program computes it.
-    previous : int or None
-        Number of the target of the stop before; None where the arm may come from elsewhere: at the begin of a routine,
-        behind a branch, a label or a computed move.
-    """
+    """A stop of the program."""
 
     line: int
+    """Of the move, from 1."""
     target: int | None
+    """Number of its target in the program; None where the program computes it."""
     previous: int | None
+    """Number of the target of the stop before; None where the arm may come from elsewhere: at the begin of a routine,
+    behind a branch, a label or a computed move.
+    """
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WantedTargets(Locked):
-    """The n targets of one kind that may be corrected.
-
-    Attributes
-    ----------
-    kind : str
-        ``joint`` or ``pose``.
-    numbers : ndarray of int, shape (n,)
-        Which targets of the program they are, counted from 0.
-    names : tuple of str, length n
-    lines : ndarray of int, shape (n,)
-        Where they stand in the file, from 1.
-    values : ndarray, shape (n, joints) or (n, 4, 4)
-        Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres.
-    configurations : tuple, length n, or None
-        Of poses, each a `irbcal.correction.maker.ConfData` or None; None in place of the tuple where the
-        language knows none.
-    joints : ndarray, shape (n, 6), or None
-        Joints that the controller takes for poses, radians, where the language tells them; NaN where ``unknown``.
-    unknown : tuple of str, length n, or empty
-        Why there are no joints; empty where there are.
-    loads : tuple of tuple of Load or None, length n, or empty
-        What the robot carries there, several where several moves differ; None for what it carries before the program
-        names any load. Empty where the program names none.
-    """
+    """The n targets of one kind that may be corrected."""
 
     kind: Kind
+    """``joint`` or ``pose``."""
     numbers: IntArray
+    """Shape (n,). Which targets of the program they are, counted from 0."""
     names: tuple[str, ...]
+    """Length n."""
     lines: IntArray
+    """Shape (n,). Where they stand in the file, from 1."""
     values: FloatArray
+    """Shape (n, joints) or (n, 4, 4). Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres."""
     configurations: tuple[object, ...] | None = None
+    """Length n. Of poses, each a `irbcal.correction.maker.ConfData` or None; None in place of the tuple where the
+    language knows none.
+    """
     joints: FloatArray | None = None
+    """Shape (n, 6). Joints that the controller takes for poses, radians, where the language tells them; NaN where
+    ``unknown``.
+    """
     unknown: tuple[str, ...] = ()
+    """Length n, or empty. Why there are no joints; empty where there are."""
     loads: tuple[tuple[Load | None, ...], ...] = ()
+    """Length n, or empty. What the robot carries there, several where several moves differ; None for what it carries
+    before the program names any load. Empty where the program names none.
+    """
 
 
 Corrections: TypeAlias = Sequence[tuple[WantedTargets, Corrected]]
@@ -111,65 +90,48 @@ Corrections: TypeAlias = Sequence[tuple[WantedTargets, Corrected]]
 
 
 class ControllerSetup(NamedTuple):
-    """What a program does not say of its controller: frames by their names, where they count from, its own model.
-
-    Attributes
-    ----------
-    tools, work_objects : dict of str to ndarray, shape (4, 4)
-        In the controller's flange and world, metres, by names in lower case.
-    controller : ControllerFrames
-    pulses : tuple of float
-        Pulses per degree of the joints, for programs that are written in pulses; empty where they are not given.
-    own_model : Arm or None
-        What the controller itself computes with where that is not the nominal arm.
-    where : tuple of ndarray, shapes (6,) and (4, 4), or None
-        Joints as the controller counts them, radians, and the pose that it reports there with no tool and base, metres.
-    start, posture : ndarray, shape (6,), or None
-        Joints of the URDF, radians: where the program begins, and those whose posture is meant where nothing else says.
-    instructions : dict of str to dict of str to MotionInstruction
-        Motion instructions that the user teaches, by language.
-    harmless : tuple of str
-        Patterns of names of routines that are not in the programs, and neither move the arm nor set tool or frame.
-    split_points : bool
-        Whether targets that moves shift by numbers become targets of their own in these moves.
-    T_world_base : ndarray, shape (4, 4), or None
-        Where the robot stands in the controller's world, metres; None where they are the same, or the controller's
-        frames say it.
-    """
+    """What a program does not say of its controller: frames by their names, where they count from, its own model."""
 
     tools: Mapping[str, FloatArray]
     work_objects: Mapping[str, FloatArray]
+    """Values of shape (4, 4). In the controller's flange and world, metres, by names in lower case."""
     controller: ControllerFrames
     pulses: tuple[float, ...] = ()
+    """Pulses per degree of the joints, for programs that are written in pulses; empty where they are not given."""
     own_model: Arm | None = None
+    """What the controller itself computes with where that is not the nominal arm."""
     where: tuple[FloatArray, FloatArray] | None = None
+    """Shapes (6,) and (4, 4). Joints as the controller counts them, radians, and the pose that it reports there with no
+    tool and base, metres.
+    """
     start: FloatArray | None = None
     posture: FloatArray | None = None
+    """Shape (6,). Joints of the URDF, radians: where the program begins, and those whose posture is meant where nothing
+    else says.
+    """
     instructions: Table = MappingProxyType({})
+    """Motion instructions that the user teaches, by language."""
     harmless: tuple[str, ...] = ()
+    """Patterns of names of routines that are not in the programs, and neither move the arm nor set tool or frame."""
     split_points: bool = False
+    """Whether targets that moves shift by numbers become targets of their own in these moves."""
     T_world_base: FloatArray | None = None
+    """Shape (4, 4). Where the robot stands in the controller's world, metres; None where they are the same, or the
+    controller's frames say it.
+    """
 
 
 class Program(ABC):
-    """A program as read: what it asks of the robot, and the way back into its file.
-
-    Attributes
-    ----------
-    source : str
-        File name for messages.
-    fingerprint : str or None
-        Of the calibration that it was already corrected with; empty where its mark does not say; None without.
-    notes : sequence of Note
-        What the user should look at.
-    joints_of_urdf : bool
-        Whether its joints are those of the URDF; else they are as the controller counts them.
-    """
+    """A program as read: what it asks of the robot, and the way back into its file."""
 
     source: str
+    """File name for messages."""
     fingerprint: str | None
+    """Of the calibration that it was already corrected with; empty where its mark does not say; None without."""
     notes: Sequence[Note]
+    """What the user should look at."""
     joints_of_urdf: ClassVar[bool] = False
+    """Whether its joints are those of the URDF; else they are as the controller counts them."""
 
     @abstractmethod
     def wanted_targets(self) -> Sequence[WantedTargets]:
@@ -199,17 +161,11 @@ class Program(ABC):
 
 @dataclass(frozen=True)
 class Unread(Program):
-    """A file among others that cannot be read: all of it is left, and nothing is written for it.
-
-    Attributes
-    ----------
-    source : str
-    reason : str
-        Why, one sentence part.
-    """
+    """A file among others that cannot be read: all of it is left, and nothing is written for it."""
 
     source: str
     reason: str
+    """Why, one sentence part."""
     fingerprint: None = None
     notes: tuple[Note, ...] = ()
 

@@ -42,42 +42,32 @@ LISTED = 6
 
 
 class ProgramTouches(NamedTuple):
-    """Touches whose joints come from programs.
-
-    Attributes
-    ----------
-    table : DataFrame
-        For `irbcal.cell_frames`, with joints in place of targets; the rows have the numbers that they have in the file.
-    tools, work_objects : dict of str to ndarray, shape (4, 4)
-        What the controller has for tools and work objects of the table, as far as programs or caller say, by names in
-        lower case: tools in the tip link, work objects in the base link, metres.
-    """
+    """Touches whose joints come from programs."""
 
     table: pd.DataFrame
+    """For `irbcal.cell_frames`, with joints in place of targets; the rows have the numbers that they have in the file.
+    """
     tools: dict[str, FloatArray]
     work_objects: dict[str, FloatArray]
+    """Values of shape (4, 4). What the controller has for tools and work objects of the table, as far as programs or
+    caller say, by names in lower case: tools in the tip link, work objects in the base link, metres.
+    """
 
 
 class FrameInPrograms(NamedTuple):
-    """A tool or work object that moves of programs use.
-
-    Attributes
-    ----------
-    frame, name : str
-        ``tool`` or ``work_object``, and its name in lower case.
-    tool : str
-        A tool that its targets are moved to with.
-    targets : int
-        Poses that are moved to with it.
-    T : ndarray, shape (4, 4), or None
-        What the controller has, in the tip link or the base link, metres; None where the programs do not say.
-    """
+    """A tool or work object that moves of programs use."""
 
     frame: str
     name: str
+    """``tool`` or ``work_object``, and its name in lower case."""
     tool: str
+    """A tool that its targets are moved to with."""
     targets: int
+    """Poses that are moved to with it."""
     T: FloatArray | None
+    """Shape (4, 4). What the controller has, in the tip link or the base link, metres; None where the programs do not
+    say.
+    """
 
 
 @dataclass(frozen=True, eq=False, repr=False)

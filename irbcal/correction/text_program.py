@@ -49,32 +49,22 @@ _NO_VALUE = locked(np.full(6, np.nan))
 
 @dataclass(frozen=True)
 class Use:
-    """One direct use of a target in a move.
-
-    Attributes
-    ----------
-    line, column : int
-        Of the instruction; both start at 1.
-    instruction : str
-        As usually spelled: MoveJ, LIN, movec, …
-    role : str
-        ``to``, or ``via`` for the point on the circle.
-    tool, work_object : str or None
-        Names in lower case of what is on the flange and of what stands; None where the program computes them.
-    file : str
-        Of the move where that is another than the target's.
-    held : bool
-        Whether the robot holds the part: ``tool`` is that part, and ``work_object`` the fixed tool.
-    """
+    """One direct use of a target in a move."""
 
     line: int
     column: int
+    """Of the instruction; both start at 1."""
     instruction: str
+    """As usually spelled: MoveJ, LIN, movec, …"""
     role: Role
+    """``to``, or ``via`` for the point on the circle."""
     tool: str | None
     work_object: str | None
+    """Names in lower case of what is on the flange and of what stands; None where the program computes them."""
     file: str = ""
+    """Of the move where that is another than the target's."""
     held: bool = False
+    """Whether the robot holds the part: ``tool`` is that part, and ``work_object`` the fixed tool."""
 
     @property
     def place(self) -> str:
@@ -84,67 +74,49 @@ class Use:
 
 @dataclass(eq=False, repr=False)
 class Target:
-    """A target whose numbers stand in the file; its uses and conflicts are gathered while the program is read.
-
-    Attributes
-    ----------
-    name : str
-        As in the program, with the index for the element of an array; the place for a literal inside a move.
-    kind : str
-        ``joint`` or ``pose``.
-    start : int
-        Where it begins in the text.
-    numbers : sequence of Number
-        As they stand in the file.
-    configuration : ConfData, Posture or None
-        Of a pose; None where it is not a literal.
-    configuration_spans : tuple of (int, int)
-        Where the configuration stands in the text.
-    external : str
-        External axes as they stand in the file.
-    e : dict of str to float
-        Their positions by number, as written (mm or degrees): ``e1`` ….
-    uses : list of Use
-        Direct uses in moves.
-    conflicts : list of str
-        Why changing this literal would do more, or something else, than correct its direct uses.
-    near : ndarray, shape (6,), or None
-        Joints of the URDF that the program names as the ones to start from, radians.
-    after : list of int or None
-        For each use the number of the target that the arm comes from, `AT_START` for the place where the program
-        begins; None where it may come from elsewhere.
-    line, column : int
-        Where the literal begins; both start at 1.
-    value : ndarray, shape (6,) or (4, 4)
-        Joints of the URDF in radians, or ``T_wobj_tcp`` in metres; locked. NaN where ``conflicts`` says that it has
-        none.
-    inverted : bool
-        Whether the robot holds the part, and the value is the pose of the fixed tool in it.
-    carried : list of Carrying
-        What the robot carries in each use.
-    split : Split or None
-        The shifted target in whose place in a move this one is to stand; ``numbers`` and ``configuration_spans`` are
-        those of the target that is shifted.
-    """
+    """A target whose numbers stand in the file; its uses and conflicts are gathered while the program is read."""
 
     name: str
+    """As in the program, with the index for the element of an array; the place for a literal inside a move."""
     kind: Kind
+    """``joint`` or ``pose``."""
     start: int
+    """Where it begins in the text."""
     numbers: Sequence[Number]
+    """As they stand in the file."""
     configuration: Configuration | None = None
+    """Of a pose; None where it is not a literal."""
     configuration_spans: tuple[Span, ...] = ()
+    """Where the configuration stands in the text."""
     external: str = ""
+    """External axes as they stand in the file."""
     e: Mapping[str, float] = field(default_factory=dict)
+    """Their positions by number, as written (mm or degrees): ``e1`` …."""
     uses: list[Use] = field(default_factory=list)
+    """Direct uses in moves."""
     conflicts: list[str] = field(default_factory=list)
+    """Why changing this literal would do more, or something else, than correct its direct uses."""
     near: FloatArray | None = None
+    """Shape (6,). Joints of the URDF that the program names as the ones to start from, radians."""
     after: list[int | None] = field(default_factory=list)
+    """For each use the number of the target that the arm comes from, `AT_START` for the place where the program begins;
+    None where it may come from elsewhere.
+    """
     line: int = 0
     column: int = 0
+    """Where the literal begins; both start at 1."""
     value: FloatArray = field(default_factory=lambda: _NO_VALUE)
+    """Shape (6,) or (4, 4). Joints of the URDF in radians, or ``T_wobj_tcp`` in metres; locked. NaN where ``conflicts``
+    says that it has none.
+    """
     inverted: bool = False
+    """Whether the robot holds the part, and the value is the pose of the fixed tool in it."""
     carried: list[Carrying] = field(default_factory=list)
+    """What the robot carries in each use."""
     split: Split | None = None
+    """The shifted target in whose place in a move this one is to stand; ``numbers`` and ``configuration_spans`` are
+    those of the target that is shifted.
+    """
 
     @property
     def correctable(self) -> bool:
@@ -163,22 +135,15 @@ class Target:
 
 
 class Split(NamedTuple):
-    """A shifted target that becomes a target of its own, with numbers of its own.
-
-    Attributes
-    ----------
-    target : Target
-        The one that is shifted.
-    T_left, T_right : ndarray, shape (4, 4)
-        See `Shift`.
-    span : (int, int)
-        The text in whose place the new target stands.
-    """
+    """A shifted target that becomes a target of its own, with numbers of its own."""
 
     target: Target
+    """The one that is shifted."""
     T_left: FloatArray
     T_right: FloatArray
+    """Shape (4, 4). See `Shift`."""
     span: Span
+    """The text in whose place the new target stands."""
 
 
 WITNESSES = 3
@@ -225,35 +190,24 @@ class FrameState:
 
 
 class Shift(NamedTuple):
-    """A move to a target that the program shifts where it is used; the target itself stays.
-
-    Attributes
-    ----------
-    target : Target
-    at : int
-        Place of the move.
-    instruction, text : str
-        Of the move, and its argument.
-    T_left, T_right : ndarray, shape (4, 4)
-        ``T_wobj_tcp = T_left @ target @ T_right``, metres.
-    known : bool
-        Whether the numbers of the shift stand in the program; else `PROBE` in each direction stands for them.
-    tool, work_object : str or None
-        Names in lower case; None where the program computes them.
-    own : Target or None
-        The target of its own that the shifted one becomes.
-    """
+    """A move to a target that the program shifts where it is used; the target itself stays."""
 
     target: Target
     at: int
+    """Place of the move."""
     instruction: str
     text: str
+    """Of the move, and its argument."""
     T_left: FloatArray
     T_right: FloatArray
+    """Shape (4, 4). ``T_wobj_tcp = T_left @ target @ T_right``, metres."""
     known: bool
+    """Whether the numbers of the shift stand in the program; else `PROBE` in each direction stands for them."""
     tool: str | None
     work_object: str | None
+    """Names in lower case; None where the program computes them."""
     own: Target | None = None
+    """The target of its own that the shifted one becomes."""
 
 
 PROBE = 0.1
@@ -591,67 +545,48 @@ class ControlFlow:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TextProgram(Locked, Program):
-    """A program as read: its text and what was understood of it; a language says how it is marked.
-
-    Attributes
-    ----------
-    source : str
-        File name for messages.
-    listing : Listing
-        Its text.
-    maker : Maker
-        How numbers are written.
-    targets : tuple of Target
-        In the order of the file.
-    tools, work_objects : dict of str to ndarray, shape (4, 4)
-        ``T_tip_tcp`` and ``T_base_wobj`` of the names (lower case) that direct uses of poses need, and of those of
-        joint targets that are known; metres.
-    order : tuple of Stop
-        The stops in the order of the program.
-    moves_left : tuple of Left
-        Moves that are left as they are.
-    notes : tuple of Note
-        What the user should look at.
-    fingerprint : str or None
-        Of the calibration that this program was already corrected with; empty where the mark does not say.
-    mark_at : int
-        Where the mark goes.
-    marks_beside : tuple of int
-        Where it goes in the other files, if their targets are corrected.
-    axes : tuple of ExternalAxis
-        External axes of the cell, where they are known.
-    shifts : tuple of Shift
-        Moves to corrected targets that are shifted where they are used.
-    start, assumed : ndarray, shape (6,), or None
-        Joints of the URDF, radians: where the program begins, and those next to which poses are meant where nothing
-        else says.
-    loads : LoadFlow
-        What the robot carries.
-    names_loads : tuple of int
-        Places in the text that say so.
-    T_tip_flange : ndarray, shape (4, 4), or None
-        The controller's flange, in which loads are; None where it is not known.
-    """
+    """A program as read: its text and what was understood of it; a language says how it is marked."""
 
     source: str
+    """File name for messages."""
     listing: Listing
+    """Its text."""
     maker: Maker
+    """How numbers are written."""
     targets: tuple[Target, ...]
+    """In the order of the file."""
     tools: Mapping[str, FloatArray]
     work_objects: Mapping[str, FloatArray]
+    """Values of shape (4, 4). ``T_tip_tcp`` and ``T_base_wobj`` of the names (lower case) that direct uses of poses
+    need, and of those of joint targets that are known; metres.
+    """
     order: tuple[Stop, ...]
+    """The stops in the order of the program."""
     moves_left: tuple[Left, ...]
+    """Moves that are left as they are."""
     notes: tuple[Note, ...]
+    """What the user should look at."""
     fingerprint: str | None
+    """Of the calibration that this program was already corrected with; empty where the mark does not say."""
     mark_at: int
+    """Where the mark goes."""
     axes: tuple[ExternalAxis, ...] = field(default=(), kw_only=True)
+    """External axes of the cell, where they are known."""
     shifts: tuple[Shift, ...] = field(default=(), kw_only=True)
+    """Moves to corrected targets that are shifted where they are used."""
     start: FloatArray | None = field(default=None, kw_only=True)
     assumed: FloatArray | None = field(default=None, kw_only=True)
+    """Shape (6,). Joints of the URDF, radians: where the program begins, and those next to which poses are meant where
+    nothing else says.
+    """
     loads: LoadFlow = field(default_factory=LoadFlow, kw_only=True)
+    """What the robot carries."""
     names_loads: tuple[int, ...] = field(default=(), kw_only=True)
+    """Places in the text that say so."""
     T_tip_flange: FloatArray | None = field(default=None, kw_only=True)
+    """Shape (4, 4). The controller's flange, in which loads are; None where it is not known."""
     marks_beside: tuple[int, ...] = field(default=(), kw_only=True)
+    """Where it goes in the other files, if their targets are corrected."""
 
     def on_axes(self, axes: Sequence[ExternalAxis]) -> Self:
         """The program in a cell with external axes: targets that do not say where these are stay as they are."""
@@ -973,18 +908,12 @@ class TextProgram(Locked, Program):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PostureProgram(TextProgram):
-    """A program whose poses name a posture, or none: all languages but RAPID.
-
-    Attributes
-    ----------
-    arm : Arm
-        What the controller computes with.
-    own_model : Arm or None
-        What the controller itself computes with where that is not ``arm``.
-    """
+    """A program whose poses name a posture, or none: all languages but RAPID."""
 
     arm: Arm
+    """What the controller computes with."""
     own_model: Arm | None
+    """What the controller itself computes with where that is not ``arm``."""
     joints_of_urdf: ClassVar[bool] = True
 
     @classmethod
@@ -1222,19 +1151,13 @@ def needed_frames(
 
 
 class NumberedData(NamedTuple):
-    """Tools, user frames and loads by number, as the backup has them in which a program lies.
-
-    Attributes
-    ----------
-    tools, user_frames : dict of str to ndarray, shape (4, 4)
-        In the controller's flange and world, metres.
-    loads : dict of str to Load
-        In the controller's flange.
-    """
+    """Tools, user frames and loads by number, as the backup has them in which a program lies."""
 
     tools: Mapping[str, FloatArray] = MappingProxyType({})
     user_frames: Mapping[str, FloatArray] = MappingProxyType({})
+    """Values of shape (4, 4). In the controller's flange and world, metres."""
     loads: Mapping[str, Load] = MappingProxyType({})
+    """In the controller's flange."""
 
 
 def from_backup(targets: Sequence[Target], setup: ControllerSetup, backup: NumberedData, source: str) -> list[Note]:

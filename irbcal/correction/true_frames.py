@@ -65,19 +65,14 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class PointOrigin:
-    """Which points of a program are taught.
-
-    Attributes
-    ----------
-    taught : str or None
-        Pattern of their names (``*`` and ``?``, upper and lower case alike); all other points are offline points, whose
-        coordinates are wanted. None: no point is taught.
-    re_express : bool
-        Rewrite taught points as offline points of the true frames, and correct nothing.
-    """
+    """Which points of a program are taught."""
 
     taught: str | None = None
+    """Pattern of their names (``*`` and ``?``, upper and lower case alike); all other points are offline points, whose
+    coordinates are wanted. None: no point is taught.
+    """
     re_express: bool = False
+    """Rewrite taught points as offline points of the true frames, and correct nothing."""
 
     def are_taught(self, names: Sequence[str]) -> BoolArray:
         """Which points are taught, shape (n,)."""
@@ -106,23 +101,17 @@ def point_origin(points: str | None, re_express: bool) -> PointOrigin:
 
 @dataclass(frozen=True)
 class UnknownFrames:
-    """Tools and work objects of unknown origin.
-
-    Attributes
-    ----------
-    tools, work_objects : tuple of str
-    targets : int
-        How many targets are corrected with them.
-    mean, largest : float
-        Distance between the tool centre points of the nominal and the calibrated robot at these targets, metres: errors
-        of this size are in tools and work objects that were taught with the robot.
-    """
+    """Tools and work objects of unknown origin."""
 
     tools: tuple[str, ...]
     work_objects: tuple[str, ...]
     targets: int
+    """How many targets are corrected with them."""
     mean: float
     largest: float
+    """Distance between the tool centre points of the nominal and the calibrated robot at these targets, metres: errors
+    of this size are in tools and work objects that were taught with the robot.
+    """
 
     def in_words(self) -> str:
         """What may go wrong, by how much, and what to do."""
@@ -146,57 +135,44 @@ class UnknownFrames:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TargetFrames(Locked):
-    """Tools and work objects of n targets, and what is at stake at those that were corrected.
-
-    Attributes
-    ----------
-    tools, work_objects : ndarray of str, shape (n,)
-        Names as programs have them; empty where the program does not tell one.
-    tool_origins, object_origins : ndarray of str, shape (n,)
-        `NULL`, `MEASURED`, `CELL` or `UNKNOWN`; empty where no tool and work object matter: joint targets that are
-        corrected for the robot alone, and files without frames.
-    T_left, T_right : ndarray, shape (n, 4, 4)
-        ``Ot Oc^-1`` and ``Tc Tt^-1``: between them stands the flange as the controller computes it.
-    tcp : ndarray, shape (n, 3)
-        The same by the controller's tool in the tip link, metres.
-    T_tool, T_object : ndarray, shape (n, 4, 4)
-        ``Tt`` and ``Ot``, as far as they are known.
-    T_numbers : ndarray, shape (n, 4, 4)
-        ``Oc On^-1``: from the true work object, as the controller moves it with its external axes, to its own.
-    e : ndarray, shape (n, axes)
-        Positions of the cell's external axes, radians (metres).
-    contact : ndarray, shape (n, 3)
-        Where the work is done, in the axes of what is on the flange, metres: zero, the tip of the tool, but with a part
-        that the robot holds its point at the tip of the fixed tool.
-    points : ndarray of str, shape (n,)
-        ``offline`` or ``taught``; this and what follows of corrected targets.
-    at_stake : ndarray, shape (n,)
-        Distance between the tool centre points of the nominal and the calibrated robot, metres.
-    part_error : ndarray, shape (n, 2)
-        Mean and 95 % of the expected error in the work object, metres; see `part_errors`.
-    numbers : str
-        Which numbers the controller will have.
-    re_expressed : bool
-        Whether the targets are offline points of the true frames, and no fake targets.
-    """
+    """Tools and work objects of n targets, and what is at stake at those that were corrected."""
 
     tools: NameArray
     work_objects: NameArray
+    """Shape (n,). Names as programs have them; empty where the program does not tell one."""
     tool_origins: NameArray
     object_origins: NameArray
+    """Shape (n,). `NULL`, `MEASURED`, `CELL` or `UNKNOWN`; empty where no tool and work object matter: joint targets
+    that are corrected for the robot alone, and files without frames.
+    """
     T_left: FloatArray
     T_right: FloatArray
+    """Shape (n, 4, 4). ``Ot Oc^-1`` and ``Tc Tt^-1``: between them stands the flange as the controller computes it."""
     tcp: FloatArray
+    """Shape (n, 3). The same by the controller's tool in the tip link, metres."""
     T_tool: FloatArray
     T_object: FloatArray
+    """Shape (n, 4, 4). ``Tt`` and ``Ot``, as far as they are known."""
     T_numbers: FloatArray
+    """Shape (n, 4, 4). ``Oc On^-1``: from the true work object, as the controller moves it with its external axes, to
+    its own.
+    """
     e: FloatArray
+    """Shape (n, axes). Positions of the cell's external axes, radians (metres)."""
     contact: FloatArray
+    """Shape (n, 3). Where the work is done, in the axes of what is on the flange, metres: zero, the tip of the tool,
+    but with a part that the robot holds its point at the tip of the fixed tool.
+    """
     points: NameArray = field(default_factory=lambda: np.zeros(0, dtype=object))
+    """Shape (n,). ``offline`` or ``taught``; this and what follows of corrected targets."""
     at_stake: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Shape (n,). Distance between the tool centre points of the nominal and the calibrated robot, metres."""
     part_error: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    """Shape (n, 2). Mean and 95 % of the expected error in the work object, metres; see `part_errors`."""
     numbers: str = "same"
+    """Which numbers the controller will have."""
     re_expressed: bool = False
+    """Whether the targets are offline points of the true frames, and no fake targets."""
 
     @staticmethod
     def of(
@@ -305,26 +281,17 @@ _OF_FRAMES = tuple(column.name for column in fields(TargetFrames))[:12]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrueFrames:
-    """What is known of the tools and work objects of programs.
-
-    Attributes
-    ----------
-    cell : CellFile or None
-        Its tools and work objects are true; their names are compared without upper and lower case.
-    measured : bool
-        Whether all others were measured independently of the robot, and so are true as the controller has them.
-    numbers : str
-        Which numbers the controller will have.
-    points : PointOrigin
-    ends : ControllerFrames
-        Where the controller's flange and world are.
-    """
+    """What is known of the tools and work objects of programs."""
 
     cell: CellFile | None = None
+    """Its tools and work objects are true; their names are compared without upper and lower case."""
     measured: bool = False
+    """Whether all others were measured independently of the robot, and so are true as the controller has them."""
     numbers: ControllerNumbers = "same"
+    """Which numbers the controller will have."""
     points: PointOrigin = PointOrigin()
     ends: ControllerFrames = field(default_factory=unknown_frames)
+    """Where the controller's flange and world are."""
 
     def check(self, cutting: bool) -> None:
         """Refuse options that contradict each other; ``cutting``: points shall be put into moves.

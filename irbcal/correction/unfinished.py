@@ -24,27 +24,17 @@ from irbcal.measurement.pieces import digest_of
 
 @dataclass
 class CorrectedPieces:
-    """What was done of a long table.
-
-    Attributes
-    ----------
-    pieces : int
-        How many, from the first.
-    left : list of Left
-    notes : list of Note
-    cautions : list of str
-        Of all pieces.
-    unchanged : int
-    shifts : list of ndarray
-        From the wanted to the fake poses, metres.
-    """
+    """What was done of a long table."""
 
     pieces: int = 0
+    """How many, from the first."""
     left: list[Left] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     cautions: list[str] = field(default_factory=list)
+    """Of all pieces."""
     unchanged: int = 0
     shifts: list[FloatArray] = field(default_factory=list)
+    """From the wanted to the fake poses, metres."""
 
 
 def _rows(out: Path) -> Path:

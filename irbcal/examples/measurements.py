@@ -32,23 +32,15 @@ from irbcal.validation.pose_check import five_poses
 
 @dataclass(frozen=True)
 class Sample:
-    """An example file.
-
-    Attributes
-    ----------
-    path : str
-        In the folder of the samples, with slashes.
-    content : bytes
-    about : str
-        What it is, in a few words.
-    tried : str
-        A command that reads it, as typed in that folder; empty where another file's command reads this one, too.
-    """
+    """An example file."""
 
     path: str
+    """In the folder of the samples, with slashes."""
     content: bytes
     about: str
+    """What it is, in a few words."""
     tried: str = ""
+    """A command that reads it, as typed in that folder; empty where another file's command reads this one, too."""
 
 
 ROBOT = "irb1600"

@@ -43,40 +43,30 @@ PULSES = np.array([1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0])
 
 @dataclass(frozen=True)
 class MakerArm:
-    """A maker's arm and the stops of its program.
-
-    Attributes
-    ----------
-    folder : str
-    maker : Maker or None
-        How its controller counts; None for ABB, whose poses bear quaternions.
-    joints : tuple of (origin, axis)
-        Of the six joints, metres, in frames parallel to the base at zero joints; empty for an arm with a name.
-    flange : tuple of float
-        Place of the tip on the last link, metres, and its roll, pitch, yaw.
-    base : float
-        Height of the controller's world, metres.
-    stops : tuple of tuple
-        Joints of the controller, degrees.
-    tool, frame : tuple of float
-        Six numbers of the tool and of the frame that the program's poses are given in, as its controller writes them.
-    tried : dict of str to str
-        Program to what its command needs; other files go with them. ``{where}``: joints of the first stop and its pose
-        with no tool.
-    named : str
-        A robot's name, for arms without joints.
-    """
+    """A maker's arm and the stops of its program."""
 
     folder: str
     maker: Maker | None
+    """How its controller counts; None for ABB, whose poses bear quaternions."""
     joints: tuple[tuple[tuple[float, float, float], str], ...]
+    """Origin and axis. Of the six joints, metres, in frames parallel to the base at zero joints; empty for an arm with
+    a name.
+    """
     flange: tuple[float, ...]
+    """Place of the tip on the last link, metres, and its roll, pitch, yaw."""
     base: float
+    """Height of the controller's world, metres."""
     stops: tuple[tuple[float, ...], ...]
+    """Joints of the controller, degrees."""
     tool: tuple[float, ...]
     frame: tuple[float, ...]
+    """Six numbers of the tool and of the frame that the program's poses are given in, as its controller writes them."""
     tried: dict[str, str]
+    """Program to what its command needs; other files go with them. ``{where}``: joints of the first stop and its pose
+    with no tool.
+    """
     named: str = ""
+    """A robot's name, for arms without joints."""
 
 
 TURN = float(np.pi / 2)

@@ -22,18 +22,12 @@ from irbcal.modeling.terms.direction import WIDTHS
 
 @dataclass(frozen=True, eq=False)
 class ExportFiles(Locked):
-    """The files of an export.
-
-    Attributes
-    ----------
-    files : mapping of str to bytes
-        By their names in the folder.
-    notes : tuple of str
-        What is not in them though the calibration's URDF has it.
-    """
+    """The files of an export."""
 
     files: Mapping[str, bytes]
+    """By their names in the folder."""
     notes: tuple[str, ...] = ()
+    """What is not in them though the calibration's URDF has it."""
 
 
 VERSION = "irbcal-export-1"

@@ -28,42 +28,27 @@ EXACT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Source(Locked):
-    """A calibrated robot, ready to be exported.
-
-    Attributes
-    ----------
-    robot : Robot
-        With the load that is carried.
-    parts : Parts
-    vectors : Vectors
-    miss : float
-        By how much the plain module misses the test vectors.
-    record : Record or None
-    urdf : bytes or None
-        ``calibrated.urdf``.
-    folder : Path or None
-        Where the URDF's own relative names start.
-    out : Path
-        Where the export will lie.
-    mesh_paths : {"relative", "absolute", "package"}
-        How meshes are to stand in a URDF.
-    package_dirs : tuple of str
-        Folders in which meshes are looked up, beside the URDF's own.
-    without_meshes : bool
-        Leave all meshes out.
-    """
+    """A calibrated robot, ready to be exported."""
 
     robot: Robot
+    """With the load that is carried."""
     parts: Parts
     vectors: Vectors
     miss: float
+    """By how much the plain module misses the test vectors."""
     record: Record | None = None
     urdf: bytes | None = None
+    """``calibrated.urdf``."""
     folder: Path | None = None
+    """Where the URDF's own relative names start."""
     out: Path = Path()
+    """Where the export will lie."""
     mesh_paths: MeshPaths = "relative"
+    """How meshes are to stand in a URDF."""
     package_dirs: tuple[str, ...] = ()
+    """Folders in which meshes are looked up, beside the URDF's own."""
     without_meshes: bool = False
+    """Leave all meshes out."""
 
     @property
     def meshes(self) -> MeshFolders:

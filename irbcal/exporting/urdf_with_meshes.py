@@ -22,30 +22,20 @@ Convert = Callable[[Path], tuple[str, bytes] | None]
 
 @dataclass(frozen=True, eq=False)
 class UrdfWithMeshes(Locked):
-    """A URDF whose meshes lie in a folder beside it.
-
-    Attributes
-    ----------
-    tree : XmlTree
-        The document; names of meshes are ``meshes/NAME``.
-    meshes : dict of str to bytes
-        Content of the files by these names.
-    left_out : tuple of str
-        Mesh files that are not taken: their shapes are gone from the document.
-    textures : tuple of str
-        Images that surfaces were drawn with: none is taken.
-    missing : tuple of str
-        Mesh files that were not found, or that may not be read, with the reason: their shapes are gone, too.
-    without : int
-        Shapes that were left out on request.
-    """
+    """A URDF whose meshes lie in a folder beside it."""
 
     tree: XmlTree
+    """The document; names of meshes are ``meshes/NAME``."""
     meshes: dict[str, bytes]
+    """Content of the files by these names."""
     left_out: tuple[str, ...]
+    """Mesh files that are not taken: their shapes are gone from the document."""
     textures: tuple[str, ...] = ()
+    """Images that surfaces were drawn with: none is taken."""
     missing: tuple[str, ...] = ()
+    """Mesh files that were not found, or that may not be read, with the reason: their shapes are gone, too."""
     without: int = 0
+    """Shapes that were left out on request."""
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -54,28 +54,19 @@ FILE_OPTIONS = ("verify", "targets", "prior")
 
 @dataclass(frozen=True)
 class Entry:
-    """A robot of the list.
-
-    Attributes
-    ----------
-    id : str
-        Also the name of its folder.
-    serial : str
-        Of the robot; the id where the list has none.
-    measurements, robot : str
-        Paths as a process finds them, or a robot's name.
-    date : str
-        When it was measured, ISO 8601; empty where the list does not say.
-    options : dict
-        Of `irbcal.calibrate`.
-    """
+    """A robot of the list."""
 
     id: str
+    """Also the name of its folder."""
     serial: str
+    """Of the robot; the id where the list has none."""
     measurements: str
     robot: str
+    """Paths as a process finds them, or a robot's name."""
     date: str
+    """When it was measured, ISO 8601; empty where the list does not say."""
     options: Mapping[str, Any]
+    """Of `irbcal.calibrate`."""
 
     @property
     def name(self) -> str:
@@ -181,40 +172,27 @@ MARK = "fleet.json"
 
 @dataclass(frozen=True)
 class RobotOutcome:
-    """A robot of a list, calibrated or refused.
-
-    Attributes
-    ----------
-    id, serial, date : str
-    robot, model : str
-        Name of the nominal robot, and the error model; empty where it failed.
-    simulated : bool
-    poses : int
-        Fitted and held out.
-    nominal_mm, mean_mm, max_mm : float or None
-        Held-out mean error of the nominal robot, mean and largest of the calibrated one.
-    verdict : str
-        In a sentence; where it failed, why.
-    trusted : bool
-    failed : bool
-    sha256 : str
-        Of the row and its files.
-    """
+    """A robot of a list, calibrated or refused."""
 
     id: str
     serial: str
     date: str
     robot: str = ""
     model: str = ""
+    """Name of the nominal robot, and the error model; empty where it failed."""
     simulated: bool = False
     poses: int = 0
+    """Fitted and held out."""
     nominal_mm: float | None = None
     mean_mm: float | None = None
     max_mm: float | None = None
+    """Held-out mean error of the nominal robot, mean and largest of the calibrated one."""
     verdict: str = ""
+    """In a sentence; where it failed, why."""
     trusted: bool = False
     failed: bool = False
     sha256: str = ""
+    """Of the row and its files."""
 
     @staticmethod
     def of(entry: Entry, record: Record, sha256: str) -> RobotOutcome:

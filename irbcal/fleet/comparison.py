@@ -98,25 +98,17 @@ taken: zeros change more often than lengths."""
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """A parameter that changed.
-
-    Attributes
-    ----------
-    name, unit : str
-    value, std : float
-        New minus old, SI units.
-    chi2 : float
-        By how much it explains the difference.
-    others : tuple of str
-        Parameters that would explain it about as well.
-    """
+    """A parameter that changed."""
 
     name: str
     unit: str
     value: float
     std: float
+    """New minus old, SI units."""
     chi2: float
+    """By how much it explains the difference."""
     others: tuple[str, ...] = ()
+    """Parameters that would explain it about as well."""
 
     def in_words(self, first: date, second: date) -> str:
         """A sentence."""
@@ -135,34 +127,22 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class Change:
-    """Two calibrations of one robot compared.
-
-    Attributes
-    ----------
-    robot : str
-    before, after : date
-    chi2 : float
-    directions : int
-        That both have seen: the degrees of freedom.
-    p : float
-        Probability of so large a difference by chance.
-    parameters : tuple of ParameterChange
-        The largest first; empty where it is chance.
-    left_p : float
-        Probability of what they leave unexplained.
-    sisters : tuple of str
-        Other robots whose calibrations agree with the later one: it may be theirs.
-    """
+    """Two calibrations of one robot compared."""
 
     robot: str
     before: date
     after: date
     chi2: float
     directions: int
+    """That both have seen: the degrees of freedom."""
     p: float
+    """Probability of so large a difference by chance."""
     parameters: tuple[ParameterChange, ...]
+    """The largest first; empty where it is chance."""
     left_p: float
+    """Probability of what they leave unexplained."""
     sisters: tuple[str, ...] = ()
+    """Other robots whose calibrations agree with the later one: it may be theirs."""
 
     @property
     def real(self) -> bool:
@@ -315,28 +295,20 @@ def _beyond(chi2: float, directions: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Differences:
-    """Differences of pairs of estimates: n pairs, k parameters that both have, in natural sizes.
-
-    Attributes
-    ----------
-    names : tuple of str
-    d : ndarray, shape (n, k)
-    chi2, directions, p : ndarray, shape (n,)
-        Of the directions that both have seen; and the probability of so large a chi-square by chance.
-    variances, vectors : ndarray, shape (n, k) and (n, k, k)
-        Of the sum of the covariances, along its principal directions.
-    keep : ndarray of bool, shape (n, k)
-        The directions that both have seen.
-    """
+    """Differences of pairs of estimates: n pairs, k parameters that both have, in natural sizes."""
 
     names: tuple[str, ...]
     d: FloatArray
+    """Shape (n, k)."""
     chi2: FloatArray
     directions: IntArray
     p: FloatArray
+    """Shape (n,). Of the directions that both have seen; and the probability of so large a chi-square by chance."""
     variances: FloatArray
     vectors: FloatArray
+    """Shapes (n, k) and (n, k, k). Of the sum of the covariances, along its principal directions."""
     keep: BoolArray
+    """Shape (n, k). The directions that both have seen."""
 
     def weight(self, k: int) -> FloatArray:
         """Weight of a pair's differences."""
@@ -451,18 +423,11 @@ MOST_REASONS = 3
 
 @dataclass(frozen=True)
 class StandsOut:
-    """A robot unlike its sisters.
-
-    Attributes
-    ----------
-    robot : str
-    deviations : float
-        The largest.
-    words : str
-    """
+    """A robot unlike its sisters."""
 
     robot: str
     deviations: float
+    """The largest."""
     words: str
 
 

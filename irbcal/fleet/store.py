@@ -126,21 +126,14 @@ estimates = {name: _estimates(name) for name in (*PARTS, OTHER)}
 
 @dataclass(frozen=True)
 class ParameterList:
-    """Parameters that many estimates have in common.
-
-    Attributes
-    ----------
-    names, units : tuple of str
-    natural : tuple of float or None
-        What is natural on an industrial arm, SI units.
-    states : tuple of str
-        How each was identified, or that it was held.
-    """
+    """Parameters that many estimates have in common."""
 
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     natural: tuple[float | None, ...] = ()
+    """What is natural on an industrial arm, SI units."""
     states: tuple[str, ...] = ()
+    """How each was identified, or that it was held."""
 
     @cached_property
     def place(self) -> Mapping[str, int]:
@@ -175,26 +168,20 @@ class ParameterList:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Parameters with their covariance.
-
-    Attributes
-    ----------
-    names, units : tuple of str
-    values, prior, natural : ndarray, shape (k,)
-        Their values, what was expected of them before (standard deviation; infinite for levels, which expect nothing)
-        and what is natural on an industrial arm, SI units.
-    covariance : ndarray, shape (k, k)
-    std : ndarray, shape (k,)
-        Standard deviations.
-    """
+    """Parameters with their covariance."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: FloatArray
     prior: FloatArray
     natural: FloatArray
+    """Shape (k,). Their values, what was expected of them before (standard deviation; infinite for levels, which expect
+    nothing) and what is natural on an industrial arm, SI units.
+    """
     covariance: FloatArray
+    """Shape (k, k)."""
     std: FloatArray = field(init=False)
+    """Shape (k,). Standard deviations."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "std", np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
@@ -265,23 +252,15 @@ def covariances(factors: Sequence[bytes], k: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Dated:
-    """An estimate of a calibration, and whose and when.
-
-    Attributes
-    ----------
-    number : int
-        Of the calibration.
-    robot, type : str
-    measured : date
-    packed : PackedEstimate
-        Without parameters where the calibration has no such estimate.
-    """
+    """An estimate of a calibration, and whose and when."""
 
     number: int
+    """Of the calibration."""
     robot: str
     type: str
     measured: date
     packed: PackedEstimate
+    """Without parameters where the calibration has no such estimate."""
 
     def light(self) -> Dated:
         """The same, values and deviations alone: a fleet's covariances need much memory."""
@@ -294,34 +273,24 @@ NONE = PackedEstimate(ParameterList(), b"", b"", b"")
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """A calibration as the store has it.
-
-    Attributes
-    ----------
-    robot : dict
-        ``id``, ``serial`` and ``type``.
-    calibration : dict
-        The columns of the table ``calibrations``.
-    fit : Estimate or None
-        Error parameters and terms of the calibration; None, as the next two, where it was not asked for.
-    level : Estimate or None
-        Those of the arm's own level, fitted to the calibration's points: the same parameters in every calibration;
-        None where the calibration was saved without its points.
-    terms : Estimate or None
-        What its measurements show of the terms by which a type's prior is made (`irbcal.identification.term_sets`).
-    other : tuple of dict
-        Base, targets and what is held: ``name``, ``value``, ``std`` (or None), ``unit`` and ``state`` of each.
-    files : tuple of (str, str)
-        Names and hashes of the data.
-    """
+    """A calibration as the store has it."""
 
     robot: Mapping[str, str]
+    """``id``, ``serial`` and ``type``."""
     calibration: Mapping[str, Any]
+    """The columns of the table ``calibrations``."""
     fit: Estimate | None
+    """Error parameters and terms of the calibration; None, as the next two, where it was not asked for."""
     level: Estimate | None
+    """Those of the arm's own level, fitted to the calibration's points: the same parameters in every calibration; None
+    where the calibration was saved without its points.
+    """
     terms: Estimate | None = None
+    """What its measurements show of the terms by which a type's prior is made (`irbcal.identification.term_sets`)."""
     other: tuple[Mapping[str, Any], ...] = ()
+    """Base, targets and what is held: ``name``, ``value``, ``std`` (or None), ``unit`` and ``state`` of each."""
     files: tuple[tuple[str, str], ...] = ()
+    """Names and hashes of the data."""
 
     @property
     def measured(self) -> date:

@@ -48,23 +48,15 @@ TOLERANCE: tuple[LegendEntry, ...] = (("ink", "--", "tolerance"),)
 
 @dataclass(frozen=True)
 class ErrorHistory:
-    """Held-out mean errors of a robot's calibrations, by their dates; some may be NaN.
-
-    Attributes
-    ----------
-    robot, type : str
-    numbers : tuple of int
-        Of the calibrations.
-    measured : tuple of date
-    errors : ndarray, shape (n,)
-        In mm.
-    """
+    """Held-out mean errors of a robot's calibrations, by their dates; some may be NaN."""
 
     robot: str
     type: str
     numbers: tuple[int, ...]
+    """Of the calibrations."""
     measured: tuple[date, ...]
     errors: FloatArray
+    """Shape (n,). In mm."""
 
     @property
     def days(self) -> FloatArray:

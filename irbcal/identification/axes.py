@@ -44,45 +44,32 @@ TRIPLE_POINTS = 300
 
 @dataclass(frozen=True, eq=False)
 class AxisFit(Locked):
-    """A joint axis fitted to circles, in the measuring frame.
-
-    Attributes
-    ----------
-    name : str
-        Of the group, for messages.
-    direction : ndarray, shape (3,)
-        Unit vector; the joint's positive sense by the right-hand rule.
-    point : ndarray, shape (3,)
-        The axis' point nearest to the centroid of the points used, metres.
-    targets : ndarray of int, shape (T,)
-        Targets used; those on the axis are left out.
-    radii, heights : ndarray, shape (T,)
-        Radius of each target's circle and height of its plane above ``point``, metres.
-    used : ndarray of bool, shape (m,)
-        Which of the given points were used.
-    radial, axial : ndarray, shape (used,)
-        Residuals of the points used, metres: outwards and along the axis.
-    basis : ndarray, shape (2, 3)
-        Unit vectors normal to the axis in which the covariance is given.
-    covariance : ndarray, shape (4, 4)
-        Of the tilt towards each vector of ``basis`` (rad) and the shift of ``point`` along each (m); from the residuals
-        with ``2 m - 4 - 2 T`` degrees of freedom. NaN where there are none left.
-    arc : float
-        Arc covered, radians: a full turn less the largest gap, of the target that covers most.
-    """
+    """A joint axis fitted to circles, in the measuring frame."""
 
     name: str
+    """Of the group, for messages."""
     direction: FloatArray
+    """Shape (3,). Unit vector; the joint's positive sense by the right-hand rule."""
     point: FloatArray
+    """Shape (3,). The axis' point nearest to the centroid of the points used, metres."""
     targets: IntArray
+    """Shape (T,). Targets used; those on the axis are left out."""
     radii: FloatArray
     heights: FloatArray
+    """Shape (T,). Radius of each target's circle and height of its plane above ``point``, metres."""
     used: BoolArray
+    """Shape (m,). Which of the given points were used."""
     radial: FloatArray
     axial: FloatArray
+    """Shape (used,). Residuals of the points used, metres: outwards and along the axis."""
     basis: FloatArray
+    """Shape (2, 3). Unit vectors normal to the axis in which the covariance is given."""
     covariance: FloatArray
+    """Shape (4, 4). Of the tilt towards each vector of ``basis`` (rad) and the shift of ``point`` along each (m); from
+    the residuals with ``2 m - 4 - 2 T`` degrees of freedom. NaN where there are none left.
+    """
     arc: float
+    """Arc covered, radians: a full turn less the largest gap, of the target that covers most."""
 
     @property
     def rms(self) -> float:
@@ -357,43 +344,28 @@ GROUPS = tuple(f"axis{k}" for k in range(1, 7))
 
 @dataclass(frozen=True, eq=False)
 class OneAxis(Locked):
-    """One measured joint axis, in the measuring frame.
-
-    Attributes
-    ----------
-    fit : AxisFit
-    home : ndarray, shape (joints,)
-        Joints at which the others stood, radians; the moving joint's own entry does not matter.
-    moves : PointSet
-        The poses of its group and their points.
-    """
+    """One measured joint axis, in the measuring frame."""
 
     fit: AxisFit
     home: FloatArray
+    """Shape (joints,). Joints at which the others stood, radians; the moving joint's own entry does not matter."""
     moves: PointSet
+    """The poses of its group and their points."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredAxes(Locked):
-    """Six measured joint axes, in the measuring frame ("world").
-
-    Attributes
-    ----------
-    fits : tuple of AxisFit
-        As measured, each at its own home pose.
-    homes : ndarray, shape (6, 6)
-        Home pose of each group, a row each, radians; the moving joint's own entry does not matter.
-    points, directions : ndarray, shape (6, 3)
-        A point on each axis (m) and its unit direction with all joints at zero.
-    moves : PointSet
-        The poses of the six groups and their points.
-    """
+    """Six measured joint axes, in the measuring frame ("world")."""
 
     fits: tuple[AxisFit, ...]
+    """As measured, each at its own home pose."""
     homes: FloatArray
+    """Shape (6, 6). Home pose of each group, a row each, radians; the moving joint's own entry does not matter."""
     points: FloatArray
     directions: FloatArray
+    """Shape (6, 3). A point on each axis (m) and its unit direction with all joints at zero."""
     moves: PointSet
+    """The poses of the six groups and their points."""
 
     def as_measured(self) -> tuple[FloatArray, FloatArray]:
         """Points and directions (6, 3), each axis at its own home pose."""

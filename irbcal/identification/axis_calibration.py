@@ -53,21 +53,16 @@ STEP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
-    """Lengths and angles between consecutive axes, found without a nominal arm.
-
-    Attributes
-    ----------
-    table : DHMTable
-        ``a[i]`` and ``alpha[i]``: distance and angle from axis i to axis i+1 counted from 1 (``a[1]`` lies between axes
-        1 and 2); ``d[i]`` and ``theta[i]``: shift along and turn about axis i+1 between the common normals on both of
-        its sides. NaN where six axes do not say: row 0, ``theta[5]`` and ``d[5]``. ``a`` is not negative; nearly
-        parallel axes are in Hayati's form, with the tilt in ``alpha`` and ``beta``.
-    std : DHMTable
-        Standard deviations, radians and metres.
-    """
+    """Lengths and angles between consecutive axes, found without a nominal arm."""
 
     table: dhm.DHMTable
+    """``a[i]`` and ``alpha[i]``: distance and angle from axis i to axis i+1 counted from 1 (``a[1]`` lies between axes
+    1 and 2); ``d[i]`` and ``theta[i]``: shift along and turn about axis i+1 between the common normals on both of its
+    sides. NaN where six axes do not say: row 0, ``theta[5]`` and ``d[5]``. ``a`` is not negative; nearly parallel axes
+    are in Hayati's form, with the tilt in ``alpha`` and ``beta``.
+    """
     std: dhm.DHMTable
+    """Standard deviations, radians and metres."""
 
 
 def link_geometry(axes: MeasuredAxes, parallel: Parallel = "hayati", tolerance: float = PARALLEL) -> LinkGeometry:

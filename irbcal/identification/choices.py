@@ -47,20 +47,13 @@ TERMS: tuple[Terms, ...] = get_args(Terms)
 
 @dataclass(frozen=True)
 class Goal:
-    """What a fit makes small.
-
-    Attributes
-    ----------
-    objective : {"rms", "max", "pnorm"}
-    power : float
-        Of a p-norm.
-    loss : {"linear", "soft_l1", "huber"}
-        What a residual counts in the root mean square.
-    """
+    """What a fit makes small."""
 
     objective: Objective = "rms"
     power: float = 8.0
+    """Of a p-norm."""
     loss: Loss = "linear"
+    """What a residual counts in the root mean square."""
 
     def __post_init__(self) -> None:
         if self.objective != "rms" and self.loss != "linear":

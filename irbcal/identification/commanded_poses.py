@@ -38,24 +38,17 @@ LEAST, LEAST_GAIN = 0.05, 3.0
 
 @dataclass(frozen=True, eq=False)
 class Commands(Locked):
-    """What commanded poses say of the joints.
-
-    Attributes
-    ----------
-    T_world_base, T_flange_tool : ndarray, shape (4, 4)
-        Constant transforms of the controller, metres.
-    misfit : float
-        Median distance of commanded from read poses, metres.
-    difference : ndarray, shape (n, joints)
-        Programmed minus read joints, radians (metres); zero where they are not known.
-    solved : ndarray of bool, shape (n,)
-    """
+    """What commanded poses say of the joints."""
 
     T_world_base: FloatArray
     T_flange_tool: FloatArray
+    """Shape (4, 4). Constant transforms of the controller, metres."""
     misfit: float
+    """Median distance of commanded from read poses, metres."""
     difference: FloatArray
+    """Shape (n, joints). Programmed minus read joints, radians (metres); zero where they are not known."""
     solved: BoolArray
+    """Shape (n,)."""
 
 
 def goals(measurements: MeasurementSet) -> FloatArray | None:

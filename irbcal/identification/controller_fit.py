@@ -55,42 +55,30 @@ TOOL = ("tool_x", "tool_y", "tool_z", "tool_rx", "tool_ry", "tool_rz")
 
 @dataclass(frozen=True, eq=False)
 class ControllerFit(Locked):
-    """Numbers of a controller's model beside those of an arm.
-
-    Attributes
-    ----------
-    arm : Arm
-        With the controller's table; what differs at joint 1 holds what differs at the base, too.
-    T_base : ndarray, shape (4, 4)
-        Base link in the controller's base frame; identity unless the controller's is elsewhere.
-    T_tool : ndarray, shape (4, 4)
-        The controller's tool in the tip link.
-    names : tuple of str
-        Numbers that differ: columns of the table with the joint's number, such as ``d3``, and those of `TOOL`.
-    values, std : ndarray, shape (k,)
-        Differences and their standard deviations, metres and radians.
-    before, after : ndarray, shape (n, 2)
-        Distance (m) and angle (rad) of each row from the arm as it was (with ``T_base``, ``T_tool`` where these are
-        other frames) and from the fitted one.
-    moment : ndarray of bool, shape (n,)
-        Rows whose joints and pose are of different moments.
-    frames_differ : bool
-        Whether base or tool are other frames than the URDF's links.
-    many : bool
-        Whether nearly all numbers differ.
-    """
+    """Numbers of a controller's model beside those of an arm."""
 
     arm: Arm
+    """With the controller's table; what differs at joint 1 holds what differs at the base, too."""
     T_base: FloatArray
+    """Shape (4, 4). Base link in the controller's base frame; identity unless the controller's is elsewhere."""
     T_tool: FloatArray
+    """Shape (4, 4). The controller's tool in the tip link."""
     names: tuple[str, ...]
+    """Numbers that differ: columns of the table with the joint's number, such as ``d3``, and those of `TOOL`."""
     values: FloatArray
     std: FloatArray
+    """Shape (k,). Differences and their standard deviations, metres and radians."""
     before: FloatArray
     after: FloatArray
+    """Shape (n, 2). Distance (m) and angle (rad) of each row from the arm as it was (with ``T_base``, ``T_tool`` where
+    these are other frames) and from the fitted one.
+    """
     moment: BoolArray
+    """Shape (n,). Rows whose joints and pose are of different moments."""
     frames_differ: bool
+    """Whether base or tool are other frames than the URDF's links."""
     many: bool
+    """Whether nearly all numbers differ."""
 
 
 @dataclass(frozen=True, eq=False)

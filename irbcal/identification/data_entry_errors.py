@@ -95,31 +95,23 @@ TOO_FAR = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis(Locked):
-    """Another way to read the joints and points of a file.
-
-    Attributes
-    ----------
-    words : tuple of str
-        What the file looks like, such as ``joint 3 with its sign turned``.
-    cost : float
-        How far-fetched it is; about one for each thing that is wrong.
-    matrix, offset : ndarray, shape (joints, joints) and (joints,)
-        ``matrix @ q + offset`` are the joints, radians (metres for prismatic joints).
-    late : int
-        The points of a row belong to the joints so many rows before.
-    scale : float
-        Factor on positions.
-    mirrored : bool
-        Whether positions are left-handed.
-    """
+    """Another way to read the joints and points of a file."""
 
     words: tuple[str, ...]
+    """What the file looks like, such as ``joint 3 with its sign turned``."""
     cost: float
+    """How far-fetched it is; about one for each thing that is wrong."""
     matrix: FloatArray
     offset: FloatArray
+    """Shapes (joints, joints) and (joints,). ``matrix @ q + offset`` are the joints, radians (metres for prismatic
+    joints).
+    """
     late: int = 0
+    """The points of a row belong to the joints so many rows before."""
     scale: float = 1.0
+    """Factor on positions."""
     mirrored: bool = False
+    """Whether positions are left-handed."""
 
     def joints(self, q: FloatArray) -> FloatArray:
         """Joints of all rows, (n, joints); of rows without one so many before them, those of the nearest row."""
@@ -518,25 +510,17 @@ WINDOW = 3
 
 @dataclass(frozen=True)
 class LostRow:
-    """Where positions begin to stand beside their neighbour's joints.
-
-    Attributes
-    ----------
-    pose : str
-        The first such pose.
-    late : int
-        1 where positions belong to the joints of the pose before (they come late), -1 where to those of the next.
-    poses : int
-        Poses from there on.
-    before, after : float
-        Median distance of their points from the robot as they are and read so, metres.
-    """
+    """Where positions begin to stand beside their neighbour's joints."""
 
     pose: str
+    """The first such pose."""
     late: int
+    """1 where positions belong to the joints of the pose before (they come late), -1 where to those of the next."""
     poses: int
+    """Poses from there on."""
     before: float
     after: float
+    """Median distance of their points from the robot as they are and read so, metres."""
 
     def in_words(self, measurements: MeasurementSet | None = None) -> str:
         """One sentence, with the row of the file where this is at hand."""

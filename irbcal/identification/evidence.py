@@ -75,26 +75,17 @@ Progress = Callable[[str], object]
 
 @dataclass(eq=False)
 class ComparedTermSet:
-    """A term set with its fits.
-
-    Attributes
-    ----------
-    term_set : TermSet
-    by_evidence : Posterior
-        At the temper of the log evidence.
-    weight : float
-        In the average.
-    by_fit : Posterior or None
-        At the temper of a fit; of term sets with weight.
-    leave_one_out : float or None
-        Root mean square length of its leave-one-pose-out residuals, metres.
-    """
+    """A term set with its fits."""
 
     term_set: TermSet
     by_evidence: Posterior
+    """At the temper of the log evidence."""
     weight: float = 0.0
+    """In the average."""
     by_fit: Posterior | None = None
+    """At the temper of a fit; of term sets with weight."""
     leave_one_out: float | None = None
+    """Root mean square length of its leave-one-pose-out residuals, metres."""
 
     @property
     def optimism(self) -> float:
@@ -143,17 +134,12 @@ class Averaging:
         Of all its columns.
     independent : bool
         Whether the points of a pose err by themselves, so that each coordinate counts for itself.
-
-    Attributes
-    ----------
-    outlying : ndarray, shape (measurements,)
-        Of the average, see `irbcal.identification.leave_one_out.outlying`.
-    alone : (int, float) or None
-        Of the average, see `irbcal.identification.leave_one_out.standing_alone`.
     """
 
     outlying: FloatArray
+    """Shape (measurements,). Of the average, see `irbcal.identification.leave_one_out.outlying`."""
     alone: tuple[int, float] | None = None
+    """Of the average, see `irbcal.identification.leave_one_out.standing_alone`."""
 
     def __init__(self, linear: LinearModel, sums: NormalEquations, independent: bool = False) -> None:
         self.linear, self.sums, self.independent = linear, sums, independent
@@ -400,32 +386,21 @@ def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list
 
 @dataclass(frozen=True, eq=False)
 class LinearisedPoints:
-    """Points linearised about the geometry solution, with all terms that a term set may have.
-
-    Attributes
-    ----------
-    problem : Problem
-    state : State
-        Base, targets and constants of the geometry solution.
-    motion : Motion
-    linear : Linearisation
-        Of at most `COMPARED` poses.
-    sums : NormalEquations
-    taus : list of float
-        Time constants of warm-up.
-    usual_kg : float or None
-    readings_gain : float or None
-        By how much residuals fall if a share of the last move is taken from each pose; None unless joints are readings.
-    """
+    """Points linearised about the geometry solution, with all terms that a term set may have."""
 
     problem: Problem
     state: State
+    """Base, targets and constants of the geometry solution."""
     motion: Motion
     linear: Linearisation
+    """Of at most `COMPARED` poses."""
     sums: NormalEquations
     taus: list[float]
+    """Time constants of warm-up."""
     usual_kg: float | None
     readings_gain: float | None
+    """By how much residuals fall if a share of the last move is taken from each pose; None unless joints are readings.
+    """
 
 
 def prepare(
@@ -751,18 +726,12 @@ def check_averaging(arm: Arm, poses: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class TypeTerms(Locked):
-    """What one robot's measurements show of the terms.
-
-    Attributes
-    ----------
-    terms : tuple of Term
-    values, covariance : ndarray, shape (k,), (k, k)
-        The estimate under a prior of `WIDE` natural sizes about zero, SI units.
-    """
+    """What one robot's measurements show of the terms."""
 
     terms: tuple[Term, ...]
     values: FloatArray
     covariance: FloatArray
+    """Shapes (k,), (k, k). The estimate under a prior of `WIDE` natural sizes about zero, SI units."""
 
 
 def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:

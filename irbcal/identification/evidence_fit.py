@@ -85,30 +85,20 @@ def families_shown(
 
 @dataclass(frozen=True)
 class TypePriorResult:
-    """What a prior from calibrated robots of the same type did.
-
-    Attributes
-    ----------
-    type : str
-    count : int
-        Robots that it is from.
-    simulated : bool
-        Whether any of them is.
-    gain : float
-        Nats by which the best choice of terms with it has more evidence than the best one without.
-    weight : float
-        Of the choices with it.
-    chi2, directions : float, int
-        Whether the robot is like them, see `irbcal.identification.term_sets`.
-    """
+    """What a prior from calibrated robots of the same type did."""
 
     type: str
     count: int
+    """Robots that it is from."""
     simulated: bool
+    """Whether any of them is."""
     gain: float
+    """Nats by which the best choice of terms with it has more evidence than the best one without."""
     weight: float
+    """Of the choices with it."""
     chi2: float
     directions: int
+    """Whether the robot is like them, see `irbcal.identification.term_sets`."""
 
     def in_words(self) -> str:
         """A sentence."""

@@ -20,22 +20,14 @@ from irbcal.units import MM
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of all columns, flat ones first.
-
-    Attributes
-    ----------
-    H : ndarray, shape (columns, columns)
-        ``J^T J``, mm^2.
-    g : ndarray, shape (columns,)
-        ``J^T y``, mm^2.
-    yy : float
-        ``y^T y``, mm^2.
-    equations : int
-    """
+    """Normal equations of all columns, flat ones first."""
 
     H: FloatArray
+    """Shape (columns, columns). ``J^T J``, mm^2."""
     g: FloatArray
+    """Shape (columns,). ``J^T y``, mm^2."""
     yy: float
+    """``y^T y``, mm^2."""
     equations: int
 
     def part(self, columns: IntArray) -> NormalEquations:
@@ -105,19 +97,13 @@ KNOWN_COUNT = 4.0
 
 @dataclass(frozen=True, eq=False)
 class CoefficientPrior(Locked):
-    """What was known of coefficients before, from elsewhere: normal, each by itself.
-
-    Attributes
-    ----------
-    mean, std : ndarray, shape (k - flat,)
-        In natural sizes: zero and one where nothing is known.
-    known : ndarray of bool, shape (k - flat,)
-        Whether something is; the same for all coefficients of a group.
-    """
+    """What was known of coefficients before, from elsewhere: normal, each by itself."""
 
     mean: FloatArray
     std: FloatArray
+    """Shape (k - flat,). In natural sizes: zero and one where nothing is known."""
     known: BoolArray
+    """Shape (k - flat,). Whether something is; the same for all coefficients of a group."""
 
     def part(self, chosen: BoolArray | IntArray) -> CoefficientPrior:
         """Of some of the coefficients."""
@@ -141,34 +127,23 @@ def evidence_temper(per_pose: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Outcome of a fit; columns are ordered as in the sums, flat ones first.
-
-    Attributes
-    ----------
-    c : ndarray, shape (k,)
-        Coefficients.
-    covariance : ndarray, shape (k, k)
-    variances, gammas : ndarray, shape (groups,)
-        Prior variance of each group and number of its coefficients that the data determine.
-    s2 : float
-        Residual variance of a coordinate, mm^2.
-    log_evidence : float
-        At these variances.
-    iterations : int
-    temper : float
-    freedom : float
-        Coordinates that ``s2`` rests on, what was known of it before included.
-    """
+    """Outcome of a fit; columns are ordered as in the sums, flat ones first."""
 
     c: FloatArray
+    """Shape (k,). Coefficients."""
     covariance: FloatArray
+    """Shape (k, k)."""
     variances: FloatArray
     gammas: FloatArray
+    """Shape (groups,). Prior variance of each group and number of its coefficients that the data determine."""
     s2: float
+    """Residual variance of a coordinate, mm^2."""
     log_evidence: float
+    """At these variances."""
     iterations: int
     temper: float
     freedom: float = np.inf
+    """Coordinates that ``s2`` rests on, what was known of it before included."""
 
 
 def maximise_evidence(
@@ -244,21 +219,14 @@ def maximise_evidence(
 
 
 class Worth(NamedTuple):
-    """What the data say of a part of the coefficients, beside all others.
-
-    Attributes
-    ----------
-    evidence : float
-        Log evidence that is lost without it, nats.
-    moves : float
-        Root mean square distance by which the fitted points move without it, metres.
-    determined : float
-        Number of its coefficients that the data determine.
-    """
+    """What the data say of a part of the coefficients, beside all others."""
 
     evidence: float
+    """Log evidence that is lost without it, nats."""
     moves: float
+    """Root mean square distance by which the fitted points move without it, metres."""
     determined: float
+    """Number of its coefficients that the data determine."""
 
 
 def worth_of_each(
@@ -316,30 +284,23 @@ def worth_of_each(
 
 @dataclass(frozen=True, eq=False)
 class _Moment:
-    """A fit with given variances.
-
-    Attributes
-    ----------
-    c : ndarray, shape (k,)
-    whitened, scale
-        See `_factor`.
-    gammas : ndarray, shape (groups,)
-    evidence : float
-    goal : float
-        What is made largest: the log evidence with what is known of the variances before.
-    up, down : ndarray, shape (groups + 1,)
-        Each variance (the residuals' is the last) should be the quotient; half of ``up / variance - down`` is the slope
-        of the goal along its logarithm.
-    """
+    """A fit with given variances."""
 
     c: FloatArray
+    """Shape (k,)."""
     whitened: FloatArray
     scale: FloatArray
+    """See `_factor`."""
     gammas: FloatArray
+    """Shape (groups,)."""
     evidence: float
     goal: float
+    """What is made largest: the log evidence with what is known of the variances before."""
     up: FloatArray
     down: FloatArray
+    """Shape (groups + 1,). Each variance (the residuals' is the last) should be the quotient; half of ``up / variance -
+    down`` is the slope of the goal along its logarithm.
+    """
 
 
 @dataclass(frozen=True, eq=False)

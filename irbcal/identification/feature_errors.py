@@ -217,26 +217,17 @@ def _fitted_misfit(arm: Arm, rows: FeatureSet) -> float:
 
 @dataclass(frozen=True, eq=False)
 class StepOfFeature:
-    """A feature's place, or a target on the tool, that may have moved before some row.
-
-    Attributes
-    ----------
-    name : str
-        Of the place or the target.
-    on_tool : bool
-    first : int
-        Row from which on it is elsewhere.
-    later : ndarray of bool, shape (rows,)
-        The rows behind its move.
-    statistic : float
-        By how much rows fit better where what moved has a step of its own before and behind, in variances.
-    """
+    """A feature's place, or a target on the tool, that may have moved before some row."""
 
     name: str
+    """Of the place or the target."""
     on_tool: bool
     first: int
+    """Row from which on it is elsewhere."""
     later: BoolArray
+    """Shape (rows,). The rows behind its move."""
     statistic: float
+    """By how much rows fit better where what moved has a step of its own before and behind, in variances."""
 
 
 def moved_part(fit: FeatureFit) -> str:

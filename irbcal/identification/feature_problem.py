@@ -65,18 +65,12 @@ def edge_key(edge: Edge) -> Key:
 
 @dataclass(frozen=True, eq=False)
 class FeatureState:
-    """One candidate.
-
-    Attributes
-    ----------
-    values : dict
-        Unknowns of frames, tool and features by their key.
-    coefficients : ndarray, shape (terms,)
-        SI units.
-    """
+    """One candidate."""
 
     values: Mapping[Key, FloatArray]
+    """Unknowns of frames, tool and features by their key."""
     coefficients: FloatArray
+    """Shape (terms,). SI units."""
 
     @property
     def T_world_base(self) -> FloatArray:
@@ -86,30 +80,19 @@ class FeatureState:
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Rows of one kind at one feature with one target.
-
-    Attributes
-    ----------
-    kind : Kind
-    feature : Feature
-    target : str
-        Whose point is looked at: a target of the tool, or the feature whose place is ``carrier``'s.
-    rows : ndarray of int
-    measured : bool
-        Whether the place is the row's own, in ``frame``.
-    frame : str
-        In which the feature is known, or sought.
-    carrier : str
-        Whose point is looked at: the flange, the frame of a tool, or the base, which carries places.
-    """
+    """Rows of one kind at one feature with one target."""
 
     kind: Kind
     feature: Feature
     target: str
+    """Whose point is looked at: a target of the tool, or the feature whose place is ``carrier``'s."""
     rows: IntArray
     measured: bool
+    """Whether the place is the row's own, in ``frame``."""
     frame: str
+    """In which the feature is known, or sought."""
     carrier: str = FLANGE
+    """Whose point is looked at: the flange, the frame of a tool, or the base, which carries places."""
 
     @property
     def point(self) -> Key:

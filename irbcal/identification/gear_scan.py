@@ -25,23 +25,15 @@ NUMBER_S = 1e-9
 
 @dataclass(frozen=True)
 class GearFound:
-    """A single high harmonic that the scan found.
-
-    Attributes
-    ----------
-    joint : int
-        From 0.
-    cycles_per_turn : int
-    chi2 : float
-        By how much it explains the residuals, two degrees of freedom.
-    evidence_gain : float
-        Nats.
-    """
+    """A single high harmonic that the scan found."""
 
     joint: int
+    """From 0."""
     cycles_per_turn: int
     chi2: float
+    """By how much it explains the residuals, two degrees of freedom."""
     evidence_gain: float
+    """Nats."""
 
 
 class WaveSums:

@@ -47,19 +47,14 @@ class VectorProblem(Protocol[S]):
 
     `irbcal.identification.problem.Problem` is one of a tracker's points, and
     `irbcal.identification.feature_objectives.FeatureVectors` one of rows at features.
-
-    Attributes
-    ----------
-    outer : int
-        Number of unknowns without a nominal value; they stand before the error parameters.
-    rows : int
-        Number of vectors.
-    weights : ndarray, shape (rows,)
     """
 
     outer: int
+    """Number of unknowns without a nominal value; they stand before the error parameters."""
     rows: int
+    """Number of vectors."""
     weights: FloatArray
+    """Shape (rows,)."""
 
     @property
     def poses(self) -> int:
@@ -98,37 +93,28 @@ class VectorProblem(Protocol[S]):
 
 @dataclass(frozen=True, eq=False)
 class Information(Locked):
-    """Information about the error parameters after base and targets are eliminated.
-
-    Attributes
-    ----------
-    eigenvalues : ndarray, shape (k,)
-        Of the scaled information matrix, m^2 (change of the sum of squares for one plausible size), ascending; those of
-        held directions come first.
-    directions : ndarray, shape (k, k)
-        Their eigenvectors, columns, in plausible sizes.
-    seen : ndarray of bool, shape (k,)
-    scale : ndarray, shape (k,)
-        Plausible sizes, SI units.
-    H_nn_inverse : ndarray, shape (b, b)
-        Inverse information of base and targets for known error parameters.
-    follow : ndarray, shape (b, k)
-        How base and targets follow the (unscaled) error parameters: ``dn = -follow @ de``.
-    sigma : float
-        Standard deviation of one coordinate residual, metres.
-    outer_null : ndarray, shape (b, k)
-        Directions of base and targets that no pose of the arm can show, unit vectors; only arms whose axes are all
-        parallel have any.
-    """
+    """Information about the error parameters after base and targets are eliminated."""
 
     eigenvalues: FloatArray
+    """Shape (k,). Of the scaled information matrix, m^2 (change of the sum of squares for one plausible size),
+    ascending; those of held directions come first.
+    """
     directions: FloatArray
+    """Shape (k, k). Their eigenvectors, columns, in plausible sizes."""
     seen: BoolArray
+    """Shape (k,)."""
     scale: FloatArray
+    """Shape (k,). Plausible sizes, SI units."""
     H_nn_inverse: FloatArray
+    """Shape (b, b). Inverse information of base and targets for known error parameters."""
     follow: FloatArray
+    """Shape (b, k). How base and targets follow the (unscaled) error parameters: ``dn = -follow @ de``."""
     sigma: float
+    """Standard deviation of one coordinate residual, metres."""
     outer_null: FloatArray
+    """Shape (b, k). Directions of base and targets that no pose of the arm can show, unit vectors; only arms whose axes
+    are all parallel have any.
+    """
 
     @property
     def rank(self) -> int:
@@ -507,43 +493,28 @@ Record: TypeAlias = Callable[[int, S], None]
 
 @dataclass(frozen=True, eq=False)
 class Solution(Locked, Generic[S]):
-    """Outcome of a fit, by whatever solver.
-
-    Attributes
-    ----------
-    state : State
-    information : Information
-        What least squares says that the data show; other solvers move the state along these directions.
-    rss : float
-        Weighted sum of squared residuals at ``state``, m^2.
-    value : float
-        Objective at ``state``, metres: root mean square or largest distance, p-norm, root of the mean loss.
-    iterations : int
-    history : tuple of float
-        Objective at the start and after each iteration, metres (Nelder-Mead: every ten iterations).
-    weights : ndarray, shape (rows,), or None
-        What each row's squared distance counts in the last step of a reweighted fit, at most 1.
-    scale : float or None
-        ``c`` of a robust loss, metres.
-    lower_bound : float or None
-        No small move along the seen directions brings the largest distance below this, metres.
-    multipliers : ndarray, shape (rows, 3), or None
-        The vectors ``w_j`` that prove the bound, see `irbcal.identification.minimax`.
-    evaluations : int or None
-        Of the objective, without derivatives.
-    """
+    """Outcome of a fit, by whatever solver."""
 
     state: S
     information: Information
+    """What least squares says that the data show; other solvers move the state along these directions."""
     rss: float
+    """Weighted sum of squared residuals at ``state``, m^2."""
     value: float
+    """Objective at ``state``, metres: root mean square or largest distance, p-norm, root of the mean loss."""
     iterations: int
     history: tuple[float, ...] = ()
+    """Objective at the start and after each iteration, metres (Nelder-Mead: every ten iterations)."""
     weights: FloatArray | None = None
+    """Shape (rows,). What each row's squared distance counts in the last step of a reweighted fit, at most 1."""
     scale: float | None = None
+    """``c`` of a robust loss, metres."""
     lower_bound: float | None = None
+    """No small move along the seen directions brings the largest distance below this, metres."""
     multipliers: FloatArray | None = None
+    """Shape (rows, 3). The vectors ``w_j`` that prove the bound, see `irbcal.identification.minimax`."""
     evaluations: int | None = None
+    """Of the objective, without derivatives."""
 
     @property
     def gap(self) -> float:

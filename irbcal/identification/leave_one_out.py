@@ -108,18 +108,14 @@ def _all_closed(M: FloatArray) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Without:
-    """A fit without a block of its rows.
-
-    Attributes
-    ----------
-    shift : ndarray, shape (columns,)
-        Of the coefficients, with the sign by which residuals grow.
-    is_open : ndarray, shape (columns, directions)
-        Directions that are open, in lengths by which the rows left out share them as unit vectors do.
-    """
+    """A fit without a block of its rows."""
 
     shift: FloatArray
+    """Shape (columns,). Of the coefficients, with the sign by which residuals grow."""
     is_open: FloatArray
+    """Shape (columns, directions). Directions that are open, in lengths by which the rows left out share them as unit
+    vectors do.
+    """
 
     @staticmethod
     def of(covariance: FloatArray, information: Sequence[FloatArray], b: Sequence[FloatArray]) -> list[Without]:

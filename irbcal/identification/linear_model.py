@@ -51,63 +51,41 @@ STEPS = 4
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The linear model of a block of poses.
-
-    Attributes
-    ----------
-    J : ndarray, shape (columns, rows)
-        Millimetres per unit of each column.
-    y : ndarray, shape (rows,)
-        Millimetres.
-    pose : ndarray of int, shape (rows,)
-        Pose of each row, ascending; the coordinates of a point stand side by side.
-    row : ndarray of int, shape (rows,)
-        Which measurement each is of; -1 for what is known besides measurements.
-    """
+    """The linear model of a block of poses."""
 
     J: FloatArray
+    """Shape (columns, rows). Millimetres per unit of each column."""
     y: FloatArray
+    """Shape (rows,). Millimetres."""
     pose: IntArray
+    """Shape (rows,). Pose of each row, ascending; the coordinates of a point stand side by side."""
     row: IntArray
+    """Shape (rows,). Which measurement each is of; -1 for what is known besides measurements."""
 
 
 class LinearModel(ABC):
-    """Measurements linearised at one state: what evidence and leave-one-out errors need of them, whatever their kind.
-
-    Attributes
-    ----------
-    flat : int
-        Unknowns without prior; their columns stand first.
-    terms : list of Term
-    sizes : ndarray, shape (flat + terms,)
-        SI value of one unit of each column.
-    per_pose : float
-        Measured vectors in a pose, on average.
-    noise : float
-        Standard deviation of a coordinate that is plausible before anything is measured, mm.
-    target_names : tuple of str
-    target : ndarray of int, shape (measurements,)
-        Number of the target of each measurement; -1 of those that are no places.
-    session : ndarray of str, shape (poses,), or None
-    projected : bool
-        Whether one free number a pose was projected out.
-    restarts : bool
-        Whether fits at an improved model start from those before it.
-    sequence : bool
-        Whether poses are a sequence, of which contiguous parts are left out, too.
-    """
+    """Measurements of any kind, linearised at one state: what evidence and leave-one-out errors need of them."""
 
     flat: int
+    """Unknowns without prior; their columns stand first."""
     terms: list[Term]
     sizes: FloatArray
+    """Shape (flat + terms,). SI value of one unit of each column."""
     per_pose: float
+    """Measured vectors in a pose, on average."""
     noise: float = NOISE
+    """Standard deviation of a coordinate that is plausible before anything is measured, mm."""
     target_names: tuple[str, ...]
     target: IntArray
+    """Shape (measurements,). Number of the target of each measurement; -1 of those that are no places."""
     session: NameArray | None = None
+    """Shape (poses,)."""
     projected: bool = False
+    """Whether one free number a pose was projected out."""
     restarts: bool = False
+    """Whether fits at an improved model start from those before it."""
     sequence: bool = True
+    """Whether poses are a sequence, of which contiguous parts are left out, too."""
 
     @abstractmethod
     def blocks(self, columns: IntArray | None = None) -> Iterator[Rows]:

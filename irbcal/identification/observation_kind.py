@@ -32,54 +32,37 @@ SHOWN: Mapping[str, float] = {"m": MM, "rad": DEG, "px": 1.0, "": 1.0}
 
 @dataclass(frozen=True)
 class Unknown:
-    """An unknown of a kind.
-
-    Attributes
-    ----------
-    shape : str
-    of : str
-        Whether each ``feature`` has its own, or each ``target`` of the tool.
-    unit : str
-        Of its steps: ``m``, ``rad``, ``px``, or nothing for numbers without one; see `STEPS`.
-    """
+    """An unknown of a kind."""
 
     shape: Shape
     of: Literal["feature", "target"] = "feature"
+    """Whether each ``feature`` has its own, or each ``target`` of the tool."""
     unit: Literal["m", "rad", "px", ""] = "m"
+    """Of its steps: ``m``, ``rad``, ``px``, or nothing for numbers without one; see `STEPS`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """Rows at one feature with one target.
-
-    Attributes
-    ----------
-    feature : Feature
-        What is known of it.
-    p : ndarray, shape (m, 3)
-        The tool's point, metres, in the frame in which the feature is known or sought: the base link if that is open.
-    R : ndarray, shape (m, 3, 3)
-        Axes of the tip link in that frame.
-    value : ndarray, shape (m,)
-        Metres or radians; NaN where there is none.
-    xyz : ndarray, shape (m, 3)
-        As written in the file, metres; NaN likewise.
-    rotation : ndarray, shape (m, 3, 3)
-        Measured orientations, NaN likewise.
-    corners : ndarray, shape (m, n, 5 or 6), or None
-        Of images, see `irbcal.measurement.imaging.Images`.
-    known : dict of str to ndarray
-        Unknowns of the kind that are known already, for a start of the others.
-    """
+    """Rows at one feature with one target."""
 
     feature: Feature
+    """What is known of it."""
     p: FloatArray
+    """Shape (m, 3). The tool's point, metres, in the frame in which the feature is known or sought: the base link if
+    that is open.
+    """
     R: FloatArray
+    """Shape (m, 3, 3). Axes of the tip link in that frame."""
     value: FloatArray
+    """Shape (m,). Metres or radians; NaN where there is none."""
     xyz: FloatArray
+    """Shape (m, 3). As written in the file, metres; NaN likewise."""
     rotation: FloatArray
+    """Shape (m, 3, 3). Measured orientations, NaN likewise."""
     corners: FloatArray | None = None
+    """Shape (m, n, 5 or 6). Of images, see `irbcal.measurement.imaging.Images`."""
     known: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Unknowns of the kind that are known already, for a start of the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,62 +75,40 @@ class PriorValue:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of some rows and their derivatives; those that are NaN were not measured.
-
-    Attributes
-    ----------
-    r : ndarray, shape (m, k)
-        Metres, predicted minus known.
-    point : ndarray, shape (m, k, 3)
-        By the tool's point.
-    by_unknown : dict of str to ndarray, shape (m, k, d)
-        By the kind's unknowns.
-    turn : ndarray, shape (m, k, 3), optional
-        By a turn of the tool about its point.
-    size : ndarray, shape (m,), optional
-        How far a row is from what was seen, metres; the length of its first three residuals unless given.
-    """
+    """Residuals of some rows and their derivatives; those that are NaN were not measured."""
 
     r: FloatArray
+    """Shape (m, k). Metres, predicted minus known."""
     point: FloatArray
+    """Shape (m, k, 3). By the tool's point."""
     by_unknown: Mapping[str, FloatArray]
+    """Values of shape (m, k, d). By the kind's unknowns."""
     turn: FloatArray | None = None
+    """Shape (m, k, 3). By a turn of the tool about its point."""
     size: FloatArray | None = None
+    """Shape (m,). How far a row is from what was seen, metres; the length of its first three residuals unless given."""
 
 
 class Kind(ABC):
-    """What is known of the tool at a row.
-
-    Attributes
-    ----------
-    name : str
-    shown_as : str
-        What is drawn of its features, as a label says it; its name unless given.
-    size : int
-        Residuals of a row.
-    unknowns : dict of str to Unknown
-        Its unknowns; ``centre`` may be known instead, in the measuring frame.
-    needs : tuple of str
-        What each row must have: ``value``, ``xyz``, ``rotation``, ``corners``.
-    metric : bool
-        Whether it measures a length of the size of the arm.
-    shape_only : bool
-        Whether it says no more than that points lie on a surface or line whose place is unknown.
-    spread : bool
-        Whether rows at one feature are at many places of the tool.
-    pointed : bool
-        Whether the tool's point matters, not only its attitude.
-    """
+    """What is known of the tool at a row."""
 
     name: ClassVar[str]
     shown_as: ClassVar[str] = ""
+    """What is drawn of its features, as a label says it; its name unless given."""
     size: ClassVar[int]
+    """Residuals of a row."""
     unknowns: ClassVar[Mapping[str, Unknown]]
+    """Its unknowns; ``centre`` may be known instead, in the measuring frame."""
     needs: ClassVar[tuple[str, ...]] = ()
+    """What each row must have: ``value``, ``xyz``, ``rotation``, ``corners``."""
     metric: ClassVar[bool] = False
+    """Whether it measures a length of the size of the arm."""
     shape_only: ClassVar[bool] = False
+    """Whether it says no more than that points lie on a surface or line whose place is unknown."""
     spread: ClassVar[bool] = False
+    """Whether rows at one feature are at many places of the tool."""
     pointed: ClassVar[bool] = True
+    """Whether the tool's point matters, not only its attitude."""
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """Unknowns that are known of a feature, but for its centre."""

@@ -46,23 +46,16 @@ MOST_POSES = 2000
 
 @dataclass(frozen=True, eq=False)
 class GrossErrors(Locked):
-    """Points that no robot of this kind could have reached.
-
-    Attributes
-    ----------
-    keep : ndarray of bool, shape (m,)
-    distance : ndarray, shape (m,)
-        From the robot, metres.
-    robot : Robot
-        Fitted to the good points.
-    level : str
-        At which it was fitted.
-    """
+    """Points that no robot of this kind could have reached."""
 
     keep: BoolArray
+    """Shape (m,)."""
     distance: FloatArray
+    """Shape (m,). From the robot, metres."""
     robot: Robot
+    """Fitted to the good points."""
     level: Level
+    """At which it was fitted."""
 
 
 def find_gross_errors(

@@ -55,37 +55,26 @@ class PoseBlock:
 
     Points are arranged in t rows of f. Where poses have t points each, and none an orientation, the frames of a pose
     are needed once, for the points below one another; else once for every point, and there is one row.
-
-    Attributes
-    ----------
-    poses : ndarray of int, shape (n,), or slice
-        Numbers of its poses.
-    q : ndarray, shape (n, joints)
-        Of poses, radians.
-    frames : ndarray of int, shape (f,), or slice
-        Rows of ``q`` at which frames are needed.
-    target : ndarray of int, shape (t, f)
-        Target of each point.
-    xyz : ndarray, shape (3, t f)
-        Measured points in their order here, metres.
-    turned : ndarray of int, shape (o,)
-        Points with a measured orientation, of the one row.
-    rotation : ndarray, shape (o, 3, 3)
-    rows : ndarray of int, shape (t f + o,)
-        Of the whole problem: the points', then the orientations'.
-    session : ndarray of int, shape (t f + o,)
-        Of each row.
     """
 
     poses: IntArray | slice
+    """Shape (n,). Numbers of its poses."""
     q: FloatArray
+    """Shape (n, joints). Of poses, radians."""
     frames: IntArray | slice
+    """Shape (f,). Rows of ``q`` at which frames are needed."""
     target: IntArray
+    """Shape (t, f). Target of each point."""
     xyz: FloatArray
+    """Shape (3, t f). Measured points in their order here, metres."""
     turned: IntArray
+    """Shape (o,). Points with a measured orientation, of the one row."""
     rotation: FloatArray
+    """Shape (o, 3, 3)."""
     rows: IntArray
+    """Shape (t f + o,). Of the whole problem: the points', then the orientations'."""
     session: IntArray
+    """Shape (t f + o,). Of each row."""
 
 
 def cut(points: PointSet, oriented: BoolArray, session: IntArray, length: int = BLOCK) -> list[PoseBlock]:
@@ -149,26 +138,18 @@ ORIENTATION_LENGTH = 0.3
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """One candidate: base, targets and coefficients of the terms.
-
-    Attributes
-    ----------
-    T_world_base : ndarray, shape (4, 4)
-    targets : ndarray, shape (T, 3)
-        In the tip link, metres.
-    errors : ndarray, shape (terms,)
-        Coefficients of the terms, SI units.
-    rotations : ndarray, shape (T, 3, 3)
-        Target frames in the tip link; identity for targets without measured orientation.
-    others : ndarray, shape (sessions - 1, 4, 4)
-        Bases in the measuring frames of the sessions before the last one.
-    """
+    """One candidate: base, targets and coefficients of the terms."""
 
     T_world_base: FloatArray
+    """Shape (4, 4)."""
     targets: FloatArray
+    """Shape (T, 3). In the tip link, metres."""
     errors: FloatArray
+    """Shape (terms,). Coefficients of the terms, SI units."""
     rotations: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """Shape (T, 3, 3). Target frames in the tip link; identity for targets without measured orientation."""
     others: FloatArray = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    """Shape (sessions - 1, 4, 4). Bases in the measuring frames of the sessions before the last one."""
 
     def __post_init__(self) -> None:
         if not len(self.rotations):
@@ -187,18 +168,12 @@ Key: TypeAlias = tuple[str, bool]
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """How the columns of some terms are made.
-
-    Attributes
-    ----------
-    constant : dict
-        Axis -> columns, and their joints: arrays of int.
-    moving : list
-        Of each other column its number, motion, joints and row among the values.
-    """
+    """How the columns of some terms are made."""
 
     constant: Mapping[str, tuple[IntArray, IntArray]]
+    """Axis -> columns, and their joints: arrays of int."""
     moving: Sequence[tuple[int, Key, tuple[int, ...], int]]
+    """Of each other column its number, motion, joints and row among the values."""
 
 
 class Problem:

@@ -82,33 +82,22 @@ OF_TYPE = " (type)"
 
 @dataclass(frozen=True, eq=False)
 class TermSet:
-    """One choice of terms.
-
-    Attributes
-    ----------
-    name : str
-        Its families in words.
-    terms : ndarray of int
-        Places in the superset.
-    groups : tuple of str
-        Names of the variances.
-    group : ndarray of int, shape (terms,)
-        Variance of each term.
-    bands : bool
-        Whether it has long series of harmonics.
-    highest : int
-        Order of harmonics that it was offered.
-    expected : CoefficientPrior or None
-        What is known of its terms from robots of its type.
-    """
+    """One choice of terms."""
 
     name: str
+    """Its families in words."""
     terms: IntArray
+    """Places in the superset."""
     groups: tuple[str, ...]
+    """Names of the variances."""
     group: IntArray
+    """Shape (terms,). Variance of each term."""
     bands: bool = False
+    """Whether it has long series of harmonics."""
     highest: int = 0
+    """Order of harmonics that it was offered."""
     expected: CoefficientPrior | None = None
+    """What is known of its terms from robots of its type."""
 
     @property
     def caps(self) -> FloatArray:
@@ -310,30 +299,21 @@ def taken(term: Term) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class TypePrior:
-    """Mean and scatter of a type's terms.
-
-    Attributes
-    ----------
-    type, nominal_sha256 : str
-        Name of the nominal robot, and of its file's content.
-    sisters : tuple of str
-        Ids of the robots that it is from.
-    simulated : bool
-        Whether any of them is.
-    names, units : tuple of str
-    mean, std, natural : ndarray, shape (k,)
-        What to expect of a new sister, and natural sizes, SI units.
-    """
+    """Mean and scatter of a type's terms."""
 
     type: str
     nominal_sha256: str
+    """Name of the nominal robot, and of its file's content."""
     sisters: tuple[str, ...]
+    """Ids of the robots that it is from."""
     simulated: bool
+    """Whether any of them is."""
     names: tuple[str, ...]
     units: tuple[str, ...]
     mean: FloatArray
     std: FloatArray
     natural: FloatArray
+    """Shape (k,). What to expect of a new sister, and natural sizes, SI units."""
     place: Mapping[str, int] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -182,20 +182,13 @@ NO_SEAL = "calibration.json has no seal"
 
 @dataclass(frozen=True, repr=False)
 class Saved:
-    """A calibration folder as read, once.
-
-    Attributes
-    ----------
-    folder : Path
-    record : Record
-        Content of ``calibration.json``.
-    urdf : bytes
-        Content of ``calibrated.urdf``.
-    """
+    """A calibration folder as read, once."""
 
     folder: Path
     record: Record
+    """Content of ``calibration.json``."""
     urdf: bytes
+    """Content of ``calibrated.urdf``."""
 
     def __repr__(self) -> str:
         return f"<Saved {self.folder}: {self.record!r}>"
@@ -325,23 +318,15 @@ def contents(folder: str | Path) -> tuple[tuple[str, bytes], ...] | None:
 
 @dataclass(frozen=True)
 class FolderCheck:
-    """What `checked` finds in a calibration folder.
-
-    Attributes
-    ----------
-    record : Record
-    differences : tuple of str
-        What is not as it was written, or contradicts itself: a part of a sentence each.
-    files : tuple of str
-        Those that are as they were written.
-    unlisted : tuple of str
-        Files in the folder that the seal does not list: nothing is known of them.
-    """
+    """What `checked` finds in a calibration folder."""
 
     record: Record
     differences: tuple[str, ...]
+    """What is not as it was written, or contradicts itself: a part of a sentence each."""
     files: tuple[str, ...]
+    """Those that are as they were written."""
     unlisted: tuple[str, ...]
+    """Files in the folder that the seal does not list: nothing is known of them."""
 
 
 def checked(folder: str | Path) -> FolderCheck:

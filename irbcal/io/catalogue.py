@@ -55,32 +55,21 @@ UP: Vector = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class MakerConventions:
-    """What the arms of a maker share.
-
-    Attributes
-    ----------
-    title : str
-    joints : tuple of str
-    signs : tuple of int
-        +1 where the controller counts a joint about up (1), left (2, 3, 5) or forward along the forearm (4, 6).
-    upper, forearm : tuple of float
-        Directions at zero joints, x forward.
-    flange : tuple of float
-        Roll, pitch and yaw of the flange in the base at zero joints, degrees.
-    front : float
-        Yaw of the arm's front in the base, degrees.
-    coupling : str or None
-        How the pendant counts, see `irbcal.modeling.coupling`.
-    """
+    """What the arms of a maker share."""
 
     title: str
     signs: tuple[int, ...]
+    """+1 where the controller counts a joint about up (1), left (2, 3, 5) or forward along the forearm (4, 6)."""
     joints: tuple[str, ...] = tuple(f"joint_{i}" for i in range(1, 7))
     upper: Vector = UP
     forearm: Vector = LEVEL
+    """Directions at zero joints, x forward."""
     flange: Vector = (0.0, 90.0, 0.0)
+    """Roll, pitch and yaw of the flange in the base at zero joints, degrees."""
     front: float = 0.0
+    """Yaw of the arm's front in the base, degrees."""
     coupling: str | None = None
+    """How the pendant counts, see `irbcal.modeling.coupling`."""
 
 
 _UR = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -111,31 +100,21 @@ MAKERS = {
 
 @dataclass(frozen=True)
 class CatalogueArm:
-    """A row of the table.
-
-    Attributes
-    ----------
-    name, model : str
-        ``kuka/kr16-2`` and ``KR 16-2``.
-    lengths : dict
-        By name, metres.
-    limits : tuple of (float, float)
-        Degrees, of the URDF's joints.
-    speeds : tuple of float
-        Degrees per second; empty where the source has none.
-    source : str
-        Public repository of the numbers.
-    note : str
-        What the source says otherwise than of sister arms.
-    """
+    """A row of the table."""
 
     name: str
     model: str
+    """``kuka/kr16-2`` and ``KR 16-2``."""
     lengths: dict[str, float]
+    """By name, metres."""
     limits: tuple[tuple[float, float], ...]
+    """Degrees, of the URDF's joints."""
     speeds: tuple[float, ...]
+    """Degrees per second; empty where the source has none."""
     source: str
+    """Public repository of the numbers."""
     note: str
+    """What the source says otherwise than of sister arms."""
 
     @property
     def maker(self) -> MakerConventions:

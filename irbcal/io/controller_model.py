@@ -31,20 +31,14 @@ from irbcal.units import MM
 
 
 class ControllerFrames(NamedTuple):
-    """Frames of a controller at an arm's ends.
-
-    Attributes
-    ----------
-    T_base_world, T_tip_flange : ndarray, shape (4, 4)
-        Metres; identity where the URDF names no such link.
-    base_known, flange_known : bool
-        Whether it does.
-    """
+    """Frames of a controller at an arm's ends."""
 
     T_base_world: FloatArray
     T_tip_flange: FloatArray
+    """Shape (4, 4). Metres; identity where the URDF names no such link."""
     base_known: bool
     flange_known: bool
+    """Whether it does."""
 
 
 def unknown_frames() -> ControllerFrames:
@@ -116,24 +110,18 @@ ITSELF = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ControllerModel(Locked):
-    """What a controller computes with.
-
-    Attributes
-    ----------
-    source : str
-        File name.
-    arm : Arm
-        The controller's model, with the names and limits of the nominal arm; its base is the controller's.
-    nominal : Arm
-    T_own_base, T_tip_own : ndarray, shape (4, 4)
-        The nominal base link in the controller's base, and the controller's flange in the nominal tip link.
-    """
+    """What a controller computes with."""
 
     source: str
+    """File name."""
     arm: Arm
+    """The controller's model, with the names and limits of the nominal arm; its base is the controller's."""
     nominal: Arm
     T_own_base: FloatArray
     T_tip_own: FloatArray
+    """Shape (4, 4). The nominal base link in the controller's base, and the controller's flange in the nominal tip
+    link.
+    """
 
     def seen_by_it(self, robot: Robot) -> Robot:
         """A calibrated robot whose poses are counted from the controller's base to its flange."""

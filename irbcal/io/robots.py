@@ -31,33 +31,22 @@ DESCRIPTIONS = "robot_descriptions"
 
 @dataclass(frozen=True)
 class NamedRobot:
-    """A robot that is known by a short name.
-
-    Attributes
-    ----------
-    name : str
-    file : str
-        URDF in ``urdf/`` of irbcal, or in ``robots`` of example-robot-data.
-    what : str
-        The robot in words.
-    source : str
-        ``irbcal``, ``catalogue`` (see `irbcal.io.catalogue`), ``example-robot-data`` or ``robot_descriptions``.
-    base_link, tip_link : str or None
-        Ends of the arm where its URDF leaves them open.
-    numbers : str
-        Public repository that an arm of the catalogue has its numbers from, with its licence.
-    unconfirmed : str
-        What that repository leaves in doubt.
-    """
+    """A robot that is known by a short name."""
 
     name: str
     file: str
+    """URDF in ``urdf/`` of irbcal, or in ``robots`` of example-robot-data."""
     what: str
+    """The robot in words."""
     source: str = EXAMPLES
+    """``irbcal``, ``catalogue`` (see `irbcal.io.catalogue`), ``example-robot-data`` or ``robot_descriptions``."""
     base_link: str | None = None
     tip_link: str | None = None
+    """Ends of the arm where its URDF leaves them open."""
     numbers: str = ""
+    """Public repository that an arm of the catalogue has its numbers from, with its licence."""
     unconfirmed: str = ""
+    """What that repository leaves in doubt."""
 
     def path(self) -> Path:
         """The URDF.

@@ -171,35 +171,26 @@ FINGERPRINT_TAG = "irbcal_calibration"
 
 @dataclass(frozen=True, eq=False)
 class UrdfArm(Locked):
-    """A parsed URDF and the arm found in it.
-
-    Attributes
-    ----------
-    arm : Arm
-    tree : lxml ElementTree
-        The original document; never changed, writing works on a copy.
-    joint_elements : tuple of int
-        Position of the chain's moving joints among the document's ``joint`` elements.
-    T_dhm_link : ndarray, shape (joints + 1, 4, 4)
-        Link frame in its DHM frame: base link in frame 0, then the child link of each moving joint (at zero, fixed to
-        the parent link, of a joint on the way up).
-    T_link_parent : ndarray, shape (joints, 4, 4)
-        Parent link of each moving joint (child link of one on the way up) in the link frame before it (fixed joints in
-        between).
-    child_links : tuple of str
-        Child link of each moving joint.
-    root_link : str
-    T_root_base : ndarray, shape (4, 4)
-    """
+    """A parsed URDF and the arm found in it."""
 
     arm: Arm
     tree: XmlTree
+    """The original document; never changed, writing works on a copy."""
     joint_elements: tuple[int, ...]
+    """Position of the chain's moving joints among the document's ``joint`` elements."""
     T_dhm_link: FloatArray
+    """Shape (joints + 1, 4, 4). Link frame in its DHM frame: base link in frame 0, then the child link of each moving
+    joint (at zero, fixed to the parent link, of a joint on the way up).
+    """
     T_link_parent: FloatArray
+    """Shape (joints, 4, 4). Parent link of each moving joint (child link of one on the way up) in the link frame before
+    it (fixed joints in between).
+    """
     child_links: tuple[str, ...]
+    """Child link of each moving joint."""
     root_link: str
     T_root_base: FloatArray
+    """Shape (4, 4)."""
 
     def __getstate__(self) -> dict[str, Any]:
         """For pickle: the document as bytes."""

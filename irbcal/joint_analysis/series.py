@@ -330,32 +330,23 @@ def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class PayloadEffect(Locked):
-    """One joint moved from one home pose with two payloads (Nubiola 2011, Table 4.3).
-
-    Attributes
-    ----------
-    joint : int
-        Counted from 1.
-    home : ndarray, shape (joints,)
-        Where the other joints stood, radians.
-    target : str
-        The farthest one from the axis that was seen with both.
-    light_kg, heavy_kg : float
-    light, heavy : float
-        Largest distance of the target's points from their circle and their angle, each payload's own, metres.
-    shift : float
-        Largest distance between the target's places with the two payloads at one joint angle, reached from the same
-        side, in the measuring frame, metres; NaN without such angles.
-    """
+    """One joint moved from one home pose with two payloads (Nubiola 2011, Table 4.3)."""
 
     joint: int
+    """Counted from 1."""
     home: FloatArray
+    """Shape (joints,). Where the other joints stood, radians."""
     target: str
+    """The farthest one from the axis that was seen with both."""
     light_kg: float
     heavy_kg: float
     light: float
     heavy: float
+    """Largest distance of the target's points from their circle and their angle, each payload's own, metres."""
     shift: float
+    """Largest distance between the target's places with the two payloads at one joint angle, reached from the same
+    side, in the measuring frame, metres; NaN without such angles.
+    """
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, mm and degrees."""

@@ -29,31 +29,21 @@ STEEP = 0.5
 
 @dataclass(frozen=True)
 class Board:
-    """A board.
-
-    Attributes
-    ----------
-    pattern : str
-        One of `PATTERNS`.
-    across, along : int
-        Squares, circles or markers along x and y.
-    pitch : float
-        Distance of the middles of neighbours, metres: the side of a square.
-    marker : float
-        Side of a marker, metres.
-    dictionary : str
-        OpenCV's name of its markers, such as ``DICT_5X5_100``.
-    first : int
-        Number of its first marker.
-    """
+    """A board."""
 
     pattern: str
+    """One of `PATTERNS`."""
     across: int
     along: int
+    """Squares, circles or markers along x and y."""
     pitch: float
+    """Distance of the middles of neighbours, metres: the side of a square."""
     marker: float = 0.0
+    """Side of a marker, metres."""
     dictionary: str = ""
+    """OpenCV's name of its markers, such as ``DICT_5X5_100``."""
     first: int = 0
+    """Number of its first marker."""
 
     @property
     def corners(self) -> FloatArray:
@@ -84,19 +74,12 @@ class Board:
 
 @dataclass(frozen=True, eq=False)
 class MarkerBody:
-    """Markers on a body that need not be flat.
-
-    Attributes
-    ----------
-    markers : tuple of int
-        Their numbers.
-    corners : ndarray, shape (4 times markers, 3)
-        In the body's axes, of each marker from its upper left one on clockwise, metres.
-    dictionary : str
-    """
+    """Markers on a body that need not be flat."""
 
     markers: tuple[int, ...]
+    """Their numbers."""
     corners: FloatArray
+    """Shape (4 times markers, 3). In the body's axes, of each marker from its upper left one on clockwise, metres."""
     dictionary: str
 
     def finder(self) -> Finder:
@@ -118,27 +101,18 @@ class MarkerBody:
 
 @dataclass(frozen=True)
 class Pattern:
-    """A kind of board.
-
-    Attributes
-    ----------
-    corners : callable
-        Corners of a board in its axes, (n, 2), metres.
-    finder : callable
-        From OpenCV and a board to what finds its corners.
-    fewest : int
-        Squares, circles or markers that it has at least along each side.
-    markers : bool
-        Whether it has markers of a dictionary.
-    turnable : callable
-        See `Board.turnable`.
-    """
+    """A kind of board."""
 
     corners: Callable[[Board], FloatArray]
+    """Corners of a board in its axes, (n, 2), metres."""
     finder: Callable[[Any, Board], Finder]
+    """From OpenCV and a board to what finds its corners."""
     fewest: int = 3
+    """Squares, circles or markers that it has at least along each side."""
     markers: bool = False
+    """Whether it has markers of a dictionary."""
     turnable: Callable[[Board], bool] = lambda board: False
+    """See `Board.turnable`."""
 
 
 def opencv() -> Any:

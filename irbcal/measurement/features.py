@@ -55,32 +55,23 @@ BRACES = re.compile(r"\{([^{}]+)\}")
 
 @dataclass(frozen=True, eq=False)
 class Feature(Locked):
-    """A feature with what is known of it.
-
-    Attributes
-    ----------
-    name, kind, target : str
-    radius, offset : float or None
-        Metres.
-    centre : ndarray, shape (3,), or None
-        In the measuring frame, metres.
-    axes : ndarray, shape (3, 3), or None
-        Of a plane (the third is its normal) or a line through ``centre`` (along the third) that is known.
-    u95 : float or None
-        Of its rows, metres.
-    imaging : Imaging or None
-        Camera and board, of images.
-    """
+    """A feature with what is known of it."""
 
     name: str
     kind: str
     target: str = TARGET
     radius: float | None = None
     offset: float | None = None
+    """Metres."""
     centre: FloatArray | None = None
+    """Shape (3,). In the measuring frame, metres."""
     u95: float | None = None
+    """Of its rows, metres."""
     imaging: Imaging | None = None
+    """Camera and board, of images."""
     axes: FloatArray | None = None
+    """Shape (3, 3). Of a plane (the third is its normal) or a line through ``centre`` (along the third) that is known.
+    """
 
 
 @dataclass(frozen=True)

@@ -68,26 +68,17 @@ MOST_OUTSIDE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Imaging(Locked):
-    """What is known of a camera and of the board that it sees.
-
-    Attributes
-    ----------
-    lens : ndarray, shape (9,)
-        Pinhole with Brown's distortion as `LENS` names it: pixels, and numbers of normalised coordinates.
-    fit : tuple of str
-        Which of `FITTED` are uncertain.
-    board : Board or None
-    size : (float, float) or None
-        Width and height of images, pixels.
-    u95 : float
-        Of a corner, pixels.
-    """
+    """What is known of a camera and of the board that it sees."""
 
     lens: FloatArray
+    """Shape (9,). Pinhole with Brown's distortion as `LENS` names it: pixels, and numbers of normalised coordinates."""
     fit: tuple[str, ...] = ()
+    """Which of `FITTED` are uncertain."""
     board: Board | None = None
     size: tuple[float, float] | None = None
+    """Width and height of images, pixels."""
     u95: float = PIXEL_U95
+    """Of a corner, pixels."""
 
     @property
     def corners(self) -> FloatArray:
@@ -302,51 +293,37 @@ def u95_of(corners: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Corners gathered image by image.
-
-    Attributes
-    ----------
-    keep : ndarray of bool, shape (rows,)
-        Rows of the file that stay: the first of each image, and those that are no corners.
-    corners : ndarray, shape (kept, n, 5 or 6)
-        x and y on the board in metres, u, v and the uncertainty in pixels, where bodies are not flat also z; NaN beyond
-        an image's corners.
-    outside : int
-        Corners that were left out because they are beyond the image.
-    """
+    """Corners gathered image by image."""
 
     keep: BoolArray
+    """Shape (rows,). Rows of the file that stay: the first of each image, and those that are no corners."""
     corners: FloatArray
+    """Shape (kept, n, 5 or 6). x and y on the board in metres, u, v and the uncertainty in pixels, where bodies are not
+    flat also z; NaN beyond an image's corners.
+    """
     outside: int = 0
+    """Corners that were left out because they are beyond the image."""
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Corners row by row, as the file has them.
-
-    Attributes
-    ----------
-    image : ndarray of int, shape (rows,)
-        Rows with one number are of one pose at one feature with one target.
-    kind, feature, target : ndarray of str, shape (rows,)
-    number, u, v, u95 : ndarray, shape (rows,)
-        Pixels; NaN where there is none.
-    xyz : ndarray, shape (rows, 3)
-        In the board's axes, metres, where the file has them.
-    row : ndarray of int, shape (rows,)
-        In the file.
-    """
+    """Corners row by row, as the file has them."""
 
     image: IntArray
+    """Shape (rows,). Rows with one number are of one pose at one feature with one target."""
     kind: NameArray
     feature: NameArray
     target: NameArray
+    """Shape (rows,)."""
     number: FloatArray
     u: FloatArray
     v: FloatArray
     u95: FloatArray
+    """Shape (rows,). Pixels; NaN where there is none."""
     xyz: FloatArray
+    """Shape (rows, 3). In the board's axes, metres, where the file has them."""
     row: IntArray
+    """Shape (rows,). In the file."""
 
 
 def gathered(

@@ -41,30 +41,24 @@ Corners: TypeAlias = "tuple[FloatArray, FloatArray]"
 
 @dataclass(frozen=True, eq=False)
 class Lens(Locked):
-    """The lens of a camera.
-
-    Attributes
-    ----------
-    camera : str
-    size : (int, int)
-        Width and height of pictures, pixels.
-    numbers, u95 : ndarray, shape (9,)
-        As `irbcal.measurement.imaging.LENS` names them, with half-widths that hold 95 %; 0 where not fitted.
-    pictures : ndarray of str, shape (m,)
-    corners : ndarray of int, shape (m,)
-    pixels, heldout_pixels : ndarray, shape (m,)
-        Root mean square distance of a picture's corners, in the fit and while the picture was left out; there only the
-        board's place is fitted to it, which is counted.
-    """
+    """The lens of a camera."""
 
     camera: str
     size: tuple[int, int]
+    """Width and height of pictures, pixels."""
     numbers: FloatArray
     u95: FloatArray
+    """Shape (9,). As `irbcal.measurement.imaging.LENS` names them, with half-widths that hold 95 %; 0 where not fitted.
+    """
     pictures: NameArray
+    """Shape (m,)."""
     corners: FloatArray
+    """Whole numbers, shape (m,)."""
     pixels: FloatArray
     heldout_pixels: FloatArray
+    """Shape (m,). Root mean square distance of a picture's corners, in the fit and while the picture was left out;
+    there only the board's place is fitted to it, which is counted.
+    """
 
     @property
     def rms_pixels(self) -> float:

@@ -91,25 +91,16 @@ class FoundCorners(Result):
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A board that pictures may show.
-
-    Attributes
-    ----------
-    camera : str
-        That sees it.
-    board : Board or MarkerBody
-    find : callable
-    size : (int, int) or None
-        Of the camera's pictures, pixels.
-    row : dict
-        Of the features' file.
-    """
+    """A board that pictures may show."""
 
     camera: str
+    """That sees it."""
     board: Board | MarkerBody
     find: Finder
     size: tuple[int, int] | None
+    """Of the camera's pictures, pixels."""
     row: dict[str, str]
+    """Of the features' file."""
 
 
 def corners_of(read: Callable[[str], Any], joints: TableLike, features: TableLike, where: str) -> FoundCorners:

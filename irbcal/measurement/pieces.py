@@ -30,37 +30,23 @@ BLOCK = 1 << 24
 
 @dataclass(frozen=True)
 class Piece:
-    """Rows of a long file, those of a pose together.
-
-    Attributes
-    ----------
-    path : str
-    begin, end : int
-        Bytes of a CSV file, rows of a Parquet file.
-    row : int
-        Of the file, for messages: that before the first.
-    """
+    """Rows of a long file, those of a pose together."""
 
     path: str
     begin: int
     end: int
+    """Bytes of a CSV file, rows of a Parquet file."""
     row: int
+    """Of the file, for messages: that before the first."""
 
 
 @dataclass(frozen=True)
 class LongFile:
-    """A long file.
-
-    Attributes
-    ----------
-    path : str
-    sha256 : str
-        Of its content.
-    pieces : tuple of Piece
-    """
+    """A long file."""
 
     path: str
     sha256: str
+    """Of its content."""
     pieces: tuple[Piece, ...]
 
 

@@ -38,24 +38,18 @@ PITCH_U95 = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Edge(Locked):
-    """Two frames that are joined.
-
-    Attributes
-    ----------
-    parent, child : str
-    T : ndarray, shape (4, 4) or (rows, 4, 4), or None
-        ``T_parent_child``, metres, of all rows or row by row; None where it is unknown, is the arm, or an axis.
-    screw : ndarray, shape (6,), or None
-        Of an external axis, nominal: turn and shift of the child by one rad (m).
-    e : ndarray, shape (rows,), or None
-        Its position, row by row, radians (metres).
-    """
+    """Two frames that are joined."""
 
     parent: str
     child: str
     T: FloatArray | None = None
+    """Shape (4, 4) or (rows, 4, 4). ``T_parent_child``, metres, of all rows or row by row; None where it is unknown, is
+    the arm, or an axis.
+    """
     screw: FloatArray | None = None
+    """Shape (6,). Of an external axis, nominal: turn and shift of the child by one rad (m)."""
     e: FloatArray | None = None
+    """Shape (rows,). Its position, row by row, radians (metres)."""
 
     def at(self, value: FloatArray | None) -> FloatArray:
         """``T_parent_child``, (4, 4) or (rows, 4, 4), by the value of its unknown, or as it is known."""
@@ -134,21 +128,14 @@ def cross(v: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class RelativeFrame:
-    """A frame G in the axes of a frame F, at n rows.
-
-    Attributes
-    ----------
-    T : ndarray, shape (n, 4, 4)
-        ``T_F_G``, metres.
-    frames : dict of str to ndarray, shape (n, 4, 4)
-        ``T_F_X`` of every frame X on the path.
-    signs : dict of str to float
-        By the child of each edge on the path, 1 where the path goes from its parent to the child, else -1.
-    """
+    """A frame G in the axes of a frame F, at n rows."""
 
     T: FloatArray
+    """Shape (n, 4, 4). ``T_F_G``, metres."""
     frames: Mapping[str, FloatArray]
+    """Values of shape (n, 4, 4). ``T_F_X`` of every frame X on the path."""
     signs: Mapping[str, float]
+    """By the child of each edge on the path, 1 where the path goes from its parent to the child, else -1."""
 
     def moved_by(self, child: str, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How points of G move, and how G turns, by a small motion of the edge of a child.

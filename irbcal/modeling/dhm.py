@@ -112,27 +112,19 @@ class DHMTable:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ChainFrames(Locked):
-    """Axes and origins along the chain for a block of poses, all in the base frame.
-
-    Attributes
-    ----------
-    x_before, o_before : ndarray, shape (joints, 3, n)
-        x axis and origin of frame i-1: what alpha_i turns about and a_i moves along.
-    z, o : ndarray, shape (joints, 3, n)
-        z axis and origin of frame i: what theta_i turns about and d_i moves along.
-    y_tilt, o_tilt : ndarray, shape (joints, 3, n)
-        Axis and point that Hayati's beta_i turns about; b_i moves along it.
-    tip : ndarray, shape (4, 3, n)
-        x, y, z axes and origin of the tip frame.
-    """
+    """Axes and origins along the chain for a block of poses, all in the base frame."""
 
     x_before: FloatArray
     o_before: FloatArray
+    """Shape (joints, 3, n). x axis and origin of frame i-1: what alpha_i turns about and a_i moves along."""
     z: FloatArray
     o: FloatArray
+    """Shape (joints, 3, n). z axis and origin of frame i: what theta_i turns about and d_i moves along."""
     y_tilt: FloatArray
     o_tilt: FloatArray
+    """Shape (joints, 3, n). Axis and point that Hayati's beta_i turns about; b_i moves along it."""
     tip: FloatArray
+    """Shape (4, 3, n). x, y, z axes and origin of the tip frame."""
 
 
 def _turn(

@@ -48,28 +48,20 @@ FOURIER = ("a1", "b1", "a2", "b2")
 
 @dataclass(frozen=True)
 class Parameter:
-    """One error parameter of the robot.
-
-    Attributes
-    ----------
-    name : str
-        ``delta_theta3``, ``stiffness_A``, ``fourier_b2``, ``gain4``.
-    kind : str
-        Column of the DHM table, ``stiffness``, ``fourier`` or ``gain``.
-    index : int
-        Joint (from 0) or position in the joint map's array.
-    unit : str
-        SI unit: ``m``, ``rad`` or ``1``.
-    scale : float
-        Plausible size in SI units: what manufacturing, mastering or gravity could do to an industrial
-        arm. A direction known less well than this is not an identification (it is held at nominal).
-    """
+    """One error parameter of the robot."""
 
     name: str
+    """``delta_theta3``, ``stiffness_A``, ``fourier_b2``, ``gain4``."""
     kind: Kind
+    """Column of the DHM table, ``stiffness``, ``fourier`` or ``gain``."""
     index: int
+    """Joint (from 0) or position in the joint map's array."""
     unit: Unit
+    """SI unit: ``m``, ``rad`` or ``1``."""
     scale: float
+    """Plausible size in SI units: what manufacturing, mastering or gravity could do to an industrial arm. A direction
+    known less well than this is not an identification (it is held at nominal).
+    """
 
 
 @cache

@@ -25,17 +25,12 @@ PIECES = 16
 
 @dataclass(frozen=True, eq=False)
 class Lean(Locked):
-    """What the last moves along a trajectory add to the effective joints, see `irbcal.modeling.moves_along`.
-
-    Attributes
-    ----------
-    lean, rate, second : ndarray, shape (n, joints)
-        Radians (metres for prismatic joints), and its first and second derivatives by time.
-    """
+    """What the last moves along a trajectory add to the effective joints, see `irbcal.modeling.moves_along`."""
 
     lean: FloatArray
     rate: FloatArray
     second: FloatArray
+    """Shape (n, joints). Radians (metres for prismatic joints), and its first and second derivatives by time."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -20,29 +20,19 @@ KINDS = ("position", "speed", "acceleration")
 
 
 class Exceeded(NamedTuple):
-    """A limit that a joint passes along a trajectory, where it does so by most.
-
-    Attributes
-    ----------
-    joint : str
-    kind : str
-        ``position``, ``speed`` or ``acceleration``.
-    time : float
-        Seconds.
-    value, limit : float
-        SI units, with their sign.
-    start, end : float
-        First and last time at which it is passed.
-    in_words : str
-    """
+    """A limit that a joint passes along a trajectory, where it does so by most."""
 
     joint: str
     kind: str
+    """``position``, ``speed`` or ``acceleration``."""
     time: float
+    """Seconds."""
     value: float
     limit: float
+    """SI units, with their sign."""
     start: float
     end: float
+    """First and last time at which it is passed."""
     in_words: str
 
 

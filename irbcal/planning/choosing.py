@@ -67,21 +67,14 @@ class Tally(Locked):
 
 @dataclass(frozen=True, eq=False)
 class Poses(Locked):
-    """Poses that meet the conditions.
-
-    Attributes
-    ----------
-    q : ndarray, shape (n, joints)
-        Commanded joints, radians (metres for prismatic joints).
-    seen : ndarray of bool, shape (n, k)
-        Which reflectors the tracker sees.
-    groups : ndarray of str, shape (n,)
-    tally : Tally
-    """
+    """Poses that meet the conditions."""
 
     q: FloatArray
+    """Shape (n, joints). Commanded joints, radians (metres for prismatic joints)."""
     seen: BoolArray
+    """Shape (n, k). Which reflectors the tracker sees."""
     groups: NameArray
+    """Shape (n,)."""
     tally: Tally
 
     def take(self, rows: IntArray) -> Poses:

@@ -81,17 +81,11 @@ BESIDE = ("gain", "gravity", "harmonics")
 
 @dataclass(frozen=True, eq=False)
 class Rated(Locked):
-    """Poses as `irbcal.planning.optimal_design` takes them.
-
-    Attributes
-    ----------
-    poses : Candidates
-    aim : Aim
-        Mean squared error of positions over the whole range, m^2; known lengths are given.
-    """
+    """Poses as `irbcal.planning.optimal_design` takes them."""
 
     poses: Candidates
     aim: Aim
+    """Mean squared error of positions over the whole range, m^2; known lengths are given."""
 
     def left(self, rows: IntArray | None = None) -> float:
         """Root mean square error of positions that some poses (all unless given) leave, metres."""
@@ -683,16 +677,7 @@ TRACKER, TRACKER_NOISE = "tracker", 0.03 * MM
 
 @dataclass(frozen=True)
 class RemainingError:
-    """What one device leaves.
-
-    Attributes
-    ----------
-    device, words : str
-    poses : int
-    noise, left, left_with_joints : float
-        Standard deviation of a coordinate, and root mean square error of positions that is left where the geometry is
-        all that errs, and where the joints err beyond it, metres.
-    """
+    """What one device leaves."""
 
     device: str
     words: str
@@ -700,6 +685,9 @@ class RemainingError:
     noise: float
     left: float
     left_with_joints: float
+    """Standard deviation of a coordinate, and root mean square error of positions that is left where the geometry is
+    all that errs, and where the joints err beyond it, metres.
+    """
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -58,39 +58,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Predicted:
-    """Predicted standard deviation of one error parameter.
-
-    Attributes
-    ----------
-    name, unit : str
-    std : float or None
-        In the unit of the surface; None where the poses do not show the parameter by itself.
-    state : str
-        ``identified``, ``tied`` or ``held``, as in a calibration.
-    """
+    """Predicted standard deviation of one error parameter."""
 
     name: str
     unit: str
     std: float | None
+    """In the unit of the surface; None where the poses do not show the parameter by itself."""
     state: str
+    """``identified``, ``tied`` or ``held``, as in a calibration."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanPrediction(Locked):
-    """What a plan promises, from the noise of the points alone: errors that no model describes are not in it.
-
-    Attributes
-    ----------
-    model : Model
-        With the reflectors that the plan measures.
-    parameters : tuple of Predicted
-    covariance : ndarray, shape (unknowns, unknowns)
-        Of base, targets and error parameters, SI units; held combinations add nothing.
-    """
+    """What a plan promises, from the noise of the points alone: errors that no model describes are not in it."""
 
     model: Model
+    """With the reflectors that the plan measures."""
     parameters: tuple[Predicted, ...]
     covariance: FloatArray
+    """Shape (unknowns, unknowns). Of base, targets and error parameters, SI units; held combinations add nothing."""
 
     def __repr__(self) -> str:
         single = sum(parameter.state == "identified" for parameter in self.parameters)
@@ -180,42 +166,27 @@ def move_times(scene: Scene, request: PlanRequest, q_from: FloatArray, q_to: Flo
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlannedPoses(Locked):
-    """Poses to measure, in their order, and what they promise.
-
-    Attributes
-    ----------
-    scene : Scene
-    request : PlanRequest
-    q : ndarray, shape (n, joints)
-        Commanded joints in the order of the run, radians (metres for prismatic joints).
-    asked : ndarray of bool, shape (n, k)
-        Reflectors measured in each pose.
-    groups : ndarray of str, shape (n,)
-    over_home : ndarray of bool, shape (n,)
-        Poses to which the robot goes over its home joints, for the direct way is not free.
-    tallies : dict of str to Tally
-        Of each source of poses.
-    prediction : PlanPrediction
-    position_std : dict of str to ndarray
-        Standard deviations of the first measured reflector's predicted position in ``cube`` and ``range``, metres.
-    stops : ndarray, shape (n,)
-        When the robot stands still in each pose, seconds from the start.
-    comparison : DesignComparison or None
-        Of optimal poses with random ones.
-    notes : tuple of str
-    """
+    """Poses to measure, in their order, and what they promise."""
 
     scene: Scene
     request: PlanRequest
     q: FloatArray
+    """Shape (n, joints). Commanded joints in the order of the run, radians (metres for prismatic joints)."""
     asked: BoolArray
+    """Shape (n, k). Reflectors measured in each pose."""
     groups: NameArray
+    """Shape (n,)."""
     over_home: BoolArray
+    """Shape (n,). Poses to which the robot goes over its home joints, for the direct way is not free."""
     tallies: dict[str, Tally]
+    """Of each source of poses."""
     prediction: PlanPrediction
     position_std: dict[str, FloatArray]
+    """Standard deviations of the first measured reflector's predicted position in ``cube`` and ``range``, metres."""
     stops: FloatArray
+    """Shape (n,). When the robot stands still in each pose, seconds from the start."""
     comparison: DesignComparison | None
+    """Of optimal poses with random ones."""
     notes: tuple[str, ...]
 
     @property

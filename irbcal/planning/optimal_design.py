@@ -181,18 +181,12 @@ def flat(blocks: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Candidates(Locked):
-    """What candidates would show.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (N, r, p)
-        See `Model.rows`.
-    errors : ndarray, shape (N, r, h)
-        Imagined errors that the model does not describe, over the noise; ``h`` may be 0.
-    """
+    """What candidates would show."""
 
     rows: FloatArray
+    """Shape (N, r, p). See `Model.rows`."""
     errors: FloatArray
+    """Shape (N, r, h). Imagined errors that the model does not describe, over the noise; ``h`` may be 0."""
 
     @staticmethod
     def without_errors(rows: FloatArray) -> Candidates:
@@ -276,21 +270,14 @@ class LogDeterminant(Criterion):
 
 @dataclass(frozen=True, eq=False)
 class MeanSquaredError(Locked, Criterion):
-    """Mean squared error of predicted positions of a reflector over sample poses, base and target included.
-
-    Attributes
-    ----------
-    G : ndarray, shape (p, p)
-        Mean of ``J^T J`` over the samples, metres.
-    cross : ndarray, shape (p, h)
-        Mean of ``J^T E`` with the imagined errors there; ``h`` may be 0.
-    constant : float
-        Mean of their squares.
-    """
+    """Mean squared error of predicted positions of a reflector over sample poses, base and target included."""
 
     G: FloatArray
+    """Shape (p, p). Mean of ``J^T J`` over the samples, metres."""
     cross: FloatArray
+    """Shape (p, h). Mean of ``J^T E`` with the imagined errors there; ``h`` may be 0."""
     constant: float = 0.0
+    """Mean of their squares."""
 
     WORDS = "errors imagined in the joints and scatter"
     IN_METRES = True
@@ -349,17 +336,11 @@ CRITERIA: Mapping[str, type[Criterion]] = {"position": MeanSquaredError, "D": Lo
 
 @dataclass(frozen=True, eq=False)
 class Aim(Locked):
-    """What a plan is chosen for.
-
-    Attributes
-    ----------
-    criterion : Criterion
-    given : tuple
-        Information (p, p) and ``J^T E`` (p, h) that are there anyway; numbers where there is nothing.
-    """
+    """What a plan is chosen for."""
 
     criterion: Criterion
     given: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0)
+    """Information (p, p) and ``J^T E`` (p, h) that are there anyway; numbers where there is nothing."""
 
     def with_given(self, poses: Candidates) -> Aim:
         """The same with what some poses (Candidates) show taken as there."""
@@ -387,20 +368,13 @@ DRAWS = 8
 
 @dataclass(frozen=True, eq=False)
 class Chosen(Locked):
-    """Poses chosen out of candidates.
-
-    Attributes
-    ----------
-    rows : ndarray of int, shape (count,)
-        Ascending.
-    value, start_value : float
-        The criterion reached and that of the start: less is better.
-    exchanges : int
-    """
+    """Poses chosen out of candidates."""
 
     rows: IntArray
+    """Shape (count,). Ascending."""
     value: float
     start_value: float
+    """The criterion reached and that of the start: less is better."""
     exchanges: int
 
 
@@ -457,23 +431,15 @@ def exchange(
 
 @dataclass(frozen=True, eq=False)
 class DesignComparison(Locked):
-    """Chosen poses beside random ones of the same candidates, by the criterion (less is better).
-
-    Attributes
-    ----------
-    optimal : float
-    random : dict of int to float
-        Number of random poses -> mean over `DRAWS` draws.
-    as_good_as : int or None
-        How many random poses are as good as the chosen ones; None where more than were looked at.
-    scatter : DesignComparison or None
-        The same from the points' scatter alone, where the criterion counts imagined errors, too.
-    """
+    """Chosen poses beside random ones of the same candidates, by the criterion (less is better)."""
 
     optimal: float
     random: dict[int, float]
+    """Number of random poses -> mean over `DRAWS` draws."""
     as_good_as: int | None
+    """How many random poses are as good as the chosen ones; None where more than were looked at."""
     scatter: DesignComparison | None = None
+    """The same from the points' scatter alone, where the criterion counts imagined errors, too."""
 
 
 def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> DesignComparison:

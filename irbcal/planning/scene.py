@@ -118,40 +118,26 @@ USUAL_SPEED = (60 * DEG, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Scene(Locked):
-    """Where a plan is made for.
-
-    Attributes
-    ----------
-    source : str, Path or calibration
-        As the user named the robot.
-    links : tuple of (str or None)
-        Base and tip link, where the user named them.
-    package_dirs : tuple of (str or Path)
-        Where the user's meshes are looked up.
-    setting : Setting
-    nominal : Arm
-        What the controller believes: predictions are made there.
-    T_world_base : ndarray, shape (4, 4)
-        The base link in the frame of the expected coordinates.
-    cube : tuple
-        Centre (3,) in the base link and edge, metres.
-    joint_speed : ndarray, shape (joints,)
-        SI units.
-    notes : tuple of str
-    certainty : Certainty or None
-        Of a calibration: with the joint ranges of its fit.
-    """
+    """Where a plan is made for."""
 
     source: RobotLike
+    """As the user named the robot."""
     links: tuple[str | None, str | None]
+    """Base and tip link, where the user named them."""
     package_dirs: tuple[str | Path, ...]
+    """Where the user's meshes are looked up."""
     setting: Setting
     nominal: Arm
+    """What the controller believes: predictions are made there."""
     T_world_base: FloatArray
+    """Shape (4, 4). The base link in the frame of the expected coordinates."""
     cube: tuple[FloatArray, float]
+    """Centre (3,) in the base link and edge, metres."""
     joint_speed: FloatArray
+    """Shape (joints,). SI units."""
     notes: tuple[str, ...] = ()
     certainty: Certainty | None = None
+    """Of a calibration: with the joint ranges of its fit."""
 
     @property
     def name(self) -> str:

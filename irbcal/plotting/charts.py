@@ -312,28 +312,18 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Chart:
-    """Drawings that belong together, with a caption and a legend outside of them; it shows itself in a notebook.
-
-    Attributes
-    ----------
-    name : str
-        Of the file.
-    caption : str
-    drawings : sequence of Drawing
-    legend : sequence of tuple
-        (colour, mark, words); marks are ``o``, ``^``, ``v``, ``-`` and ``--``.
-    columns : int
-        Of a file; a page has as many as fit.
-    mark : str
-        Words before the caption of a file, such as that the data are simulated.
-    """
+    """Drawings that belong together, with a caption and a legend outside of them; it shows itself in a notebook."""
 
     name: str
+    """Of the file."""
     caption: str
     drawings: Sequence[Drawing]
     legend: Sequence[LegendEntry] = ()
+    """(colour, mark, words); marks are ``o``, ``^``, ``v``, ``-`` and ``--``."""
     columns: int = 2
+    """Of a file; a page has as many as fit."""
     mark: str = ""
+    """Words before the caption of a file, such as that the data are simulated."""
 
     def __repr__(self) -> str:
         return f"<Chart {self.name}: {self.mark}{self.caption[:200]}>"

@@ -62,30 +62,20 @@ class DistanceStatistics(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModelErrors(Locked):
-    """Errors of one model on one set of poses.
-
-    Attributes
-    ----------
-    statistics : DistanceStatistics
-        Of all points.
-    distance : ndarray, shape (m,)
-        Of each point, metres.
-    per_pose : ndarray, shape (n,)
-        Mean distance of each pose's points, metres.
-    intervals : dict or None
-        95 % intervals of the statistics by their names, mm.
-    vector : ndarray, shape (m, 3), or None
-        Measured minus predicted place of each point along the axes of the base link, metres.
-    rotation : ndarray, shape (m,), or None
-        Angle between measured and predicted target frame, radians, NaN where there is none.
-    """
+    """Errors of one model on one set of poses."""
 
     statistics: DistanceStatistics
+    """Of all points."""
     distance: FloatArray
+    """Shape (m,). Of each point, metres."""
     per_pose: FloatArray
+    """Shape (n,). Mean distance of each pose's points, metres."""
     intervals: Mapping[str, Sequence[float]] | None
+    """95 % intervals of the statistics by their names, mm."""
     vector: FloatArray | None
+    """Shape (m, 3). Measured minus predicted place of each point along the axes of the base link, metres."""
     rotation: FloatArray | None
+    """Shape (m,). Angle between measured and predicted target frame, radians, NaN where there is none."""
 
     def __repr__(self) -> str:
         return f"<ModelErrors: {len(self.distance)} points, mean {self.statistics.mean_mm:.3f} mm>"
@@ -98,38 +88,29 @@ class ModelErrors(Locked):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoseErrors(Locked):
-    """One set of poses, held out, fitted or measured later, as the models see it.
-
-    Attributes
-    ----------
-    name : str
-        ``held-out``, ``fitted`` or another name.
-    pose : ndarray of int, shape (m,)
-        Which pose each point belongs to.
-    pose_names, groups : tuple of str, one for each pose
-    target : tuple of str, one for each point
-    models : dict of str to ModelErrors
-        ``nominal`` and, but for the level of that name, ``calibrated``.
-    place : ndarray, shape (m, 3), or None
-        Measured place of each point in the base link, metres.
-    what : str
-        What the errors are: ``position error``, or ``distance from feature``.
-    arm : ndarray, shape (k, 3), or None
-        A line along the arm at home in the base link, metres, see `irbcal.modeling.home.line_at_home`.
-    extra : dict of str to ndarray of str, shape (m,)
-        Columns of the measurements that are only carried along, see `MeasurementSet.extra_columns`.
-    """
+    """One set of poses, held out, fitted or measured later, as the models see it."""
 
     name: str
+    """``held-out``, ``fitted`` or another name."""
     pose: IntArray
+    """Shape (m,). Which pose each point belongs to."""
     pose_names: tuple[str, ...]
     groups: tuple[str, ...]
+    """One for each pose."""
     target: tuple[str, ...]
+    """One for each point."""
     models: Mapping[str, ModelErrors]
+    """``nominal`` and, but for the level of that name, ``calibrated``."""
     place: FloatArray | None
+    """Shape (m, 3). Measured place of each point in the base link, metres."""
     what: str = field(default=POSITION, kw_only=True)
+    """What the errors are: ``position error``, or ``distance from feature``."""
     arm: FloatArray | None = field(default=None, kw_only=True)
+    """Shape (k, 3). A line along the arm at home in the base link, metres, see `irbcal.modeling.home.line_at_home`."""
     extra: Mapping[str, NameArray] = field(default_factory=dict, kw_only=True)
+    """Values of shape (m,). Columns of the measurements that are only carried along, see
+    `MeasurementSet.extra_columns`.
+    """
 
     def __repr__(self) -> str:
         return f"<PoseErrors: {len(self.pose_names)} {self.name} poses, {len(self.pose)} points, {dict(self.models)!r}>"
@@ -496,27 +477,19 @@ def _arrow(foot: FloatArray, tip: FloatArray) -> list[FloatArray]:
 
 @dataclass(frozen=True)
 class WorstPose:
-    """A pose with a large error, and its worst point.
-
-    Attributes
-    ----------
-    pose, group, target : str
-        Names; the target is that of the worst point.
-    joints : tuple of float
-        In degrees and mm; empty where they are not known.
-    error_mm, nominal_mm : float
-        Of the worst point, by the judged and by the nominal robot.
-    vector_mm : tuple of three float, or None
-        Measured minus predicted along the axes of the base link.
-    """
+    """A pose with a large error, and its worst point."""
 
     pose: str
     group: str
     target: str
+    """Names; the target is that of the worst point."""
     joints: tuple[float, ...]
+    """In degrees and mm; empty where they are not known."""
     error_mm: float
     nominal_mm: float
+    """Of the worst point, by the judged and by the nominal robot."""
     vector_mm: tuple[float, ...] | None
+    """Three. Measured minus predicted along the axes of the base link."""
 
 
 def worst_poses(poses: PoseErrors, joints: FloatArray | None = None, count: int = 10) -> list[WorstPose]:

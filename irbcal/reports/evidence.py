@@ -30,52 +30,36 @@ WORST = 20
 
 @dataclass(frozen=True, eq=False)
 class PoseSet(PoseErrors):
-    """One set of poses of a calibration, held out or fitted, with what the report says of it.
-
-    Attributes
-    ----------
-    comparison : Pair or None
-        Nominal against calibrated, pose by pose.
-    nearer : float
-        Share of the poses that are nearer to the calibrated robot than to the nominal one.
-    covers : float
-        See `irbcal.validation.accuracy.largest_covers`.
-    points : PointSet or None
-        None for calibrations that were saved without the measured places.
-    direction : ndarray, shape (n, joints), or None
-    of : int
-        How many poses the set has, of which these are drawn.
-    """
+    """One set of poses of a calibration, held out or fitted, with what the report says of it."""
 
     comparison: Pair | None
+    """Nominal against calibrated, pose by pose."""
     nearer: float
+    """Share of the poses that are nearer to the calibrated robot than to the nominal one."""
     covers: float
+    """See `irbcal.validation.accuracy.largest_covers`."""
     points: PointSet | None
+    """None for calibrations that were saved without the measured places."""
     direction: FloatArray | None
+    """Shape (n, joints)."""
     of: int = 0
+    """How many poses the set has, of which these are drawn."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence(Locked):
-    """What a calibration's poses say.
-
-    Attributes
-    ----------
-    sets : tuple of PoseSet
-        Held-out poses, if any, and fitted ones.
-    joints : ResidualAnalysis or None
-        Which terms each joint needs, from all poses; None where it cannot be had.
-    joints_note : str
-        Why there is none.
-    coverage : dict or None
-        Whether intervals hold on the held-out poses, see `irbcal.validation.accuracy.coverage`; None where none are
-        held out, or nothing is known of intervals.
-    """
+    """What a calibration's poses say."""
 
     sets: tuple[PoseSet, ...]
+    """Held-out poses, if any, and fitted ones."""
     joints: ResidualAnalysis | None
+    """Which terms each joint needs, from all poses; None where it cannot be had."""
     joints_note: str
+    """Why there is none."""
     coverage: Mapping[str, Any] | None = None
+    """Whether intervals hold on the held-out poses, see `irbcal.validation.accuracy.coverage`; None where none are held
+    out, or nothing is known of intervals.
+    """
 
 
 def gather(calibration: Record) -> Evidence:
@@ -213,21 +197,14 @@ AT_FEATURES = "at more places (irbcal plan --device), and calibrate from all row
 
 @dataclass(frozen=True)
 class Limit:
-    """Something that keeps a calibration from being better.
-
-    Attributes
-    ----------
-    words : str
-        A sentence with figures.
-    next : str
-        What to do about it.
-    share : float
-        Of the mean square error; above 1 what comes before all accuracy.
-    """
+    """Something that keeps a calibration from being better."""
 
     words: str
+    """A sentence with figures."""
     next: str
+    """What to do about it."""
     share: float
+    """Of the mean square error; above 1 what comes before all accuracy."""
 
 
 def limits(record: Record, evidence: Evidence) -> list[Limit]:

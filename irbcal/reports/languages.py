@@ -48,41 +48,26 @@ TOKEN = 0xE000
 
 @dataclass(frozen=True)
 class Message:
-    """A message with places.
-
-    Attributes
-    ----------
-    expression : re.Pattern
-        Of the English message.
-    said : str
-        The other language's, with the same places.
-    places : tuple of str
-        In the order of the English message.
-    longest : str
-        The longest text between places, by which most candidates are ruled out at once.
-    """
+    """A message with places."""
 
     expression: re.Pattern[str]
+    """Of the English message."""
     said: str
+    """The other language's, with the same places."""
     places: tuple[str, ...]
+    """In the order of the English message."""
     longest: str
+    """The longest text between places, by which most candidates are ruled out at once."""
 
 
 @dataclass(frozen=True)
 class Catalogue:
-    """Messages of a language.
-
-    Attributes
-    ----------
-    language : str
-    plain : dict of str to str
-    patterns : sequence of Message
-        Those that say most come first.
-    """
+    """Messages of a language."""
 
     language: str
     plain: Mapping[str, str]
     patterns: Sequence[Message]
+    """Those that say most come first."""
 
     def say(self, text: str) -> tuple[str, bool]:
         """A text in this language, sentence by sentence where it is not known as a whole; and whether all of it is."""

@@ -132,61 +132,42 @@ Tips = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Spot:
-    """A feature of a device.
-
-    Attributes
-    ----------
-    name : str
-    at : tuple of three float
-        Place in shares of the arm's reach: out to the front, to the left, up.
-    shift : tuple of three float
-        Added to it, metres.
-    normal : tuple of three float
-        Where it is open: of a plane, and of a socket's or ball's upper side.
-    """
+    """A feature of a device."""
 
     name: str
     at: tuple[float, float, float]
+    """Three. Place in shares of the arm's reach: out to the front, to the left, up."""
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Three. Added to it, metres."""
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Three. Where it is open: of a plane, and of a socket's or ball's upper side."""
 
 
 @dataclass(frozen=True)
 class Device:
-    """A device.
-
-    Attributes
-    ----------
-    name, words : str
-    kind : str
-        Of its rows, see `irbcal.identification.observations`.
-    spots : tuple of Spot
-    lengths : bool
-        Whether the distances between its features are known.
-    bar : float or None
-        Length of a ballbar, the shortest of several, in shares of the reach.
-    travel : float
-        What its longest length is more, likewise.
-    lengths_of_bar : int
-        Number of its lengths, evenly spaced over the travel; 0 where it telescopes.
-    noise : float
-        Standard deviation of a coordinate that is plausible for it, metres.
-        Of a camera: of an image as a whole; of an inclinometer at the end of `LEVER`.
-    cone : float
-        Largest angle between the tool's axis and what it is turned to (the surface, the bar, the string), radians;
-        between a camera's view and a board's normal; between an inclinometer's axis and the horizontal.
-    """
+    """A device."""
 
     name: str
     words: str
     kind: str
+    """Of its rows, see `irbcal.identification.observations`."""
     spots: tuple[Spot, ...]
     lengths: bool = False
+    """Whether the distances between its features are known."""
     bar: float | None = None
+    """Length of a ballbar, the shortest of several, in shares of the reach."""
     travel: float = 0.0
+    """What its longest length is more, likewise."""
     lengths_of_bar: int = 1
+    """Number of its lengths, evenly spaced over the travel; 0 where it telescopes."""
     noise: float = 0.03 * MM
+    """Standard deviation of a coordinate that is plausible for it, metres. Of a camera: of an image as a whole; of an
+    inclinometer at the end of `LEVER`.
+    """
     cone: float = 60.0 * DEG
+    """Largest angle between the tool's axis and what it is turned to (the surface, the bar, the string), radians;
+    between a camera's view and a board's normal; between an inclinometer's axis and the horizontal.
+    """
 
     @property
     def touched(self) -> bool:
@@ -301,29 +282,19 @@ DEVICES: Mapping[str, Device] = {
 
 @dataclass(frozen=True, eq=False)
 class Placed(Locked):
-    """A device about an arm: its features' unknowns as they are.
-
-    Attributes
-    ----------
-    device : Device
-    own : dict of str to dict of str to ndarray
-        By feature: the unknowns of the device's kind.
-    bar : float
-        Metres; zero for other devices.
-    middle : dict of str to ndarray, shape (3,)
-        By feature: its place, a point of planes.
-    reach : float
-        Of the arm, metres.
-    imaging : Imaging or None
-        Camera and board.
-    """
+    """A device about an arm: its features' unknowns as they are."""
 
     device: Device
     own: Mapping[str, Mapping[str, FloatArray]]
+    """By feature: the unknowns of the device's kind."""
     bar: float
+    """Metres; zero for other devices."""
     middle: Mapping[str, FloatArray]
+    """Values of shape (3,). By feature: its place, a point of planes."""
     reach: float
+    """Of the arm, metres."""
     imaging: Imaging | None = None
+    """Camera and board."""
 
     def table(self) -> pd.DataFrame:
         """What is known of the features, as the second file of `irbcal.measurement.features`."""

@@ -40,25 +40,20 @@ HOUR = 3600.0
 
 @dataclass(frozen=True, eq=False)
 class Stops(Locked):
-    """The stops of a run, a row a pose, in the order of the run.
-
-    Attributes
-    ----------
-    q, move : ndarray, shape (n, joints)
-        Commanded joints, radians (metres for prismatic joints), and those minus the joints of the stop before.
-    direction : ndarray, shape (n, joints)
-        Sign of each joint's last change: +1 reached from below, -1 from above.
-    time_s, wait_s : ndarray, shape (n,)
-        When the robot stopped, from the start of the run, and how long it stood before it was measured.
-    prismatic : ndarray of bool, shape (joints,)
-    """
+    """The stops of a run, a row a pose, in the order of the run."""
 
     q: FloatArray
     move: FloatArray
+    """Shape (n, joints). Commanded joints, radians (metres for prismatic joints), and those minus the joints of the
+    stop before.
+    """
     direction: FloatArray
+    """Shape (n, joints). Sign of each joint's last change: +1 reached from below, -1 from above."""
     time_s: FloatArray
     wait_s: FloatArray
+    """Shape (n,). When the robot stopped, from the start of the run, and how long it stood before it was measured."""
     prismatic: BoolArray
+    """Shape (joints,)."""
 
     @property
     def units(self) -> FloatArray:
@@ -71,25 +66,18 @@ class Shot:
     """What the tracker is pointed at.
 
     Its arrays are not locked: the search for poses in sight makes one for every block of candidates.
-
-    Attributes
-    ----------
-    xyz : ndarray, shape (n, k, 3)
-        True places of targets, then references, in the base link, metres.
-    direction : ndarray, shape (n, targets, 3)
-        Where the targets look, unit vectors in the base link.
-    origins : ndarray, shape (n, joints + 1, 3)
-        Of the base link and the joints, in the base link, metres.
-    time_s : ndarray, shape (n, k)
-    place : ndarray, shape (3,)
-        The tracker in the base link, metres.
     """
 
     xyz: FloatArray
+    """Shape (n, k, 3). True places of targets, then references, in the base link, metres."""
     direction: FloatArray
+    """Shape (n, targets, 3). Where the targets look, unit vectors in the base link."""
     origins: FloatArray
+    """Shape (n, joints + 1, 3). Of the base link and the joints, in the base link, metres."""
     time_s: FloatArray
+    """Shape (n, k)."""
     place: FloatArray
+    """Shape (3,). The tracker in the base link, metres."""
 
 
 @dataclass(frozen=True)

@@ -44,29 +44,19 @@ STEP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PartCell(Locked):
-    """A virtual cell with a tool, a fixture, and a program in it.
-
-    Attributes
-    ----------
-    cell : VirtualCell
-    tip : ndarray, shape (3,)
-        True tip of the tool in the tip link, metres; its axes are the tip link's.
-    T_base_object : ndarray, shape (4, 4)
-        True fixture in the base link.
-    T_wanted : ndarray, shape (n, 4, 4)
-        Poses of the tool in the work object to which the program goes.
-    sides : ndarray, shape (SIDES, joints)
-        Joints near those at which the tip touches one place in the fixture, radians.
-    corners : ndarray, shape (3, joints)
-        Likewise of the fixture's points.
-    """
+    """A virtual cell with a tool, a fixture, and a program in it."""
 
     cell: VirtualCell
     tip: FloatArray
+    """Shape (3,). True tip of the tool in the tip link, metres; its axes are the tip link's."""
     T_base_object: FloatArray
+    """Shape (4, 4). True fixture in the base link."""
     T_wanted: FloatArray
+    """Shape (n, 4, 4). Poses of the tool in the work object to which the program goes."""
     sides: FloatArray
+    """Shape (SIDES, joints). Joints near those at which the tip touches one place in the fixture, radians."""
     corners: FloatArray
+    """Shape (3, joints). Likewise of the fixture's points."""
 
     @staticmethod
     def of(cell: VirtualCell, seed: int = 0) -> PartCell:

@@ -220,30 +220,21 @@ LONGEST_WAIT = 86_400.0
 
 @dataclass(frozen=True, eq=False)
 class PoseList(Locked):
-    """Poses to measure, in their order.
-
-    Attributes
-    ----------
-    q : ndarray, shape (n, joints)
-        Radians (metres for prismatic joints).
-    pose : ndarray of str, shape (n,)
-    targets : tuple of tuple, or None
-        For each pose the names of its targets (none for all) and its line in the file; None for all everywhere.
-    wait_s : ndarray, shape (n,)
-    extra : dict of str to ndarray of str, shape (n,)
-        Columns that are kept.
-    source : str
-    sha256 : str or None
-        Of the file's content.
-    """
+    """Poses to measure, in their order."""
 
     q: FloatArray
+    """Shape (n, joints). Radians (metres for prismatic joints)."""
     pose: NameArray
+    """Shape (n,)."""
     targets: tuple[tuple[tuple[str, ...], int], ...] | None
+    """For each pose the names of its targets (none for all) and its line in the file; None for all everywhere."""
     wait_s: FloatArray
+    """Shape (n,)."""
     extra: dict[str, NameArray]
+    """Values of shape (n,). Columns that are kept."""
     source: str
     sha256: str | None = None
+    """Of the file's content."""
 
     def asked(self, cell: VirtualCell) -> BoolArray | None:
         """Which targets each pose asks for, shape (n, targets); None for all.

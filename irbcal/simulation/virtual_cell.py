@@ -53,42 +53,29 @@ _COLUMNS = {"alpha": DEG, "a": MM, "theta": DEG, "d": MM, "beta": DEG, "b": MM}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Locked):
-    """One measuring run as the tracker saw it.
-
-    Attributes
-    ----------
-    q : ndarray, shape (n, joints)
-        Commanded joints, radians (metres for prismatic joints).
-    T_base_tip : ndarray, shape (n, 4, 4)
-        Where the tip really was: the truth.
-    xyz : ndarray, shape (n, k, 3)
-        Targets, then references, in the tracker's frame, metres; NaN where lost or not asked for.
-    asked : ndarray of bool, shape (n, k)
-    names : tuple of str, length k
-    targets : int
-        How many of the names are targets on the tool.
-    time_s : ndarray, shape (n, k)
-        When each point was measured, from the start of the run.
-    unseen : dict of str to int
-        How many of the points asked for were lost to each effect.
-    payload_kg : float
-    readings : ndarray, shape (n, joints), optional
-        Joints as the controller read them, where these are not the commanded ones.
-    payload_place : ndarray, shape (3,), optional
-        Centre of the payload in the tip link, metres, where the measurements shall tell it.
-    """
+    """One measuring run as the tracker saw it."""
 
     q: FloatArray
+    """Shape (n, joints). Commanded joints, radians (metres for prismatic joints)."""
     T_base_tip: FloatArray
+    """Shape (n, 4, 4). Where the tip really was: the truth."""
     xyz: FloatArray
+    """Shape (n, k, 3). Targets, then references, in the tracker's frame, metres; NaN where lost or not asked for."""
     asked: BoolArray
+    """Shape (n, k)."""
     names: tuple[str, ...]
+    """Length k."""
     targets: int
+    """How many of the names are targets on the tool."""
     time_s: FloatArray
+    """Shape (n, k). When each point was measured, from the start of the run."""
     unseen: dict[str, int]
+    """How many of the points asked for were lost to each effect."""
     payload_kg: float
     readings: FloatArray | None = None
+    """Shape (n, joints). Joints as the controller read them, where these are not the commanded ones."""
     payload_place: FloatArray | None = None
+    """Shape (3,). Centre of the payload in the tip link, metres, where the measurements shall tell it."""
 
     def __repr__(self) -> str:
         return f"<Run: SIMULATED, {len(self.q)} poses, {int(self.asked.sum())} points of {', '.join(self.names)}>"

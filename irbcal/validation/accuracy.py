@@ -73,20 +73,14 @@ def largest_covers(poses: int, confidence: float = 0.95) -> float:
 
 @dataclass(frozen=True, eq=False)
 class TipErrors(Locked):
-    """Errors of whole poses, reduced to the tip link (Nubiola 2011, section 7.7.3.5, Table 7.9).
-
-    Attributes
-    ----------
-    pose : ndarray of int, shape (k,)
-        Rows of the point set's poses that were measured as poses.
-    T_world_tip : ndarray, shape (k, 4, 4)
-        Measured.
-    T_predicted : ndarray, shape (k, 4, 4)
-    """
+    """Errors of whole poses, reduced to the tip link (Nubiola 2011, section 7.7.3.5, Table 7.9)."""
 
     pose: IntArray
+    """Shape (k,). Rows of the point set's poses that were measured as poses."""
     T_world_tip: FloatArray
+    """Shape (k, 4, 4). Measured."""
     T_predicted: FloatArray
+    """Shape (k, 4, 4)."""
 
     @property
     def position(self) -> FloatArray:

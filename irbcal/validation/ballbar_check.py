@@ -155,21 +155,16 @@ MEASURED = "measured"
 
 @dataclass(frozen=True, eq=False)
 class Trace(Locked):
-    """Radial errors over the path angle.
-
-    Attributes
-    ----------
-    angle : ndarray, shape (n,)
-        Radians from the start of the path, ascending.
-    error : ndarray, shape (n,)
-        Distance from the ball minus the nominal length of the bar, metres.
-    shift : ndarray, shape (2,)
-        Of the fitted centre towards the start and towards a quarter turn later, metres; zero where it was not fitted.
-    """
+    """Radial errors over the path angle."""
 
     angle: FloatArray
+    """Shape (n,). Radians from the start of the path, ascending."""
     error: FloatArray
+    """Shape (n,). Distance from the ball minus the nominal length of the bar, metres."""
     shift: FloatArray
+    """Shape (2,). Of the fitted centre towards the start and towards a quarter turn later, metres; zero where it was
+    not fitted.
+    """
 
     def at(self, angle: ArrayLike) -> FloatArray:
         """Error at other angles, by linear interpolation around the circle, metres."""
@@ -308,27 +303,18 @@ SAMPLES = 720
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BallbarPrediction(Locked):
-    """What a ballbar is expected to show.
-
-    Attributes
-    ----------
-    uncorrected : Trace
-        Path of the controller's nominal model, run by the calibrated robot.
-    corrected : Trace or None
-        Path through fake targets, run by the calibrated robot.
-    arcs : int
-        Circular moves of the corrected path.
-    reversals : tuple of Reversal
-        Joints that turn back (Tables A VI-1, A VI-2 and A VI-3); places are fractions of the path.
-    q : ndarray, shape (n, 6)
-        Joint history (Figures A VI-2, A VI-5 and A VI-8), radians.
-    """
+    """What a ballbar is expected to show."""
 
     uncorrected: Trace
+    """Path of the controller's nominal model, run by the calibrated robot."""
     corrected: Trace | None
+    """Path through fake targets, run by the calibrated robot."""
     arcs: int
+    """Circular moves of the corrected path."""
     reversals: tuple[Reversal, ...]
+    """Joints that turn back (Tables A VI-1, A VI-2 and A VI-3); places are fractions of the path."""
     q: FloatArray
+    """Shape (n, 6). Joint history (Figures A VI-2, A VI-5 and A VI-8), radians."""
 
     def __repr__(self) -> str:
         fake = "no fake targets" if self.corrected is None else f"fake targets in {self.arcs} arcs"
@@ -426,19 +412,13 @@ CLEAR = 2.0
 
 @dataclass(frozen=True)
 class JointOffset:
-    """An offset of a joint.
-
-    Attributes
-    ----------
-    joint : int
-        From 1.
-    value, std : float
-        Radians.
-    """
+    """An offset of a joint."""
 
     joint: int
+    """From 1."""
     value: float
     std: float
+    """Radians."""
 
     @property
     def seen(self) -> bool:
@@ -457,18 +437,12 @@ class JointOffset:
 
 @dataclass(frozen=True)
 class JointZeroChange:
-    """What joint offsets make of a difference of traces.
-
-    Attributes
-    ----------
-    offsets : tuple of JointOffset
-    before, after : float
-        Root mean square of the difference about its mean, and of what the offsets leave of it, metres.
-    """
+    """What joint offsets make of a difference of traces."""
 
     offsets: tuple[JointOffset, ...]
     before: float
     after: float
+    """Root mean square of the difference about its mean, and of what the offsets leave of it, metres."""
 
     def in_words(self) -> str:
         """Offsets that are there, or that none is."""

@@ -28,36 +28,23 @@ from irbcal.units import DEG, MM
 
 @dataclass(frozen=True, eq=False)
 class CleanedPoints(Locked):
-    """Points fit for validation.
-
-    Attributes
-    ----------
-    points : PointSet
-        Pose names are the file's.
-    number : ndarray of int, shape (n,)
-        Number of each pose in the file (``pose_index``), which tells cycles apart.
-    measurements : MeasurementSet
-    excluded : tuple of Exclusion
-    notes : tuple of str
-    proven : bool
-        Whether a fit never saw these poses.
-    counted_out : int
-        Poses of the file that were fitted and are not among these.
-    at_fitted : ndarray of bool, shape (n,), or None
-        Which poses are at joints that were fitted; None where that is not known.
-    basis : str
-        Why they prove nothing, in words that follow "poses", where they were not fitted themselves.
-    """
+    """Points fit for validation."""
 
     points: PointSet
+    """Pose names are the file's."""
     number: IntArray
+    """Shape (n,). Number of each pose in the file (``pose_index``), which tells cycles apart."""
     measurements: MeasurementSet
     excluded: tuple[Exclusion, ...]
     notes: tuple[str, ...]
     proven: bool = True
+    """Whether a fit never saw these poses."""
     counted_out: int = 0
+    """Poses of the file that were fitted and are not among these."""
     at_fitted: BoolArray | None = None
+    """Shape (n,). Which poses are at joints that were fitted; None where that is not known."""
     basis: str = ""
+    """Why they prove nothing, in words that follow "poses", where they were not fitted themselves."""
 
     def labels(self, column: str) -> NameArray:
         """What a column of the file says of each pose, as text of shape (n,); empty text without the column."""

@@ -51,22 +51,15 @@ MOST = 12
 
 @dataclass(frozen=True)
 class Pair:
-    """Two robots, pose by pose: two calibrations, or the nominal and the calibrated one.
-
-    Attributes
-    ----------
-    better, worse : str
-        By the mean; that this is not chance only where ``told_apart``.
-    difference_mm : float
-        Mean error of the worse less that of the better.
-    interval_mm : tuple of two float, or None
-        Of that difference; all pairs' intervals hold together with 95 % confidence (Bonferroni).
-    """
+    """Two robots, pose by pose: two calibrations, or the nominal and the calibrated one."""
 
     better: str
     worse: str
+    """By the mean; that this is not chance only where ``told_apart``."""
     difference_mm: float
+    """Mean error of the worse less that of the better."""
     interval_mm: tuple[float, ...] | None
+    """Two. Of that difference; all pairs' intervals hold together with 95 % confidence (Bonferroni)."""
 
     @property
     def told_apart(self) -> bool:

@@ -160,24 +160,16 @@ class Conformity(Result):
 
 @dataclass(frozen=True)
 class Requirement:
-    """What a calibrated robot must keep.
-
-    Attributes
-    ----------
-    tolerance : float
-        Metres.
-    rule : {"mean3sigma", "max", "percentile"}
-        What must be within it.
-    tracker_u95 : float or None
-        Expanded uncertainty of a measured position, metres, as the user states it.
-    region_only : bool
-        Judge for the region of the poses only; else they must cover the calibrated ranges.
-    """
+    """What a calibrated robot must keep."""
 
     tolerance: float
+    """Metres."""
     rule: Rule = "mean3sigma"
+    """What must be within it."""
     tracker_u95: float | None = None
+    """Expanded uncertainty of a measured position, metres, as the user states it."""
     region_only: bool = False
+    """Judge for the region of the poses only; else they must cover the calibrated ranges."""
 
 
 def requirement(
@@ -379,27 +371,20 @@ LEAST = 0.6
 
 @dataclass(frozen=True, eq=False)
 class Region(Locked):
-    """Where proof poses are.
-
-    Attributes
-    ----------
-    joint_names, joint_units : tuple of str
-        Units are ``deg`` or ``mm``.
-    joints : ndarray, shape (2, joints)
-        Smallest and largest joints of the poses, in these units.
-    box : ndarray, shape (2, 3)
-        Smallest and largest coordinates of the measured points in the base link, mm.
-    joint_shares, box_shares : ndarray, shape (joints,) and (3,), or None
-        Of the calibrated ranges; None where these are not known. That of a joint is the even width, see
-        `irbcal.modeling.elsewhere.even_width`.
-    """
+    """Where proof poses are."""
 
     joint_names: tuple[str, ...]
     joint_units: tuple[str, ...]
+    """Units are ``deg`` or ``mm``."""
     joints: FloatArray
+    """Shape (2, joints). Smallest and largest joints of the poses, in these units."""
     box: FloatArray
+    """Shape (2, 3). Smallest and largest coordinates of the measured points in the base link, mm."""
     joint_shares: FloatArray | None
     box_shares: FloatArray | None
+    """Shapes (joints,) and (3,). Of the calibrated ranges; None where these are not known. That of a joint is the even
+    width, see `irbcal.modeling.elsewhere.even_width`.
+    """
 
     @property
     def whole(self) -> bool:

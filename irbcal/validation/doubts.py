@@ -24,19 +24,14 @@ from irbcal.validation.length_scale import length_scale
 
 
 class PoseSums(NamedTuple):
-    """Normal equations of all unknowns, each scaled by its own size.
-
-    Attributes
-    ----------
-    H : ndarray, shape (n, p, p)
-    g : ndarray, shape (n, p)
-    yy : ndarray, shape (n,)
-        Squares, m^2.
-    """
+    """Normal equations of all unknowns, each scaled by its own size."""
 
     H: FloatArray
+    """Shape (n, p, p)."""
     g: FloatArray
+    """Shape (n, p)."""
     yy: FloatArray
+    """Shape (n,). Squares, m^2."""
 
     @property
     def unknowns(self) -> int:
@@ -46,16 +41,10 @@ class PoseSums(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PoseEquations:
-    """Poses in the order of measuring, and what each says of the robot that was identified from all.
-
-    Attributes
-    ----------
-    arm : Arm
-        Nominal.
-    points : PointSet
-    """
+    """Poses in the order of measuring, and what each says of the robot that was identified from all."""
 
     arm: Arm
+    """Nominal."""
     points: PointSet
 
     def of_most(self, count: int) -> PoseEquations:

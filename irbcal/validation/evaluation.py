@@ -468,24 +468,20 @@ class _Request:
 
 @dataclass(frozen=True, eq=False)
 class _PointErrors:
-    """Errors of m points under both models, and what divides the points.
-
-    Attributes
-    ----------
-    distance, turn : dict of str to ndarray
-        Distances (m,), metres, and angles where orientations were measured, radians, by model.
-    pose : ndarray of int, shape (m,)
-    place : ndarray of int, shape (m,), or None
-        Place of each point, which repeats of a pose share; None where each pose has its own.
-    labels : dict of str to (ndarray of int (m,), list of str)
-        Of each of `PARTS`: number of each point's label, and the labels; points with an empty one belong to no part.
-    """
+    """Errors of m points under both models, and what divides the points."""
 
     distance: Mapping[str, NDArray[Any]]
     turn: Mapping[str, NDArray[Any]]
+    """Distances (m,), metres, and angles where orientations were measured, radians, by model."""
     pose: NDArray[Any]
+    """Whole numbers, shape (m,)."""
     place: NDArray[Any] | None
+    """Whole numbers, shape (m,). Place of each point, which repeats of a pose share; None where each pose has its own.
+    """
     labels: Mapping[str, tuple[NDArray[Any], list[str]]]
+    """Numbers, shape (m,), and the labels that they count. Of each of `PARTS`: number of each point's label, and the
+    labels; points with an empty one belong to no part.
+    """
 
     @property
     def places(self) -> NDArray[Any]:
@@ -542,31 +538,21 @@ class _PointErrors:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """Errors of measurements, and what is known of these: of a file, or of a piece of a long one.
-
-    Attributes
-    ----------
-    errors : _PointErrors
-    poses, fitted : int
-        ``fitted`` are at joints that were fitted; None where that is not known.
-    counted_out, excluded, proven, basis
-        See `irbcal.validation.cleaned_points.CleanedPoints`.
-    against, notes : tuple of str
-    u95 : float
-        The largest uncertainty that is declared, metres; not a number where none is.
-    simulated : bool
-    """
+    """Errors of measurements, and what is known of these: of a file, or of a piece of a long one."""
 
     errors: _PointErrors
     poses: int
     fitted: int | None
+    """``fitted`` are at joints that were fitted; None where that is not known."""
     counted_out: int
     excluded: tuple[Exclusion, ...]
     proven: bool
     basis: str
+    """See `irbcal.validation.cleaned_points.CleanedPoints`."""
     against: tuple[str, ...]
     notes: tuple[str, ...]
     u95: float
+    """The largest uncertainty that is declared, metres; not a number where none is."""
     simulated: bool
 
 

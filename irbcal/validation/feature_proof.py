@@ -37,38 +37,24 @@ POSES = "part of the poses"
 
 @dataclass(frozen=True, eq=False)
 class LeftOutPlace(Locked):
-    """One place left out of the fit.
-
-    Attributes
-    ----------
-    name : str
-    rows : ndarray of int
-        Of the whole set.
-    nominal, calibrated : ndarray, shape (rows,)
-        What its rows miss about features placed anew, metres.
-    lengths : dict of str to (float, float)
-        Found minus known lengths at it, nominal and calibrated, metres.
-    """
+    """One place left out of the fit."""
 
     name: str
     rows: IntArray
+    """Of the whole set."""
     nominal: FloatArray
     calibrated: FloatArray
+    """Shape (rows,). What its rows miss about features placed anew, metres."""
     lengths: Mapping[str, tuple[float, float]]
+    """Found minus known lengths at it, nominal and calibrated, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class FeatureProof(Locked):
-    """All places, each left out in turn.
-
-    Attributes
-    ----------
-    by : str
-        What was left out: the column's name, or ``features``.
-    places : tuple of LeftOutPlace
-    """
+    """All places, each left out in turn."""
 
     by: str
+    """What was left out: the column's name, or ``features``."""
     places: tuple[LeftOutPlace, ...]
 
     def of_rows(self, rows: int, calibrated: bool = True) -> FloatArray:

@@ -70,20 +70,14 @@ VELOCITY_BLOCK = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class PathVelocity(Locked):
-    """Velocities of several cycles along one path.
-
-    Attributes
-    ----------
-    mean, lowest, highest : ndarray, shape (cycles,)
-        Of each cycle's velocities, m/s.
-    commanded : float or None
-        Commanded velocity, m/s.
-    """
+    """Velocities of several cycles along one path."""
 
     mean: FloatArray
     lowest: FloatArray
     highest: FloatArray
+    """Shape (cycles,). Of each cycle's velocities, m/s."""
     commanded: float | None
+    """Commanded velocity, m/s."""
 
     @property
     def AV(self) -> float | None:
@@ -186,25 +180,17 @@ BLOCK = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class PathErrors(Locked):
-    """Errors of a path on planes normal to the commanded one.
-
-    Attributes
-    ----------
-    mean : ndarray, shape (m, 3)
-        Barycentre of the cycles on each plane minus the commanded point, metres.
-    repeatability : ndarray, shape (m,)
-        ``mean(l) + 3 S_l`` on each plane, metres.
-    mean_angles, angle_repeatability : ndarray, shape (m, 3), or None
-        Mean angles and 3 S of the angles, radians.
-    planes : ndarray of int, shape (m,)
-        Commanded points whose planes all cycles cross.
-    """
+    """Errors of a path on planes normal to the commanded one."""
 
     mean: FloatArray
+    """Shape (m, 3). Barycentre of the cycles on each plane minus the commanded point, metres."""
     repeatability: FloatArray
+    """Shape (m,). ``mean(l) + 3 S_l`` on each plane, metres."""
     mean_angles: FloatArray | None
     angle_repeatability: FloatArray | None
+    """Shape (m, 3). Mean angles and 3 S of the angles, radians."""
     planes: IntArray
+    """Shape (m,). Commanded points whose planes all cycles cross."""
 
     @property
     def AT(self) -> float:
@@ -320,28 +306,20 @@ STRAIGHT = 1.0 * DEG
 
 @dataclass(frozen=True, eq=False)
 class Corner(Locked):
-    """How the cycles go round one corner of the commanded path.
-
-    Attributes
-    ----------
-    place : ndarray, shape (3,)
-        Commanded, metres.
-    way : float
-        Of the corner on the commanded path, metres.
-    turn : float
-        Of the commanded path, radians.
-    round_off : ndarray, shape (cycles,)
-        Smallest distance of each cycle's path from the corner, metres.
-    overshoot : ndarray, shape (cycles,)
-        Largest distance from the second leg after the corner was passed, on the side to which the first leg points;
-        0 where the path does not go there; metres.
-    """
+    """How the cycles go round one corner of the commanded path."""
 
     place: FloatArray
+    """Shape (3,). Commanded, metres."""
     way: float
+    """Of the corner on the commanded path, metres."""
     turn: float
+    """Of the commanded path, radians."""
     round_off: FloatArray
+    """Shape (cycles,). Smallest distance of each cycle's path from the corner, metres."""
     overshoot: FloatArray
+    """Shape (cycles,). Largest distance from the second leg after the corner was passed, on the side to which the first
+    leg points; 0 where the path does not go there; metres.
+    """
 
     @property
     def CR(self) -> float:
@@ -601,24 +579,17 @@ DIRECTIONS = tuple(f"{sign}{axis}" for axis in AXES for sign in "+-")
 
 @dataclass(frozen=True, eq=False)
 class Compliance(Locked):
-    """What forces in one direction do.
-
-    Attributes
-    ----------
-    per_newton : ndarray, shape (cycles, 3)
-        Slope of the displacement over the force, by least squares with the unloaded place free, m/N.
-    force : ndarray, shape (n,)
-        Of all readings, newtons.
-    displacement : ndarray, shape (n, 3)
-        From the unloaded place of its cycle, metres.
-    direction : ndarray, shape (3,)
-        Of the force.
-    """
+    """What forces in one direction do."""
 
     per_newton: FloatArray
+    """Shape (cycles, 3). Slope of the displacement over the force, by least squares with the unloaded place free, m/N.
+    """
     force: FloatArray
+    """Shape (n,). Of all readings, newtons."""
     displacement: FloatArray
+    """Shape (n, 3). From the unloaded place of its cycle, metres."""
     direction: FloatArray
+    """Shape (3,). Of the force."""
 
     @property
     def along(self) -> float:

@@ -27,19 +27,13 @@ TYPICAL = 5e-4
 
 @dataclass(frozen=True)
 class LengthScale:
-    """By which share all link lengths are longer than the nominal ones.
-
-    Attributes
-    ----------
-    share, std : float
-        Estimate and standard deviation.
-    freedom : float
-        Numbers that the standard deviation rests on; infinite where it is that of machining.
-    """
+    """By which share all link lengths are longer than the nominal ones."""
 
     share: float
     std: float
+    """Estimate and standard deviation."""
     freedom: float = np.inf
+    """Numbers that the standard deviation rests on; infinite where it is that of machining."""
 
     @property
     def beyond_machining(self) -> bool:

@@ -53,66 +53,44 @@ MOST, LONGEST = 10, 60
 
 @dataclass(frozen=True)
 class HashedFile:
-    """A file by its content.
-
-    Attributes
-    ----------
-    what : str
-        What it is for.
-    name : str
-        Without its folder.
-    sha256 : str
-    """
+    """A file by its content."""
 
     what: str
+    """What it is for."""
     name: str
+    """Without its folder."""
     sha256: str
 
 
 @dataclass(frozen=True, eq=False)
 class Origin(Locked):
-    """Where an evaluation comes from.
-
-    Attributes
-    ----------
-    robot : str
-        Name in the URDF.
-    info : dict of str to str
-        What was told, or stands in columns of the measurements; `FIELDS` first.
-    calibrated : str
-        When the calibration was made (ISO 8601, UTC).
-    fingerprint : str
-        Of the calibration; stands in its URDF, too.
-    files : tuple of HashedFile
-    software : dict of str to str
-        Versions with which the calibration was made.
-    joint_units : tuple of str
-        ``deg`` or ``mm``.
-    joints : ndarray, shape (n, joints)
-        Of the judged poses, in these units.
-    counted_out : int
-        Poses of the file that were fitted, and are not judged.
-    fitted : int or None
-        Poses among the judged that were fitted, or are at joints that were fitted and measured anew; None where the
-        calibration does not tell.
-    scope : tuple of str
-        What the evaluation is limited to, in sentences.
-    poses : int or None
-        Judged poses, where ``joints`` has only some of them.
-    """
+    """Where an evaluation comes from."""
 
     robot: str
+    """Name in the URDF."""
     info: Mapping[str, str]
+    """What was told, or stands in columns of the measurements; `FIELDS` first."""
     calibrated: str
+    """When the calibration was made (ISO 8601, UTC)."""
     fingerprint: str
+    """Of the calibration; stands in its URDF, too."""
     files: tuple[HashedFile, ...]
     software: Mapping[str, str]
+    """Versions with which the calibration was made."""
     joint_units: tuple[str, ...]
+    """``deg`` or ``mm``."""
     joints: FloatArray
+    """Shape (n, joints). Of the judged poses, in these units."""
     counted_out: int
+    """Poses of the file that were fitted, and are not judged."""
     fitted: int | None
+    """Poses among the judged that were fitted, or are at joints that were fitted and measured anew; None where the
+    calibration does not tell.
+    """
     scope: tuple[str, ...] = ()
+    """What the evaluation is limited to, in sentences."""
     poses: int | None = None
+    """Judged poses, where ``joints`` has only some of them."""
 
     @property
     def judged(self) -> int:

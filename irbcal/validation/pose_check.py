@@ -219,41 +219,30 @@ NO_ORIENTATION = (
 
 @dataclass(frozen=True, eq=False)
 class Attained(Locked):
-    """What was reached in n poses of a file, and what was commanded.
-
-    Attributes
-    ----------
-    source : str
-        File name for messages.
-    target : str
-        Whose position it is, unless poses were measured as a whole.
-    q : ndarray, shape (n, joints)
-        Commanded joints, radians.
-    pose, group, cycle, direction, time : ndarray of str, shape (n,)
-        The file's columns; empty text where there is none.
-    order : ndarray of int, shape (n,)
-        Which repetition of its pose in its group, counted from 0, lost ones too.
-    xyz : ndarray, shape (n, 3)
-        Metres.
-    rotation : ndarray, shape (n, 3, 3), or None
-    wanted : ndarray, shape (n, 3), or None
-        Commanded positions, metres.
-    wanted_rotation : ndarray, shape (n, 3, 3), or None
-    """
+    """What was reached in n poses of a file, and what was commanded."""
 
     source: str
+    """File name for messages."""
     target: str
+    """Whose position it is, unless poses were measured as a whole."""
     q: FloatArray
+    """Shape (n, joints). Commanded joints, radians."""
     pose: NDArray[np.str_]
     group: NDArray[np.str_]
     cycle: NDArray[np.str_]
     direction: NDArray[np.str_]
     time: NameArray
+    """Shape (n,). The file's columns; empty text where there is none."""
     order: IntArray
+    """Shape (n,). Which repetition of its pose in its group, counted from 0, lost ones too."""
     xyz: FloatArray
+    """Shape (n, 3). Metres."""
     rotation: FloatArray | None = None
+    """Shape (n, 3, 3)."""
     wanted: FloatArray | None = None
+    """Shape (n, 3). Commanded positions, metres."""
     wanted_rotation: FloatArray | None = None
+    """Shape (n, 3, 3)."""
 
     def select(self, rows: BoolArray | IntArray) -> Attained:
         """The same for some rows."""
@@ -408,33 +397,28 @@ class ModelCriteria(Locked):
     """Criteria by one model, in mm and degrees, along and about the axes of the base link.
 
     Without a calibration there is no base link: axes are then those of the measuring frame.
-
-    Attributes
-    ----------
-    poses : dict of str to dict
-        Of each pose ``n``, ``AP_mm`` (None without a command), ``RP_mm``, mean, sigma and largest distance from the
-        mean (``l_mean_mm``, ...), ``AP_x_mm``, ...; with orientations ``RP_a_deg``, ..., ``AP_a_deg``, ...
-    overall : dict or None
-        Errors of all poses and cycles ``from`` the command or the mean: statistics of ``position`` and ``orientation``
-        (Nubiola 2011, Table 7.8).
-    distance : dict or None
-        ``AD_mm`` and ``RD_mm`` from P2 to P4, along the axes ``AD_x_mm``, ``RD_x_mm``, …, and with orientations about
-        them ``AD_a_deg``, ``RD_a_deg``, …
-    directions : dict of str to dict, or None
-        ``vAP_mm``, ``vAP_x_mm``, … and, with orientations, ``vAP_a_deg``, … of each pose over its ``directions`` of
-        approach.
-    drift : dict or None
-        ``RP_mm``, ``AP_mm`` and ``shift_mm`` of each of the ``sets`` of cycles, ``dRP_mm``, ``dAP_mm``.
-    history : dict or None
-        ``pose``, ``cycle``, ``position_mm`` and ``orientation_deg`` of each cycle, in the order of the file.
     """
 
     poses: dict[str, PoseValues]
+    """Of each pose ``n``, ``AP_mm`` (None without a command), ``RP_mm``, mean, sigma and largest distance from the mean
+    (``l_mean_mm``, ...), ``AP_x_mm``, ...; with orientations ``RP_a_deg``, ..., ``AP_a_deg``, ...
+    """
     overall: dict[str, Any] | None
+    """Errors of all poses and cycles ``from`` the command or the mean: statistics of ``position`` and ``orientation``
+    (Nubiola 2011, Table 7.8).
+    """
     distance: dict[str, Any] | None
+    """``AD_mm`` and ``RD_mm`` from P2 to P4, along the axes ``AD_x_mm``, ``RD_x_mm``, …, and with orientations about
+    them ``AD_a_deg``, ``RD_a_deg``, …
+    """
     directions: dict[str, dict[str, float]] | None
+    """``vAP_mm``, ``vAP_x_mm``, … and, with orientations, ``vAP_a_deg``, … of each pose over its ``directions`` of
+    approach.
+    """
     drift: dict[str, Any] | None
+    """``RP_mm``, ``AP_mm`` and ``shift_mm`` of each of the ``sets`` of cycles, ``dRP_mm``, ``dAP_mm``."""
     history: dict[str, Any] | None
+    """``pose``, ``cycle``, ``position_mm`` and ``orientation_deg`` of each cycle, in the order of the file."""
 
 
 def criteria(attained: Attained, set_size: int) -> ModelCriteria:

@@ -192,21 +192,14 @@ def turns_between(R_1: FloatArray, R_2: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class PoseDrift(Locked):
-    """Drift of pose accuracy and repeatability over sets of cycles.
-
-    Attributes
-    ----------
-    RP : ndarray, shape (sets,)
-        Repeatability of each set, metres.
-    shift : ndarray, shape (sets,)
-        Distance of each set's barycentre from that of the first set, metres.
-    AP : ndarray, shape (sets,), or None
-        Accuracy of each set, metres; None without a commanded position.
-    """
+    """Drift of pose accuracy and repeatability over sets of cycles."""
 
     RP: FloatArray
+    """Shape (sets,). Repeatability of each set, metres."""
     shift: FloatArray
+    """Shape (sets,). Distance of each set's barycentre from that of the first set, metres."""
     AP: FloatArray | None
+    """Shape (sets,). Accuracy of each set, metres; None without a commanded position."""
 
     @property
     def dRP(self) -> float:

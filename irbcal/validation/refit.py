@@ -35,25 +35,18 @@ SEEN = 1e-9
 
 @dataclass(frozen=True)
 class Refit:
-    """What is placed anew, and from how many poses.
-
-    Attributes
-    ----------
-    base, tool : bool
-    poses : int or None
-        Poses (repeats of one place count once) that place them and are not judged. None: half of them where the tool is
-        placed anew; with the base alone all poses, which are judged, too.
-    seed : int
-        Of the choice of these poses.
-    zeros : tuple of int
-        Joints, from 1, whose zeros are found, too.
-    """
+    """What is placed anew, and from how many poses."""
 
     base: bool = False
     tool: bool = False
     poses: int | None = None
+    """Poses (repeats of one place count once) that place them and are not judged. None: half of them where the tool is
+    placed anew; with the base alone all poses, which are judged, too.
+    """
     seed: int = 0
+    """Of the choice of these poses."""
     zeros: tuple[int, ...] = ()
+    """Joints, from 1, whose zeros are found, too."""
 
     def __post_init__(self) -> None:
         if self.poses is not None:

@@ -49,28 +49,19 @@ READINGS = 100
 
 @dataclass(frozen=True, eq=False)
 class Stabilisation(Locked):
-    """How one approach came to rest (Nubiola 2011, Figure A V-1).
-
-    Attributes
-    ----------
-    first_entry, settled : float
-        When the limit band was entered first, and when it was entered and not left again, seconds; NaN if never.
-    overshoot : float
-        Largest distance after the first entry if that is beyond the band, else zero, metres; NaN without an entry.
-    largest : float
-        Largest distance after the first entry, metres.
-    instant : ndarray, shape (n,)
-        Of the readings, seconds.
-    distance : ndarray, shape (n,)
-        From the final position, metres.
-    """
+    """How one approach came to rest (Nubiola 2011, Figure A V-1)."""
 
     first_entry: float
     settled: float
+    """When the limit band was entered first, and when it was entered and not left again, seconds; NaN if never."""
     overshoot: float
+    """Largest distance after the first entry if that is beyond the band, else zero, metres; NaN without an entry."""
     largest: float
+    """Largest distance after the first entry, metres."""
     instant: FloatArray
+    """Shape (n,). Of the readings, seconds."""
     distance: FloatArray
+    """Shape (n,). From the final position, metres."""
 
     @property
     def time(self) -> float:
@@ -301,22 +292,15 @@ AT_REST = 3
 
 @dataclass(frozen=True, eq=False)
 class PosedMove(Locked):
-    """One move, cycle by cycle.
-
-    Attributes
-    ----------
-    departure, arrival : ndarray, shape (cycles,)
-        Instants of leaving and of reaching rest, seconds.
-    distance : ndarray, shape (cycles,)
-        From rest to rest, metres.
-    angle : ndarray, shape (cycles,), or None
-        Turn from rest to rest where orientations were measured, radians.
-    """
+    """One move, cycle by cycle."""
 
     departure: FloatArray
     arrival: FloatArray
+    """Shape (cycles,). Instants of leaving and of reaching rest, seconds."""
     distance: FloatArray
+    """Shape (cycles,). From rest to rest, metres."""
     angle: FloatArray | None
+    """Shape (cycles,). Turn from rest to rest where orientations were measured, radians."""
 
     @property
     def times(self) -> FloatArray:

@@ -268,24 +268,16 @@ def repeatability(source: TableLike) -> PointRepeatability:
 
 @dataclass(frozen=True)
 class Correlation:
-    """Correlation of two series.
-
-    Attributes
-    ----------
-    r : float
-        Pearson's.
-    n_eff : float
-        How many independent readings the series are worth.
-    interval : tuple of float, or None
-        Low and high end; None where ``n_eff`` is below 4.
-    told : bool
-        Whether the interval leaves out zero.
-    """
+    """Correlation of two series."""
 
     r: float
+    """Pearson's."""
     n_eff: float
+    """How many independent readings the series are worth."""
     interval: tuple[float, float] | None
+    """Low and high end; None where ``n_eff`` is below 4."""
     told: bool
+    """Whether the interval leaves out zero."""
 
 
 def correlation(first: FloatArray, second: FloatArray, level: float = 0.95) -> Correlation:

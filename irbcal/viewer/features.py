@@ -39,23 +39,17 @@ BALL, SOCKET, FLAT, LENGTH = shapes.colours("#c98a1b", "#5b6570", "#5d8fbf", "#7
 
 @dataclass(frozen=True, eq=False)
 class ShownFeature(Locked):
-    """A feature as it is drawn.
-
-    Attributes
-    ----------
-    name, kind : str
-    label : str
-    T_scene : ndarray, shape (4, 4)
-        Its place; z is a plane's normal, the direction of a line, or goes from one end of a length to the other.
-    size : float
-        Radius of a sphere, half the edge of a plane's patch, half the length of a line, metres.
-    """
+    """A feature as it is drawn."""
 
     name: str
     kind: str
     label: str
     T_scene: FloatArray
+    """Shape (4, 4). Its place; z is a plane's normal, the direction of a line, or goes from one end of a length to the
+    other.
+    """
     size: float
+    """Radius of a sphere, half the edge of a plane's patch, half the length of a line, metres."""
 
 
 def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | None = None) -> tuple[ShownFeature, ...]:
@@ -188,25 +182,17 @@ def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any],
 
 @dataclass(frozen=True, eq=False)
 class AtFeatures:
-    """Rows at features in a scene.
-
-    Attributes
-    ----------
-    points : Points
-        Places on the features stand for measured ones.
-    motion : Motion
-        Of the poses.
-    ids, groups : ndarray of str, shape (n,)
-    fitted : ndarray of bool, shape (n,), or None
-    simulated : bool
-    notes : list of str
-    """
+    """Rows at features in a scene."""
 
     points: Points
+    """Places on the features stand for measured ones."""
     motion: Motion
+    """Of the poses."""
     ids: NameArray
     groups: NameArray
+    """Shape (n,)."""
     fitted: BoolArray | None
+    """Shape (n,)."""
     simulated: bool
     notes: list[str]
 

@@ -43,19 +43,13 @@ Model: TypeAlias = Literal["calibrated", "nominal"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Drawn(Locked):
-    """One robot as it is drawn.
-
-    Attributes
-    ----------
-    links : tuple of Link
-    T_scene_root : ndarray, shape (4, 4)
-    tip : int
-        Place of the tip link in the list.
-    """
+    """One robot as it is drawn."""
 
     links: tuple[Link, ...]
     T_scene_root: FloatArray
+    """Shape (4, 4)."""
     tip: int
+    """Place of the tip link in the list."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,83 +106,59 @@ class CellFrame(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PageScene(Locked):
-    """Everything that a page shows.
-
-    Attributes
-    ----------
-    title : str
-    simulated : bool
-    mode : str
-        ``measured``, ``plan``, ``program`` (targets before and after a correction) or ``sliders``.
-    robot : Robot
-        Predicts; its base link is the scene.
-    drawn, ghost : Drawn
-        Calibrated (or only) robot; nominal robot or None.
-    meshes : dict of int to Mesh
-        Looks of the links, the same for both.
-    q, effective : ndarray, shape (n, joints)
-        Commanded and effective joints of the poses, radians or metres; no rows for ``sliders``.
-    pose_ids, groups : ndarray of str, shape (n,)
-    targets : dict of str to ndarray, shape (3,)
-        In the tip link, metres.
-    points : Points or None
-    prismatic : ndarray of bool, shape (joints,)
-    T_scene_world : ndarray, shape (4, 4)
-        The measuring frame.
-    tracker : bool
-        Whether the tracker stands in the origin of the measuring frame.
-    references : dict of str to ndarray, shape (3,)
-        In the scene, metres.
-    cube : tuple or None
-        Centre (3,) and edge in the scene, metres.
-    path : ndarray, shape (k, 3), or None
-        Way of the first target through a plan.
-    over_home : tuple of ndarray (joints,) and ndarray of int, or None
-        Home joints of a plan, radians or metres, and the poses to which it goes over them.
-    magnification : float
-    scale_top : float
-        Error at the upper end of the colours, metres.
-    own_scales : dict of str to tuple
-        Magnification and end of the colours for the errors of each model alone.
-    fitted : ndarray of bool, shape (n,), or None
-        Which poses the calibration was fitted to: their errors prove nothing. None where that is not known.
-    features : tuple of ShownFeature
-        Of a calibration from rows at features.
-    at_features : bool
-        Whether the points are rows at features, and their errors distances from these.
-    notes : tuple of str
-    cell : tuple of CellFrame
-        Tools and work objects.
-    """
+    """Everything that a page shows."""
 
     title: str
     simulated: bool
     mode: Mode
+    """``measured``, ``plan``, ``program`` (targets before and after a correction) or ``sliders``."""
     robot: Robot
+    """Predicts; its base link is the scene."""
     drawn: Drawn
     ghost: Drawn | None
+    """Calibrated (or only) robot; nominal robot or None."""
     meshes: Mapping[int, Mesh]
+    """Looks of the links, the same for both."""
     q: FloatArray
     effective: FloatArray
+    """Shape (n, joints). Commanded and effective joints of the poses, radians or metres; no rows for ``sliders``."""
     pose_ids: NameArray
     groups: NameArray
+    """Shape (n,)."""
     targets: Mapping[str, FloatArray]
+    """Values of shape (3,). In the tip link, metres."""
     points: Points | None
     prismatic: BoolArray
+    """Shape (joints,)."""
     T_scene_world: FloatArray
+    """Shape (4, 4). The measuring frame."""
     tracker: bool
+    """Whether the tracker stands in the origin of the measuring frame."""
     references: Mapping[str, FloatArray]
+    """Values of shape (3,). In the scene, metres."""
     cube: tuple[FloatArray, float] | None
+    """Centre (3,) and edge in the scene, metres."""
     path: FloatArray | None
+    """Shape (k, 3). Way of the first target through a plan."""
     magnification: float
     scale_top: float
+    """Error at the upper end of the colours, metres."""
     notes: tuple[str, ...] = ()
     own_scales: Mapping[Model, tuple[float, float]] = field(default_factory=dict)
+    """Magnification and end of the colours for the errors of each model alone."""
     fitted: BoolArray | None = None
+    """Shape (n,). Which poses the calibration was fitted to: their errors prove nothing. None where that is not known.
+    """
     features: tuple[ShownFeature, ...] = ()
+    """Of a calibration from rows at features."""
     at_features: bool = False
+    """Whether the points are rows at features, and their errors distances from these."""
     cell: tuple[CellFrame, ...] = ()
+    """Tools and work objects."""
     over_home: tuple[FloatArray, IntArray] | None = None
+    """Joints, shape (joints,), and whole numbers. Home joints of a plan, radians or metres, and the poses to which it
+    goes over them.
+    """
 
     @property
     def reach(self) -> float:
@@ -259,23 +229,14 @@ NO_REFIT = Refit()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registered(Locked):
-    """Measurements in a calibration's frame.
-
-    Attributes
-    ----------
-    seen : MeasurementSet
-    points : PointSet
-    calibrated, nominal : Robot
-    fitted : ndarray of bool, shape (n,), or None
-        Which poses the calibration was fitted to; None where it did not keep them.
-    notes : list of str
-    """
+    """Measurements in a calibration's frame."""
 
     seen: MeasurementSet
     points: PointSet
     calibrated: Robot
     nominal: Robot
     fitted: BoolArray | None
+    """Shape (n,). Which poses the calibration was fitted to; None where it did not keep them."""
     notes: list[str]
 
 

@@ -31,22 +31,16 @@ def colours(*texts: str) -> list[FloatArray]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh(Locked):
-    """An indexed mesh as the graphics card takes it.
-
-    Attributes
-    ----------
-    vertices : ndarray of float32, shape (n, 3)
-        Metres.
-    normals : ndarray of int8, shape (n, 3)
-        Unit normals times 127.
-    colours : ndarray of uint8, shape (n, 3)
-    faces : ndarray of uint32, shape (m, 3)
-    """
+    """An indexed mesh as the graphics card takes it."""
 
     vertices: NDArray[np.float32]
+    """Shape (n, 3). Metres."""
     normals: NDArray[np.int8]
+    """Shape (n, 3). Unit normals times 127."""
     colours: NDArray[np.uint8]
+    """Shape (n, 3)."""
     faces: NDArray[np.uint32]
+    """Shape (m, 3)."""
 
 
 def smooth(triangles: FloatArray, colours: FloatArray) -> Mesh:
@@ -205,31 +199,22 @@ MOVING = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True, eq=False)
 class Link(Locked):
-    """A link and the joint that carries it.
-
-    Attributes
-    ----------
-    name : str
-    parent : int
-        Place of the parent link in the list; -1 for the root.
-    T_parent_joint : ndarray, shape (4, 4)
-    kind : str
-        ``fixed``, ``revolute`` (continuous ones too) or ``prismatic``.
-    axis : ndarray, shape (3,)
-    joint : int
-        Which of the arm's joints moves it; -1 for none.
-    factor, offset : float
-        Joint value is ``factor * q[joint] + offset`` (mimic joints).
-    """
+    """A link and the joint that carries it."""
 
     name: str
     parent: int
+    """Place of the parent link in the list; -1 for the root."""
     T_parent_joint: FloatArray
+    """Shape (4, 4)."""
     kind: Kind = "fixed"
+    """``fixed``, ``revolute`` (continuous ones too) or ``prismatic``."""
     axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    """Shape (3,)."""
     joint: int = -1
+    """Which of the arm's joints moves it; -1 for none."""
     factor: float = 1.0
     offset: float = 0.0
+    """Joint value is ``factor * q[joint] + offset`` (mimic joints)."""
 
 
 def links(urdf: UrdfArm) -> tuple[Link, ...]:

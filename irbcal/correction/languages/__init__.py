@@ -177,22 +177,14 @@ def of(path: str | Path) -> Language:
 
 
 class ProgramFiles(NamedTuple):
-    """Files of programs.
-
-    Attributes
-    ----------
-    language : Language
-    files : list of Path
-    relative : dict of Path to Path
-        Where each lies in the folder that was searched; its name where it was named itself.
-    skipped : list of (Path, str)
-        Files of folders that are passed over, and why.
-    """
+    """Files of programs."""
 
     language: Language
     files: list[Path]
     relative: dict[Path, Path]
+    """Where each lies in the folder that was searched; its name where it was named itself."""
     skipped: list[tuple[Path, str]]
+    """Files of folders that are passed over, and why."""
 
 
 def files_of(programs: Sequence[str | Path]) -> ProgramFiles:

@@ -93,15 +93,10 @@ def posture_of(wrist: int, down: bool, turns: list[int]) -> Posture:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LsProgram(PostureProgram):
-    """A FANUC program as read.
-
-    Attributes
-    ----------
-    mark_number : int
-        Number of the mark's line; 0 where the lines have no numbers.
-    """
+    """A FANUC program as read."""
 
     mark_number: int
+    """Number of the mark's line; 0 where the lines have no numbers."""
 
     def mark(self, fingerprint: str, at: int) -> Edit:
         """Comments at the end of the instructions, so that no other line changes its number.

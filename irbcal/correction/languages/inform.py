@@ -73,15 +73,10 @@ def posture_of(rconf: Sequence[int]) -> tuple[Posture, str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JobProgram(PostureProgram):
-    """A job as read.
-
-    Attributes
-    ----------
-    pulses : tuple of float
-        Pulses per degree of the six joints; empty where they are not given.
-    """
+    """A job as read."""
 
     pulses: tuple[float, ...]
+    """Pulses per degree of the six joints; empty where they are not given."""
 
     def mark(self, fingerprint: str, at: int) -> Edit:
         """Two comments, because they take 32 characters each."""

@@ -149,28 +149,18 @@ class Statement(NamedTuple):
 
 @dataclass
 class Sections:
-    """What stands in the files.
-
-    Attributes
-    ----------
-    lines : list of Statement
-    comments : list of str
-    locations : dict of str to Target
-        By name and index in lower case, ``#p[1,2]``.
-    names : dict of str to list of str
-        Locations of each name.
-    numbered : dict of str to list of str
-        Locations of each name and index: several where it is given again.
-    begins : list of int
-        Behind the first line of each program.
-    """
+    """What stands in the files."""
 
     lines: list[Statement] = field(default_factory=list)
     comments: list[str] = field(default_factory=list)
     locations: dict[str, Target] = field(default_factory=dict)
+    """By name and index in lower case, ``#p[1,2]``."""
     names: dict[str, list[str]] = field(default_factory=dict)
+    """Locations of each name."""
     numbered: dict[str, list[str]] = field(default_factory=dict)
+    """Locations of each name and index: several where it is given again."""
     begins: list[int] = field(default_factory=list)
+    """Behind the first line of each program."""
 
 
 def read(listing: Listing) -> Sections:

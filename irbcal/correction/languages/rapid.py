@@ -146,18 +146,12 @@ class Mention(NamedTuple):
 
 @dataclass(eq=False, repr=False)
 class Literal(Target):
-    """A target in numbers of a module.
-
-    Attributes
-    ----------
-    mentioned : list of int
-        Where its variable is used in another way than as the target of a move.
-    monitored : set of bool or None
-        Whether its configuration counts in its moves: ``ConfJ`` or ``ConfL`` is on; None where that is not known.
-    """
+    """A target in numbers of a module."""
 
     mentioned: list[int] = field(default_factory=list)
+    """Where its variable is used in another way than as the target of a move."""
     monitored: set[bool | None] = field(default_factory=set)
+    """Whether its configuration counts in its moves: ``ConfJ`` or ``ConfL`` is on; None where that is not known."""
 
 
 class Arg(NamedTuple):
@@ -1726,25 +1720,17 @@ _STRAIGHT = re.compile("(?:Move|Trigg|Search)[LC]")
 
 
 class PathText(NamedTuple):
-    """Where a move stands, and of what a piece of it is made.
-
-    Attributes
-    ----------
-    at : int
-        Begin of the instruction.
-    via : (int, int) or None
-        The argument that names the point on the circle.
-    rest : str
-        Of a piece, behind its points.
-    work_object, tool : str or None
-        Names in lower case.
-    """
+    """Where a move stands, and of what a piece of it is made."""
 
     at: int
+    """Begin of the instruction."""
     via: Span | None
+    """The argument that names the point on the circle."""
     rest: str
+    """Of a piece, behind its points."""
     work_object: str | None
     tool: str | None
+    """Names in lower case."""
 
 
 def paths(
@@ -1911,24 +1897,16 @@ _NOTES = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Module(TextProgram):
-    """A RAPID module as read.
-
-    Attributes
-    ----------
-    moves : callable
-        Gives its straight and circular moves in the order of the text, and their text; gathered when asked for.
-    cuts : tuple of CutPath
-        What is put into these; empty: nothing.
-    arm : Arm or None
-        What the controller computes with.
-    own_model : Arm or None
-        What the controller itself computes with where that is not ``arm``.
-    """
+    """A RAPID module as read."""
 
     moves: Callable[[], tuple[tuple[PathMove, PathText], ...]] = tuple
+    """Gives its straight and circular moves in the order of the text, and their text; gathered when asked for."""
     cuts: tuple[CutPath, ...] = ()
+    """What is put into these; empty: nothing."""
     arm: Arm | None = None
+    """What the controller computes with."""
     own_model: Arm | None = None
+    """What the controller itself computes with where that is not ``arm``."""
 
     def joints_at(self, target: Target) -> FloatArray:
         """Joints of the URDF of a joint target, radians."""

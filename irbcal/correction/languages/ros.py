@@ -111,40 +111,27 @@ DECIMALS = 12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RosProgram(Locked, Program):
-    """A trajectory as read; see `irbcal.correction.program.Program` and `irbcal.correction.trajectories.Timed`.
-
-    Attributes
-    ----------
-    source : str
-        File name for messages.
-    data : bytes
-    text : str
-        The file.
-    arm : Arm
-    trajectory : Trajectory
-        In the arm's joints.
-    lines : tuple of int
-        Of the points.
-    spans : dict of str to tuple of (int, int)
-        Where the numbers of the arm's joints stand, point by point: of ``positions``, ``velocities`` and
-        ``accelerations`` as far as the file has them.
-    notes : tuple of Note
-    fingerprint : str or None
-        Of the calibration that it was already corrected with.
-    commands : Trajectory or None
-        Speeds and accelerations to write.
-    """
+    """A trajectory as read; see `irbcal.correction.program.Program` and `irbcal.correction.trajectories.Timed`."""
 
     source: str
+    """File name for messages."""
     data: bytes
     text: str
+    """The file."""
     arm: Arm
     trajectory: Trajectory
+    """In the arm's joints."""
     lines: tuple[int, ...]
+    """Of the points."""
     spans: Mapping[str, tuple[Span, ...]]
+    """Where the numbers of the arm's joints stand, point by point: of ``positions``, ``velocities`` and
+    ``accelerations`` as far as the file has them.
+    """
     notes: tuple[Note, ...]
     fingerprint: str | None
+    """Of the calibration that it was already corrected with."""
     commands: Trajectory | None = None
+    """Speeds and accelerations to write."""
 
     def wanted_targets(self) -> list[WantedTargets]:
         """All points, in joints as a controller counts them: what the filter takes joints for."""

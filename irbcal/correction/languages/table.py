@@ -67,45 +67,32 @@ PARQUET = b"PAR1"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TableProgram(Locked, Program):
-    """A CSV or Parquet program as read.
-
-    Attributes
-    ----------
-    source : str
-        File name for messages.
-    kind : str
-        ``joint`` or ``pose``.
-    columns : tuple of str
-        Names of the columns with the numbers.
-    values : ndarray, shape (n, joints) or (n, 4, 4)
-        Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres; locked.
-    rows : ndarray of int, shape (n,)
-        Lines in the file.
-    data : bytes
-        The file.
-    table : DataFrame
-        All columns in the text of the file; of Parquet those with the numbers as such.
-    newline : str
-        Line end of the file.
-    byte_order_mark : bool
-        Whether the file begins with one.
-    fingerprint : str or None
-        Of the calibration that this program was already corrected with.
-    notes : tuple of Note
-        None.
-    """
+    """A CSV or Parquet program as read."""
 
     source: str
+    """File name for messages."""
     kind: Kind
+    """``joint`` or ``pose``."""
     columns: tuple[str, ...]
+    """Names of the columns with the numbers."""
     values: FloatArray
+    """Shape (n, joints) or (n, 4, 4). Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres;
+    locked.
+    """
     rows: IntArray
+    """Shape (n,). Lines in the file."""
     data: bytes
+    """The file."""
     table: pd.DataFrame
+    """All columns in the text of the file; of Parquet those with the numbers as such."""
     newline: str
+    """Line end of the file."""
     byte_order_mark: bool
+    """Whether the file begins with one."""
     fingerprint: str | None
+    """Of the calibration that this program was already corrected with."""
     notes: tuple[Note, ...]
+    """None."""
 
     def wanted_targets(self) -> list[WantedTargets]:
         """All rows."""
@@ -294,20 +281,13 @@ TIME = "time_s"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TimedTable(TableProgram):
-    """A CSV trajectory as read; see `irbcal.correction.trajectories.Timed`.
-
-    Attributes
-    ----------
-    arm : Arm
-    motion : Trajectory
-        In joints as the controller counts them.
-    commands : Trajectory or None
-        Speeds and accelerations to write, in the arm's joints.
-    """
+    """A CSV trajectory as read; see `irbcal.correction.trajectories.Timed`."""
 
     arm: Arm
     motion: Trajectory
+    """In joints as the controller counts them."""
     commands: Trajectory | None = None
+    """Speeds and accelerations to write, in the arm's joints."""
 
     @property
     def trajectory(self) -> Trajectory:

@@ -115,25 +115,16 @@ def _numbers_in(row: Sequence[str], decimal: str) -> int:
 
 @dataclass(frozen=True)
 class Sheet:
-    """One table of a file.
-
-    Attributes
-    ----------
-    source : str
-    layout : dict
-        `Dialect` as keys and values.
-    table : TextTable
-    preamble : tuple of str
-        Lines before it.
-    left_out : tuple of str
-        Lines in and behind it that are none of its rows.
-    """
+    """One table of a file."""
 
     source: str
     layout: dict[str, Any]
+    """`Dialect` as keys and values."""
     table: TextTable
     preamble: tuple[str, ...]
+    """Lines before it."""
     left_out: tuple[str, ...]
+    """Lines in and behind it that are none of its rows."""
 
 
 def sheets(path: str | PathLike[str]) -> list[Sheet]:
@@ -369,28 +360,19 @@ class _Name(NamedTuple):
 
 @dataclass(frozen=True)
 class Roles:
-    """What the columns of a table hold, as numbers from 0.
-
-    Attributes
-    ----------
-    joints, programmed : tuple of int
-    positions : dict of str or None to tuple of int
-        Three for each target; None: the target stands elsewhere in the row.
-    labels : dict of int to str
-        Columns of names, and what they seem to name: pose, target, name or nothing.
-    joint_unit, length_unit : str or None
-        As the header or the lines before it declare them.
-    computed : bool
-        The positions are called as those that a controller computes.
-    """
+    """What the columns of a table hold, as numbers from 0."""
 
     joints: tuple[int, ...] = ()
     programmed: tuple[int, ...] = ()
     positions: Mapping[str | None, tuple[int, ...]] = field(default_factory=dict)
+    """Three for each target; None: the target stands elsewhere in the row."""
     labels: Mapping[int, str] = field(default_factory=dict)
+    """Columns of names, and what they seem to name: pose, target, name or nothing."""
     joint_unit: str | None = None
     length_unit: str | None = None
+    """As the header or the lines before it declare them."""
     computed: bool = False
+    """The positions are called as those that a controller computes."""
 
 
 def _parsed(text: str) -> _Name:
@@ -718,24 +700,16 @@ def _last_number(name: str) -> int | None:
 
 
 class TrialFit(NamedTuple):
-    """How well a robot explains points.
-
-    Attributes
-    ----------
-    residual : float
-        Typical distance (m) of the middle of all points.
-    spread : float
-        Root mean square distance of the points from their mean, m.
-    scale : float
-        Metres that a metre of the file is.
-    rows : int
-        Points.
-    """
+    """How well a robot explains points."""
 
     residual: float
+    """Typical distance (m) of the middle of all points."""
     spread: float
+    """Root mean square distance of the points from their mean, m."""
     scale: float
+    """Metres that a metre of the file is."""
     rows: int
+    """Points."""
 
     @property
     def share(self) -> float:
@@ -847,29 +821,19 @@ def _fixed_to_ground(frame: pd.DataFrame, limit: float | None) -> list[str]:
 
 @dataclass(frozen=True)
 class Recognised:
-    """Files that were understood.
-
-    Attributes
-    ----------
-    map : ImportMap
-    sources : tuple of str
-        Files with points, as `irbcal.measurement.imports.reader.understand` takes them.
-    joints : str or None
-        File with the joints.
-    columns : tuple of (str, str, str)
-        Column, what it holds, its unit and where that comes from.
-    notes : tuple of str
-        What was left out, and by what the units are proven, in sentences.
-    imported : Imported or None
-        What the map makes of the files, where that is known already.
-    """
+    """Files that were understood."""
 
     map: ImportMap
     sources: tuple[str, ...]
+    """Files with points, as `irbcal.measurement.imports.reader.understand` takes them."""
     joints: str | None
+    """File with the joints."""
     columns: tuple[tuple[str, str, str], ...] = ()
+    """Column, what it holds, its unit and where that comes from."""
     notes: tuple[str, ...] = ()
+    """What was left out, and by what the units are proven, in sentences."""
     imported: reader.Imported | None = None
+    """What the map makes of the files, where that is known already."""
 
 
 class _Table(NamedTuple):

@@ -70,30 +70,20 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Cells of a text file; not locked, as it keeps the numbers that it has read once.
-
-    Attributes
-    ----------
-    source : str
-        File name for messages.
-    cells : DataFrame
-        Stripped text, columns 0 … width-1; the index is the line in the file, from 1.
-    names : tuple of str or None
-        Header, where there is one.
-    header_line : int
-        Line of the header.
-    decimal : str
-        ``.``, ``,`` or ``auto``.
-    units : dict of int to str
-        Units that stand in the cells of columns, behind each number.
-    """
+    """Cells of a text file; not locked, as it keeps the numbers that it has read once."""
 
     source: str
+    """File name for messages."""
     cells: pd.DataFrame
+    """Stripped text, columns 0 … width-1; the index is the line in the file, from 1."""
     names: tuple[str, ...] | None
+    """Header, where there is one."""
     header_line: int
+    """Line of the header."""
     decimal: str
+    """``.``, ``,`` or ``auto``."""
     units: dict[int, str] = field(default_factory=dict)
+    """Units that stand in the cells of columns, behind each number."""
     _numbers: dict[int, FloatArray] = field(default_factory=dict, init=False)
 
     @property

@@ -28,27 +28,18 @@ FLANGE = [f"flange_{name}" for name in POSE]
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording.
-
-    Attributes
-    ----------
-    rows : DataFrame
-        A row a picture or a corner, in irbcal's columns.
-    features : str, Path, DataFrame or None
-        Cameras and boards.
-    images : Path or None
-        Folder of the pictures.
-    pictures : dict of str to ndarray, or None
-        In place of a folder, by the names in the rows.
-    notes : tuple of str
-        How it was understood, where that matters.
-    """
+    """A recording."""
 
     rows: TableLike
+    """A row a picture or a corner, in irbcal's columns."""
     features: TableLike | None
+    """Cameras and boards."""
     images: Path | None = None
+    """Folder of the pictures."""
     pictures: Mapping[str, Any] | None = None
+    """In place of a folder, by the names in the rows."""
     notes: tuple[str, ...] = ()
+    """How it was understood, where that matters."""
 
 
 def opened(

@@ -36,30 +36,20 @@ STARTS = 12
 
 
 class SingularPlace(NamedTuple):
-    """Where a path comes near to a singularity.
-
-    Attributes
-    ----------
-    row : int
-        The pose before, from 0.
-    share : float
-        How far from it to the next, 0 to 1.
-    point : tuple of float
-        Place of the tip in the base link, metres.
-    value : float
-        Smallest singular value of the Jacobian, lengths over the reach.
-    joints : tuple of int
-        Joints, from 0, that move there without the tip, those with the largest shares.
-    ends : bool
-        Whether the path cannot go on there without a jump.
-    """
+    """Where a path comes near to a singularity."""
 
     row: int
+    """The pose before, from 0."""
     share: float
+    """How far from it to the next, 0 to 1."""
     point: tuple[float, float, float]
+    """Place of the tip in the base link, metres."""
     value: float
+    """Smallest singular value of the Jacobian, lengths over the reach."""
     joints: tuple[int, ...]
+    """Joints, from 0, that move there without the tip, those with the largest shares."""
     ends: bool
+    """Whether the path cannot go on there without a jump."""
 
     def in_words(self) -> str:
         """The place for people."""
@@ -72,18 +62,12 @@ class SingularPlace(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Followed(Locked):
-    """Joints along a path.
-
-    Attributes
-    ----------
-    joints : ndarray, shape (n, joints)
-        Radians (metres for prismatic joints); NaN behind the end of what can be followed.
-    note : ndarray of str, shape (n,)
-    singular : tuple of SingularPlace
-    """
+    """Joints along a path."""
 
     joints: FloatArray
+    """Shape (n, joints). Radians (metres for prismatic joints); NaN behind the end of what can be followed."""
     note: NameArray
+    """Shape (n,)."""
     singular: tuple[SingularPlace, ...]
 
 

@@ -41,22 +41,15 @@ ROUNDING = 1e-15
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WristFrame(Locked):
-    """The map from the tip to the wrist.
-
-    Attributes
-    ----------
-    left, right : ndarray, shape (4, 4)
-        The wrist is ``left @ T_base_tip @ right``.
-    linear : ndarray, shape (12, 12)
-        The same of its columns, without the constant.
-    constant : ndarray, shape (3,)
-        Metres, added to the wrist centre.
-    """
+    """The map from the tip to the wrist."""
 
     left: FloatArray
     right: FloatArray
+    """Shape (4, 4). The wrist is ``left @ T_base_tip @ right``."""
     linear: FloatArray
+    """Shape (12, 12). The same of its columns, without the constant."""
     constant: FloatArray
+    """Shape (3,). Metres, added to the wrist centre."""
 
     @staticmethod
     def of(left: FloatArray, right: FloatArray) -> WristFrame:
@@ -93,28 +86,21 @@ _CANONICAL = np.array([0.0, -1.0, 0.0, -1.0, 1.0, -1.0]) * (np.pi / 2)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OrthoParallel(Locked):
-    """What the closed form needs to know of an arm.
-
-    Attributes
-    ----------
-    name : str
-    a2, a3, d4, a4 : float
-        Lengths, metres, with the signs they have when all ``alpha`` are those of Table 5.1 and ``a3 > 0``.
-    signs, shifts : ndarray, shape (6,)
-        ``joint = signs * q + shifts`` with q the angles of Nubiola 2011, section 6.1, radians.
-    wrist : WristFrame
-        The columns n, o, a of eq. 6.1 and the wrist centre (the origin of frame 4) less ``d1``, all in frame 0, from
-        the columns x, y, z and origin of ``T_base_tip``.
-    """
+    """What the closed form needs to know of an arm."""
 
     name: str
     a2: float
     a3: float
     d4: float
     a4: float
+    """Lengths, metres, with the signs they have when all ``alpha`` are those of Table 5.1 and ``a3 > 0``."""
     signs: FloatArray
     shifts: FloatArray
+    """Shape (6,). ``joint = signs * q + shifts`` with q the angles of Nubiola 2011, section 6.1, radians."""
     wrist: WristFrame
+    """The columns n, o, a of eq. 6.1 and the wrist centre (the origin of frame 4) less ``d1``, all in frame 0, from the
+    columns x, y, z and origin of ``T_base_tip``.
+    """
 
     def __repr__(self) -> str:
         return f"<OrthoParallel of {self.name}>"
