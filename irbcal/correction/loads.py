@@ -33,7 +33,7 @@ class Load(NamedTuple):
     mass_kg: float
     """NaN where it is not known."""
     centre: tuple[float, float, float] | None = None
-    """Length 3. Its centre of gravity, metres: in the controller's flange as a language reads it, in the tip link in a
+    """Its centre of gravity, metres: in the controller's flange as a language reads it, in the tip link in a
     `irbcal.correction.text_program.Target`; None where it is not known.
     """
     why: str = ""

@@ -489,7 +489,7 @@ class WorstPose:
     nominal_mm: float
     """Of the worst point, by the judged and by the nominal robot."""
     vector_mm: tuple[float, ...] | None
-    """Three. Measured minus predicted along the axes of the base link."""
+    """Three numbers: measured minus predicted along the axes of the base link."""
 
 
 def worst_poses(poses: PoseErrors, joints: FloatArray | None = None, count: int = 10) -> list[WorstPose]:

@@ -136,11 +136,11 @@ class Spot:
 
     name: str
     at: tuple[float, float, float]
-    """Three. Place in shares of the arm's reach: out to the front, to the left, up."""
+    """Place in shares of the arm's reach: out to the front, to the left, up."""
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Three. Added to it, metres."""
+    """Added to it, metres."""
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Three. Where it is open: of a plane, and of a socket's or ball's upper side."""
+    """Where it is open: of a plane, and of a socket's or ball's upper side."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class Pair:
     difference_mm: float
     """Mean error of the worse less that of the better."""
     interval_mm: tuple[float, ...] | None
-    """Two. Of that difference; all pairs' intervals hold together with 95 % confidence (Bonferroni)."""
+    """Two numbers, of that difference; all pairs' intervals hold together with 95 % confidence (Bonferroni)."""
 
     @property
     def told_apart(self) -> bool:
