@@ -33,34 +33,24 @@ LARGEST_CHANGE = 10 * DEG
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Corrected(Result):
-    """Fake targets for a batch of n wanted poses.
-
-    Attributes
-    ----------
-    T_wanted : ndarray, shape (n, 4, 4)
-        Tip poses that the robot shall reach, in the base link.
-    q_nominal : ndarray, shape (n, joints)
-        Joints with which the nominal robot would reach them, radians; NaN where it does not.
-    q : ndarray, shape (n, joints)
-        Joints to command instead; NaN where no correction was found.
-    T_fake : ndarray, shape (n, 4, 4)
-        Pose that the nominal controller takes those joints for.
-    ok : ndarray of bool, shape (n,)
-        Whether the target is corrected: reached to the tolerance, within the joint limits, in the same branch, with
-        no joint turned by more than `LARGEST_CHANGE`.
-    reason : ndarray of str, shape (n,)
-        Why not, in words; empty where it is.
-    residual : ndarray, shape (n,)
-        Distance that the calibrated model still misses by, metres.
-    """
+    """Fake targets for a batch of n wanted poses."""
 
     T_wanted: FloatArray
+    """Shape (n, 4, 4). Tip poses that the robot shall reach, in the base link."""
     q_nominal: FloatArray
+    """Shape (n, joints). Joints with which the nominal robot would reach them, radians; NaN where it does not."""
     q: FloatArray
+    """Shape (n, joints). Joints to command instead; NaN where no correction was found."""
     T_fake: FloatArray
+    """Shape (n, 4, 4). Pose that the nominal controller takes those joints for."""
     ok: BoolArray
+    """Shape (n,). Whether the target is corrected: reached to the tolerance, within the joint limits, in the same
+    branch, with no joint turned by more than `LARGEST_CHANGE`.
+    """
     reason: NameArray
+    """Shape (n,). Why not, in words; empty where it is."""
     residual: FloatArray
+    """Shape (n,). Distance that the calibrated model still misses by, metres."""
 
     @property
     def shift(self) -> FloatArray:

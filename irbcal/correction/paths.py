@@ -515,25 +515,18 @@ def _cut(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Subdivision(Result):
-    """A path cut into moves whose ends are fake targets.
-
-    Attributes
-    ----------
-    s : ndarray, shape (n,)
-        Ends of the moves on the path, the first at 0; for circles every second one is the point that the arc
-        goes through.
-    corrected : Corrected
-        The fake targets there.
-    deviation : float
-        Largest distance of the true tool centre point from the wanted path between them, metres.
-    uncut : float
-        The same for the path in the fewest moves there can be: one, for circles one for each 240 degrees begun.
-    """
+    """A path cut into moves whose ends are fake targets."""
 
     s: FloatArray
+    """Shape (n,). Ends of the moves on the path, the first at 0; for circles every second one is the point that the arc
+    goes through.
+    """
     corrected: Corrected
+    """The fake targets there."""
     deviation: float
+    """Largest distance of the true tool centre point from the wanted path between them, metres."""
     uncut: float
+    """The same for the path in the fewest moves there can be: one, for circles one for each 240 degrees begun."""
 
     def report(self) -> list[Paragraph]:
         """How many targets there are, how far the true path leaves the wanted one, and what cutting gained."""

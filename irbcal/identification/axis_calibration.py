@@ -433,22 +433,17 @@ def _targets(robot: Robot, moves: PointSet) -> dict[str, FloatArray]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BaseOfAxes(Result):
-    """The base frame from axes 1 and 2.
-
-    Attributes
-    ----------
-    T_world_base : ndarray, shape (4, 4)
-        From the base link to the measuring frame, metres.
-    std : ndarray, shape (6,)
-        Of the place (m) and of the turn about the axes of the measuring frame (rad); NaN where the circles leave none.
-    angle, distance : float
-        Of axis 2 from axis 1, beyond the nominal one, radians and metres: what the base cannot take.
-    """
+    """The base frame from axes 1 and 2."""
 
     T_world_base: FloatArray
+    """Shape (4, 4). From the base link to the measuring frame, metres."""
     std: FloatArray
+    """Shape (6,). Of the place (m) and of the turn about the axes of the measuring frame (rad); NaN where the circles
+    leave none.
+    """
     angle: float
     distance: float
+    """Of axis 2 from axis 1, beyond the nominal one, radians and metres: what the base cannot take."""
 
     def report(self) -> Sequence[Paragraph]:
         """Place and turn of the base link in the measuring frame."""
@@ -465,20 +460,16 @@ class BaseOfAxes(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolOfAxes(Result):
-    """Places of the targets on the tool from the last two axes.
-
-    Attributes
-    ----------
-    targets, std : dict of str to ndarray, shape (3,)
-        In the tip link, metres; the standard deviations hold those of the axes and the scatter of the points.
-    angle, distance : float
-        Of the last axis from the one before, beyond the nominal one, radians and metres.
-    """
+    """Places of the targets on the tool from the last two axes."""
 
     targets: Mapping[str, FloatArray]
     std: Mapping[str, FloatArray]
+    """Values of shape (3,). In the tip link, metres; the standard deviations hold those of the axes and the scatter of
+    the points.
+    """
     angle: float
     distance: float
+    """Of the last axis from the one before, beyond the nominal one, radians and metres."""
 
     def report(self) -> Sequence[Paragraph]:
         """Places of the targets."""

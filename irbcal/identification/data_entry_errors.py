@@ -137,26 +137,17 @@ class Hypothesis(Locked):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EntryError(Result):
-    """A slip that explains why a file does not fit a robot.
-
-    Attributes
-    ----------
-    hypothesis : Hypothesis
-    before, after : float
-        Median distance of the points from the nominal robot as they are, and read so, metres.
-    also : tuple of Hypothesis
-        Other ways to read the file that fit as well.
-    joint_columns : tuple of str
-    oriented : bool
-        Whether orientations were measured, too.
-    """
+    """A slip that explains why a file does not fit a robot."""
 
     hypothesis: Hypothesis
     before: float
     after: float
+    """Median distance of the points from the nominal robot as they are, and read so, metres."""
     also: tuple[Hypothesis, ...] = ()
+    """Other ways to read the file that fit as well."""
     joint_columns: tuple[str, ...] = ()
     oriented: bool = False
+    """Whether orientations were measured, too."""
 
     @property
     def looks_like(self) -> str:

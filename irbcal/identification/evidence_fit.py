@@ -513,23 +513,16 @@ SHORTEST = 0.1 * DEG
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Lag(Result):
-    """Share of the last move by which readings lag behind the programmed joints.
-
-    Attributes
-    ----------
-    weights : ndarray, shape (features,)
-        Of `features`, whose root mean squares are ``scale``.
-    scale : ndarray, shape (features,)
-    shares : ndarray, shape (n,)
-        Found in the poses of the fit.
-    sigma : float
-        Standard deviation of what the regression leaves of them.
-    """
+    """Share of the last move by which readings lag behind the programmed joints."""
 
     weights: FloatArray
+    """Shape (features,). Of `features`, whose root mean squares are ``scale``."""
     scale: FloatArray
+    """Shape (features,)."""
     shares: FloatArray
+    """Shape (n,). Found in the poses of the fit."""
     sigma: float
+    """Standard deviation of what the regression leaves of them."""
 
     def report(self) -> Sequence[Paragraph]:
         """How much readings lag, and how well that is known."""

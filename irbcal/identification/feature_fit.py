@@ -154,23 +154,15 @@ class FeatureModel(LinearModel):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class FeatureFit(EvidenceFit):
-    """An average of error models from rows at features.
-
-    Attributes
-    ----------
-    problem : FeatureProblem
-    state : FeatureState
-        Base, tool, features, and the coefficients of ``problem.terms``.
-    nominal_state : FeatureState
-        Base, tool and features of the nominal robot, from the same rows.
-    step_covariance : ndarray, shape (flat + terms, flat + terms)
-        Of steps of the problem's flat unknowns and coefficients, SI units.
-    """
+    """An average of error models from rows at features."""
 
     problem: FeatureProblem
     state: FeatureState
+    """Base, tool, features, and the coefficients of ``problem.terms``."""
     nominal_state: FeatureState
+    """Base, tool and features of the nominal robot, from the same rows."""
     step_covariance: FloatArray
+    """Shape (flat + terms, flat + terms). Of steps of the problem's flat unknowns and coefficients, SI units."""
 
     def std_of(self, key: Key) -> FloatArray:
         """Standard deviations of an unknown of tool or features, SI units."""

@@ -69,33 +69,21 @@ THROUGH = "acts only through stiffness_A and stiffness_B: held at the physical g
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Result):
-    """An identified robot and what the identification knows about itself.
-
-    Attributes
-    ----------
-    robot : Robot
-    level : str
-    problem : Problem
-    solution : Solution
-    stiffness_guess : Stiffness or None
-        Physical guess that names the stiffness parameters; None for levels without stiffness.
-    method, objective : str
-        How it was identified and what was minimised.
-    least_squares : Fit or None
-        The least-squares fit that another objective started from, for comparison.
-    history : History or None
-        Course of an iterative method, where it was recorded.
-    """
+    """An identified robot and what the identification knows about itself."""
 
     robot: Robot
     level: Level
     problem: Problem
     solution: least_squares.Solution[State]
     stiffness_guess: Stiffness | None
+    """Physical guess that names the stiffness parameters; None for levels without stiffness."""
     method: Method = "least-squares"
     objective: Objective = "rms"
+    """How it was identified and what was minimised."""
     least_squares: Fit | None = None
+    """The least-squares fit that another objective started from, for comparison."""
     history: History | None = None
+    """Course of an iterative method, where it was recorded."""
 
     @property
     def value(self) -> float | None:

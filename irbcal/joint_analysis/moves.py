@@ -61,25 +61,18 @@ MANY = 8
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointMoves(Result):
-    """All series of one joint and what they show together.
-
-    Attributes
-    ----------
-    joint : int
-        Counted from 1.
-    series : tuple of Series
-    backlash, gain, fourier : JointTerm
-    gravity : JointTerm or None
-        For joints 2 and 3: one period a turn, cosine and sine, for each home pose its own, as the bending of an arm
-        gives (Nubiola 2011, sections 4.3.2 and 5.3).
-    """
+    """All series of one joint and what they show together."""
 
     joint: int
+    """Counted from 1."""
     series: tuple[Series, ...]
     backlash: JointTerm
     gain: JointTerm
     fourier: JointTerm
     gravity: JointTerm | None
+    """For joints 2 and 3: one period a turn, cosine and sine, for each home pose its own, as the bending of an arm
+    gives (Nubiola 2011, sections 4.3.2 and 5.3).
+    """
 
     @property
     def play(self) -> float:

@@ -70,34 +70,24 @@ FEWEST_IN_BIN = 5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ResidualAnalysis(Result):
-    """Which terms each joint needs, and what is left about each joint.
-
-    Attributes
-    ----------
-    robot : Robot
-        With base, targets and geometry as these points say, and no joint map.
-    points : PointSet
-    step : ndarray, shape (n, joints)
-        Last move of each joint before each pose, radians; NaN where it is not known.
-    terms : tuple of JointTerm
-        Each beside all others.
-    angle : ndarray, shape (n, joints)
-        Angular residual of each pose about each joint with the estimated backlash left in, radians; NaN where the
-        targets lie too near to the axis or the direction is not known.
-    rms, rms_geometry : float
-        Root mean square distance of the points with all terms, and with geometry alone, metres.
-    excluded : tuple of tuple
-        (pose, target, distance in metres) of points far from the robot.
-    """
+    """Which terms each joint needs, and what is left about each joint."""
 
     robot: Robot
+    """With base, targets and geometry as these points say, and no joint map."""
     points: PointSet
     step: FloatArray
+    """Shape (n, joints). Last move of each joint before each pose, radians; NaN where it is not known."""
     terms: tuple[JointTerm, ...]
+    """Each beside all others."""
     angle: FloatArray
+    """Shape (n, joints). Angular residual of each pose about each joint with the estimated backlash left in, radians;
+    NaN where the targets lie too near to the axis or the direction is not known.
+    """
     rms: float
     rms_geometry: float
+    """Root mean square distance of the points with all terms, and with geometry alone, metres."""
     excluded: tuple[tuple[str, str, float], ...] = ()
+    """(pose, target, distance in metres) of points far from the robot."""
 
     @property
     def direction(self) -> FloatArray:

@@ -29,53 +29,38 @@ OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Series(Result):
-    """One joint moved from one home pose.
-
-    Attributes
-    ----------
-    name : str
-        Of the group.
-    joint : int
-        Counted from 1.
-    q : ndarray, shape (n, joints)
-        Joints of its poses in the order of the file, radians.
-    direction : ndarray, shape (n,)
-        +1 where the joint came from below, -1 from above, 0 where it is not known.
-    fit : AxisFit
-    points : PointSet
-        Points on the circles.
-    radial, tangential, axial : ndarray, shape (m,)
-        Errors of each point in the frame of Nubiola 2011, Figure 4.2, metres: outwards, in the joint's positive sense,
-        along the axis. The tangential error is zero where ``zero`` says.
-    radius : ndarray, shape (m,)
-        Of each point's circle, metres.
-    angle : ndarray, shape (n,)
-        Angular error of each pose (measured minus commanded turn), radians.
-    zero : float
-        Joint angle at which the angular error is set to zero (mean of both directions): the one nearest to 0, radians.
-    follow : ndarray, shape (n, 4)
-        Change of ``angle`` with the axis' tilts and shifts, in the order of ``fit.covariance``.
-    excluded : tuple of tuple
-        (pose, target, distance in metres) of points far from their circles.
-    payload_kg : float
-        Mass carried; NaN where it is not told.
-    """
+    """One joint moved from one home pose."""
 
     name: str
+    """Of the group."""
     joint: int
+    """Counted from 1."""
     q: FloatArray
+    """Shape (n, joints). Joints of its poses in the order of the file, radians."""
     direction: FloatArray
+    """Shape (n,). +1 where the joint came from below, -1 from above, 0 where it is not known."""
     fit: axes.AxisFit
     points: PointSet
+    """Points on the circles."""
     radial: FloatArray
     tangential: FloatArray
     axial: FloatArray
+    """Shape (m,). Errors of each point in the frame of Nubiola 2011, Figure 4.2, metres: outwards, in the joint's
+    positive sense, along the axis. The tangential error is zero where ``zero`` says.
+    """
     radius: FloatArray
+    """Shape (m,). Of each point's circle, metres."""
     angle: FloatArray
+    """Shape (n,). Angular error of each pose (measured minus commanded turn), radians."""
     zero: float
+    """Joint angle at which the angular error is set to zero (mean of both directions): the one nearest to 0, radians.
+    """
     follow: FloatArray
+    """Shape (n, 4). Change of ``angle`` with the axis' tilts and shifts, in the order of ``fit.covariance``."""
     excluded: tuple[tuple[str, str, float], ...]
+    """(pose, target, distance in metres) of points far from their circles."""
     payload_kg: float = float("nan")
+    """Mass carried; NaN where it is not told."""
 
     @property
     def turn(self) -> FloatArray:

@@ -28,40 +28,29 @@ Slides: TypeAlias = "BoolArray | Sequence[bool]"
 
 @dataclass(frozen=True, repr=False)
 class JointTerm(Result):
-    """One non-geometric effect: its size, and whether the joint needs it.
-
-    Attributes
-    ----------
-    kind : str
-        ``backlash`` (reached from above minus from below, Nubiola 2011, section 4.2), ``move`` (error per radian of the
-        last move), ``gain`` (eq. 3.31), ``fourier`` (section 5.2), ``gravity`` (one period a turn for each home pose of
-        joints 2 and 3; of any poses the levers of the links) or ``stiffness`` (A and B, see
-        `irbcal.modeling.thesis_map`).
-    joint : int or None
-        Counted from 1; None for the stiffness of joints 2 and 3.
-    names : tuple of str
-    values, low, high : tuple of float
-        Estimates and their 95 % intervals; radians (metres for prismatic joints), ``move`` and ``gain`` dimensionless.
-    evidence : float
-        Log evidence with the term minus without it, nats; less what the search for a free frequency costs.
-    moves : float
-        Root mean square distance by which the fitted points move without it, metres.
-    frequency : tuple of float, optional
-        Of a Fourier series, periods per turn; of one-joint moves with the interval where it was free.
-    note : str
-        Why it was not tested.
-    """
+    """One non-geometric effect: its size, and whether the joint needs it."""
 
     kind: Kind
+    """``backlash`` (reached from above minus from below, Nubiola 2011, section 4.2), ``move`` (error per radian of the
+    last move), ``gain`` (eq. 3.31), ``fourier`` (section 5.2), ``gravity`` (one period a turn for each home pose of
+    joints 2 and 3; of any poses the levers of the links) or ``stiffness`` (A and B, see `irbcal.modeling.thesis_map`).
+    """
     joint: int | None
+    """Counted from 1; None for the stiffness of joints 2 and 3."""
     names: tuple[str, ...] = ()
     values: tuple[float, ...] = ()
     low: tuple[float, ...] = ()
     high: tuple[float, ...] = ()
+    """Estimates and their 95 % intervals; radians (metres for prismatic joints), ``move`` and ``gain`` dimensionless.
+    """
     evidence: float = 0.0
+    """Log evidence with the term minus without it, nats; less what the search for a free frequency costs."""
     moves: float = np.nan
+    """Root mean square distance by which the fitted points move without it, metres."""
     frequency: tuple[float, ...] | None = None
+    """Of a Fourier series, periods per turn; of one-joint moves with the interval where it was free."""
     note: str = ""
+    """Why it was not tested."""
 
     @property
     def tested(self) -> bool:

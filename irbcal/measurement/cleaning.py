@@ -208,21 +208,13 @@ def left_out(excluded: Sequence[LeftOut], limit: int | None = 8) -> list[str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cleaned(Result):
-    """Points fit for use.
-
-    Attributes
-    ----------
-    points : PointSet
-    excluded : tuple of Exclusion
-    registration : Registration or None
-    notes : tuple of str
-        What the user should know, in sentences.
-    """
+    """Points fit for use."""
 
     points: PointSet
     excluded: tuple[Exclusion, ...]
     registration: Registration | None
     notes: tuple[str, ...]
+    """What the user should know, in sentences."""
 
     ROWS, COLUMNS = "excluded", "pose target reason"
 

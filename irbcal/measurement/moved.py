@@ -38,31 +38,23 @@ MOST_POSES = 10_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Moved(Result):
-    """A change of tracker and base against each other while it was measured.
-
-    Attributes
-    ----------
-    kind : str
-        ``jump`` or ``drift``.
-    pose : str
-        Name of the first pose after a jump; empty for a drift.
-    shift : ndarray, shape (3,)
-        By how much the points lie elsewhere afterwards (at the end), in their middle, in the measuring frame, metres.
-    shift_base : ndarray, shape (3,)
-        The same in the base link.
-    turn : float
-        By how much they are turned, radians.
-    before, after : float
-        Root mean square of the residuals without and with it, metres.
-    """
+    """A change of tracker and base against each other while it was measured."""
 
     kind: Literal["jump", "drift"]
+    """``jump`` or ``drift``."""
     pose: str
+    """Name of the first pose after a jump; empty for a drift."""
     shift: FloatArray
+    """Shape (3,). By how much the points lie elsewhere afterwards (at the end), in their middle, in the measuring
+    frame, metres.
+    """
     shift_base: FloatArray
+    """Shape (3,). The same in the base link."""
     turn: float
+    """By how much they are turned, radians."""
     before: float
     after: float
+    """Root mean square of the residuals without and with it, metres."""
 
     def report(self) -> list[Paragraph]:
         """One sentence."""

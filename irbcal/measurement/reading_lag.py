@@ -45,37 +45,31 @@ class ReadingLag(Result):
     The factor s of a pose is the least-squares one of all its joints. It is fitted to what it explains, so one joint
     alone would always be explained. Therefore each joint is also foretold: by the factor of the other joints of the
     pose, times its own last move; poses in which the others hardly moved do not count (`BESIDE`).
-
-    Attributes
-    ----------
-    columns : tuple of str
-        Those of the programmed joints.
-    difference : ndarray, shape (n, joints)
-        Reading minus command of each pose, radians (metres for prismatic joints).
-    factor : ndarray, shape (n,)
-        s: the share of the last move that the readings lag behind; NaN where the last move is unknown or none.
-    explained : ndarray, shape (joints,)
-        Share of each joint's variance (about zero) that the last move times the pose's factor explains; NaN: unknown.
-    explained_by_move : float
-        The same of all joints.
-    foretold : ndarray, shape (joints,)
-        Share of each joint's variance that the factor of the other joints foretells; NaN: unknown.
-    foretold_by_others : float
-        The same of all joints.
-    slope, slope_interval : ndarray, shape (joints,)
-        Regression of each joint's difference on what the others foretell, 1 if it lags like them, and the half-width of
-        its 95 % interval; NaN: unknown.
     """
 
     columns: tuple[str, ...]
+    """Those of the programmed joints."""
     difference: FloatArray
+    """Shape (n, joints). Reading minus command of each pose, radians (metres for prismatic joints)."""
     factor: FloatArray
+    """Shape (n,). s: the share of the last move that the readings lag behind; NaN where the last move is unknown or
+    none.
+    """
     explained: FloatArray
+    """Shape (joints,). Share of each joint's variance (about zero) that the last move times the pose's factor explains;
+    NaN: unknown.
+    """
     explained_by_move: float
+    """The same of all joints."""
     foretold: FloatArray
+    """Shape (joints,). Share of each joint's variance that the factor of the other joints foretells; NaN: unknown."""
     foretold_by_others: float
+    """The same of all joints."""
     slope: FloatArray
     slope_interval: FloatArray
+    """Shape (joints,). Regression of each joint's difference on what the others foretell, 1 if it lags like them, and
+    the half-width of its 95 % interval; NaN: unknown.
+    """
 
     @property
     def before_standstill(self) -> bool:

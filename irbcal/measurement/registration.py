@@ -22,24 +22,16 @@ from irbcal.units import MM
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registration(Result):
-    """Motion of the measuring frame over the poses.
-
-    Attributes
-    ----------
-    references : dict of str to ndarray, shape (3,)
-        Common place of each reference, metres; the measuring frame is defined by them.
-    T_frame_pose : ndarray, shape (n, 4, 4)
-        From coordinates as measured in a pose to the measuring frame.
-    own : ndarray of bool, shape (n,)
-        Whether a pose saw three references itself; other poses are interpolated between their neighbours.
-    residual : float
-        Root mean square distance of the references from their places after registration, metres.
-    """
+    """Motion of the measuring frame over the poses."""
 
     references: Mapping[str, FloatArray]
+    """Values of shape (3,). Common place of each reference, metres; the measuring frame is defined by them."""
     T_frame_pose: FloatArray
+    """Shape (n, 4, 4). From coordinates as measured in a pose to the measuring frame."""
     own: BoolArray
+    """Shape (n,). Whether a pose saw three references itself; other poses are interpolated between their neighbours."""
     residual: float
+    """Root mean square distance of the references from their places after registration, metres."""
 
     @property
     def largest_shift(self) -> float:

@@ -37,25 +37,18 @@ OUTSIDE = 0.01
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Result):
-    """Where a target will be.
-
-    Attributes
-    ----------
-    position : ndarray, shape (n, 3)
-        In the measuring frame (of the tip: in the base link), metres.
-    covariance : ndarray, shape (n, 3, 3)
-        Scatter of the parameters and disagreement of the averaged error models, m^2.
-    interval : ndarray, shape (n, 3)
-        Half-width that holds 95 % of a coordinate's errors: 1.96 times the root of the covariance's diagonal and a
-        third of the squared leave-one-out error, metres.
-    outside : ndarray of bool, shape (n,)
-        Whether a joint is outside the range of the fit, where high harmonics must not be trusted.
-    """
+    """Where a target will be."""
 
     position: FloatArray
+    """Shape (n, 3). In the measuring frame (of the tip: in the base link), metres."""
     covariance: FloatArray
+    """Shape (n, 3, 3). Scatter of the parameters and disagreement of the averaged error models, m^2."""
     interval: FloatArray
+    """Shape (n, 3). Half-width that holds 95 % of a coordinate's errors: 1.96 times the root of the covariance's
+    diagonal and a third of the squared leave-one-out error, metres.
+    """
     outside: BoolArray
+    """Shape (n,). Whether a joint is outside the range of the fit, where high harmonics must not be trusted."""
 
     def report(self) -> Sequence[Paragraph]:
         """How wide the intervals are, and whether poses are outside the joint ranges of the fit."""

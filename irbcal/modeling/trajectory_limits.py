@@ -71,20 +71,13 @@ class Limits:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Checked(Result):
-    """A trajectory, and the limits that it passes between its first and its last point.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-    exceeded : tuple of Exceeded
-        One for each joint and kind of limit; empty where all limits hold.
-    slower : float
-        By how much times must be stretched for speeds and accelerations to hold, 1 where they do. Positions stay.
-    """
+    """A trajectory, and the limits that it passes between its first and its last point."""
 
     trajectory: Trajectory
     exceeded: tuple[Exceeded, ...]
+    """One for each joint and kind of limit; empty where all limits hold."""
     slower: float
+    """By how much times must be stretched for speeds and accelerations to hold, 1 where they do. Positions stay."""
 
     @property
     def within(self) -> bool:

@@ -66,47 +66,31 @@ LARGEST = 0.1
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Conformity(Result):
-    """Whether the calibrated robot keeps a tolerance.
-
-    Attributes
-    ----------
-    outcome : str
-        ``pass``, ``fail`` (the figure is beyond the tolerance), or ``not proven``.
-    rule : str
-        ``mean3sigma``, ``max`` or ``percentile`` (the 95th).
-    tolerance_mm, value_mm : float
-    upper_mm : float or None
-        One-sided 95 % upper bound of the value; None where poses are too few.
-    basis : str
-        What the bound rests on.
-    tracker_u95_mm : float
-        Expanded uncertainty of the tracker, which is added to the bound.
-    tracker_source : str
-        Where it comes from.
-    intervals_mm : dict
-        95 % bootstrap intervals of the statistics by their names; empty where poses are too few.
-    poses, points : int
-        What was judged.
-    against : tuple of str
-        Why it is not proven, in sentences.
-    region_only : bool
-        Whether it is judged for the region of these poses only.
-    simulated : bool
-    """
+    """Whether the calibrated robot keeps a tolerance."""
 
     outcome: ConformityOutcome
+    """``pass``, ``fail`` (the figure is beyond the tolerance), or ``not proven``."""
     rule: Rule
+    """``mean3sigma``, ``max`` or ``percentile`` (the 95th)."""
     tolerance_mm: float
     value_mm: float
     upper_mm: float | None
+    """One-sided 95 % upper bound of the value; None where poses are too few."""
     basis: str
+    """What the bound rests on."""
     tracker_u95_mm: float
+    """Expanded uncertainty of the tracker, which is added to the bound."""
     tracker_source: str
+    """Where it comes from."""
     intervals_mm: Mapping[str, Sequence[float]]
+    """95 % bootstrap intervals of the statistics by their names; empty where poses are too few."""
     poses: int
     points: int
+    """What was judged."""
     against: tuple[str, ...]
+    """Why it is not proven, in sentences."""
     region_only: bool
+    """Whether it is judged for the region of these poses only."""
     simulated: bool
 
     def __bool__(self) -> bool:

@@ -392,30 +392,19 @@ VELOCITY = "commanded_mm_s mean_mm_s=mean.mean AV_percent RV_percent FV_mm_s mea
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PathCheck(Result):
-    """Accuracy, repeatability, velocity and corners of sampled paths.
-
-    Attributes
-    ----------
-    errors : PathErrors
-        On the planes that all cycles cross.
-    along : ndarray, shape (m,)
-        Way of these planes on the commanded path, metres.
-    cycles : int
-    planes_of : int
-        Points of the commanded path.
-    velocity : PathVelocity or None
-        None where the samples have no times.
-    corners : tuple of Corner
-        Of the commanded path.
-    simulated : bool
-    """
+    """Accuracy, repeatability, velocity and corners of sampled paths."""
 
     errors: PathErrors
+    """On the planes that all cycles cross."""
     along: FloatArray
+    """Shape (m,). Way of these planes on the commanded path, metres."""
     cycles: int
     planes_of: int
+    """Points of the commanded path."""
     velocity: PathVelocity | None = None
+    """None where the samples have no times."""
     corners: tuple[Corner, ...] = ()
+    """Of the commanded path."""
     simulated: bool = False
 
     CONTENT = "AT_mm=errors.AT RT_mm=errors.RT planes=errors.planes.__len__ planes_of cycles"
@@ -620,19 +609,12 @@ class Compliance(Locked):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StaticCompliance(Result):
-    """Compliance along and against the axes of a frame.
-
-    Attributes
-    ----------
-    frame : str
-        ``base link``, or ``measuring frame`` without a calibration.
-    directions : dict of str to Compliance
-        ``+x``, ``-x``, ``+y``, …
-    simulated : bool
-    """
+    """Compliance along and against the axes of a frame."""
 
     frame: str
+    """``base link``, or ``measuring frame`` without a calibration."""
     directions: dict[str, Compliance]
+    """``+x``, ``-x``, ``+y``, …"""
     simulated: bool
 
     CONTENT = "frame directions=to_frame simulated"

@@ -625,21 +625,12 @@ SET_SIZE = 10
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoseCheck(Result):
-    """Pose accuracy and repeatability, variation, distance and drift.
-
-    Attributes
-    ----------
-    subject : str
-        What was regarded: ``flange``, ``measured frame``, ``all targets``, or a target.
-    models : dict of str to ModelCriteria
-        ``nominal`` and ``calibrated``; ``measured`` without a calibration.
-    excluded : tuple of Exclusion
-    notes : tuple of str
-    simulated : bool
-    """
+    """Pose accuracy and repeatability, variation, distance and drift."""
 
     subject: str
+    """What was regarded: ``flange``, ``measured frame``, ``all targets``, or a target."""
     models: dict[str, ModelCriteria]
+    """``nominal`` and ``calibrated``; ``measured`` without a calibration."""
     excluded: tuple[Exclusion, ...]
     notes: tuple[str, ...]
     simulated: bool

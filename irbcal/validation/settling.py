@@ -310,17 +310,10 @@ class PosedMove(Locked):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PosingTimes(Result):
-    """Posing times of several moves.
-
-    Attributes
-    ----------
-    band : float
-        Limit band, metres.
-    moves : dict of str to PosedMove
-    simulated : bool
-    """
+    """Posing times of several moves."""
 
     band: float
+    """Limit band, metres."""
     moves: dict[str, PosedMove]
     simulated: bool
 

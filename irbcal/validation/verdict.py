@@ -28,27 +28,18 @@ CLEAR = 2.0
 
 @dataclass(frozen=True, repr=False)
 class Verdict(Result):
-    """Whether a calibration serves these measurements.
-
-    Attributes
-    ----------
-    outcome : str
-        ``better``, ``no better`` or ``worse`` than the nominal robot.
-    words : str
-        One or two sentences.
-    left_out : float
-        Share of the points that were left out.
-    trusted : bool
-        Whether nothing speaks against it: better, few points were left out, and there are no doubts.
-    doubts : tuple of str
-        All that speaks against it besides the outcome, in sentences.
-    """
+    """Whether a calibration serves these measurements."""
 
     outcome: Outcome
+    """``better``, ``no better`` or ``worse`` than the nominal robot."""
     words: str
+    """One or two sentences."""
     left_out: float
+    """Share of the points that were left out."""
     trusted: bool
+    """Whether nothing speaks against it: better, few points were left out, and there are no doubts."""
     doubts: tuple[str, ...] = ()
+    """All that speaks against it besides the outcome, in sentences."""
 
     def __bool__(self) -> bool:
         return self.trusted

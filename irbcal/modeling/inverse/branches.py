@@ -45,29 +45,24 @@ def branch_signs(branch: IntArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Branches(Result):
-    """The inverse kinematics of a batch of poses.
-
-    Attributes
-    ----------
-    joints : ndarray, shape (n, 8, 6)
-        Joint angles of each branch, radians, each within a half turn of zero; NaN where there is no solution. In
-        memory the poses of a joint lie side by side, as arithmetic on all poses wants them.
-    valid : ndarray of bool, shape (n, 8)
-        Whether the branch reaches the pose. Joint limits are not regarded: see
-        `irbcal.modeling.inverse.closed_form.into_limits`.
-    shoulder : ndarray, shape (n,)
-        Distance of the wrist centre from axis 1, metres: zero at the shoulder (alignment) singularity of eq. 6.5,
-        where the angle of axis 1 is arbitrary (it is set to the zero of eq. 6.6).
-    reach_margin : ndarray, shape (n, 2)
-        How far the wrist centre is inside the reach of upper arm and forearm from axis 2, for the front and
-        back branches, metres: zero at the elbow singularity (stretched or folded arm), negative out of reach.
-    arm : OrthoParallel
-    """
+    """The inverse kinematics of a batch of poses."""
 
     joints: FloatArray
+    """Shape (n, 8, 6). Joint angles of each branch, radians, each within a half turn of zero; NaN where there is no
+    solution. In memory the poses of a joint lie side by side, as arithmetic on all poses wants them.
+    """
     valid: BoolArray
+    """Shape (n, 8). Whether the branch reaches the pose. Joint limits are not regarded: see
+    `irbcal.modeling.inverse.closed_form.into_limits`.
+    """
     shoulder: FloatArray
+    """Shape (n,). Distance of the wrist centre from axis 1, metres: zero at the shoulder (alignment) singularity of eq.
+    6.5, where the angle of axis 1 is arbitrary (it is set to the zero of eq. 6.6).
+    """
     reach_margin: FloatArray
+    """Shape (n, 2). How far the wrist centre is inside the reach of upper arm and forearm from axis 2, for the front
+    and back branches, metres: zero at the elbow singularity (stretched or folded arm), negative out of reach.
+    """
     arm: OrthoParallel
 
     def __len__(self) -> int:
