@@ -49,16 +49,11 @@ INSIDE = 16
 
 @dataclass(frozen=True, eq=False)
 class StraightMove(Locked):
-    """Straight move between two poses; orientation turns evenly about one axis.
-
-    Parameters
-    ----------
-    T_start, T_end : ndarray, shape (4, 4)
-        Poses in the base link, metres.
-    """
+    """Straight move between two poses; orientation turns evenly about one axis."""
 
     T_start: FloatArray
     T_end: FloatArray
+    """Shape (4, 4). Poses in the base link, metres."""
 
     @property
     def length(self) -> float:
@@ -75,23 +70,16 @@ class StraightMove(Locked):
 
 @dataclass(frozen=True, eq=False)
 class Circle(Locked):
-    """Move along a circular arc; orientation turns evenly about one axis.
-
-    Parameters
-    ----------
-    T_start, T_end : ndarray, shape (4, 4)
-        Poses in the base link, metres.
-    center, normal : ndarray, shape (3,)
-        Of the circle, in the base link; the move turns by ``angle`` about the normal.
-    angle : float
-        Radians.
-    """
+    """Move along a circular arc; orientation turns evenly about one axis."""
 
     T_start: FloatArray
     T_end: FloatArray
+    """Shape (4, 4). Poses in the base link, metres."""
     center: FloatArray
     normal: FloatArray
+    """Shape (3,). Of the circle, in the base link; the move turns by ``angle`` about the normal."""
     angle: float
+    """Radians."""
 
     @staticmethod
     def through(T_start: FloatArray, p_via: ArrayLike, T_end: FloatArray) -> Circle:

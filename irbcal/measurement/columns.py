@@ -50,15 +50,22 @@ LARGEST_ANGLE_DEG, LARGEST_POSITION_MM, LARGEST_NUMBER = 1e4, 1e6, 1e12
 
 
 class ColumnKind(NamedTuple):
-    """What a column of numbers holds."""
+    """What a column of numbers holds.
+
+    Attributes
+    ----------
+    expected : str
+        For messages.
+    low, high : float
+        The smallest and the largest number that make sense.
+    unit : float
+        What one is in SI units.
+    """
 
     expected: str
-    """For messages."""
     low: float
     high: float
-    """The smallest and the largest number that make sense."""
     unit: float = 1.0
-    """What one is in SI units."""
 
     @property
     def noun(self) -> str:
@@ -121,14 +128,21 @@ TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 
 @dataclass(frozen=True, eq=False)
 class InputTable:
-    """A table as text, whose columns are checked as they are asked for."""
+    """A table as text, whose columns are checked as they are asked for.
+
+    Attributes
+    ----------
+    cells : DataFrame
+        Text; the index holds the rows for messages.
+    source : str
+        File name for messages, `FRAME` for a DataFrame.
+    sha256 : str
+        Of the file's content; of a DataFrame's, as ``frame.to_csv(index=False)`` writes it.
+    """
 
     cells: pd.DataFrame
-    """Text; the index holds the rows for messages."""
     source: str = FRAME
-    """File name for messages, `FRAME` for a DataFrame."""
     sha256: str = ""
-    """Of the file's content; of a DataFrame's, as ``frame.to_csv(index=False)`` writes it."""
 
     @classmethod
     def read(

@@ -24,39 +24,28 @@ NEARLY = 0.01
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Arm:
-    """A serial arm; most have six revolute joints.
-
-    Parameters
-    ----------
-    name : str
-    table : DHMTable
-    T_base_0 : ndarray, shape (4, 4)
-        DHM frame 0 in the base link (identity for arms whose first axis is the base's z).
-    T_last_tip : ndarray, shape (4, 4)
-        Tip link in the last DHM frame (identity where the tip's z lies on the last axis).
-    joint_names : tuple of str
-    lower, upper : ndarray, shape (n,)
-        Joint limits, radians (metres for prismatic joints); infinite for continuous joints.
-    base_link, tip_link : str
-    coupling : ndarray, shape (n, n), optional
-        Joints of the arm from those that its controller counts, ``q = coupling @ p``, where these differ: see
-        `irbcal.modeling.coupling`. All joints but those in files are the arm's own.
-    joints_up : int
-        How many joints come first that lead from the base link up a tree to the link that base and tip hang on (a
-        camera's neck): gravity has no fixed direction in such a base link.
-    """
+    """A serial arm; most have six revolute joints."""
 
     name: str
     table: dhm.DHMTable
     T_base_0: FloatArray
+    """Shape (4, 4). DHM frame 0 in the base link (identity for arms whose first axis is the base's z)."""
     T_last_tip: FloatArray
+    """Shape (4, 4). Tip link in the last DHM frame (identity where the tip's z lies on the last axis)."""
     joint_names: tuple[str, ...]
     lower: FloatArray
     upper: FloatArray
+    """Shape (n,). Joint limits, radians (metres for prismatic joints); infinite for continuous joints."""
     base_link: str = "base_link"
     tip_link: str = "tool0"
     coupling: FloatArray | None = None
+    """Shape (n, n). Joints of the arm from those that its controller counts, ``q = coupling @ p``, where these differ:
+    see `irbcal.modeling.coupling`. All joints but those in files are the arm's own.
+    """
     joints_up: int = 0
+    """How many joints come first that lead from the base link up a tree to the link that base and tip hang on (a
+    camera's neck): gravity has no fixed direction in such a base link.
+    """
 
     def __post_init__(self) -> None:
         for key in ("T_base_0", "T_last_tip", "lower", "upper"):

@@ -68,44 +68,35 @@ class Prediction(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certainty(Locked):
-    """What an identification knows of the robot that it found.
-
-    Parameters
-    ----------
-    nominal : Arm
-        Attitudes of links are taken from it.
-    terms : tuple of Term
-        What the last columns of the covariance are coefficients of: constants of the geometry (errors of the DHM table)
-        and terms of the joint map and the frames.
-    covariance : ndarray, shape (flat + terms, flat + terms)
-        Of the base (turn, shift in the base link), places of the free targets, turns of target frames, and the
-        coefficients, SI units.
-    free_targets : tuple of str
-        Targets whose places were identified, in the order of their columns.
-    coefficients : ndarray, shape (terms,)
-        Their sizes join the uncertainty where the last move is not known.
-    leave_one_out, leave_fifths_out : dict of str to float
-        Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
-        for all, metres; empty where not known, None where what is left does not determine them.
-    ranges : ndarray, shape (2, joints), optional
-        Smallest and largest commanded joints of the fit, radians (metres).
-    measurement_noise : float
-        Standard deviation of a measured coordinate that the measurements prove, see
-        `irbcal.measurement.points.PointSet.distance_noise`, metres; zero where they prove none.
-    gravity : tuple of three float
-        Direction in the base link.
-    """
+    """What an identification knows of the robot that it found."""
 
     nominal: Arm
+    """Attitudes of links are taken from it."""
     terms: tuple[Term, ...]
+    """What the last columns of the covariance are coefficients of: constants of the geometry (errors of the DHM table)
+    and terms of the joint map and the frames.
+    """
     covariance: FloatArray
+    """Shape (flat + terms, flat + terms). Of the base (turn, shift in the base link), places of the free targets, turns
+    of target frames, and the coefficients, SI units.
+    """
     free_targets: tuple[str, ...]
+    """Targets whose places were identified, in the order of their columns."""
     coefficients: FloatArray
+    """Shape (terms,). Their sizes join the uncertainty where the last move is not known."""
     leave_one_out: Mapping[str, float | None]
     leave_fifths_out: Mapping[str, float | None]
+    """Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
+    for all, metres; empty where not known, None where what is left does not determine them.
+    """
     ranges: FloatArray | None
+    """Shape (2, joints). Smallest and largest commanded joints of the fit, radians (metres)."""
     measurement_noise: float = 0.0
+    """Standard deviation of a measured coordinate that the measurements prove, see
+    `irbcal.measurement.points.PointSet.distance_noise`, metres; zero where they prove none.
+    """
     gravity: tuple[float, ...] = GRAVITY
+    """Direction in the base link."""
 
     def __repr__(self) -> str:
         return (

@@ -41,17 +41,6 @@ QUARTER = 1e-15
 class DHMTable:
     """DHM parameters of a serial arm with ``n`` joints (Nubiola 2011, Table 5.1 is that of the IRB 1600).
 
-    Parameters
-    ----------
-    alpha, a, theta, d : array_like, shape (n,)
-        Radians and metres; ``theta`` (``d`` of a prismatic joint) is the joint's offset, added to the effective joint.
-    beta : array_like, shape (n,), optional
-        Hayati tilt about y, radians; zero unless given.
-    b : array_like, shape (n,), optional
-        Shift along y, metres; zero unless given.
-    prismatic : array_like of bool, shape (n,), optional
-        Which joints slide along z; none unless given.
-
     Notes
     -----
     The arrays are copied and locked; use `dataclasses.replace` for a changed table.
@@ -61,9 +50,15 @@ class DHMTable:
     a: FloatArray
     theta: FloatArray
     d: FloatArray
+    """Shape (n,). Radians and metres; ``theta`` (``d`` of a prismatic joint) is the joint's offset, added to the
+    effective joint.
+    """
     beta: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Shape (n,). Hayati tilt about y, radians; zero unless given."""
     b: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Shape (n,). Shift along y, metres; zero unless given."""
     prismatic: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Shape (n,). Which joints slide along z; none unless given."""
 
     def __post_init__(self) -> None:
         shape = np.shape(self.alpha)

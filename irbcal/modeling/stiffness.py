@@ -12,26 +12,18 @@ from irbcal.units import MM
 
 @dataclass(frozen=True)
 class Stiffness:
-    """The four stiffness parameters of Nubiola 2011, section 5.3 and Figure 5.3, lengths in metres.
-
-    Parameters
-    ----------
-    delta_L : float
-        Deflection of the stretched arm's end under gravity (Figure 5.4).
-    L_G1, L_G2 : float
-        Distance of the centres of mass of upper arm and forearm from axes 2 and 3.
-    m : float
-        Mass ratio F2 / F1 (the thesis prints its inverse; eqs. 5.14 and 5.15 need this one).
-    L_1, L_2 : float
-        Lengths of upper arm and forearm.
-    """
+    """The four stiffness parameters of Nubiola 2011, section 5.3 and Figure 5.3, lengths in metres."""
 
     delta_L: float
+    """Deflection of the stretched arm's end under gravity (Figure 5.4)."""
     L_G1: float
     L_G2: float
+    """Distance of the centres of mass of upper arm and forearm from axes 2 and 3."""
     m: float
+    """Mass ratio F2 / F1 (the thesis prints its inverse; eqs. 5.14 and 5.15 need this one)."""
     L_1: float
     L_2: float
+    """Lengths of upper arm and forearm."""
 
     @staticmethod
     def guess(L_1: float, L_2: float) -> Stiffness:

@@ -38,20 +38,14 @@ class Exceeded(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of the joints of an arm.
-
-    Parameters
-    ----------
-    lower, upper : array_like, shape (joints,)
-        Radians (metres for prismatic joints); infinite where there are none.
-    speed, acceleration : array_like, shape (joints,), optional
-        Largest magnitudes; without limit unless given.
-    """
+    """Limits of the joints of an arm."""
 
     lower: FloatArray
     upper: FloatArray
+    """Shape (joints,). Radians (metres for prismatic joints); infinite where there are none."""
     speed: FloatArray | None = None
     acceleration: FloatArray | None = None
+    """Shape (joints,). Largest magnitudes; without limit unless given."""
 
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.lower))

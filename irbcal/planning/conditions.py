@@ -31,20 +31,13 @@ DIRECTIONS = ("nx", "ny", "nz")
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Reflectors on the tool.
-
-    Parameters
-    ----------
-    names : tuple of str
-    places : array_like, shape (k, 3)
-        In the tip link, metres.
-    directions : array_like, shape (k, 3), or None
-        Where they look, in the tip link (made unit vectors); None where not known.
-    """
+    """Reflectors on the tool."""
 
     names: tuple[str, ...]
     places: FloatArray
+    """Shape (k, 3). In the tip link, metres."""
     directions: FloatArray | None = None
+    """Shape (k, 3). Where they look, in the tip link (made unit vectors); None where not known."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "places", np.array(self.places, dtype=float).reshape(-1, 3))
@@ -173,35 +166,23 @@ class Solids(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Robot, reflectors, tracker and what poses must keep to.
-
-    Parameters
-    ----------
-    robot : Robot
-        Predicts where the tip is.
-    targets : Targets
-    place : ndarray, shape (3,)
-        The tracker in the base link, metres.
-    conditions : tuple of str
-        Those that hold, of `CONDITIONS`.
-    margin : float
-        From the joint limits, radians; prismatic joints keep `METRES_PER_DEGREE` for each degree.
-    acceptance : float
-        Largest angle between a reflector's direction and the beam, radians.
-    heights : tuple of float, or None
-        Lowest z of tip and reflectors in the base link, in front (x from `FRONT` on) and at the back, metres.
-    solids : Solids, or None
-        Needed for the conditions in `SOLID`.
-    """
+    """Robot, reflectors, tracker and what poses must keep to."""
 
     robot: Robot
+    """Predicts where the tip is."""
     targets: Targets
     place: FloatArray
+    """Shape (3,). The tracker in the base link, metres."""
     conditions: tuple[str, ...] = tuple(CONDITIONS)
+    """Those that hold, of `CONDITIONS`."""
     margin: float = 2 * DEG
+    """From the joint limits, radians; prismatic joints keep `METRES_PER_DEGREE` for each degree."""
     acceptance: float = ACCEPTANCE
+    """Largest angle between a reflector's direction and the beam, radians."""
     heights: tuple[float, float] | None = None
+    """Lowest z of tip and reflectors in the base link, in front (x from `FRONT` on) and at the back, metres."""
     solids: Solids | None = None
+    """Needed for the conditions in `SOLID`."""
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.conditions if name not in CONDITIONS]

@@ -203,23 +203,15 @@ CLOSE = (0.2 * MM, 0.2 * DEG)
 
 @dataclass(frozen=True, eq=False)
 class Access(Locked):
-    """What poses at a device must allow.
-
-    Parameters
-    ----------
-    setting : Setting
-        Its solids get what carries the features as obstacles (`with_stands`).
-    found : Placed
-    cone : float
-        Largest angle between the tool's axis and what it is turned to, radians.
-    approach : float
-        Last part of the way along the tool's axis that must be free, metres.
-    """
+    """What poses at a device must allow."""
 
     setting: Setting
+    """Its solids get what carries the features as obstacles (`with_stands`)."""
     found: Placed
     cone: float
+    """Largest angle between the tool's axis and what it is turned to, radians."""
     approach: float
+    """Last part of the way along the tool's axis that must be free, metres."""
 
     @property
     def touched(self) -> bool:

@@ -196,16 +196,12 @@ class TiltEffect(Effect):
 
     Levels 26 and 34 have no parameter for it: theirs (``alpha``) tilts about the common normal only, Hayati's ``beta``
     across it. The size is that of the other angles between axes.
-
-    Parameters
-    ----------
-    beta_deg : tuple of float
-        Tilt of each axis about the y axis of its frame, degrees; joints 1 to n.
     """
 
     name: ClassVar[str] = "tilt"
     summary: ClassVar[str] = "axes that should be parallel are tilted across their common normal (section 3.1.3)"
     beta_deg: tuple[float, ...] = (0.0, 0.0, 0.014, 0.0, 0.0, 0.0)
+    """Tilt of each axis about the y axis of its frame, degrees; joints 1 to n."""
 
     def table(self, table: DHMTable) -> DHMTable:
         """The table with the tilts."""
@@ -225,16 +221,12 @@ class ComplianceEffect(Effect):
     2011, Table 4.3:
     3 kg on the stretched arm make 0.3 mm, and the arm's own weight then makes about 2 mm. Those of the wrist are
     guesses: below 0.1 mm at the tool.
-
-    Parameters
-    ----------
-    rad_per_Nm : tuple of float
-        Compliance of joints 1 to n; prismatic joints have none.
     """
 
     name: ClassVar[str] = "compliance"
     summary: ClassVar[str] = "every joint gives way under the links' and the payload's weight (section 4.3)"
     rad_per_Nm: tuple[float, ...] = (1.0e-6, 3.6e-6, 3.0e-6, 5.0e-5, 5.0e-5, 5.0e-5)
+    """Compliance of joints 1 to n; prismatic joints have none."""
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
         """See `Effect.for_arm`."""
@@ -253,11 +245,6 @@ class HarmonicsEffect(Effect):
     The joint-6 series of the second order is in the 34-parameter model and not here. Joints 4 and 5 are driven
     through the forearm like joint 6, with one and two periods a turn; the others have shorter ones. Section 4.1 shows
     that joints 2 and 6 err most at the tool: the sizes here keep those of the other joints below 0.15 mm there.
-
-    Parameters
-    ----------
-    waves : tuple of (int, float, float, float)
-        Joint (from 1; from the last one as -1, -2, ...), periods per turn, amplitude and phase in degrees.
     """
 
     name: ClassVar[str] = "harmonics"
@@ -273,6 +260,7 @@ class HarmonicsEffect(Effect):
         (-2, 5, 0.0150, 45.0),
         (-1, 4, 0.0100, 200.0),
     )
+    """Joint (from 1; from the last one as -1, -2, ...), periods per turn, amplitude and phase in degrees."""
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
@@ -286,16 +274,12 @@ class BacklashEffect(Effect):
     0.05 degrees on joint 6 are measured there; the rest of the wrist is driven alike and gets less. Gravity loads the
     gears of joints 1 to 3, and Nubiola 2011, Table A I-3 (poses reached from all sides) leaves room for a few
     hundredths of a millimetre only.
-
-    Parameters
-    ----------
-    peak_to_peak_deg : tuple of float
-        Joints 1 to n, degrees (millimetres for prismatic joints): reached from above minus reached from below.
     """
 
     name: ClassVar[str] = "backlash"
     summary: ClassVar[str] = "a joint stops short on the side it came from (section 4.2)"
     peak_to_peak_deg: tuple[float, ...] = (0.004, 0.002, 0.003, 0.030, 0.020, 0.050)
+    """Joints 1 to n, degrees (millimetres for prismatic joints): reached from above minus reached from below."""
 
     def joints(self, stops: Stops, rng: np.random.Generator) -> FloatArray:
         """See `Effect.joints`."""
@@ -311,16 +295,12 @@ class RepeatabilityEffect(Effect):
     """Every move ends a little elsewhere (Nubiola 2011, annex I).
 
     Nubiola 2011, Table A I-2 has 0.009 to 0.015 mm on average for poses reached from one side.
-
-    Parameters
-    ----------
-    sigma_deg : tuple of float
-        Standard deviation of joints 1 to n, degrees (millimetres for prismatic joints).
     """
 
     name: ClassVar[str] = "repeatability"
     summary: ClassVar[str] = "every move ends a little elsewhere (annex I)"
     sigma_deg: tuple[float, ...] = (0.00035, 0.00035, 0.00035, 0.0007, 0.0007, 0.0007)
+    """Standard deviation of joints 1 to n, degrees (millimetres for prismatic joints)."""
 
     def joints(self, stops: Stops, rng: np.random.Generator) -> FloatArray:
         """See `Effect.joints`."""
@@ -336,18 +316,12 @@ class SettlingEffect(Effect):
     """The arm swings after a move and comes to rest (Nubiola 2011, annex V: after two seconds).
 
     Joints 1 to 3 overshoot in the direction of the move: ``amplitude exp(-t/tau) cos(2 pi f t)``, t since the stop.
-
-    Parameters
-    ----------
-    amplitude_deg : float
-        At the moment of the stop: about 0.2 mm at arm's length.
-    tau_s : float
-    frequency_Hz : float
     """
 
     name: ClassVar[str] = "settling"
     summary: ClassVar[str] = "the arm swings after a move; nothing is left after two seconds (annex V)"
     amplitude_deg: float = 0.012
+    """At the moment of the stop: about 0.2 mm at arm's length."""
     tau_s: float = 0.4
     frequency_Hz: float = 8.0
 
@@ -368,24 +342,17 @@ class WarmUpEffect(Effect):
     Against the warm robot, with ``w = exp(-(t + before)/tau)``: all lengths are shorter by ``growth w``, joints 2 and 3
     are off by ``joint_deg w``. What stands beside the last axis, and the travel of prismatic joints, does not grow. The
     size is a guess: 10 K of cast iron, 0.15 mm at arm's length from a cold start.
-
-    Parameters
-    ----------
-    before_min : float
-        How long the robot had been moving before the run, minutes.
-    tau_min : float
-    growth : float
-        Relative growth of all lengths from cold to warm.
-    joint_deg : tuple of float
-        Of joints 2 and 3, degrees.
     """
 
     name: ClassVar[str] = "warm_up"
     summary: ClassVar[str] = "the robot grows and bends as it warms up, one hour into it (section 7.1)"
     before_min: float = 60.0
+    """How long the robot had been moving before the run, minutes."""
     tau_min: float = 40.0
     growth: float = 1.0e-4
+    """Relative growth of all lengths from cold to warm."""
     joint_deg: tuple[float, float] = (0.004, -0.006)
+    """Of joints 2 and 3, degrees."""
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
@@ -434,22 +401,16 @@ class DriftEffect(Effect):
 
     Each of three shifts and three turns is a sine of a period and phase of its own. References on the floor take it
     out.
-
-    Parameters
-    ----------
-    shift_um : float
-        Amplitude along each axis.
-    turn_urad : float
-        Amplitude about each axis.
-    period_h : tuple of float
-        Shortest and longest period.
     """
 
     name: ClassVar[str] = "drift"
     summary: ClassVar[str] = "the tracker shifts and turns slowly over hours (annex IV)"
     shift_um: float = 8.0
+    """Amplitude along each axis."""
     turn_urad: float = 4.0
+    """Amplitude about each axis."""
     period_h: tuple[float, float] = (3.0, 12.0)
+    """Shortest and longest period."""
 
     def points(self, xyz: FloatArray, shot: Shot, rng: np.random.Generator) -> FloatArray:
         """See `Effect.points`."""
@@ -464,19 +425,14 @@ class VisibilityEffect(Effect):
     """A target that looks away from the tracker, or that the arm hides, is a lost point (Nubiola 2011, section 7.1).
 
     References on the floor are always seen.
-
-    Parameters
-    ----------
-    acceptance_deg : float
-        Largest angle between a reflector's direction and the beam.
-    link_radius_mm : float
-        Of the arm's links between its joints, as seen by the beam.
     """
 
     name: ClassVar[str] = "visibility"
     summary: ClassVar[str] = "targets that look away or are hidden by the arm are lost (section 7.1)"
     acceptance_deg: float = 30.0
+    """Largest angle between a reflector's direction and the beam."""
     link_radius_mm: float = 90.0
+    """Of the arm's links between its joints, as seen by the beam."""
 
     def unseen(self, shot: Shot, rng: np.random.Generator) -> BoolArray:
         """See `Effect.unseen`."""
@@ -496,17 +452,12 @@ class VisibilityEffect(Effect):
 
 @dataclass(frozen=True)
 class LostEffect(Effect):
-    """The tracker does not find a reflector (Nubiola 2011, section 7.7: 0.6 to 3.6 % of the points).
-
-    Parameters
-    ----------
-    share : float
-        Of all points, targets and references.
-    """
+    """The tracker does not find a reflector (Nubiola 2011, section 7.7: 0.6 to 3.6 % of the points)."""
 
     name: ClassVar[str] = "lost"
     summary: ClassVar[str] = "now and then the tracker does not find a reflector (section 7.7)"
     share: float = 0.006
+    """Of all points, targets and references."""
 
     def unseen(self, shot: Shot, rng: np.random.Generator) -> BoolArray:
         """See `Effect.unseen`."""
@@ -521,13 +472,6 @@ class ReadingLagEffect(Effect):
     where it would. Sizes are those of a measured IRB 120, which is not in the thesis: on the joint that moved most the
     lag is 0.041 degrees in the median, 0.02 to 0.07 in half of the poses (a gamma distribution of shape 2), with a
     scatter that the last move does not explain. Off in the shipped cells.
-
-    Parameters
-    ----------
-    median_deg : float
-        Lag of the joint that moved most, degrees (millimetres of a prismatic joint); never more than the whole move.
-    scatter_deg : float
-        Standard deviation of each reading beside the lag, degrees (millimetres).
     """
 
     name: ClassVar[str] = "reading_lag"
@@ -535,7 +479,9 @@ class ReadingLagEffect(Effect):
         "joint readings lag behind by a share of the last move (annex V waits); off if not asked for"
     )
     median_deg: float = 0.041
+    """Lag of the joint that moved most, degrees (millimetres of a prismatic joint); never more than the whole move."""
     scatter_deg: float = 0.005
+    """Standard deviation of each reading beside the lag, degrees (millimetres)."""
 
     def readings(self, stops: Stops, rng: np.random.Generator) -> FloatArray:
         """See `Effect.readings`."""
@@ -553,17 +499,13 @@ class BendingEffect(Effect):
 
     Beyond Nubiola 2011, whose section 4.3 lets joints give way about their own axes only. Sizes: up to 0.1 mrad on an
     arm of the IRB 1600's weight, as evidence shows it on a measured IRB 120. Off in the shipped cells.
-
-    Parameters
-    ----------
-    x_rad_per_Nm, y_rad_per_Nm : tuple of float
-        Compliance of joints 1 to n about x and y of their frames (before they turn); prismatic joints have none.
     """
 
     name: ClassVar[str] = "bending"
     summary: ClassVar[str] = "frames tilt under weight, beside the joints of section 4.3; off if not asked for"
     x_rad_per_Nm: tuple[float, ...] = (1.0e-7, 2.0e-7, 4.0e-7, 6.0e-6, 6.0e-6, 6.0e-6)
     y_rad_per_Nm: tuple[float, ...] = (2.0e-7, 1.0e-7, 3.0e-7, 8.0e-6, 4.0e-6, 6.0e-6)
+    """Compliance of joints 1 to n about x and y of their frames (before they turn); prismatic joints have none."""
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
         """See `Effect.for_arm`."""
@@ -581,11 +523,6 @@ class GearEffect(Effect):
 
     Not in Nubiola 2011, whose section 4.1 stops at a few periods a turn. On a measured IRB 120, waves of 100, 200, 240
     and 242 periods a turn were found (ratios of 50, 100, 120 and 121), of about 0.003 degrees. Off in shipped cells.
-
-    Parameters
-    ----------
-    waves : tuple of (int, int, float, float)
-        Joint (from 1; from the last one as -1, -2, ...), gear ratio, amplitude and phase in degrees.
     """
 
     name: ClassVar[str] = "gear"
@@ -593,6 +530,7 @@ class GearEffect(Effect):
         "harmonic drives swing a joint twice with every input turn, beyond section 4.1; off if not asked for"
     )
     waves: tuple[tuple[int, int, float, float], ...] = ((-3, 121, 0.0031, 40.0), (-2, 100, 0.0028, 200.0))
+    """Joint (from 1; from the last one as -1, -2, ...), gear ratio, amplitude and phase in degrees."""
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
@@ -606,12 +544,6 @@ class WobbleEffect(Effect):
 
     Not in Nubiola 2011, whose section 3.1.1 finds each axis from circles that it takes for perfect. Sizes are those
     that evidence shows on a measured IRB 120: about 0.05 mrad and 0.02 mm. Off in the shipped cells.
-
-    Parameters
-    ----------
-    waves : tuple of (int, str, int, float, float)
-        Joint (from 1; from the last one as -1, -2, ...), axis of its frame before it turns (``rx``, ``ry``, ``tx``,
-        ``ty``, ``tz``), periods per turn, amplitude in degrees (millimetres for shifts) and phase in degrees.
     """
 
     name: ClassVar[str] = "wobble"
@@ -628,6 +560,9 @@ class WobbleEffect(Effect):
         (-2, "tx", 1, 0.0200, 300.0),
         (-1, "ry", 1, 0.0040, 60.0),
     )
+    """Joint (from 1; from the last one as -1, -2, ...), axis of its frame before it turns (``rx``, ``ry``, ``tx``,
+    ``ty``, ``tz``), periods per turn, amplitude in degrees (millimetres for shifts) and phase in degrees.
+    """
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
@@ -640,16 +575,12 @@ class DirectionEffect(Effect):
 
     Beside `BacklashEffect` (Nubiola 2011, section 4.2), which knows sides only: ``size tanh(D / 0.5 degrees)`` with
     ``D`` the joint's last move. Sizes are those that evidence shows on a measured IRB 120. Off in the shipped cells.
-
-    Parameters
-    ----------
-    size_deg : tuple of float
-        Joints 1 to n, degrees (millimetres for prismatic joints): what a long move from below adds.
     """
 
     name: ClassVar[str] = "direction"
     summary: ClassVar[str] = "as the backlash of section 4.2, less after small moves; off if not asked for"
     size_deg: tuple[float, ...] = (-0.004, -0.003, 0.004, -0.006, -0.005, -0.008)
+    """Joints 1 to n, degrees (millimetres for prismatic joints): what a long move from below adds."""
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
         """See `Effect.for_arm`."""
@@ -667,19 +598,15 @@ class MoveEffect(Effect):
 
     Not in Nubiola 2011, which waits two seconds (annex V) and finds nothing left of the way. Sizes are those that
     evidence shows on a measured IRB 120. Off in the shipped cells.
-
-    Parameters
-    ----------
-    size_deg : tuple of float
-        Joints 1 to n, degrees (millimetres): what is added to the joint that moved most, less to those that moved less.
-    share : tuple of float
-        Joints 1 to n: of the move, added.
     """
 
     name: ClassVar[str] = "move"
     summary: ClassVar[str] = "joints stop short in proportion to the move, whatever annex V waits; off if not asked for"
     size_deg: tuple[float, ...] = (0.004, -0.003, 0.003, 0.005, -0.004, 0.004)
+    """Joints 1 to n, degrees (millimetres): what is added to the joint that moved most, less to those that moved less.
+    """
     share: tuple[float, ...] = (-6e-5, 4e-5, -5e-5, 6e-5, 5e-5, -4e-5)
+    """Joints 1 to n: of the move, added."""
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
         """See `Effect.for_arm`."""
@@ -698,12 +625,6 @@ class ThawEffect(Effect):
     Where `WarmUpEffect` (Nubiola 2011, section 7.1) grows all lengths alike and turns two joints, every joint has
     drifts of its own here: what the error model's warm-up can describe at most. Sizes are those that evidence shows on
     a measured IRB 120, 0.1 mrad and 0.03 mm. Off in the shipped cells.
-
-    Parameters
-    ----------
-    tau_min : float
-    x_deg, y_deg, z_deg, x_mm, y_mm, z_mm : tuple of float
-        Turns and shifts of the frames of joints 1 to n at the start.
     """
 
     name: ClassVar[str] = "thaw"
@@ -715,6 +636,7 @@ class ThawEffect(Effect):
     x_mm: tuple[float, ...] = (0.02, 0.03, -0.02, 0.01, -0.02, 0.01)
     y_mm: tuple[float, ...] = (-0.01, 0.02, 0.01, -0.02, 0.01, 0.02)
     z_mm: tuple[float, ...] = (0.03, -0.02, 0.02, 0.03, -0.01, -0.02)
+    """Turns and shifts of the frames of joints 1 to n at the start."""
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
         """See `Effect.for_arm`."""

@@ -34,15 +34,10 @@ ACCEPTANCE = 30.0 * DEG
 
 @dataclass(frozen=True, eq=False)
 class Tracker(Locked):
-    """A laser tracker with a frame of its own.
-
-    Parameters
-    ----------
-    T_tracker_base : ndarray, shape (4, 4)
-        The robot's base link in the tracker's frame.
-    """
+    """A laser tracker with a frame of its own."""
 
     T_tracker_base: FloatArray
+    """Shape (4, 4). The robot's base link in the tracker's frame."""
 
     @property
     def place(self) -> FloatArray:
@@ -147,26 +142,17 @@ payload."""
 
 @dataclass(frozen=True, eq=False)
 class EndEffector(Locked):
-    """A rigid tool with reflectors.
-
-    Parameters
-    ----------
-    names : tuple of str
-    cad, real : ndarray, shape (k, 3)
-        Places in the tip link as drawn and as they are, metres.
-    direction : ndarray, shape (k, 3)
-        Unit vectors in the tip link: where each reflector looks.
-    payload_kg : float
-    payload_centre : ndarray, shape (3,)
-        Centre of mass in the tip link, metres.
-    """
+    """A rigid tool with reflectors."""
 
     names: tuple[str, ...]
     cad: FloatArray
     real: FloatArray
+    """Shape (k, 3). Places in the tip link as drawn and as they are, metres."""
     direction: FloatArray
+    """Shape (k, 3). Unit vectors in the tip link: where each reflector looks."""
     payload_kg: float
     payload_centre: FloatArray
+    """Shape (3,). Centre of mass in the tip link, metres."""
 
     def only(self, names: Sequence[str]) -> EndEffector:
         """The same tool measured at these targets."""

@@ -98,40 +98,26 @@ class Run(Locked):
 
 @dataclass(frozen=True, eq=False)
 class VirtualCell(Locked):
-    """Robot, tool, tracker and effects.
-
-    Parameters
-    ----------
-    arm : Arm
-        The nominal arm: what the controller believes.
-    table : DHMTable
-        The true geometry, without what effects add to it.
-    joint_map : ThesisMap
-        Gains, Fourier series; the stiffness follows from the payload, see `stiffness`.
-    bodies : Bodies
-        Link masses without payload.
-    tool : EndEffector
-    tracker : Tracker
-    references : dict of str to ndarray, shape (3,)
-        Places in the base link, metres.
-    effects : tuple of Effect
-        Those that are on.
-    compliance : tuple of float
-        rad/Nm of joints 1 to n: what the joint map's stiffness is derived from, whether the effect is on or off.
-    seed : int
-        Of the run: noise, repeatability, lost points. The robot's own errors do not depend on it.
-    """
+    """Robot, tool, tracker and effects."""
 
     arm: Arm
+    """The nominal arm: what the controller believes."""
     table: DHMTable
+    """The true geometry, without what effects add to it."""
     joint_map: ThesisMap
+    """Gains, Fourier series; the stiffness follows from the payload, see `stiffness`."""
     bodies: Bodies
+    """Link masses without payload."""
     tool: EndEffector
     tracker: Tracker
     references: dict[str, FloatArray]
+    """Values of shape (3,). Places in the base link, metres."""
     effects: tuple[Effect, ...]
+    """Those that are on."""
     compliance: tuple[float, ...]
+    """rad/Nm of joints 1 to n: what the joint map's stiffness is derived from, whether the effect is on or off."""
     seed: int = 0
+    """Of the run: noise, repeatability, lost points. The robot's own errors do not depend on it."""
 
     @property
     def on(self) -> tuple[str, ...]:

@@ -34,18 +34,12 @@ Amounts: TypeAlias = list[tuple[Term, float]]
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Masses that the joints carry.
-
-    Parameters
-    ----------
-    mass : array_like, shape (joints,)
-        What moves with each joint and not with the next one, kilograms.
-    centre : array_like, shape (joints, 3)
-        Its centre of mass in the joint's DHM frame, metres.
-    """
+    """Masses that the joints carry."""
 
     mass: FloatArray
+    """Shape (joints,). What moves with each joint and not with the next one, kilograms."""
     centre: FloatArray
+    """Shape (joints, 3). Its centre of mass in the joint's DHM frame, metres."""
 
     def __post_init__(self) -> None:
         for name in ("mass", "centre"):

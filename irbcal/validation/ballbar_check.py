@@ -39,17 +39,12 @@ class TiltedCircle(Circle):
     """A whole turn on which the tool leans towards the centre.
 
     So it did in the second and third test of annex VI (Figures A VI-6 and A VI-9).
-
-    Parameters
-    ----------
-    tilt : float
-        Turn of the tool about the path's tangent, radians; positive: the tip of its z axis leans inwards.
-    height : float
-        Of the circle's plane above the ball, along the normal, metres.
     """
 
     tilt: float = 0.0
+    """Turn of the tool about the path's tangent, radians; positive: the tip of its z axis leans inwards."""
     height: float = 0.0
+    """Of the circle's plane above the ball, along the normal, metres."""
 
     @property
     def ball(self) -> FloatArray:
