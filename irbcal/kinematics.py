@@ -305,10 +305,10 @@ def _certain(
     if uncertainty and opened.record is not None:
         from irbcal.validation.accuracy import position_std
 
-        heldout = opened.record.heldout
         fields["std"] = position_std(opened.record, q, target, model)
-        if heldout is not None and opened.record.features is None:
-            fields |= {"heldout_mean": heldout.all.mean_mm * MM, "heldout_rms": heldout.all.rms_mm * MM}
+        if opened.record.expected_error is not None and opened.record.heldout is not None:
+            rms = opened.record.heldout.all.rms_mm * MM
+            fields |= {"heldout_mean": opened.record.expected_error, "heldout_rms": rms}
     if intervals:
         predicted = model.predict_tip(q) if target is None else model.predict(q, target=target)
         fields |= {"interval": predicted.interval, "outside": predicted.outside}

@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support import example_robot, random_robot
 
-from irbcal.correction.filter import filter_program
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.program import ControllerSetup
 from irbcal.io import controller_model, urdf
 from irbcal.modeling.inverse import closed_form
@@ -69,7 +70,7 @@ def given(at, tools=None, work_objects=None):
 
 def corrected(robot, nominal, program, fingerprint="abc123"):
     """What the filter makes of a program that was read."""
-    return filter_program(robot, nominal, program, fingerprint)
+    return filter_program(program, CorrectionModel(robot, nominal, fingerprint))
 
 
 def damaged(data, n, seed=0):

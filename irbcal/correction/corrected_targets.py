@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
+from irbcal.correction.loads import Carried
 from irbcal.correction.maker import NO_CONFDATA, ConfData, seeds_of
 from irbcal.correction.program import Corrections, Program, Unread, WantedTargets
 from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrames
@@ -23,6 +24,47 @@ OFFLINE = "it is an offline point, which stands for the true frames already"
 NO_FRAME = "the true place of its tool or work object is not known"
 UNCHANGED = frozenset({TAUGHT, OFFLINE})
 """Reasons of targets that are not corrected because nothing is wrong with them."""
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionModel:
+    """What the fake targets of programs are computed with."""
+
+    robot: Robot
+    """Calibrated."""
+    nominal: Arm
+    """Whose limits and configurations hold."""
+    fingerprint: str
+    """Of the calibration; goes into the mark of the programs."""
+    controller: Arm | None = None
+    """What the controller computes with where that is not the nominal arm."""
+    true_frames: TrueFrames = field(default_factory=TrueFrames)
+    """What is known of tools and work objects."""
+    path_tolerance: float | None = None
+    """Points are put into straight and circular moves, so that the tool centre point leaves the wanted path by less,
+    metres; for programs that are `irbcal.correction.paths.Cuttable`.
+    """
+    speeds: FloatArray | None = None
+    """Shape (joints,). Largest speeds of the joints, which trajectories must keep to, rad/s (m/s)."""
+    follow_loads: bool = False
+    """The robot carries what the program says; else what ``robot`` carries everywhere."""
+
+    @property
+    def computing(self) -> Arm:
+        """What the controller computes with."""
+        return self.controller or self.nominal
+
+
+@dataclass(frozen=True, eq=False)
+class TargetBatch:
+    """The n targets of one kind with their corrections as far as they are computed."""
+
+    wanted: WantedTargets
+    frames: TargetFrames
+    """Their tools and work objects."""
+    load: Carried | None
+    """What the robot carries at each; None where the program does not tell, or its loads are not followed."""
+    fake: Corrected
 
 
 def of_arm(program: Program, nominal: Arm) -> list[WantedTargets]:
@@ -87,29 +129,28 @@ def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: A
     return refused(corrections, ["" if whole_posture else NO_CONFDATA for whole_posture in determined])
 
 
-def corrected(
-    robot: Robot, nominal: Arm, batch: WantedTargets, controller: Arm | None, at: TargetFrames, true_frames: TrueFrames
-) -> Corrected:
+def corrected(model: CorrectionModel, batch: WantedTargets, at: TargetFrames) -> Corrected:
     """Fake targets of goals for the true tools and work objects; taught points are not corrected.
 
     ``C(q) = Ot P Tt^-1`` is solved next to the joints that the controller takes for the target. Where taught points are
     re-expressed, the controller shall compute the pose that the true frames give where they were taught, and nothing
     else changes: ``N(q) = Oc Ot^-1 C(q0) Tt Tc^-1``.
     """
-    taught = true_frames.points.are_taught(batch.names)
-    if not taught.any() and CELL not in at.origins and not true_frames.points.re_express:
+    robot, nominal, controller, points = model.robot, model.nominal, model.controller, model.true_frames.points
+    taught = points.are_taught(batch.names)
+    if not taught.any() and CELL not in at.origins and not points.re_express:
         return fake_targets(robot, nominal, batch, controller)
     plain = as_programmed(nominal, batch, controller)
-    if true_frames.points.re_express:
+    if points.re_express:
         q = np.nan_to_num(plain.q_nominal)
         T_wanted = frames.inverse(at.T_left) @ robot.forward(q) @ frames.inverse(at.T_right)
-        computing, unchanged = Robot(controller or nominal), np.where(taught, "", OFFLINE)
+        computing, unchanged = Robot(model.computing), np.where(taught, "", OFFLINE)
     else:
         T_wanted = at.T_left @ plain.T_wanted @ at.T_right
         computing, unchanged = robot, np.where(taught, TAUGHT, "")
     corrections = correct_meant(computing, nominal, T_wanted, plain.q_nominal, controller)
     against = np.where(np.isfinite(plain.q_nominal).all(axis=1), "", plain.reason)
-    if true_frames.points.re_express:
+    if points.re_express:
         against = np.where(at.origins == UNKNOWN, NO_FRAME, against)
     return refused(corrections, [*np.where(unchanged != "", unchanged, against)])
 
@@ -119,24 +160,18 @@ def as_programmed(nominal: Arm, batch: WantedTargets, controller: Arm | None) ->
     return fake_targets(Robot(controller or nominal), nominal, batch, controller)
 
 
-def as_written(
-    nominal: Arm,
-    batch: WantedTargets,
-    fake: Corrected,
-    controller: Arm | None,
-    at: TargetFrames,
-    true_frames: TrueFrames,
-) -> Corrected:
+def as_written(model: CorrectionModel, batch: TargetBatch) -> Corrected:
     """Fake targets in the numbers that the controller will have: ``P' = On^-1 N(q) Tn``.
 
     Programs write ``Oc^-1 T Tc`` for a pose ``T``, so with numbers from the cell ``T = Oc On^-1 N(q) Tt Tc^-1``. Taught
     poses keep their joints, so these change as well.
     """
+    fake, at, true_frames = batch.fake, batch.frames, model.true_frames
     if CELL not in at.origins and not true_frames.points.re_express:
         return fake
-    plain = as_programmed(nominal, batch, controller)
+    plain = as_programmed(model.nominal, batch.wanted, model.controller)
     T_fake, q, ok, reason = fake.T_fake, fake.q, fake.ok, fake.reason
-    if true_frames.numbers == "from-cell" and batch.kind == "pose" and not true_frames.points.re_express:
+    if true_frames.numbers == "from-cell" and batch.wanted.kind == "pose" and not true_frames.points.re_express:
         stays = (reason == TAUGHT) & plain.ok
         ok, reason = ok | stays, np.where(stays, "", reason)
         q = np.where(stays[:, None], plain.q_nominal, q)

@@ -14,6 +14,7 @@ from irbcal.correction.fake_targets import corrected_in_words
 from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
 from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
+from irbcal.errors import ProgramError
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
@@ -109,6 +110,24 @@ class Filtered(Result):
     places: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     way: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
     shifts: FloatArray | None = None
+
+    def not_written(self, reason: str = "") -> NotWritten:
+        """Why nothing of it is written: for a reason, because nothing is corrected, or because something is left."""
+        if reason:
+            message = f"nothing was written: {reason}"
+        elif not len(self.targets):
+            taught = f", and {self.unchanged} need no change" if self.unchanged else ""
+            message = f"nothing was written: no target could be corrected{taught}"
+        else:
+            first = self.left[0]
+            more = f" and {len(self.left) - 1} more" if len(self.left) > 1 else ""
+            message = (
+                f"nothing was written, because {first.target} (line {first.line}){more} could not be corrected: "
+                "correct these targets or allow a partial correction (allow_partial)"
+            )
+        refusal = NotWritten(message, file=self.source)
+        refusal.filtered = self
+        return refusal
 
     @property
     def all_shifts(self) -> FloatArray:
@@ -284,6 +303,18 @@ class Filtered(Result):
             tuple((str(name), int(line), float(s), float(t), float(q)) for name, line, s, t, q in rows),
             digits=4,
         )
+
+
+class NotWritten(ProgramError):
+    """Files were asked for, but not everything (or nothing) could be corrected, so none was written.
+
+    Attributes
+    ----------
+    filtered : Filtered
+        What was corrected, and what was left and why.
+    """
+
+    filtered: Filtered
 
 
 def together(programs: Sequence[Filtered], places: Mapping[str, str]) -> Filtered:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.correction.corrected_targets import TargetBatch
 from irbcal.correction.loads import Carried
-from irbcal.correction.program import Corrections, Note, Stop
+from irbcal.correction.program import Note, Stop
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse.closed_form import LIMIT_TOLERANCE
 from irbcal.modeling.inverse.in_order import commanded_in_order, stops_before
@@ -42,12 +43,8 @@ class LastMoves(Locked):
 
 
 def with_last_moves(
-    robot: Robot,
-    nominal: Arm,
-    corrections: Corrections,
-    stops: Sequence[Stop],
-    carried: Sequence[Carried | None] = (),
-) -> tuple[Corrections, LastMoves | None]:
+    robot: Robot, nominal: Arm, batches: list[TargetBatch], stops: Sequence[Stop]
+) -> tuple[list[TargetBatch], LastMoves | None]:
     """Corrections that take account of the last moves of a program.
 
     Parameters
@@ -56,16 +53,14 @@ def with_last_moves(
         Calibrated.
     nominal : Arm
         What the controller computes with.
-    corrections : sequence of (WantedTargets, Corrected)
+    batches : list of TargetBatch
         Corrected with unknown last moves.
     stops : sequence of Stop
         In the order of the program; targets without any are taken as stops with an unknown last move.
-    carried : sequence of Carried or None, optional
-        What the robot carries at the targets of each kind; else what ``robot`` carries.
 
     Returns
     -------
-    corrections : sequence of (WantedTargets, Corrected)
+    batches : list of TargetBatch
         With the last moves where they are known. A target that is reached from different sides gets the command in
         the middle.
     last_moves : LastMoves or None
@@ -77,18 +72,19 @@ def with_last_moves(
         If the joint map cannot be inverted in order.
     """
     if not robot.joint_map.has_history:
-        return corrections, None
-    if not any(fake.ok.any() for _, fake in corrections):
-        return corrections, LastMoves(tuple(np.full(len(fake.ok), np.nan) for _, fake in corrections), 0, 0, ())
-    numbers = np.concatenate([batch.numbers for batch, _ in corrections])
-    names = [name for batch, _ in corrections for name in batch.names]
-    lines = np.concatenate([batch.lines for batch, _ in corrections])
-    ok = np.concatenate([fake.ok for _, fake in corrections])
-    T_wanted = np.concatenate([fake.T_wanted for _, fake in corrections])
+        return batches, None
+    if not any(batch.fake.ok.any() for batch in batches):
+        return batches, LastMoves(tuple(np.full(len(batch.fake.ok), np.nan) for batch in batches), 0, 0, ())
+    fakes = [batch.fake for batch in batches]
+    numbers = np.concatenate([batch.wanted.numbers for batch in batches])
+    names = [name for batch in batches for name in batch.wanted.names]
+    lines = np.concatenate([batch.wanted.lines for batch in batches])
+    ok = np.concatenate([fake.ok for fake in fakes])
+    T_wanted = np.concatenate([fake.T_wanted for fake in fakes])
     # what is not corrected stays as it is, which tells the last move of the stop behind it
-    commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for _, fake in corrections])
+    commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for fake in fakes])
     theta = commands.copy()
-    load = _loads(robot, corrections, carried)
+    load = _loads(robot, batches)
     theta[ok] = robot.joint_map.effective(commands[ok], None, *(part[ok] for part in load))
     rows = np.flatnonzero(np.isfinite(commands).all(axis=1))
     target, previous, at = _uses(commands, numbers, lines, rows, stops, nominal)
@@ -111,28 +107,24 @@ def with_last_moves(
     error = np.sqrt(np.bincount(target, squares, len(q)) / np.where(count, count, np.nan))
 
     new, errors, first = [], [], 0
-    for batch, fake in corrections:
+    for batch, fake in zip(batches, fakes, strict=True):
         rows_of_batch = slice(first, first + len(fake.ok))
         T_fake = fake.T_fake.copy()
         if fake.ok.any():
             T_fake[fake.ok] = nominal.forward(q[rows_of_batch][fake.ok])
-        new.append((batch, replace(fake, q=np.where(fake.ok[:, None], q[rows_of_batch], np.nan), T_fake=T_fake)))
+        in_order = replace(fake, q=np.where(fake.ok[:, None], q[rows_of_batch], np.nan), T_fake=T_fake)
+        new.append(replace(batch, fake=in_order))
         errors.append(error[rows_of_batch])
         first = rows_of_batch.stop
     notes = _sides(names, lines, target, previous, at, off)
     return new, LastMoves(tuple(errors), len(target), int((~unknown).sum()), notes)
 
 
-def _loads(
-    robot: Robot, corrections: Corrections, carried: Sequence[Carried | None]
-) -> tuple[FloatArray, FloatArray] | tuple[()]:
+def _loads(robot: Robot, batches: Sequence[TargetBatch]) -> tuple[FloatArray, FloatArray] | tuple[()]:
     """Masses (n,) and centres (n, 3) at all targets; empty where the robot carries the same everywhere."""
-    if not any(carried):
+    if not any(batch.load for batch in batches):
         return ()
-    rows = [
-        load or Carried.at(robot, replace(batch, loads=()))
-        for (batch, _), load in zip(corrections, carried, strict=True)
-    ]
+    rows = [batch.load or Carried.at(robot, replace(batch.wanted, loads=())) for batch in batches]
     return np.concatenate([load.mass for load in rows]), np.concatenate([load.centre for load in rows])
 
 

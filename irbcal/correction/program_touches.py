@@ -26,7 +26,7 @@ from irbcal.cell.cell_file import TOOL, WORK_OBJECT
 from irbcal.cell.cell_frames import LEAST_SIDES, TAUGHT
 from irbcal.correction.backup import unpacked
 from irbcal.correction.corrected_targets import meant_joints
-from irbcal.correction.filter import OpenedPrograms, read_programs
+from irbcal.correction.opened_programs import OpenedPrograms, read_programs
 from irbcal.correction.program import refuse_filtered
 from irbcal.correction.text_program import TextProgram
 from irbcal.correction.true_frames import ROUNDING
@@ -152,7 +152,15 @@ def needed_touches(
     """
     given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
     with unpacked(given) as files:
-        opened = read_programs(calibration, files.programs, tool, wobj, pulses, controller_model, where)
+        opened = read_programs(
+            calibration,
+            files.programs,
+            tool=tool,
+            wobj=wobj,
+            pulses=pulses,
+            controller_model=controller_model,
+            where=where,
+        )
     ends, counts = opened.setup.controller, Counter[tuple[str, str]]()
     known: dict[tuple[str, str], FloatArray] = {}
     used_with: dict[tuple[str, str], str] = {}
@@ -235,7 +243,9 @@ def program_touches(
         raise OptionError("program: expected a file, found none", parameter="program")
     rows = InputTable.read(touches, ["frame", "name", "point", "target"])
     cells = rows.cells
-    opened = read_programs(calibration, given, tool, wobj, pulses, controller_model, where)
+    opened = read_programs(
+        calibration, given, tool=tool, wobj=wobj, pulses=pulses, controller_model=controller_model, where=where
+    )
     points = _points(opened)
     names = [*opened.nominal.joint_columns]
     table = cells.drop(columns="target").assign(**{name: cells.get(name, "") for name in names})

@@ -16,9 +16,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.corrected_targets import CorrectionModel, TargetBatch
 from irbcal.correction.languages import ros, table
-from irbcal.correction.program import Corrections, Left, Program, WantedTargets, read_bytes
+from irbcal.correction.program import Left, Program, WantedTargets, read_bytes
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.modeling.arm import Arm
@@ -54,32 +54,20 @@ class Timed(Protocol):
 
 
 def follow(
-    robot: Robot,
-    nominal: Arm,
-    program: Timed,
-    corrections: Corrections,
-    controller: Arm | None = None,
-    speeds: FloatArray | None = None,
-) -> tuple[list[tuple[WantedTargets, Corrected]], Trajectory | None, list[Left]]:
+    model: CorrectionModel, program: Timed, batch: TargetBatch
+) -> tuple[TargetBatch, Trajectory | None, list[Left]]:
     """Commands along a motion whose points are corrected one by one.
 
     Parameters
     ----------
-    robot : Robot
-        Calibrated.
-    nominal : Arm
-        Whose limits hold.
+    model : CorrectionModel
     program : Timed
-    corrections : sequence of (WantedTargets, Corrected)
+    batch : TargetBatch
         Its points, all together, with unknown last moves.
-    controller : Arm, optional
-        What the controller computes with where that is not the nominal arm.
-    speeds : ndarray, shape (joints,), optional
-        Largest speeds of the joints, rad/s (m/s).
 
     Returns
     -------
-    corrections : list of (WantedTargets, Corrected)
+    batch : TargetBatch
         With what the sides do that the joints come from, where the robot depends on them; nothing is corrected where a
         point cannot be.
     commands : Trajectory or None
@@ -87,22 +75,23 @@ def follow(
     left : list of Left
         Limits that the commands pass, at the points or between them.
     """
-    ((batch, fake),) = corrections
+    robot, nominal, fake = model.robot, model.nominal, batch.fake
     motion = program.trajectory
     if not fake.ok.all():
         reasons = np.where(fake.ok, OTHERS, fake.reason).astype(object)
         none = replace(fake, q=np.full(fake.q.shape, np.nan), ok=np.zeros(len(fake.ok), dtype=bool), reason=reasons)
-        return [(batch, none)], None, []
-    computing = controller or nominal
+        return replace(batch, fake=none), None, []
     q, lean = fake.q, lean_along(robot.joint_map, motion)
     if lean is not None:
         q = robot.joint_map.commanded(robot.joint_map.effective(q) - lean.lean)
-    commands = _moving(robot, computing, motion, q, lean)
-    limits = Limits(nominal.lower, nominal.upper, speeds)
+    commands = _moving(robot, model.computing, motion, q, lean)
+    limits = Limits(nominal.lower, nominal.upper, model.speeds)
     already = {excess[:2]: excess for excess in check(motion, limits).exceeded}
     checked = check(commands, limits)
-    unchanged = [_left(excess, already.get(excess[:2]), batch, motion, checked.slower) for excess in checked.exceeded]
-    return [(batch, replace(fake, q=q, T_fake=computing.forward(q)))], commands, unchanged
+    passed = [
+        _left(excess, already.get(excess[:2]), batch.wanted, motion, checked.slower) for excess in checked.exceeded
+    ]
+    return replace(batch, fake=replace(fake, q=q, T_fake=model.computing.forward(q))), commands, passed
 
 
 def _left(

@@ -39,7 +39,8 @@ from irbcal.cell import external_axes
 from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile
 from irbcal.cell.external_axes import carried
 from irbcal.cell.robot_derivatives import point_derivatives
-from irbcal.correction.program import Corrections, Program, WantedTargets
+from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.program import Program, WantedTargets
 from irbcal.correction.text_program import TextProgram
 from irbcal.errors import OptionError
 from irbcal.io.controller_model import ControllerFrames, unknown_frames
@@ -174,32 +175,20 @@ class TargetFrames(Locked):
     re_expressed: bool = False
     """Whether the targets are offline points of the true frames, and no fake targets."""
 
-    @staticmethod
-    def of(
-        robot: Robot,
-        controller: Arm,
-        corrections: Corrections,
-        at: Sequence[TargetFrames],
-        true_frames: TrueFrames,
-    ) -> TargetFrames | None:
-        """Of the targets that were corrected, ``at`` being those of all; None of none."""
-        parts_of_batch = []
-        for (batch, fake), every in zip(corrections, at, strict=True):
-            ok, q = fake.ok, fake.q_nominal[fake.ok]
-            off = np.zeros((len(q), 3))
-            if len(q):
-                apart = robot.forward(q) - controller.forward(q)
-                off = np.einsum("nij,nj->ni", apart[:, :3, :3], every.tcp[ok]) + apart[:, :3, 3]
-            rows: dict[str, Any] = {name: getattr(every, name)[ok] for name in _OF_FRAMES}
-            rows["points"] = np.where(true_frames.points.are_taught(batch.names), "taught", "offline").astype(object)[
-                ok
-            ]
-            rows["at_stake"] = np.linalg.norm(off, axis=1)
-            rows["part_error"] = part_errors(robot, true_frames.cell, fake.q, every)[ok]
-            parts_of_batch.append(
-                replace(every, **rows, numbers=true_frames.numbers, re_expressed=true_frames.points.re_express)
-            )
-        return TargetFrames.joined(parts_of_batch)
+    def of_corrected(
+        self, robot: Robot, controller: Arm, true_frames: TrueFrames, batch: WantedTargets, fake: Corrected
+    ) -> TargetFrames:
+        """Of the targets of a batch that were corrected, with what is at stake there."""
+        ok, q = fake.ok, fake.q_nominal[fake.ok]
+        off = np.zeros((len(q), 3))
+        if len(q):
+            apart = robot.forward(q) - controller.forward(q)
+            off = np.einsum("nij,nj->ni", apart[:, :3, :3], self.tcp[ok]) + apart[:, :3, 3]
+        rows: dict[str, Any] = {name: getattr(self, name)[ok] for name in _OF_FRAMES}
+        rows["points"] = np.where(true_frames.points.are_taught(batch.names)[ok], "taught", "offline").astype(object)
+        rows["at_stake"] = np.linalg.norm(off, axis=1)
+        rows["part_error"] = part_errors(robot, true_frames.cell, fake.q, self)[ok]
+        return replace(self, **rows, numbers=true_frames.numbers, re_expressed=true_frames.points.re_express)
 
     @staticmethod
     def joined(sets: Sequence[TargetFrames]) -> TargetFrames | None:

@@ -1038,6 +1038,11 @@ class Record(Section):
         return bool(self.data) and self.data[0].programmed
 
     @property
+    def expected_error(self) -> float | None:
+        """Mean error of held-out measurements of places, metres; None without, and where they are distances only."""
+        return None if self.heldout is None or self.features is not None else self.heldout.all.mean_mm * MM
+
+    @property
     def usual_load(self) -> float | None:
         """The payload that it is for where none is told, kg; None if it is not known."""
         return self.joint_map.payload_kg

@@ -18,7 +18,7 @@ from irbcal.cell.cell_file import frames_by_name
 from irbcal.correction import languages
 from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.fake_targets import correct_poses
-from irbcal.correction.filter import place_pair
+from irbcal.correction.opened_programs import place_pair
 from irbcal.correction.program import ControllerSetup, read_bytes
 from irbcal.errors import MeasurementError, ProgramError
 from irbcal.io.controller_model import controller_frames, unknown_frames

@@ -248,7 +248,7 @@ def _verify_folder(
 
 
 def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
-    from irbcal.correction.filter import fingerprints_of
+    from irbcal.correction.opened_programs import fingerprints_of
 
     marks = fingerprints_of(program)
     others = [name for name, mark in marks.items() if mark not in (None, record.fingerprint)]

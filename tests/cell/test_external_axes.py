@@ -19,8 +19,10 @@ from irbcal.cell.cell_file import AXIS, CellFile, FrameInCell, read_cell
 from irbcal.cell.cell_frames import Adjusted, adjust, cell_frames, read_touches
 from irbcal.cell.cell_urdf import with_cell
 from irbcal.cell.external_axes import carried, read_axes
+from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.declarations import declared
-from irbcal.correction.filter import correct, filter_program
+from irbcal.correction.filter import correct
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import fanuc, inform, krl, rapid
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
@@ -378,7 +380,7 @@ def test_other_makers_bring_the_tool_to_the_true_place(maker):
         )
 
     program = read(data).on_axes(cell.axes)
-    found = filter_program(robot, nominal, program, "abc123", true_frames=TrueFrames(cell, ends=at))
+    found = filter_program(program, CorrectionModel(robot, nominal, "abc123", true_frames=TrueFrames(cell, ends=at)))
     assert found.left == ()
     reached = np.linalg.inv([true_object(row) for row in e]) @ robot.forward(found.q) @ frames.transform(None, TIP)
     printed = 2e-6 if maker == "kuka" else 2e-5

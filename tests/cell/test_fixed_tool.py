@@ -13,8 +13,9 @@ from touching import START, TIP, reach
 
 from irbcal.cell.cell_file import FIXED_TOOL, HELD_PART, TOOL, CellFile, FrameInCell, read_cell
 from irbcal.cell.cell_frames import Adjusted, _covariance, adjust, cell_frames, read_touches
+from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.declarations import declared
-from irbcal.correction.filter import filter_program
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import krl, rapid
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
@@ -255,7 +256,7 @@ def test_rapid_brings_the_part_to_the_true_tool(numbers):
     robot, q = random_robot(nominal, "34", np.random.default_rng(3), size=0.1), well_inside(nominal, 6)
     data, wanted = rapid_program(nominal, q)
     known = TrueFrames(cell_with("door", "nozzle"), numbers=numbers)
-    found = filter_program(robot, nominal, rapid.parse(data), "abc123", true_frames=known)
+    found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc123", true_frames=known))
     assert found.left == ()
     assert found.unknown_frames is None
     q_of = dict(zip(found.targets, found.q, strict=True))
@@ -322,7 +323,7 @@ def test_kuka_points_are_taken_as_their_postures_say(inverted):
     np.testing.assert_allclose(program.tools["2"], at.T_tip_flange @ PART_TAUGHT, atol=1e-8)
     cell = cell_with("2", "3")
     known = TrueFrames(cell, ends=at)
-    found = filter_program(robot, nominal, program, "abc123", true_frames=known)
+    found = filter_program(program, CorrectionModel(robot, nominal, "abc123", true_frames=known))
     assert found.left == ()
     wanted = np.linalg.inv(nominal.forward(q) @ PART_TAUGHT) @ FIXED_TAUGHT
     assert off(robot, found.q, wanted) == pytest.approx((0.0, 0.0), abs=2e-7)
@@ -336,7 +337,9 @@ def test_kuka_points_are_taken_as_their_postures_say(inverted):
 def test_kuka_points_whose_postures_do_not_say_it_are_left():
     nominal, robot, at = robot_of("kr120r2500pro")
     data = kuka_program(nominal, well_inside(nominal, 4), True, whole=False)
-    found = filter_program(robot, nominal, krl.parse(nominal, [("job.src", data)], given(at)), "abc123")
+    found = filter_program(
+        krl.parse(nominal, [("job.src", data)], given(at)), CorrectionModel(robot, nominal, "abc123")
+    )
     assert len(found.left) == 4
     assert all("the tool is fixed and the part on the robot" in left.reason for left in found.left)
     assert found.files["job.src"] == data
@@ -360,7 +363,7 @@ def test_drawn_errors_are_as_large_as_expected():
     at = known.frames_of(program, batch, nominal)
     assert {*at.origins} == {CELL}
     np.testing.assert_allclose(at.contact, wanted[:, :3, 3], atol=1e-7)
-    found = filter_program(robot, nominal, program, "x", true_frames=known)
+    found = filter_program(program, CorrectionModel(robot, nominal, "x", true_frames=known))
     q_true = np.array([row for name, row in zip(found.targets, found.q, strict=True) if name[0] == "p"])
     mean, u95 = part_errors(robot, cell, q_true, at).T
     errors = []

@@ -14,16 +14,13 @@ from support import arm, assert_same_poses, measured, random_robot, write_measur
 import irbcal
 from irbcal.cell.cell_file import CellFile
 from irbcal.correction import notation
-from irbcal.correction.filter import (
-    NotWritten,
-    _without_garbage_collection,
-    correct,
-    filter_program,
-    fingerprints_of,
-)
-from irbcal.correction.filtered import Filtered
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter import _without_garbage_collection, correct
+from irbcal.correction.filter_program import filter_program
+from irbcal.correction.filtered import Filtered, NotWritten
 from irbcal.correction.languages import rapid, table
 from irbcal.correction.maker import configuration_of, seeds_of
+from irbcal.correction.opened_programs import fingerprints_of
 from irbcal.correction.program import ControllerSetup, Left, Note
 from irbcal.errors import CalibrationError, OptionError, ProgramError, RobotError
 from irbcal.io.controller_model import unknown_frames
@@ -106,7 +103,7 @@ def test_the_controller_reads_the_configuration_data_as_meant(robots, module):
 def test_filtered_module_takes_the_calibrated_robot_to_the_wanted_poses(robots, module):
     nominal, robot = robots
     data, q = module
-    found = filter_program(robot, nominal, rapid.parse(data), "abc123")
+    found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc123"))
     assert found.left == ()
     assert len(found.to_frame()) == 60
     fake = rapid.parse(found.data)
@@ -122,7 +119,7 @@ def test_filtered_module_takes_the_calibrated_robot_to_the_wanted_poses(robots, 
     ]
     assert sum(changed) == 60, "only the targets' lines changed"
     with pytest.raises(ProgramError, match="fake targets already for calibration abc123"):
-        filter_program(robot, nominal, fake, "abc123")
+        filter_program(fake, CorrectionModel(robot, nominal, "abc123"))
 
 
 def test_targets_that_cannot_be_corrected_are_left_as_they_were(robots):
@@ -132,7 +129,7 @@ def test_targets_that_cannot_be_corrected_are_left_as_they_were(robots):
         f"CONST robtarget far:=[[9000,0,0],[1,0,0,0],[0,0,0,0],{FAR}];\nPROC main()\nMoveAbsJ ok,v1,fine,tool0;\n"
         "MoveAbsJ straight,v1,fine,tool0;\nMoveJ far,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
     ).encode()
-    found = filter_program(robot, nominal, rapid.parse(data), "f")
+    found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "f"))
     assert [(name, line) for name, line, _ in found.left] == [("straight", 3), ("far", 4)]
     assert "does not reach" in found.left[1][2]
     kept = found.data.decode().splitlines()
@@ -145,14 +142,14 @@ def test_tables_of_joints_and_poses(robots, tmp_path):
     q = well_inside(nominal, 200)
     columns = {f"q{i + 1}_deg": np.degrees(q[:, i]) for i in range(6)}
     pd.DataFrame({"speed": "v100", **columns}).to_csv(tmp_path / "j.csv", index=False)
-    found = filter_program(robot, nominal, table.read(tmp_path / "j.csv"), "f")
+    found = filter_program(table.read(tmp_path / "j.csv"), CorrectionModel(robot, nominal, "f"))
     assert found.left == ()
     (tmp_path / "f.csv").write_bytes(found.data)
     again = table.read(tmp_path / "f.csv")
     assert_same_poses(robot.poses(again.values), nominal.forward(q), 1e-7, 2e-7)
     assert (again.table["speed"] == "v100").all()
     with pytest.raises(ProgramError, match="fake targets already"):
-        filter_program(robot, nominal, again, "f")
+        filter_program(again, CorrectionModel(robot, nominal, "f"))
 
 
 # --- the front door --------------------------------------------------------------------------------------
@@ -298,7 +295,7 @@ def test_arms_without_a_closed_form_need_joints(robots, tmp_path):
         tmp_path / "p.csv", index=False
     )
     with pytest.raises(RobotError, match="has no closed-form inverse"):
-        filter_program(robot, skewed, table.read(tmp_path / "p.csv"), "f")
+        filter_program(table.read(tmp_path / "p.csv"), CorrectionModel(robot, skewed, "f"))
 
 
 @pytest.mark.parametrize("option", ["tool", "wobj"])

@@ -13,7 +13,8 @@ from support import arm, assert_same_poses, random_robot
 
 from irbcal.correction import languages
 from irbcal.correction.backup import of_programs
-from irbcal.correction.filter import filter_program
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.filtered import together
 from irbcal.correction.program import ControllerSetup
 from irbcal.io.controller_model import unknown_frames
@@ -929,7 +930,11 @@ def filtered(folder, job):
     options = {"T_world_base": of_programs(job.language, found.files).T_world_base} | job.options
     tools = options.pop("tools", {})
     programs = found.language.read_for(nominal, found.files, ControllerSetup(tools, {}, at, **options))
-    return nominal, robot, together([filter_program(robot, nominal, program, "abc") for program in programs], {})
+    return (
+        nominal,
+        robot,
+        together([filter_program(program, CorrectionModel(robot, nominal, "abc")) for program in programs], {}),
+    )
 
 
 @pytest.mark.parametrize("style", JOBS, ids=lambda style: style.__name__)

@@ -7,7 +7,8 @@ from history_cases import sided_robot
 from rapid_modules import EXT
 from support import arm, random_robot
 
-from irbcal.correction.filter import filter_program
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import rapid, table
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
@@ -45,7 +46,7 @@ def missed(T, wanted):
 
 def test_rows_of_a_table_are_reached_in_their_order(robot, tmp_path):
     nominal, q = arm("irb120"), joints(40)
-    found = filter_program(robot, nominal, csv(tmp_path / "job.csv", q), "abc")
+    found = filter_program(csv(tmp_path / "job.csv", q), CorrectionModel(robot, nominal, "abc"))
     assert len(found.targets) == 40
     assert missed(in_order(robot, found.q), nominal.forward(q)).max() < 1e-9
     assert missed(robot.forward(found.q), nominal.forward(q)).mean() > 3e-5  # the last moves matter
@@ -56,7 +57,7 @@ def test_rows_of_a_table_are_reached_in_their_order(robot, tmp_path):
 
 def test_the_first_stop_adds_the_size_of_what_is_not_known(robot, tmp_path):
     nominal, q = arm("irb120"), joints(1)
-    found = filter_program(robot, nominal, csv(tmp_path / "job.csv", q), "abc")
+    found = filter_program(csv(tmp_path / "job.csv", q), CorrectionModel(robot, nominal, "abc"))
     size = robot.joint_map.history_std
     rng = np.random.default_rng(0)
     local = np.array(list(robot.targets.values()))
@@ -69,7 +70,7 @@ def test_the_first_stop_adds_the_size_of_what_is_not_known(robot, tmp_path):
 def test_behind_a_target_that_stays_the_last_move_is_known(robot, tmp_path):
     nominal, q = arm("irb120"), joints(6)
     q[2, 4] = 1e-6  # the wrist singularity: not corrected
-    found = filter_program(robot, nominal, csv(tmp_path / "job.csv", q), "abc")
+    found = filter_program(csv(tmp_path / "job.csv", q), CorrectionModel(robot, nominal, "abc"))
     assert [item.line for item in found.left] == [4]
     assert found.last_moves == (4, 5)
     commands = np.insert(found.q, 2, q[2], axis=0)
@@ -81,7 +82,7 @@ def test_behind_a_target_that_stays_the_last_move_is_known(robot, tmp_path):
 def test_without_terms_of_the_last_move_nothing_changes(tmp_path):
     nominal, q = arm("irb120"), joints(5)
     thesis = random_robot(nominal, "34", np.random.default_rng(1), size=0.1)
-    found = filter_program(thesis, nominal, csv(tmp_path / "job.csv", q), "abc")
+    found = filter_program(csv(tmp_path / "job.csv", q), CorrectionModel(thesis, nominal, "abc"))
     assert found.last_moves is None
     assert found.last_move_error is None
     assert "expected_mm" not in found.to_frame()
@@ -114,7 +115,7 @@ def conf(q):
 def test_joint_and_pose_targets_follow_one_another(robot):
     nominal, q = arm("irb120"), joints(6)
     names = ["j0", "p1", "j2", "p3", "p4", "j5"]
-    found = filter_program(robot, nominal, module(q, names), "abc")
+    found = filter_program(module(q, names), CorrectionModel(robot, nominal, "abc"))
     commands = dict(zip(found.targets, found.q, strict=True))
     reached = in_order(robot, np.array([commands[name] for name in names]))
     assert missed(reached, nominal.forward(q)).max() < 1e-8
@@ -123,7 +124,7 @@ def test_joint_and_pose_targets_follow_one_another(robot):
 
 def test_a_target_reached_from_two_sides_is_reported_and_gets_the_middle(robot):
     nominal, q = arm("irb120"), joints(3)
-    found = filter_program(robot, nominal, module(q, ["j0", "j1", "j2", "j1", "j0"]), "abc")
+    found = filter_program(module(q, ["j0", "j1", "j2", "j1", "j0"]), CorrectionModel(robot, nominal, "abc"))
     commands = dict(zip(found.targets, found.q, strict=True))
     path = np.array([commands[name] for name in ("j0", "j1", "j2", "j1")])
     off = missed(in_order(robot, path), nominal.forward(q[[0, 1, 2, 1]]))
@@ -139,7 +140,7 @@ def test_a_target_reached_from_two_sides_is_reported_and_gets_the_middle(robot):
 def test_of_many_targets_reached_from_two_sides_the_worst_are_named(robot):
     q = joints(14)
     names = [f"j{k}" for k in range(14)]
-    found = filter_program(robot, arm("irb120"), module(q, [*names, *names[::-1]]), "abc")
+    found = filter_program(module(q, [*names, *names[::-1]]), CorrectionModel(robot, arm("irb120"), "abc"))
     notes = [note.text for note in found.notes]
     assert len(notes) == 11
     apart = [float(text.split("up to ")[1].split(" mm")[0]) for text in notes]
@@ -154,7 +155,7 @@ def test_a_last_move_never_flips_the_wrist(robot):
     leaning = Robot(nominal, JointMap(terms))
     q = joints(8)
     q[:, 4] = np.tile([5e-5, 0.3], 4)  # joint 5 comes down to nearly zero, where the last move asks for less
-    found = filter_program(leaning, nominal, module(q, [f"p{k}" for k in range(8)]), "abc")
+    found = filter_program(module(q, [f"p{k}" for k in range(8)]), CorrectionModel(leaning, nominal, "abc"))
     flipped = [f"p{k}" for k in range(2, 8, 2)]
     assert [left.target for left in found.left] == flipped
     assert all("another configuration" in left.reason for left in found.left)
@@ -170,7 +171,7 @@ def joint_alone(robot, q):
 def test_expected_errors_hold_what_is_not_known(robot, tmp_path):
     from dataclasses import replace
 
-    found = filter_program(robot, arm("irb120"), csv(tmp_path / "job.csv", joints(4)), "abc")
+    found = filter_program(csv(tmp_path / "job.csv", joints(4)), CorrectionModel(robot, arm("irb120"), "abc"))
     found = replace(found, expected_error=5e-5)
     assert found.expected_errors[0] == pytest.approx(np.hypot(5e-5, found.last_move_error[0]))
     assert found.expected_errors[1:] == pytest.approx([5e-5] * 3)

@@ -8,8 +8,8 @@ import pytest
 
 import irbcal
 from irbcal import parallel
-from irbcal.correction import filter as filter_module
-from irbcal.correction.filter import NotWritten
+from irbcal.correction import long_tables
+from irbcal.correction.filtered import NotWritten
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import robots
 from irbcal.measurement import pieces
@@ -135,7 +135,7 @@ def test_what_is_done_before_ctrl_c_is_kept_and_the_same_call_goes_on(ending, cu
     out.write_bytes(b"of before")
     pieces_of_job = len(pieces.long_table(job).pieces)
     rows_done = []
-    corrected_piece = filter_module._corrected_piece
+    corrected_piece = long_tables._corrected_piece
 
     def interrupted(shared, piece):
         if len(rows_done) == 2:
@@ -143,13 +143,13 @@ def test_what_is_done_before_ctrl_c_is_kept_and_the_same_call_goes_on(ending, cu
         rows_done.append(piece.row)
         return corrected_piece(shared, piece)
 
-    monkeypatch.setattr(filter_module, "_corrected_piece", interrupted)
+    monkeypatch.setattr(long_tables, "_corrected_piece", interrupted)
     with pytest.raises(parallel.Interrupted, match=f"{pieces_of_job - 2} pieces of the table"):
         irbcal.correct(calibration, job, out=out)
     assert out.read_bytes() == b"of before"
     begun = sorted(path.name for path in tmp_path.iterdir())
     assert begun == [job.name, out.name, f"{out.name}.unfinished", f"{out.name}.unfinished.npz"]
-    monkeypatch.setattr(filter_module, "_corrected_piece", corrected_piece)
+    monkeypatch.setattr(long_tables, "_corrected_piece", corrected_piece)
     texts = []
     found = irbcal.correct(calibration, job, out=out, progress=texts.append)
     assert texts[0] == f"3 of {pieces_of_job} pieces"

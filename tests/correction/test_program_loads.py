@@ -13,7 +13,8 @@ from maker_cases import given, robot_of, well_inside
 from support import arm, assert_same_poses, example_robot
 
 import irbcal
-from irbcal.correction.filter import filter_program
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import fanuc, inform, kawasaki, krl, rapid, urscript
 from irbcal.correction.loads import LoadFlow, combined, load_of
 from irbcal.io import controller_model, urdf
@@ -219,7 +220,7 @@ def test_each_target_is_corrected_for_the_load_that_holds_there(language, tmp_pa
     make, degrees = CASES[language]
     nominal, T_tip_flange, program, q, carried, joints = make(tmp_path)
     robot = giving_way(nominal)
-    filtered = filter_program(robot, nominal, program, "abc", follow_loads=True)
+    filtered = filter_program(program, CorrectionModel(robot, nominal, "abc", follow_loads=True))
     written = joints(b"".join(filtered.files.values()))
     assert len(written) == len(q)
     uncorrected = np.abs(written - q).max(axis=1) < np.radians(degrees)
@@ -242,14 +243,14 @@ def test_each_target_is_corrected_for_the_load_that_holds_there(language, tmp_pa
 def test_with_a_payload_for_all_the_program_is_only_noted(language, tmp_path):
     nominal, _, program, q, _, joints = CASES[language][0](tmp_path)
     robot = giving_way(nominal).carrying(9.0)
-    filtered = filter_program(robot, nominal, program, "abc")
+    filtered = filter_program(program, CorrectionModel(robot, nominal, "abc"))
     assert not filtered.left
     tolerance = np.radians(CASES[language][1]) * 4
     assert_same_poses(
         robot.forward(joints(b"".join(filtered.files.values()))), nominal.forward(q), 3 * tolerance, tolerance
     )
     assert [note for note in filtered.notes if "all targets are corrected for 9 kg" in note.text]
-    stiff = filter_program(Robot(nominal), nominal, program, "abc", follow_loads=True)
+    stiff = filter_program(program, CorrectionModel(Robot(nominal), nominal, "abc", follow_loads=True))
     assert not [note for note in stiff.notes if "kg" in note.text], "nothing is known of loads"
 
 
@@ -261,7 +262,7 @@ def test_a_target_that_is_reached_with_two_loads_takes_the_mean_and_says_so():
     body = ["PROC main()", move, "GripLoad [6,[0,0,50],[1,0,0,0],0,0,0];", move, "ENDPROC"]
     text = "\n".join(["MODULE Job", f"CONST jointtarget above:={target};", *body, "ENDMODULE"])
     robot = giving_way(nominal)
-    filtered = filter_program(robot, nominal, rapid.parse(text.encode()), "abc", follow_loads=True)
+    filtered = filter_program(rapid.parse(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
     (written,) = np.radians([numbers(re.findall(r"above:=\[\[([^\]]*)", filtered.data.decode())[0])])
     wanted = nominal.forward(row[None])[0, :3, 3]
     assert_same_poses(robot.carrying(3.0, [0, 0, 0.05]).forward([written]), nominal.forward(row[None]), 1e-7, 1e-7)
@@ -330,7 +331,7 @@ def test_loads_and_last_moves_together():
         for text in ([f"GripLoad [{grip[k]},[0,0,50],[1,0,0,0],0,0,0];"] if k in grip else []) + [move]
     ]
     text = "\n".join(["MODULE Job", "PROC main()", *lines, "ENDPROC", "ENDMODULE"])
-    filtered = filter_program(robot, nominal, rapid.parse(text.encode()), "abc", follow_loads=True)
+    filtered = filter_program(rapid.parse(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
     rows = re.findall(r"MoveAbsJ \[\[([^\]]*)\]", filtered.data.decode())
     written = np.radians([[float(v) for v in row.split(",")] for row in rows])
     before = np.vstack([np.full((1, 6), np.nan), written[:-1]])
@@ -358,7 +359,7 @@ def test_a_total_load_of_a_move_is_not_guessed_and_shifts_are_told_with_their_lo
     body += ["MoveL Offs(p,0,0,40),v1,fine,tool0;", f"MoveL {point},v1\\TLoad:=heavy,fine,tool0;", "ENDPROC"]
     text = "\n".join(["MODULE Job", f"CONST robtarget p:={point};", *body, "ENDMODULE"])
     robot = giving_way(nominal)
-    filtered = filter_program(robot, nominal, rapid.parse(text.encode()), "abc", follow_loads=True)
+    filtered = filter_program(rapid.parse(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
     (left,) = filtered.left
     assert left.reason.startswith("\\TLoad:=heavy says the load of the move alone: say with --payload")
     (note,) = [note.text for note in filtered.notes if "the shifted target is off" in note.text]
@@ -366,7 +367,7 @@ def test_a_total_load_of_a_move_is_not_guessed_and_shifts_are_told_with_their_lo
     alone = robot.carrying(30.0, [0, 0, 0.05])
     (with_payload,) = [
         float(re.search(r"off by ([\d.]+) mm", note.text)[1])
-        for note in filter_program(alone, nominal, rapid.parse(text.encode()), "abc").notes
+        for note in filter_program(rapid.parse(text.encode()), CorrectionModel(alone, nominal, "abc")).notes
         if "the shifted target is off" in note.text
     ]
     assert off == with_payload > 0

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cell.cell_file import read_cell
 from irbcal.cli import main
-from irbcal.correction.filter import OpenedPrograms
 from irbcal.correction.languages import ProgramFiles, by_name
+from irbcal.correction.opened_programs import OpenedPrograms
 from irbcal.correction.program import ControllerSetup
 from irbcal.correction.program_touches import _points
 from irbcal.errors import MeasurementError, ProgramError

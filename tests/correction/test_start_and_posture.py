@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from support import arm, assert_same_poses, random_robot
 
 import irbcal
-from irbcal.correction.filter import filter_program
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import rapid, val3
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.program import ControllerSetup
@@ -57,7 +58,7 @@ def test_where_configurations_do_not_count_the_joints_are_next_to_the_stop_befor
     begin = f"MoveAbsJ [[{','.join(map(str, HOME))}],{EXT}],v1,fine,tool0;"
     lines = [f"MoveJ {target(nominal, A)},v1,fine,tool0;", f"MoveL {target(nominal, B)},v1,fine,tool0;"]
     program = read(tmp_path, nominal, *OFF, *([begin] if start is None else []), *lines, start=start)
-    found = filter_program(robot, nominal, program, "abc")
+    found = filter_program(program, CorrectionModel(robot, nominal, "abc"))
     assert found.left == ()
     np.testing.assert_allclose(np.degrees(found.q_before[-2:]), [A, B], rtol=0, atol=1e-4)
     assert_same_poses(robot.poses(found.q[-2:]), nominal.forward(np.radians([A, B])), 1e-6, 1e-6)
@@ -68,7 +69,9 @@ def test_without_a_start_they_are_left_with_the_options_that_help(tmp_path):
     nominal = arm()
     moves = [f"MoveJ {target(nominal, A)},v1,fine,tool0;", f"MoveL {target(nominal, B)},v1,fine,tool0;"]
     program = read(tmp_path, nominal, *OFF, *moves)
-    found = filter_program(random_robot(nominal, "16", np.random.default_rng(1), size=0.2), nominal, program, "abc")
+    found = filter_program(
+        program, CorrectionModel(random_robot(nominal, "16", np.random.default_rng(1), size=0.2), nominal, "abc")
+    )
     assert len(found.left) == 2
     assert all("--start" in left.reason and "--posture" in left.reason for left in found.left)
     flipped = [HOME[0], HOME[1], HOME[2], HOME[3] + 180, -HOME[4], HOME[5] - 180]
@@ -162,7 +165,7 @@ def test_an_arm_with_a_small_offset_takes_its_configurations_by_iteration(tmp_pa
     wanted = [[float(v) for v in np.array(HOME) + rng.uniform(-25, 25, 6)] for _ in range(8)]
     wanted += [[q[0], q[1], q[2], q[3] - 180, -q[4], q[5] + 180] for q in wanted]
     moves = [f"MoveL {target(nominal, q, configured(nominal, q))},v1,fine,tool0;" for q in wanted]
-    found = filter_program(robot, nominal, read(tmp_path, nominal, *moves), "abc")
+    found = filter_program(read(tmp_path, nominal, *moves), CorrectionModel(robot, nominal, "abc"))
     assert found.left == ()
     np.testing.assert_allclose(np.degrees(found.q_before), wanted, rtol=0, atol=1e-4)
     assert_same_poses(robot.poses(found.q), nominal.forward(np.radians(wanted)), 1e-6, 1e-6)

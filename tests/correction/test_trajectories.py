@@ -10,7 +10,8 @@ from history_cases import sided_robot
 from support import arm, example_robot, random_robot
 
 import irbcal
-from irbcal.correction.filter import filter_program
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import ros
 from irbcal.correction.languages import table as csv_program
 from irbcal.errors import OptionError, ProgramError
@@ -39,7 +40,7 @@ def motion(nominal, n=31, later=0.0, middle=None):
 def filtered(robot, nominal, given, speeds=None):
     """Through the filter as YAML, and what was written."""
     program = ros.parse(nominal, ros.to_yaml(given).encode(), "a.yaml")
-    found = filter_program(robot, nominal, program, "abc", speeds=speeds)
+    found = filter_program(program, CorrectionModel(robot, nominal, "abc", speeds=speeds))
     return found, ros.parse(nominal, found.files["a.yaml"], "a.yaml").trajectory
 
 
@@ -166,7 +167,9 @@ def test_joints_speeds_and_accelerations_in_radians_are_the_same_motion_and_stay
         path = tmp_path / "a.csv"
         table.to_csv(path, index=False, float_format="%.15g")
         assert irbcal.read_trajectory(path, "irb120").dq == pytest.approx(motion(nominal).dq, abs=1e-12)
-        found = filter_program(robot, nominal, csv_program.along_time(csv_program.read(path), nominal), "abc")
+        found = filter_program(
+            csv_program.along_time(csv_program.read(path), nominal), CorrectionModel(robot, nominal, "abc")
+        )
         written.append(pd.read_csv(io.BytesIO(found.files[str(path)])))
     assert list(written[1].columns[1:-1]) == [name.replace("_deg", "_rad") for name in written[0].columns[1:-1]]
     values = [table[table.columns[1:-1]].to_numpy() for table in written]

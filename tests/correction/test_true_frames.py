@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from support import arm, random_robot
 
 from irbcal.cell.cell_file import CellFile, FrameInCell
-from irbcal.correction.filter import filter_program
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import rapid
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
@@ -65,7 +66,7 @@ def test_the_true_tool_reaches_the_true_work_object(language, numbers):
     tools = {key: T @ MOTION for key, T in before.tools.items()}
     work_objects = {key: T @ np.linalg.inv(MOTION) for key, T in before.work_objects.items()}
     known = TrueFrames(cell_with(tools, work_objects), numbers=numbers)
-    found = filter_program(robot, nominal, before, DIGEST, true_frames=known)
+    found = filter_program(before, CorrectionModel(robot, nominal, DIGEST, true_frames=known))
     assert found.left == ()
     assert found.unknown_frames is None
     files = found.files if language in ("krl", "val3") else found.data
@@ -155,7 +156,9 @@ class TaughtCell:
         return off_and_turned(self.robot, q, self.wanted, self.tool, self.work_object)[0]
 
     def filtered(self, data, **known):
-        return filter_program(self.robot, self.nominal, rapid.parse(data), DIGEST, true_frames=TrueFrames(**known))
+        return filter_program(
+            rapid.parse(data), CorrectionModel(self.robot, self.nominal, DIGEST, true_frames=TrueFrames(**known))
+        )
 
 
 def _solved(forward, T, seed):

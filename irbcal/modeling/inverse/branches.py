@@ -55,14 +55,8 @@ class Branches(Result):
     """Shape (n, 8). Whether the branch reaches the pose. Joint limits are not regarded: see
     `irbcal.modeling.inverse.closed_form.into_limits`.
     """
-    shoulder: FloatArray
-    """Shape (n,). Distance of the wrist centre from axis 1, metres: zero at the shoulder (alignment) singularity of eq.
-    6.5, where the angle of axis 1 is arbitrary (it is set to the zero of eq. 6.6).
-    """
-    reach_margin: FloatArray
-    """Shape (n, 2). How far the wrist centre is inside the reach of upper arm and forearm from axis 2, for the front
-    and back branches, metres: zero at the elbow singularity (stretched or folded arm), negative out of reach.
-    """
+    margins: FloatArray
+    """Shape (n, 3). `shoulder`, and the two of `reach_margin`, metres."""
     arm: OrthoParallel
 
     def __len__(self) -> int:
@@ -72,6 +66,23 @@ class Branches(Result):
         """How many branches reach their poses, joint limits not regarded."""
         reached = int(self.valid.any(axis=1).sum())
         return [f"{len(self)} poses of {self.arm.name}, {reached} of them reached, by {int(self.valid.sum())} branches"]
+
+    @property
+    def shoulder(self) -> FloatArray:
+        """Distance of the wrist centre from axis 1, (n,) metres.
+
+        Zero at the shoulder (alignment) singularity of eq. 6.5, where the angle of axis 1 is arbitrary (it is set to
+        the zero of eq. 6.6).
+        """
+        return self.margins[:, 0]
+
+    @property
+    def reach_margin(self) -> FloatArray:
+        """How far the wrist centre is inside the reach of upper arm and forearm from axis 2, (n, 2) metres.
+
+        For the front and back branches: zero at the elbow singularity (stretched or folded arm), negative out of reach.
+        """
+        return self.margins[:, 1:]
 
     @cached_property
     def wrist(self) -> FloatArray:

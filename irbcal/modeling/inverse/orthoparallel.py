@@ -209,24 +209,19 @@ class OrthoParallel(Locked):
         if self._kernel is not None:
             out, valid = np.empty((51, n)), np.empty((8, n), dtype=bool)
             if self._kernel.branches(T, out, valid):
-                out.setflags(write=False)
-                valid.setflags(write=False)
-                return Branches.of_new(
-                    joints=out[:48].reshape(8, 6, n).transpose(2, 0, 1),
-                    valid=valid.T,
-                    shoulder=out[48],
-                    reach_margin=out[49:].T,
-                    arm=self,
-                )
+                out.setflags(False)  # type: ignore[call-arg]  # write: named it takes four times as long
+                valid.setflags(False)  # type: ignore[call-arg]
+                joints = np.ndarray((n, 8, 6), "d", out, 0, (8, 48 * n, 8 * n))
+                return Branches.of_new(joints=joints, valid=valid.T, margins=out[48:].T, arm=self)
         T = check_poses(T)
         columns = pose_columns(T).reshape(12, n)
         columns[:, ~usable(T, columns.reshape(4, 3, n))] = np.nan
-        joints, margins = np.empty((8, 6, n)), np.empty((2, n))
+        joints, margins = np.empty((8, 6, n)), np.empty((3, n))
         for k in range(8):
-            joints[k], margins[k // 4] = self.branch(columns, branch_signs(np.full(n, k)))
-        radius = np.hypot(*self.wrist.place(columns)[1][:2])
-        reached = np.repeat(margins >= -REACH_TOLERANCE, 4, axis=0)
-        return Branches(handed_on(joints).transpose(2, 0, 1), handed_on(reached).T, radius, handed_on(margins).T, self)
+            joints[k], margins[1 + k // 4] = self.branch(columns, branch_signs(np.full(n, k)))
+        margins[0] = np.hypot(*self.wrist.place(columns)[1][:2])
+        reached = np.repeat(margins[1:] >= -REACH_TOLERANCE, 4, axis=0)
+        return Branches(handed_on(joints).transpose(2, 0, 1), handed_on(reached).T, handed_on(margins).T, self)
 
     # ------------------------------------------------------------------ one branch for each pose
 

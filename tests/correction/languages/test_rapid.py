@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from support import arm, random_robot
 
 from irbcal.correction import instructions, notation
-from irbcal.correction.filter import filter_program
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import rapid
 from irbcal.correction.languages.rapid import RapidData, Reader, may_be
 from irbcal.correction.listing import Listing, one_word
@@ -483,7 +484,7 @@ def test_a_point_that_is_also_shifted_is_corrected_and_the_shifted_one_is_told(a
     data += f'PERS wobjdata w:=[FALSE,TRUE,"",[{listed(table)}],[[0,0,0],[1,0,0,0]]];'
     data += f"CONST robtarget p10:=[{listed(T)},[0,0,0,0],{EXT}];"
     moves = [rf"MoveL {argument},v1,z1,t\WObj:=w;", r"MoveL p10,v1,fine,t\WObj:=w;"]
-    found = filter_program(robot, nominal, rapid.parse(module(*moves, data=data)), "abc")
+    found = filter_program(rapid.parse(module(*moves, data=data)), CorrectionModel(robot, nominal, "abc"))
     assert (found.left, found.targets.tolist()) == ((), ["p10"])
     (note,) = found.notes
     assert note.line == 4
@@ -981,8 +982,8 @@ def test_the_true_tool_keeps_to_the_wanted_path(robots):
     nominal, robot = robots
     data = cell_module(nominal, *PATH_MOVES)
     wanted = run(nominal, Robot(nominal), data)
-    plain = filter_program(robot, nominal, rapid.parse(data), "abc")
-    found = filter_program(robot, nominal, rapid.parse(data), "abc", path_tolerance=TOLERANCE)
+    plain = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc"))
+    found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE))
     assert plain.paths is None
     assert found.left == ()
     uncut = [away(w, p) for w, p in zip(wanted, run(nominal, robot, plain.data), strict=True)]
@@ -1012,7 +1013,7 @@ def test_the_true_tool_keeps_to_the_wanted_path(robots):
 def test_joints_that_turn_back_are_named_where_they_do(robots):
     nominal, robot = robots
     data = cell_module(nominal, *PATH_MOVES)
-    cut = filter_program(robot, nominal, rapid.parse(data), "abc", path_tolerance=1e-3).paths[0]
+    cut = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc", path_tolerance=1e-3)).paths[0]
     ends = WOBJ @ np.array([target.value for target in rapid.parse(data).targets[:2]])
     s = np.linspace(0, 1, 2001)
     T = np.tile(np.eye(4), (len(s), 1, 1))
@@ -1028,7 +1029,9 @@ def test_joints_that_turn_back_are_named_where_they_do(robots):
 def test_points_stay_out_of_the_zones(robots):
     nominal, robot = robots
     moves = [move.replace("fine", "z50") for move in PATH_MOVES[:2]]
-    found = filter_program(robot, nominal, rapid.parse(cell_module(nominal, *moves)), "abc", path_tolerance=TOLERANCE)
+    found = filter_program(
+        rapid.parse(cell_module(nominal, *moves)), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
+    )
     cut = found.paths[0]
     assert cut.move.zones == (0.05, 0.05)
     program = rapid.parse(found.data)
@@ -1057,7 +1060,9 @@ def test_points_stay_out_of_the_zones(robots):
 )
 def test_what_may_not_be_cut_is_named(robots, moves, words):
     nominal, robot = robots
-    found = filter_program(robot, nominal, rapid.parse(cell_module(nominal, *moves)), "abc", path_tolerance=TOLERANCE)
+    found = filter_program(
+        rapid.parse(cell_module(nominal, *moves)), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
+    )
     reasons = [item.reason for item in found.left if item.target.startswith("the path of")]
     assert len(reasons) == 1
     assert words in reasons[0]
@@ -1072,7 +1077,7 @@ def test_an_end_that_the_path_does_not_lead_to_is_not_cut(robots):
     conf = re.search(r"\],\[(-?\d,-?\d,)(\d)(,0\])", tail)
     turned = tail[: conf.start(2)] + str(int(conf[2]) - 4) + tail[conf.end(2) :]
     found = filter_program(
-        robot, nominal, rapid.parse((head + "p2:=" + turned).encode()), "abc", path_tolerance=TOLERANCE
+        rapid.parse((head + "p2:=" + turned).encode()), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
     )
     assert "a configuration that the path does not lead to (joint 6)" in found.left[-1].reason
 
@@ -1084,10 +1089,10 @@ def test_moves_with_external_axes_are_not_cut(robots, axis):
     old = FAR.encode() + b"];\r\nCONST robtarget p3"
     assert old in data
     moved = data.replace(old, old.replace(b"9E9", axis, 1))
-    found = filter_program(robot, nominal, rapid.parse(moved), "abc", path_tolerance=TOLERANCE)
+    found = filter_program(rapid.parse(moved), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE))
     assert "there are external axes" in found.left[-1].reason
     # within a large tolerance nothing needs to be cut, whatever the axes
-    whole = filter_program(robot, nominal, rapid.parse(moved), "abc", path_tolerance=0.01)
+    whole = filter_program(rapid.parse(moved), CorrectionModel(robot, nominal, "abc", path_tolerance=0.01))
     assert [cut.pieces for cut in whole.paths] == [1]
     assert whole.left == ()
     assert b"MoveL [" not in whole.data

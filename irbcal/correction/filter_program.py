@@ -1,0 +1,228 @@
+"""Fake targets of one program: each target by itself, then in its order, then as its file can hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.correction.corrected_targets import (
+    UNCHANGED,
+    CorrectionModel,
+    TargetBatch,
+    as_written,
+    corrected,
+    counted,
+    of_arm,
+    refused,
+    writable,
+)
+from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.filtered import Filtered
+from irbcal.correction.last_moves import MOST, LastMoves, with_last_moves
+from irbcal.correction.loads import Carried
+from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
+from irbcal.correction.program import Left, Note, Program, WantedTargets, refuse_filtered
+from irbcal.correction.shifted_targets import with_shifts
+from irbcal.correction.text_program import TextProgram
+from irbcal.correction.trajectories import Timed, follow
+from irbcal.correction.true_frames import TargetFrames
+from irbcal.modeling.robot import Robot
+from irbcal.units import MM
+
+
+def filter_program(program: Program, model: CorrectionModel) -> Filtered:
+    """Correct the targets of a program as read.
+
+    Parameters
+    ----------
+    program : Program
+        See `irbcal.correction.languages`.
+    model : CorrectionModel
+
+    Raises
+    ------
+    ProgramError
+        If the program was filtered before.
+    RobotError
+        As `irbcal.correction.fake_targets.correct_joints` and `irbcal.correction.fake_targets.correct_poses`.
+    """
+    refuse_filtered(program)
+    batches = [_each_by_itself(model, program, wanted) for wanted in of_arm(program, model.nominal)]
+    batches, program, left, last_moves = _in_order(model, program, batches)
+    batches = [
+        replace(batch, fake=writable(program, model.nominal, batch.wanted, as_written(model, batch)))
+        for batch in batches
+    ]
+    robots = _loaded_robots(model.robot, batches)
+    shift_notes: Sequence[Note] = ()
+    if isinstance(program, TextProgram) and program.shifts:
+        batches, shift_notes = with_shifts(model, robots, program, batches)
+    way = _way(program, batches)
+    paths: tuple[CutPath, ...] | None = None
+    if model.path_tolerance is not None:
+        paths = ()
+        if isinstance(program, Cuttable):
+            paths = _paths(model, model.path_tolerance, robots, program, batches)
+            program = program.with_cuts(paths)
+    unlike = [(b, k) for b in batches for k in np.flatnonzero(~b.fake.ok) if b.fake.reason[k] not in UNCHANGED]
+    left += [Left(b.wanted.names[k], int(b.wanted.lines[k]), b.fake.reason[k]) for b, k in unlike]
+    left += [Left(f"the path of {path.move.name}", path.move.line, path.why) for path in paths or () if path.why]
+    corrections = counted([(batch.wanted, batch.fake) for batch in batches], program, model.nominal)
+    mark = None if model.true_frames.points.re_express else model.fingerprint
+    joints = len(model.nominal.joint_names)
+
+    def joined(arrays: Sequence[FloatArray], *columns: int) -> FloatArray:
+        """Rows of the corrected targets, from arrays of all targets of each batch."""
+        rows = [of_batch[batch.fake.ok] for of_batch, batch in zip(arrays, batches, strict=True)]
+        return np.concatenate([np.zeros((0, *columns)), *rows])
+
+    return Filtered(
+        source=program.source,
+        files=program.with_fake_targets(corrections, mark),
+        targets=np.array([b.wanted.names[k] for b in batches for k in np.flatnonzero(b.fake.ok)], dtype=object),
+        lines=np.concatenate([np.zeros(0), *(b.wanted.lines[b.fake.ok] for b in batches)]).astype(int),
+        q_before=joined([b.fake.q_nominal for b in batches], joints),
+        q=joined([b.fake.q for b in batches], joints),
+        shift=joined([b.fake.shift for b in batches]),
+        turn=joined([b.fake.turn for b in batches]),
+        residual=joined([b.fake.residual for b in batches]),
+        left=tuple(sorted(left, key=lambda target: target.line)),
+        notes=(
+            *program.notes,
+            *shift_notes,
+            *(last_moves.notes if last_moves else ()),
+            *_load_notes(model.robot, program, batches),
+        ),
+        joint_columns=tuple(model.nominal.joint_columns),
+        fingerprint=model.fingerprint,
+        last_move_error=None if last_moves is None else joined(last_moves.errors),
+        last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
+        coupling=model.nominal.coupling,
+        paths=paths,
+        frames=TargetFrames.joined(
+            [b.frames.of_corrected(model.robot, model.computing, model.true_frames, b.wanted, b.fake) for b in batches]
+        ),
+        unchanged=sum(int((~b.fake.ok).sum()) for b in batches) - len(unlike),
+        places=np.concatenate([np.zeros((0, 3, 3)), *(_places_of_tool(model.robot, b) for b in batches)]),
+        way=way,
+    )
+
+
+def _each_by_itself(model: CorrectionModel, program: Program, wanted: WantedTargets) -> TargetBatch:
+    """Fake targets of goals, each for what the robot carries there and with an unknown last move."""
+    at = model.true_frames.frames_of(program, wanted, model.computing)
+    if not (model.follow_loads and model.robot.joint_map.knows_loads and wanted.loads):
+        return TargetBatch(wanted, at, None, corrected(model, wanted, at))
+    load = Carried.at(model.robot, wanted)
+    loads, which = load.groups()
+    fakes = [corrected(replace(model, robot=model.robot.carrying(*each)), wanted, at) for each in loads]
+    rows = np.arange(len(which))
+    arrays = {part.name: np.stack([getattr(fake, part.name) for fake in fakes]) for part in fields(Corrected)}
+    fake = Corrected(**{name: of_loads[which, rows] for name, of_loads in arrays.items()})
+    why = [f"{reason}: say with --payload what the robot carries" if reason else "" for reason in load.reasons]
+    return TargetBatch(wanted, at, load, refused(fake, why))
+
+
+def _in_order(
+    model: CorrectionModel, program: Program, batches: list[TargetBatch]
+) -> tuple[list[TargetBatch], Program, list[Left], LastMoves | None]:
+    """Corrections that know what comes before: in a motion as it goes, in other programs the stop before."""
+    if model.true_frames.points.re_express:
+        model = replace(model, robot=Robot(model.computing))
+    if not isinstance(program, Timed):
+        batches, last_moves = with_last_moves(model.robot, model.computing, batches, program.stops())
+        return batches, program, [*program.left()], last_moves
+    (batch,) = batches
+    batch, commands, passed = follow(model, program, batch)
+    return [batch], program if commands is None else program.with_motion(commands), [*program.left(), *passed], None
+
+
+def _loaded_robots(robot: Robot, batches: Sequence[TargetBatch]) -> dict[int, Robot]:
+    """The robot with what the program says that it carries, by the numbers of the targets; others are not named."""
+    robots: dict[int, Robot] = {}
+    for batch in batches:
+        if batch.load is not None:
+            loads, which = batch.load.groups()
+            carrying = [robot.carrying(*load) for load in loads]
+            robots |= {number: carrying[k] for number, k in zip(batch.wanted.numbers.tolist(), which, strict=True)}
+    return robots
+
+
+def _paths(
+    model: CorrectionModel,
+    tolerance: float,
+    robots: Mapping[int, Robot],
+    program: Cuttable,
+    batches: Sequence[TargetBatch],
+) -> tuple[CutPath, ...]:
+    """The straight and circular moves with the points that keep them within the tolerance."""
+    ends = {
+        number: Ends(fake.T_wanted[k], fake.q_nominal[k], fake.q[k], fake.T_fake[k])
+        for numbers, fake in ((batch.wanted.numbers.tolist(), batch.fake) for batch in batches)
+        for k, number in enumerate(numbers)
+        if fake.ok[k]
+    }
+    return tuple(
+        cut_move(
+            move,
+            ends,
+            model.robot if move.to is None else robots.get(move.to, model.robot),
+            model.nominal,
+            tolerance,
+            model.controller,
+        )
+        for move in program.path_moves()
+    )
+
+
+def _way(program: Program, batches: Sequence[TargetBatch]) -> IntArray:
+    """Rows of the corrected targets in the order in which the program stops at them."""
+    numbers = [number for batch in batches for number in batch.wanted.numbers[batch.fake.ok].tolist()]
+    row = {number: k for k, number in enumerate(numbers)}
+    return np.array([row[stop.target] for stop in program.stops() if stop.target in row], dtype=int)
+
+
+def _places_of_tool(robot: Robot, batch: TargetBatch) -> FloatArray:
+    """Tool centre points of corrected targets, (n, 3, 3): wanted, before and after the correction; in the base link."""
+    fake, ok = batch.fake, batch.fake.ok
+    load = {} if batch.load is None else {"payload_kg": batch.load.mass[ok], "payload_place": batch.load.centre[ok]}
+    before, after = (robot.forward(q[ok], **load) for q in (fake.q_nominal, fake.q))
+    tip = np.stack([fake.T_wanted[ok], before, after], axis=1)
+    T_tool = batch.frames.T_tool[ok]
+    on_tip = np.einsum("nij,nj->ni", T_tool[:, :3, :3], batch.frames.contact[ok]) + T_tool[:, :3, 3]
+    return np.asarray(np.einsum("nkij,nj->nki", tip[..., :3, :3], on_tip) + tip[..., :3, 3])
+
+
+def _load_notes(robot: Robot, program: Program, batches: Sequence[TargetBatch]) -> list[Note]:
+    """Notes where a program says what the robot carries, and the calibration knows what loads do."""
+    if not robot.joint_map.knows_loads or not isinstance(program, TextProgram) or not program.loads.names_any:
+        return []
+    at = program.names_loads[0] if program.names_loads else 0
+    more = f" and {len(program.names_loads) - 1} more" if len(program.names_loads) > 1 else ""
+    said = f"{program.listing.quote_line(at)}{more}: " if program.names_loads else ""
+    line = program.listing.line(at)
+    carried = [(batch, batch.load) for batch in batches if batch.load is not None]
+    if not carried:
+        usual = f"{robot.joint_map.payload_kg:g} kg"
+        return [Note(line, f"{said}the program says what the robot carries; all targets are corrected for {usual}")]
+    masses = np.concatenate([load.mass[batch.fake.ok] for batch, load in carried])
+    counts = [f"{mass:g} kg ({count})" for mass, count in zip(*np.unique(masses, return_counts=True), strict=True)]
+    words = "targets are corrected for what the program says that the robot carries, tool and part"
+    out = [Note(line, f"{said}{words}: {', '.join(counts) or 'none'}; --payload says another mass for all")]
+    apart = [
+        (off, batch.wanted.names[k], int(batch.wanted.lines[k]), load.several[k])
+        for batch, load in carried
+        for k, off in load.apart(robot, batch.fake)
+    ]
+    apart.sort(key=lambda entry: -entry[0])
+    for off, name, line, several in apart[:MOST]:
+        loads = " and ".join(f"{mass:g}" for mass, _ in several)
+        text = f"{name} is reached with {loads} kg: it is corrected for the mean, off by up to {off / MM:.3f} mm"
+        out.append(Note(line, f"{text}; two targets would do better"))
+    if len(apart) > MOST:
+        text = f"so are {len(apart) - MOST} more targets, off by up to {apart[MOST][0] / MM:.3f} mm"
+        out.append(Note(apart[MOST][2], text))
+    return out

@@ -1,0 +1,143 @@
+"""Fake targets of tables of a million rows and more: in pieces, side by side, in memory that hardly grows with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal import __version__, parallel
+from irbcal.correction import unfinished
+from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.filter_program import filter_program
+from irbcal.correction.filtered import SHOWN, Filtered
+from irbcal.correction.languages import table
+from irbcal.correction.unfinished import CorrectedPieces
+from irbcal.errors import ProgramError
+from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.measurement import pieces
+from irbcal.modeling.robot import loaded
+from irbcal.safe_files import write_set
+
+ROWS_BEFORE = 100
+"""Rows before a piece of a long table that tell from where the robot comes to its first."""
+MOST_LEFT = 10_000
+"""Rows of a long table that were left as they were, and are named."""
+PIECE_S = 1.0
+"""Seconds that a piece of a long table takes, about."""
+
+
+def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes, Filtered]:
+    """In a worker: a piece with its fake targets, as a table; and what was done, without the bytes."""
+    data, before = pieces.content(piece, ROWS_BEFORE)
+    offset = piece.row - before
+    try:
+        program = table.parse(data, piece.path, model.nominal.joint_columns)
+        program = replace(program, rows=program.rows + offset)
+    except ProgramError as error:
+        raise error if error.row in (None, 1) else pieces.with_row_of_file(error, offset) from None
+    filtered = filter_program(program, model)
+    if len(filtered.targets):
+        written = filtered.data
+    else:
+        unchanged = np.zeros(len(program.rows), dtype=bool)
+        written = table.with_values(program, program.values, model.fingerprint, unchanged)
+    first_line = program.rows[before]
+    inside = filtered.lines >= first_line
+    certainty = model.robot.certainty
+    outside = "" if certainty is None else certainty.outside_in_words(filtered.q_before[inside], "targets")
+    first = np.flatnonzero(inside)[:SHOWN]
+    arrays = ("targets", "lines", "q_before", "q", "shift", "turn", "residual", "places")
+    small = replace(
+        filtered,
+        **{name: getattr(filtered, name)[first] for name in arrays},
+        files={},
+        left=tuple(left for left in filtered.left if left.line >= first_line),
+        last_move_error=None,
+        last_moves=None,
+        frames=None,
+        way=np.arange(len(first)),
+        cautions=(outside,) if outside else (),
+        shifts=filtered.shift[inside],
+    )
+    return table.rows_from(written, before), small
+
+
+def correct_long_table(
+    calibration: CalibrationLike,
+    file: pieces.LongFile,
+    out: Path,
+    allow_partial: bool,
+    payload: float | None,
+    payload_place: ArrayLike | None,
+    progress: Callable[[str], Any] | None,
+) -> Filtered:
+    """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
+    record = open_calibration(calibration)
+    robot = loaded(record.robot_calibrated(), payload, payload_place)
+    model = CorrectionModel(robot, record.arm(calibrated=False), record.fingerprint, follow_loads=payload is None)
+    place = None if payload_place is None else np.asarray(payload_place).tolist()
+    call = [__version__, file.sha256, len(file.pieces), record.fingerprint, allow_partial, payload, place]
+    first: Filtered | None = None
+    done = CorrectedPieces()
+
+    def add(filtered: Filtered) -> None:
+        done.pieces += 1
+        done.left += filtered.left[: max(MOST_LEFT - len(done.left), 0)]
+        done.notes = [*dict.fromkeys((*done.notes, *filtered.notes))]
+        done.cautions += filtered.cautions
+        done.unchanged += filtered.unchanged
+        done.shifts.append(filtered.all_shifts)
+
+    def write(stream: BinaryIO) -> None:
+        nonlocal done, first
+        writer = table.TableWriter(stream)
+        if begun := unfinished.kept(out, call):
+            rows, done = begun
+            writer.begin_with(rows)
+            first = _corrected_piece(model, file.pieces[0])[1]
+        early: dict[int, tuple[bytes, Filtered]] = {}
+        start = done.pieces
+        try:
+            for index, corrected_piece in parallel.each(_corrected_piece, model, file.pieces[start:], seconds=PIECE_S):
+                early[start + index] = corrected_piece
+                while done.pieces in early:
+                    rows_written, filtered = early.pop(done.pieces)
+                    writer.append(rows_written)
+                    first = first or filtered
+                    add(filtered)
+                    if progress is not None:
+                        progress(f"{done.pieces} of {len(file.pieces)} pieces")
+                    if filtered.left and not allow_partial:
+                        raise replace(filtered, left=tuple(done.left)).not_written()
+        except KeyboardInterrupt:
+            if not done.pieces:
+                raise
+            writer.close()
+            unfinished.keep(out, Path(stream.name), call, done)
+            raise parallel.Interrupted(len(file.pieces) - done.pieces, "pieces of the table to correct") from None
+        assert first is not None
+        if not any(map(len, done.shifts)):
+            raise replace(first, left=tuple(done.left)).not_written()
+        writer.close()
+
+    write_set({out: write})
+    assert first is not None
+    unfinished.forget(out)
+    cautions = pieces.once(done.cautions, len(file.pieces))
+    if len(done.left) == MOST_LEFT:
+        cautions = (*cautions, f"Of the targets that were left as they were the first {MOST_LEFT} are named.")
+    return replace(
+        first,
+        left=tuple(done.left),
+        notes=tuple(done.notes),
+        cautions=cautions,
+        expected_error=record.expected_error,
+        written=out,
+        unchanged=done.unchanged,
+        shifts=np.concatenate(done.shifts),
+    )

@@ -1,0 +1,186 @@
+"""Programs as read for the robot of a calibration, with what its controller computes with."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray
+from irbcal.cell.cell_file import frames_by_name
+from irbcal.correction import languages
+from irbcal.correction.backup import of_programs, unpacked
+from irbcal.correction.instructions import read as taught
+from irbcal.correction.maker import BEYOND
+from irbcal.correction.program import ControllerSetup, Note, Program, read_bytes
+from irbcal.errors import OptionError, ProgramError
+from irbcal.io.calibration_folder import read
+from irbcal.io.controller_model import ControllerModel, controller_frames, controller_kinematics, unknown_frames
+from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.io.schema import Record
+from irbcal.modeling.arm import Arm
+from irbcal.options import names, pulses_per_degree, shown
+from irbcal.units import MM
+
+NOMINAL = "nominal"
+"""The controller model that is the nominal robot."""
+
+
+class OpenedPrograms(NamedTuple):
+    """Programs as read for the robot of a calibration."""
+
+    record: Record
+    nominal: Arm
+    files: languages.ProgramFiles
+    programs: Sequence[Program]
+    setup: ControllerSetup
+    """What the controller computes with."""
+    model: ControllerModel | None
+    """Where that is not the nominal robot."""
+    urdf: bytes | None
+    """Of the calibration, where it is at hand."""
+    notes: Sequence[Note] = ()
+    """What the backup says in which the programs lie."""
+
+
+def read_programs(
+    calibration: CalibrationLike,
+    program: Sequence[str | Path],
+    *,
+    tool: Mapping[str, ArrayLike] | None = None,
+    wobj: Mapping[str, ArrayLike] | None = None,
+    pulses: Sequence[float] | None = None,
+    controller_model: str | Path | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
+    start: ArrayLike | None = None,
+    posture: ArrayLike | None = None,
+    instructions: str | Path | None = None,
+    harmless: Sequence[str] | None = None,
+    split_points: bool = False,
+) -> OpenedPrograms:
+    """Read programs for the robot of a calibration; arguments and errors as of `irbcal.correction.filter.correct`."""
+    files = languages.files_of(program)
+    language = files.language
+    record = open_calibration(calibration)
+    nominal = record.arm(calibrated=False)
+    urdf = _urdf(calibration)
+    not_nominal = controller_model is not None and str(controller_model) != NOMINAL
+    model = controller_kinematics(str(controller_model), record, urdf) if not_nominal else None
+    setup = ControllerSetup(
+        tools=frames_by_name(tool, "tool"),
+        work_objects=frames_by_name(wobj, "wobj"),
+        controller=unknown_frames()
+        if urdf is None
+        else controller_frames(urdf, "calibrated.urdf", record.robot.base_link, record.robot.tip_link),
+        pulses=pulses_per_degree(pulses),
+        own_model=None if model is None else model.arm,
+        where=place_pair(where, language),
+        start=joints_of_place("start", start, nominal, language),
+        posture=joints_of_place("posture", posture, nominal, language),
+        instructions={} if instructions is None else taught(instructions),
+        harmless=names("harmless", harmless or ()),
+        split_points=split_points,
+    )
+    backup = of_programs(languages.name_of(language), files.files)
+    if backup.accuracy and controller_model is None:
+        raise ProgramError(
+            f"{backup.accuracy}: fake targets would correct it twice; give what the controller computes with "
+            f"(--controller-model), or say --controller-model {NOMINAL} where that is switched off, or the URDF that "
+            "was calibrated has these numbers",
+            file=files.files[0],
+        )
+    notes: list[Note] = []
+    if backup.T_world_base is not None:
+        x, y, z = backup.T_world_base[:3, 3] / MM
+        source = Path(backup.source).name
+        place = f"the robot stands at {x:.3f}, {y:.3f}, {z:.3f} mm in the controller's world ({source})"
+        notes.append(Note(1, f"{place}: bases and work objects, given ones too, count from the world"))
+        setup = setup._replace(T_world_base=backup.T_world_base)
+    programs = language.read_for(nominal, files.files, setup)
+    return OpenedPrograms(record, nominal, files, programs, setup, model, urdf, notes)
+
+
+def _urdf(calibration: CalibrationLike) -> bytes | None:
+    """The calibration's URDF where that is at hand."""
+    data = read(calibration).urdf if isinstance(calibration, (str, os.PathLike)) else getattr(calibration, "urdf", None)
+    return data if isinstance(data, bytes) else None
+
+
+def place_pair(
+    where: tuple[ArrayLike, ArrayLike] | None, language: languages.Language
+) -> tuple[FloatArray, FloatArray] | None:
+    """Joints and the pose that the controller reports there, from the caller.
+
+    Raises
+    ------
+    OptionError
+        If they are none, or the language asks for none.
+    """
+    if where is None:
+        return None
+    if language.MAKER is None or not language.MAKER.asks_where:
+        raise OptionError(f"where: {language.NAME} programs need no pair of joints and pose", parameter="where")
+    try:
+        joints, pose = np.array(where[0], dtype=float), np.array(where[1], dtype=float)
+    except (TypeError, ValueError, IndexError):
+        joints, pose = np.zeros(0), np.zeros(0)
+    if joints.shape != (6,) or pose.shape != (4, 4) or not (np.isfinite(joints).all() and np.isfinite(pose).all()):
+        raise OptionError("where: expected joints of shape (6,) and a pose of shape (4, 4)", parameter="where")
+    return joints, frames_by_name({"pose": pose}, "where")["pose"]
+
+
+def joints_of_place(name: str, q: ArrayLike | None, nominal: Arm, language: languages.Language) -> FloatArray | None:
+    """Joints of the URDF from those of the controller (6,), radians; None where there are none.
+
+    Raises
+    ------
+    OptionError
+        If they are not six numbers, or beyond the limits of the arm.
+    """
+    if q is None:
+        return None
+    try:
+        joints = np.array(q, dtype=float)
+    except (TypeError, ValueError):
+        joints = np.zeros(0)
+    if not nominal.six_revolute:
+        message = f"{name} is for arms with six revolute joints, {nominal.name} has {nominal.joints_listed}"
+        raise OptionError(message, parameter=name)
+    if joints.shape != (6,):
+        raise OptionError(f"{name}: expected six joints, found {shown(q)}", parameter=name)
+    maker = language.MAKER
+    joints = nominal.from_controller(joints[None])[0] if maker is None else maker.of(nominal).joints(joints)
+    if not ((joints >= nominal.lower - BEYOND) & (joints <= nominal.upper + BEYOND)).all():
+        raise OptionError(f"{name}: the joints are beyond the limits of {nominal.name}", parameter=name)
+    return joints
+
+
+def fingerprints_of(program: str | Path) -> dict[str, str | None]:
+    """Fingerprint of the calibration that programs were filtered with, file by file.
+
+    Parameters
+    ----------
+    program : str or Path
+        As `correct` takes and writes it: a file, or a folder or zip archive with programs of one language.
+
+    Returns
+    -------
+    dict of str to str or None
+        Name of the file (in the folder) -> ``Record.fingerprint`` of that calibration; None for a file that bears no
+        mark, an empty text where the mark does not say which calibration it was.
+
+    Raises
+    ------
+    ProgramError
+        If it cannot be read as a program.
+    """
+    with unpacked([program]) as files:
+        given = languages.files_of(files.programs)
+        return {
+            place.as_posix(): given.language.fingerprint(read_bytes(path), str(path))
+            for path, place in given.relative.items()
+        }
