@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, KeysView, Mapping
+from collections.abc import Iterable, Iterator, KeysView, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from datetime import date
@@ -47,6 +47,14 @@ def handed_on(array: NDArray[S]) -> NDArray[S]:
         owner.setflags(write=False)
         owner = owner.base
     return array
+
+
+def coded(names: Iterable[K]) -> tuple[IntArray, list[K]]:
+    """Number of each name, from 0 in the order in which they are first seen, and the different names."""
+    number: dict[K, int] = {}
+    if isinstance(names, np.ndarray):
+        names = names.tolist()
+    return np.array([number.setdefault(name, len(number)) for name in names], dtype=int), list(number)
 
 
 class LockedDict(dict[K, V]):

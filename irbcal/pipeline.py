@@ -89,7 +89,7 @@ from irbcal.measurement.poses import as_poses
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups, repeat_notes
 from irbcal.measurement.sessions import into_one_frame
-from irbcal.measurement.table import MeasurementSet, MeasurementsLike, shared_table
+from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
@@ -1288,7 +1288,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         ),
         held=fit.held(),
         observability=Observability.of_average(fit) if isinstance(fit, EvidenceFit) else Observability.of(fit),
-        history={} if fit.history is None else fit.history.to_frame().to_dict("list"),
+        history={} if fit.history is None else fit.history.columns(),
         placement_nominal=Placement.of(nominal),
         tool_shape_mm=in_mm(done.tool_shape),
         sessions=[
@@ -1364,12 +1364,10 @@ def _pose_table(done: Proven) -> PoseTable:
 
 def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:
     """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints), of each set."""
-    table = shared_table(measurements)
-    first = table.groupby("pose_index", sort=True)[[name for name in ("pose", "group") if name in table]].first()
-    groups = first["group"].to_numpy(dtype=object) if "group" in first else None
+    names = measurements.of_poses("pose")
+    groups = measurements.of_poses("group") if "group" in measurements.cells.columns else None
     q = measurements.joints()
     sign = np.sign(np.nan_to_num(last_moves(q, groups)))
-    names = first["pose"].astype(str).to_numpy()
     rows, *numbers = repeats.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))
     size = 1 + max(numbers_.max(initial=-1) for numbers_ in (rows, *numbers))
     # of poses with the same name and joints it is not known which one this is

@@ -130,7 +130,7 @@ def _divided(
     if by == NONE:
         return [("", measurements)], []
     sessions = sessions_of(measurements, by)
-    columns = measurements.table.columns
+    columns = measurements.cells.columns
     if by is not None or len(sessions) > 1 or GROUP not in columns or COLUMN in columns:
         return sessions, []
     difference = differing_groups(measurements, arm)
@@ -163,10 +163,10 @@ def differing_groups(measurements: MeasurementSet, arm: Arm) -> tuple[str, float
         The group that differs most and its median distance with one base and tool for all groups, and with its own,
         metres; None if none differs by more than `APART` and `RATIO`, or if some group is too small or cannot tell.
     """
-    label = measurements.table[GROUP].astype(str)
+    label, pose = measurements.cells[GROUP], measurements.cells["pose_index"]
     names = set(label)
-    poses = measurements.table["pose_index"].groupby(label).nunique()
-    if len(names) < 2 or "" in names or names & set(GROUPS) or poses.min() < NOTICED_FROM:
+    poses = [len(np.unique(pose[label == name])) for name in names]
+    if len(names) < 2 or "" in names or names & set(GROUPS) or min(poses) < NOTICED_FROM:
         return None
     try:
         groups = sessions_of(measurements, GROUP)

@@ -19,6 +19,8 @@ class Absent:
 
 sys.meta_path.insert(0, Absent())
 importlib.util.find_spec = lambda name, package=None: None if name.partition(".")[0] in ABSENT else find_spec(name, package)
+from irbcal.__main__ import Late
+sys.modules.setdefault("pandas", Late("pandas"))
 from irbcal.cli.main import main
 main()
 """
@@ -50,8 +52,11 @@ def light(*arguments, absent=LIGHT):
 
 def test_a_calibration_is_written_and_names_its_witnesses(tmp_path):
     data = robots.demo_file("demo_identification.csv")
-    done = light("calibrate", data, "--robot", "irb1600", "--model", "placement", "--out", tmp_path / "c", "--json")
+    robot = ("--robot", "irb1600", "--model", "placement")
+    done = light("calibrate", data, *robot, "--out", tmp_path / "c", "--json", absent=[*LIGHT, "pandas"])
     assert done.returncode == 0, done.stderr
+    for words in (("evaluate", tmp_path / "c", robots.demo_file("demo_verification.csv")), ("verify", tmp_path / "c")):
+        assert light(*words, absent=[*LIGHT, "pandas"]).returncode == 0
     check = json.loads(done.stdout)["urdf_witnesses"]
     assert list(check["witnesses"]) == ["irbcal's reader", "yourdfpy"]
     assert max(check["position_m"], check["rotation_rad"]) < 1e-9

@@ -59,8 +59,7 @@ def goals(measurements: MeasurementSet) -> FloatArray | None:
     MeasurementError
         If columns are missing, or a quaternion is none.
     """
-    table = measurements.table
-    present = [name for name in table.columns if str(name).startswith("goal_")]
+    present = [name for name in measurements.cells.columns if name.startswith("goal_")]
     if not present:
         return None
     turns = next((names for names in (GOAL_QUATERNION, *GOAL_ANGLES) if names[0] in present), GOAL_ANGLES[0])
@@ -72,7 +71,7 @@ def goals(measurements: MeasurementSet) -> FloatArray | None:
             file=measurements.source,
             row=1,
         )
-    first = table.groupby("pose_index", sort=True)[["row", *place, *turns]].first()
+    first = measurements.table.groupby("pose_index", sort=True)[["row", *place, *turns]].first()
     unit = MM if place is GOAL_POSITIONS[0] else 1.0
     xyz, turn = first[list(place)].to_numpy(dtype=float) * unit, first[list(turns)].to_numpy(dtype=float)
     if turns is GOAL_QUATERNION:

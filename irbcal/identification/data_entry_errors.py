@@ -31,7 +31,7 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import initial_guess, least_squares
 from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet, distances
-from irbcal.measurement.table import MeasurementSet, shared_table
+from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Paragraph, Result
@@ -517,9 +517,8 @@ class LostRow:
         """One sentence, with the row of the file where this is at hand."""
         where = f"pose {self.pose}"
         if measurements is not None:
-            table = shared_table(measurements)
-            rows = table["row"][table["pose"].astype(str) == self.pose]
-            where = f"row {rows.iloc[0]} of {Path(measurements.source).name}" if len(rows) else where
+            rows = measurements.cells["row"][measurements.cells["pose"] == self.pose]
+            where = f"row {rows[0]} of {Path(measurements.source).name}" if len(rows) else where
         late = self.late > 0
         cause = "a row of joints is missing or a position is doubled"
         if not late:

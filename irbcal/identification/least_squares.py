@@ -424,9 +424,13 @@ class History(Result):
         """
         import pandas as pd
 
+        return pd.DataFrame(self.columns())
+
+    def columns(self) -> dict[str, list[float]]:
+        """The same by columns."""
         columns = ["iteration", "seconds", "objective_mm"]
         columns += [f"{name}_{statistic}_mm" for name in self.others for statistic in ("mean", "max")]
-        return pd.DataFrame(self.rows, columns=columns)
+        return {name: [row[name] for row in self.rows] for name in columns}
 
     def plot(self) -> Chart:
         """Objective and unused points against iterations (Nubiola 2011, Figure 7.2).

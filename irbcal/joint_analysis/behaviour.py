@@ -497,8 +497,8 @@ def _cleaned(
     from irbcal.measurement import cleaning
 
     rows = measurements.table
-    pose_names = rows.groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
-    numbered = replace(measurements, table=rows.assign(pose=rows["pose_index"].astype(str)))
+    pose_names = measurements.of_poses("pose")
+    numbered = measurements.changed({"pose": measurements.cells["pose_index"].astype(str).astype(object)})
     targets = tuple(robot.targets) if isinstance(robot, Robot) else None
     cleaned = cleaning.clean(numbered, references, targets)
     numbers = cleaned.points.pose_ids.astype(int)

@@ -14,7 +14,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement.motions import previous_stops
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.registration import Registration, register, without_noise
-from irbcal.measurement.table import MeasurementSet, shared_table
+from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.section import Name, Section, Sentence
 from irbcal.summary import Paragraph, Result, Table
@@ -250,13 +250,12 @@ class _Rows:
     @classmethod
     def of(cls, measurements: MeasurementSet) -> _Rows:
         """All rows; those without a position are lost."""
-        table = shared_table(measurements)
         xyz = measurements.positions()
-        reason = np.full(len(table), "", dtype=object)
+        reason = np.full(len(xyz), "", dtype=object)
         reason[np.isnan(xyz).any(axis=1)] = "lost: no position"
         return cls(
-            table["pose_index"].to_numpy(),
-            table["target"].to_numpy(dtype=object),
+            measurements.cells["pose_index"],
+            measurements.cells["target"],
             measurements.is_reference(),
             xyz,
             measurements.rotations(),
@@ -300,7 +299,7 @@ def clean(
     rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = "target unknown to the calibration"
     swaps = _mark_swapped(rows, names, measurements)
     _mark_wrong_distances(rows, names)
-    pose = shared_table(measurements)["pose"]
+    pose = measurements.cells["pose"]
     excluded = tuple(
         Exclusion(pose=p, target=t, reason=r)
         for p, t, r in zip(pose[~rows.good], rows.target[~rows.good], rows.reason[~rows.good], strict=True)
@@ -350,9 +349,9 @@ def _registered(
 
 def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names: Sequence[str]) -> PointSet:
     """The rows to keep as points sorted by pose, of the targets that they hold."""
-    table, u95 = shared_table(measurements), measurements.uncertainties()
+    table, u95 = measurements.cells, measurements.uncertainties()
     names = [name for name in names if (keep & (rows.target == name)).any()]
-    groups = table["group"].to_numpy(dtype=object) if "group" in table.columns else np.full(len(table), "", object)
+    groups = table["group"] if "group" in table.columns else np.full(len(table), "", object)
     rows_kept = np.flatnonzero(keep)
     rows_kept = rows_kept[np.argsort(rows.pose[rows_kept], kind="stable")]
     used, number = np.unique(rows.pose[rows_kept], return_inverse=True)
@@ -364,7 +363,7 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
         _numbers(rows.target[rows_kept], names),
         rows.xyz[rows_kept],
         tuple(names),
-        table["pose"].to_numpy(dtype=object)[first][used],
+        table["pose"][first][used],
         groups[first][used],
         None if rows.rotation is None else rows.rotation[rows_kept],
         None if u95 is None else u95[rows_kept],
@@ -471,7 +470,7 @@ def _mark_swapped(rows: _Rows, names: Sequence[str], measurements: MeasurementSe
         for k in np.flatnonzero(order != np.arange(len(names))).tolist():
             mask = (rows.pose == p) & (rows.target == names[k]) & rows.good
             rows.reason[mask] = f"swapped: this is {names[order[k]]}, by its distances to the others"
-    pose_names = shared_table(measurements).groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
+    pose_names = measurements.of_poses("pose")
     return in_words([(pose_names[p], order) for p, order in swaps], names)
 
 

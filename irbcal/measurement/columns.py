@@ -26,8 +26,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, coded
 from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
@@ -111,6 +112,7 @@ NAMES = ("pose", "target", "group", "session", "cycle")
 FRAME = "<DataFrame>"
 """What messages call a table that is no file."""
 
+_DIGITS = re.compile(r"[-.0-9eE ]*")
 _JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
 _RADIANS = re.compile(r"((?:other_)?[qc][1-9]\d?)_rad")
 _PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
@@ -127,22 +129,53 @@ TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 
 
 @dataclass(frozen=True, eq=False)
+class Cells:
+    """Columns of a table as arrays, for which pandas, a third of a second, need not be loaded.
+
+    Attributes
+    ----------
+    columns : dict of str to ndarray, shape (rows,)
+        Numbers, NaN where nothing stands, and texts.
+    index : ndarray of int, shape (rows,)
+        The rows for messages.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+    index: IntArray
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.columns[name]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The same as a DataFrame of its own."""
+        return pd.DataFrame(dict(self.columns), index=self.index)
+
+
+@dataclass(frozen=True, eq=False)
 class InputTable:
     """A table as text, whose columns are checked as they are asked for.
 
     Attributes
     ----------
-    cells : DataFrame
-        Text; the index holds the rows for messages.
+    content : DataFrame or Cells
+        Text, or numbers where a plain file has them; the index holds the rows for messages.
     source : str
         File name for messages, `FRAME` for a DataFrame.
     sha256 : str
         Of the file's content; of a DataFrame's, as ``frame.to_csv(index=False)`` writes it.
     """
 
-    cells: pd.DataFrame
+    content: pd.DataFrame | Cells
     source: str = FRAME
     sha256: str = ""
+
+    @property
+    def cells(self) -> pd.DataFrame:
+        """The content as a DataFrame."""
+        return self.content.to_frame() if isinstance(self.content, Cells) else self.content
 
     @classmethod
     def read(
@@ -175,9 +208,9 @@ class InputTable:
         MeasurementError
             If it cannot be read, lacks a column, has one that is not known or is named twice, or has no rows.
         """
-        if not isinstance(table, (str, PathLike, pd.DataFrame)):
-            raise MeasurementError(f"expected a file or a DataFrame, found {shown(table)}", parameter="table")
-        if isinstance(table, pd.DataFrame):
+        if not isinstance(table, (str, PathLike)):
+            if not isinstance(table, pd.DataFrame):
+                raise MeasurementError(f"expected a file or a DataFrame, found {shown(table)}", parameter="table")
             cells = _from_frame(table, required, FRAME)
             digest = _digest(str(cells.to_csv(index=False, lineterminator="\n")).encode())
             return cls(cells, FRAME, digest)._with_rows(known)
@@ -205,10 +238,18 @@ class InputTable:
         typed: IsNumber | None = None,
     ) -> InputTable:
         """As `read`, from the content of a CSV file."""
-        return cls(parse_csv(data, source, required, typed), source, _digest(data))._with_rows(known)
+        content: pd.DataFrame | Cells | None = None
+        if typed is not None and len(data) < LONG_FILE:
+            text = _decoded(data, source)
+            content = _plain_cells(text, _header(text, source, required), typed)
+        if content is None:
+            content = parse_csv(data, source, required, typed)
+        return cls(content, source, _digest(data))._with_rows(known)
 
     def in_degrees(self) -> InputTable:
         """The same table with joints that come in radians (``q1_rad``) as columns of degrees (``q1_deg``)."""
+        if not any(map(_RADIANS.fullmatch, self.names)):
+            return self
         columns: dict[str, pd.Series] = {}
         for name in self.names:
             column, joint = self.cells[name], _RADIANS.fullmatch(name)
@@ -217,7 +258,7 @@ class InputTable:
                 # text as the other cells are; what is no number stays as it stands, for messages
                 column = column.where(degrees.isna(), degrees.map(repr)).astype(object)
             columns[in_degrees(name)] = column
-        return replace(self, cells=pd.DataFrame(columns)) if any(map(_RADIANS.fullmatch, self.names)) else self
+        return replace(self, content=pd.DataFrame(columns))
 
     def _with_rows(self, known: Sequence[str] | None) -> InputTable:
         table = self.in_degrees()
@@ -225,15 +266,15 @@ class InputTable:
             return table._with_rows(known)
         if known is not None:
             check_header(self.names, (), self.source, known)
-        if self.cells.empty:
+        if not len(self):
             raise self.fault(f"the {'table' if self.source == FRAME else 'file'} has a header but no rows")
         return self
 
     def __len__(self) -> int:
-        return len(self.cells)
+        return len(self.content)
 
     def __contains__(self, name: str) -> bool:
-        return name in self.cells.columns
+        return name in self.content.columns
 
     def __getitem__(self, rows: BoolArray | IntArray) -> InputTable:
         """Some of the rows: a mask, or positions from 0."""
@@ -242,7 +283,7 @@ class InputTable:
     @property
     def names(self) -> list[str]:
         """Names of the columns."""
-        return [str(name) for name in self.cells.columns]
+        return [str(name) for name in self.content.columns]
 
     @property
     def listed(self) -> str:
@@ -252,7 +293,7 @@ class InputTable:
     @property
     def rows(self) -> IntArray:
         """The rows for messages, shape (rows,)."""
-        return self.cells.index.to_numpy()
+        return np.asarray(self.content.index)
 
     @property
     def simulated(self) -> bool:
@@ -265,7 +306,7 @@ class InputTable:
         self, sentence: str, row: int | None = None, column: str | Sequence[str] | None = None
     ) -> MeasurementError:
         """The error that refuses the table, or the row at a position from 0, with the place for the message."""
-        at = None if row is None else int(self.cells.index[row])
+        at = None if row is None else int(self.content.index[row])
         return MeasurementError(sentence, file=self.source, row=at, column=column)
 
     def header_fault(self, sentence: str, parameter: str | None = None) -> MeasurementError:
@@ -283,7 +324,7 @@ class InputTable:
         bad = np.asarray(bad)
         if bad.any():
             k = int(np.argmax(bad))
-            cell = self.cells[column].iloc[k]
+            cell = np.asarray(self.content[column])[k]
             content = f"{cell:g}" if not isinstance(cell, str) else repr(cell.strip()) if cell.strip() else "nothing"
             raise self.fault(f"expected {expected}, found {content}", k, column)
 
@@ -305,14 +346,14 @@ class InputTable:
         MeasurementError
             For the first cell that is no such number.
         """
-        kind, column = declared(name), self.cells[name]
-        or_nothing = " or nothing" if lost else ""
-        if column.dtype == np.float64:  # read as numbers already
-            values, bad = column.to_numpy(), np.zeros(len(column), dtype=bool) if lost else column.isna().to_numpy()
-            if bad.any():
-                raise self.fault(f"expected {expected or kind.noun}, found nothing", int(np.argmax(bad)), name)
+        kind, or_nothing = declared(name), " or nothing" if lost else ""
+        if self.content[name].dtype == np.float64:  # read as numbers already
+            values = np.asarray(self.content[name])
+            if not lost and np.isnan(values).any():
+                row = int(np.argmax(np.isnan(values)))
+                raise self.fault(f"expected {expected or kind.noun}, found nothing", row, name)
         else:
-            text = column.str.strip()
+            text = self.cells[name].str.strip()
             values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)
             absent = text.str.lower().isin(_ABSENT).to_numpy()
             bad = np.isinf(values) | np.where(absent, not lost, np.isnan(values))
@@ -363,7 +404,10 @@ class InputTable:
         """
         if name not in self:
             return np.full(len(self), absent, dtype=object)
-        codes, written = pd.factorize(self.cells[name].astype(str))
+        if isinstance(self.content, Cells):
+            codes, written = coded(self.content[name])
+        else:
+            codes, written = pd.factorize(self.cells[name].astype(str))
         different = [from_cell(str(text).strip()) for text in written]
         if fault_of(" ".join(different), math.inf) or max(map(len, different)) > LONGEST_NAME:
             for k, text in enumerate(different):
@@ -371,6 +415,14 @@ class InputTable:
                 if fault is not None:
                     raise self.fault(fault, int(np.argmax(codes == k)), name)
         return np.array([*different, None], dtype=object)[codes]
+
+    def as_written(self, name: str) -> NDArray[Any]:
+        """A column that nothing is known of: equal texts are one object."""
+        column = np.asarray(self.content[name])
+        if column.dtype != object:
+            return column
+        code, texts = coded(column)
+        return np.array([*texts, None], dtype=object)[code]
 
     def filled(self, name: str) -> NameArray:
         """A column of names as `texts`, with one in every row."""
@@ -560,15 +612,7 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
         If it is no such table.
     """
     text = _decoded(data, source)
-    header = next(match[0] for match in re.finditer(r"[^\r\n]+", text) if match[0].strip())  # as pandas ends lines
-    if "," not in header and (";" in header or "\t" in header):
-        separators = "semicolons" if ";" in header else "tabs"
-        raise MeasurementError(f"expected commas between the columns, found {separators}", file=source, row=1)
-    try:
-        names = [name.strip() for name in next(csv.reader([header]), [])]
-    except csv.Error as error:  # a cell beyond 131,072 characters
-        raise MeasurementError(f"expected column names, found what is none: {error}", file=source, row=1) from None
-    check_header([in_degrees(name) for name in names], required, source)
+    names = _header(text, source, required)
     if typed is not None:
         del text  # long files stand in memory once
         plain = parse_plain(data, names, typed)
@@ -585,6 +629,20 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
         )
     cells.columns = names
     return cells
+
+
+def _header(text: str, source: str, required: Sequence[str]) -> list[str]:
+    """Names of the columns of a CSV file."""
+    header = next(match[0] for match in re.finditer(r"[^\r\n]+", text) if match[0].strip())  # as pandas ends lines
+    if "," not in header and (";" in header or "\t" in header):
+        separators = "semicolons" if ";" in header else "tabs"
+        raise MeasurementError(f"expected commas between the columns, found {separators}", file=source, row=1)
+    try:
+        names = [name.strip() for name in next(csv.reader([header]), [])]
+    except csv.Error as error:  # a cell beyond 131,072 characters
+        raise MeasurementError(f"expected column names, found what is none: {error}", file=source, row=1) from None
+    check_header([in_degrees(name) for name in names], required, source)
+    return names
 
 
 def split_cells(text: str, source: str, rows: Sequence[int] | None = None, **options: Any) -> pd.DataFrame:
@@ -916,6 +974,29 @@ def lines_are_rows(data: bytes) -> bool:
     quotes = np.flatnonzero(text == ord('"'))
     before = np.searchsorted(quotes, np.flatnonzero(text == ord("\n")))
     return not ((before % 2).any() or len(quotes) % 2)
+
+
+def _plain_cells(text: str, names: Sequence[str], typed: IsNumber) -> Cells | None:
+    """Cells of a short plain file as `parse_plain` reads them, without pandas and pyarrow; None for any other file."""
+    lines = text.replace("\r\n", "\n").removesuffix("\n").split("\n")
+    rows = [line.split(",") for line in lines]
+    whole = all(len(row) == len(names) and any(row) for row in rows)
+    if '"' in text or "\r" in text.replace("\r\n", "") or not whole or [name.strip() for name in rows[0]] != names:
+        return None
+    columns: dict[str, NDArray[Any]] = {}
+    for name, cells in zip(names, zip(*rows[1:], strict=True), strict=False):
+        columns[name] = np.array(cells, dtype=object)
+        if typed(name):
+            if not _DIGITS.fullmatch("".join(cells)):
+                return None
+            try:
+                columns[name] = np.array([float(cell) if cell else math.nan for cell in cells])
+            except ValueError:
+                return None
+            if np.isinf(columns[name]).any():
+                return None
+        columns[name].setflags(write=False)
+    return Cells(columns, np.arange(2, len(rows) + 1)) if columns else None
 
 
 def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd.DataFrame | None:

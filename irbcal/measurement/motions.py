@@ -16,7 +16,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import repeats
 from irbcal.measurement.columns import PAYLOAD_CENTRE
 from irbcal.measurement.points import PointSet
-from irbcal.measurement.table import MeasurementSet, shared_table
+from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
 from irbcal.units import DEG, MM
@@ -45,8 +45,8 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     MeasurementError
         If several loads were carried and it is not told where which.
     """
-    first = shared_table(measurements).groupby("pose_index", sort=True)["pose"].first().astype(str)
-    stop, number = repeats.numbered((first.to_numpy(), measurements.joints()), (points.pose_ids.astype(str), points.q))
+    names = measurements.of_poses("pose")
+    stop, number = repeats.numbered((names, measurements.joints()), (points.pose_ids.astype(str), points.q))
     size = max(stop.max(initial=-1), number.max(initial=-1)) + 1
     count = np.bincount(stop, minlength=size)
     elapsed = (np.bincount(stop, np.arange(len(stop)), minlength=size) / np.maximum(count, 1))[number]

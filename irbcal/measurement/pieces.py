@@ -7,7 +7,7 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
@@ -204,8 +204,7 @@ def read(piece: Piece, sha256: str = "") -> MeasurementSet:
         if error.row == header_row(piece.path):
             raise
         raise with_row_of_file(error, piece.row) from None
-    rows = measured.table
-    return replace(measured, table=rows.assign(row=rows["row"] + piece.row), sha256=sha256 or measured.sha256)
+    return measured.changed({"row": measured.cells["row"] + piece.row}, sha256=sha256 or measured.sha256)
 
 
 def _read(piece: Piece) -> MeasurementSet:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, coded
 from irbcal.measurement.points import PointSet
 from irbcal.units import DEG, MM
 
@@ -58,7 +58,7 @@ def repeats_of_joints(q: FloatArray, names: np.ndarray | None = None) -> IntArra
     single = q[first]
     edges = [near_pairs(single, SAME_POSE)]
     if names is not None:
-        called = _called(names)
+        called = coded(names)[0]
         leader = np.zeros(called.max() + 1, dtype=int)
         leader[called[::-1]] = copy_of[::-1]
         edges.append(np.column_stack([copy_of, leader[called]]))
@@ -80,15 +80,6 @@ def _equal(q: FloatArray) -> tuple[IntArray, IntArray]:
     number = np.empty(len(q), dtype=int)
     number[order] = np.cumsum(new) - 1
     return number, order[new]
-
-
-def _called(names: np.ndarray) -> IntArray:
-    """Number of each name, from 0."""
-    if len(names) < MANY:
-        return np.unique(names.astype(str), return_inverse=True)[1].ravel()
-    import pandas as pd
-
-    return np.asarray(pd.factorize(names)[0])
 
 
 def copied_points(points: PointSet) -> int:
@@ -215,17 +206,11 @@ def numbered(*tables: tuple[NameArray, FloatArray]) -> list[IntArray]:
     list of ndarray of int, shape (n,)
         From 0 in the order in which they are first seen.
     """
-    import pandas as pd
-
     names = np.concatenate([np.asarray(name, dtype=object) for name, _ in tables])
-    values = np.concatenate([np.asarray(value, dtype=float) for _, value in tables])
-    number = pd.factorize(names)[0].astype(np.int64)
-    key = _by_key(values)
-    for column in values.T if key is None else [key]:
-        codes, uniques = pd.factorize(column, use_na_sentinel=False)
-        number = pd.factorize(number * np.int64(len(uniques)) + codes)[0]
+    values = np.concatenate([np.asarray(value, dtype=float) for _, value in tables]) + 0.0  # of zeros one sign
+    keys = zip(names.tolist(), values.view(f"V{values.itemsize * values.shape[1]}").ravel().tolist(), strict=True)
     ends = np.cumsum([len(name) for name, _ in tables])[:-1]
-    return list(np.split(number, ends))
+    return list(np.split(coded(keys)[0], ends))
 
 
 def mixture(values: FloatArray) -> FloatArray:
@@ -234,19 +219,6 @@ def mixture(values: FloatArray) -> FloatArray:
     for k, column in enumerate(values.T):  # a product of matrices would round rows differently
         out += np.sqrt(2.0 + k) * column
     return out
-
-
-def _by_key(values: FloatArray) -> FloatArray | None:
-    """One number of each row in place of its columns, the same for equal rows only; None where none was found."""
-    import pandas as pd
-
-    key = mixture(values)
-    if not np.isfinite(key).all():
-        return None
-    codes = pd.factorize(key)[0]
-    first = np.zeros(int(codes.max(initial=-1)) + 1, dtype=int)
-    first[codes[::-1]] = np.arange(len(codes))[::-1]
-    return codes.astype(float) if np.array_equal(values, values[first[codes]]) else None
 
 
 def near_any(x: FloatArray, to: FloatArray, period: FloatArray) -> BoolArray:

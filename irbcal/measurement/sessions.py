@@ -58,15 +58,16 @@ def sessions_of(measurements: MeasurementSet, by: str | None = None) -> list[tup
     MeasurementError
         If a row has no session's name, or if a pose is in two sessions.
     """
-    table = measurements.table
-    if by is not None and by not in table.columns:
+    if by is not None and by not in measurements.cells.columns:
         raise OptionError(
-            f"session_by: {measurements.source} has no column {by}; found {columns.listed(list(table.columns))}",
+            f"session_by: {measurements.source} has no column {by}; "
+            f"found {columns.listed(list(measurements.cells.columns))}",
             parameter="session_by",
         )
     name = COLUMN if by is None else by
-    if name not in table.columns:
+    if name not in measurements.cells.columns:
         return [("", measurements)]
+    table = measurements.table
     label = table[name].fillna("").astype(str).str.strip()
     if (label == "").all():
         return [("", measurements)]

@@ -16,17 +16,19 @@ being line 1; in a DataFrame the position plus one) and the column.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from irbcal import literals
-from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, coded, handed_on, locked
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
 from irbcal.measurement.columns import (
@@ -35,6 +37,7 @@ from irbcal.measurement.columns import (
     PAYLOAD_CENTRE,
     POSITION,
     QUATERNION,
+    Cells,
     InputTable,
     TableLike,
 )
@@ -57,38 +60,8 @@ REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
 
 
-class ReadOnlyTables:
-    """Base of frozen dataclasses whose DataFrames nobody can change: every access to such a field hands out a copy.
-
-    ``dataclasses.replace``, ``pickle`` and ``copy`` work as with any other dataclass. Fields of tables have no default.
-    """
-
-    def __post_init__(self) -> None:
-        tables: dict[str, Any] = {}
-        for field in fields(self):  # type: ignore[arg-type]  # those who inherit are dataclasses
-            if isinstance(self.__dict__[field.name], pd.DataFrame):
-                tables[field.name] = self.__dict__.pop(field.name).copy()
-        self.__dict__["_tables"] = tables
-
-    if not TYPE_CHECKING:  # the fields are declared by those who inherit
-
-        def __getattr__(self, name: str) -> pd.DataFrame:
-            """Tables are kept under another name, so each access to one ends here."""
-            tables = self.__dict__.get("_tables", {})
-            if name in tables:
-                return tables[name].copy()
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-
-
-def shared_table(holder: ReadOnlyTables, name: str = "table") -> pd.DataFrame:
-    """A table for reading only: a long one need not stand in memory twice."""
-    table: pd.DataFrame = holder.__dict__["_tables"][name]
-    # from pandas 3 on a table gets content of its own when it is written to
-    return table.copy(deep=int(pd.__version__.partition(".")[0]) < 3)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasurementSet(ReadOnlyTables, Result):
+class MeasurementSet(Result):
     """Measurements as read: one row per asked-for point.
 
     Attributes
@@ -96,7 +69,8 @@ class MeasurementSet(ReadOnlyTables, Result):
     table : DataFrame
         Checked columns of the file format; ``row`` is the line in the file, ``pose_index`` numbers the poses (of each
         cycle and session) from 0. Lost points have NaN positions. Every access hands out a copy: what is written into
-        it changes nothing here, ``dataclasses.replace(measurements, table=...)`` makes other measurements.
+        it changes nothing here, ``dataclasses.replace(measurements, table=...)`` makes other measurements. `cells` has
+        its columns as arrays.
     source : str
         File name for messages.
     sha256 : str
@@ -113,12 +87,49 @@ class MeasurementSet(ReadOnlyTables, Result):
     coupling: FloatArray | None = None
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        given: Any = self.__dict__.pop("table")
+        if not isinstance(given, Cells):
+            arrays = {str(name): locked(given[name].to_numpy()) for name in given.columns}
+            given = Cells(arrays, np.arange(len(given)))
+        self.__dict__["_cells"] = given
+        object.__setattr__(self, "coupling", locked(self.coupling))
+
+    if not TYPE_CHECKING:  # it is declared above
+
+        def __getattr__(self, name: str) -> pd.DataFrame:
+            """The table is made when it is asked for."""
+            if name == "table" and "_cells" in self.__dict__:
+                return self.cells.to_frame()
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     @property
-    def _rows(self) -> pd.DataFrame:
-        return self.__dict__["_tables"]["table"]
+    def cells(self) -> Cells:
+        """The columns of the table as arrays."""
+        return self.__dict__["_cells"]
+
+    def changed(self, columns: Mapping[str, NDArray[Any]], **values: Any) -> MeasurementSet:
+        """The same with some other columns, or attributes."""
+        cells = Cells({**self.cells.columns, **locked(columns)}, self.cells.index)
+        return replace(self, **{"table": cells, **values})
+
+    @cached_property
+    def _first_rows(self) -> tuple[IntArray, IntArray]:
+        """First row of each pose, and the number of each row's pose."""
+        return np.unique(self.cells["pose_index"], return_index=True, return_inverse=True)[1:]
+
+    def of_poses(self, name: str) -> NDArray[Any]:
+        """What a column says of each pose in the first row that says something, shape (n,)."""
+        column, (first, number) = self.cells[name], self._first_rows
+        values = column[first]
+        if column.dtype.kind == "f" and np.isnan(values).any():
+            rows = np.flatnonzero(~np.isnan(column))
+            some, at = np.unique(number[rows], return_index=True)
+            values[some] = column[rows[at]]
+        return values
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self.cells)
 
     @property
     def stem(self) -> str:
@@ -128,27 +139,27 @@ class MeasurementSet(ReadOnlyTables, Result):
     @property
     def simulated(self) -> bool:
         """Whether the file says so itself: any value but ``no`` in a column ``simulated``."""
-        return InputTable(self._rows).simulated
+        return InputTable(self.cells).simulated
 
     @property
     def extra_columns(self) -> list[str]:
         """Columns that irbcal does not know and only carries along (``operator``, ``program``), as they stand."""
-        return [name for name in self._rows.columns if not (name in DECLARED_NAMES or _of_numbers(name))]
+        return [name for name in self.cells.columns if not (name in DECLARED_NAMES or _of_numbers(name))]
 
     @property
     def poses(self) -> int:
         """Number of poses asked for."""
-        return int(self._rows["pose_index"].nunique())
+        return len(self._first_rows[0])
 
     @property
     def joint_columns(self) -> list[str]:
         """Columns of joint values, in the order of the joints."""
-        return columns.joint_columns(self._rows.columns)
+        return columns.joint_columns(self.cells.columns)
 
     @property
     def programmed_columns(self) -> list[str]:
         """Columns of programmed joints, in the order of the joints; empty where there are none."""
-        return columns.programmed_columns(self._rows.columns, self.source)
+        return columns.programmed_columns(self.cells.columns, self.source)
 
     @property
     def programmed(self) -> bool:
@@ -167,29 +178,25 @@ class MeasurementSet(ReadOnlyTables, Result):
 
         Radians (metres for columns in mm).
         """
-        names = self.joint_columns
+        names, number = self.joint_columns, self._first_rows[1]
         q = joints if self.coupling is None else joints @ np.linalg.inv(self.coupling).T
-        table = self.table
-        number = np.unique(table["pose_index"], return_inverse=True)[1]
-        for name, column in zip(names, (q / columns.joint_units(names)).T, strict=True):
-            table[f"c{name[1:]}"] = column[number]
-        return replace(self, table=table)
+        programmed = (q / columns.joint_units(names)).T[:, number]
+        return self.changed({f"c{name[1:]}": column for name, column in zip(names, programmed, strict=True)})
 
     def readings(self) -> FloatArray:
         """Joint readings (``q1_deg`` …) of each pose, shape and units as `joints`."""
         return self._of_poses(self.joint_columns)
 
     def _of_poses(self, names: list[str]) -> FloatArray:
-        first = np.unique(self._rows["pose_index"], return_index=True)[1]
-        q: FloatArray = self._rows[names].to_numpy()[first] * columns.joint_units(names)
+        first = self._first_rows[0]
+        q: FloatArray = np.array([self.cells[name] for name in names]).T[first] * columns.joint_units(names)
         return q if self.coupling is None else np.asarray(q @ self.coupling.T)
 
     def reading_lag(self) -> ReadingLag | None:
         """How the readings differ from the programmed joints, and whether they lag; None without programmed joints."""
         if not self.programmed:
             return None
-        poses = self._rows.groupby("pose_index", sort=True)
-        groups = poses["group"].first().to_numpy(dtype=object) if "group" in self._rows.columns else None
+        groups = self.of_poses("group") if "group" in self.cells.columns else None
         return reading_lag(self.readings(), self.joints(), self.programmed_columns, groups)
 
     def joint_notes(self) -> list[str]:
@@ -208,7 +215,7 @@ class MeasurementSet(ReadOnlyTables, Result):
             If the joint columns are not those of the arm.
         """
         self.check_joints(arm)
-        return self if arm.coupling is None else replace(self, coupling=arm.coupling)
+        return self if arm.coupling is None else self.changed({}, coupling=arm.coupling)
 
     def check_joints(self, arm: Arm) -> None:
         """Refuse joint columns that are not those of an arm.
@@ -231,61 +238,62 @@ class MeasurementSet(ReadOnlyTables, Result):
 
     def payloads(self) -> FloatArray | None:
         """Mass carried at each pose, shape (n,), kg, NaN where not given; None without a column payload_kg."""
-        if "payload_kg" not in self._rows.columns:
+        if PAYLOAD not in self.cells.columns:
             return None
-        loads = self._rows.groupby("pose_index", sort=True)["payload_kg"].first().to_numpy(dtype=float)
+        loads = self.of_poses(PAYLOAD)
         return loads if np.isfinite(loads).any() else None
 
     def payload_places(self) -> FloatArray | None:
         """Centre of the payload in the tip link at each pose, shape (n, 3), metres; None without columns."""
-        names = columns.payload_centre_columns(self._rows.columns, self.source)
+        names = columns.payload_centre_columns(self.cells.columns, self.source)
         if not names:
             return None
-        centres = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy(dtype=float) * MM
+        centres = np.column_stack([self.of_poses(name) for name in names]) * MM
         return centres if np.isfinite(centres).any() else None
 
     def torques(self) -> FloatArray | None:
         """Measured torques of the joints at each pose, shape (n, joints), N m; None without columns tau1_nm …."""
-        names = columns.torque_columns(self._rows.columns, self.source)
+        names = columns.torque_columns(self.cells.columns, self.source)
         if not names:
             return None
-        return self._rows.groupby("pose_index", sort=True)[names].mean().to_numpy(dtype=float)
+        return self.table.groupby("pose_index", sort=True)[names].mean().to_numpy(dtype=float)
 
     def is_reference(self) -> BoolArray:
         """Mask of the rows that are reference points fixed to the ground (Nubiola 2011, section 7.1)."""
-        return self._rows["target"].str.lower().str.startswith(REFERENCE_PREFIX).to_numpy(dtype=bool)
+        code, names = coded(self.cells["target"])
+        return np.array([name.lower().startswith(REFERENCE_PREFIX) for name in names], dtype=bool)[code]
 
     def rotations(self) -> FloatArray | None:
         """Measured orientations of all rows, shape (rows, 3, 3), NaN where there is none; None without columns."""
-        return InputTable(self._rows).rotations(lost=True)
+        return InputTable(self.cells).rotations(lost=True)
 
     def uncertainties(self) -> FloatArray | None:
         """Expanded uncertainties of all rows, shape (rows,), metres, NaN where not given; None without a column."""
-        return self._rows["u95_mm"].to_numpy() * MM if "u95_mm" in self._rows.columns else None
+        return self.cells["u95_mm"] * MM if "u95_mm" in self.cells.columns else None
 
     def positions(self) -> FloatArray:
         """Positions of all rows, shape (rows, 3), metres; NaN where lost."""
-        return self._rows[POSITION].to_numpy() * MM
+        return np.array([self.cells[name] for name in POSITION]).T * MM
 
     def to_frame(self) -> pd.DataFrame:
         """The table in the columns of a measurement file (degrees and millimetres), for `read` or ``to_csv``."""
         first = ["pose", *self.joint_columns, *self.programmed_columns, "target", *POSITION]
-        others = [name for name in self._rows.columns if name not in (*first, "row", "pose_index")]
-        return self._rows[[*first, *others]].copy()
+        others = [name for name in self.cells.columns if name not in (*first, "row", "pose_index")]
+        return self.table[[*first, *others]]
 
     def report(self) -> Sequence[Paragraph]:
         """Counts of rows, poses and lost points; tables of targets, of groups and of programmed joints."""
         lost = np.isnan(self.positions()).any(axis=1)
         counts = f"{len(self)} rows, {self.poses} poses, {int(lost.sum())} lost points"
         text = f"{self.source}: {counts}{', SIMULATED' if self.simulated else ''}"
-        rows = pd.DataFrame({"target": self._rows["target"], "reference": self.is_reference(), "lost": lost})
+        rows = pd.DataFrame({"target": self.cells["target"], "reference": self.is_reference(), "lost": lost})
         targets = tuple(
             (str(name), "reference" if group["reference"].any() else "tool", len(group), int(group["lost"].sum()))
             for name, group in rows.groupby("target", sort=True)
         )
         lines: list[Paragraph] = [text, Table("Targets", ("target", "fixed to", "rows", "lost"), targets)]
-        if "group" in self._rows.columns:
-            counted = self._rows.groupby("group", sort=False)["pose_index"].nunique()
+        if "group" in self.cells.columns:
+            counted = self.table.groupby("group", sort=False)["pose_index"].nunique()
             lines.append(Table("Groups", ("group", "poses"), tuple((str(name), int(n)) for name, n in counted.items())))
         lag = self.reading_lag()
         return lines if lag is None else [*lines, *lag.report()]
@@ -321,7 +329,7 @@ def read(source: MeasurementsLike) -> MeasurementSet:
     """
     if isinstance(source, MeasurementSet):
         return source
-    if not isinstance(source, (str, PathLike, pd.DataFrame)):
+    if not isinstance(source, (str, PathLike)) and not isinstance(source, pd.DataFrame):
         if not isinstance(source, HoldsMeasurements):
             raise MeasurementError(
                 f"expected measurements (a file, a DataFrame or a result that holds them), found {shown(source)}",
@@ -339,7 +347,7 @@ read_measurements = read
 
 def _with_import(error: MeasurementError, source: TableLike) -> MeasurementError:
     """A refusal of a file's header, with the command that imports files of other programs."""
-    if isinstance(source, pd.DataFrame) or error.row != 1 or Path(source).suffix == ".parquet":
+    if not isinstance(source, (str, PathLike)) or error.row != 1 or Path(source).suffix == ".parquet":
         return error
     message = str(error).removeprefix(str(MeasurementError("", file=error.file, row=error.row, column=error.column)))
     command = f"irbcal import {literals.shell(str(source))} --robot ROBOT --out measured.csv"
@@ -380,7 +388,7 @@ def _of_numbers(name: str) -> bool:
 
 def _checked(rows: InputTable) -> MeasurementSet:
     names, source = rows.names, rows.source
-    cells: dict[str, Any] = {"row": rows.rows}
+    cells: dict[str, NDArray[Any]] = {"row": rows.rows}
     joints = [*columns.joint_columns(names), *columns.programmed_columns(names, source)]
     for name in [*joints, *columns.torque_columns(names, source)]:
         cells[name] = rows.numbers(name)
@@ -392,39 +400,39 @@ def _checked(rows: InputTable) -> MeasurementSet:
         if name in NUMERIC_EXTRAS:
             cells[name] = rows.numbers(name, lost=True)
         else:
-            cells[name] = rows.texts(name) if name in ("group", "cycle", "session") else rows.cells[name].to_numpy()
+            cells[name] = rows.texts(name) if name in ("group", "cycle", "session") else rows.as_written(name)
     lost = rows.lost()
-    table = pd.DataFrame(cells | {name: np.where(lost, np.nan, cells[name]) for name in POSITION}, copy=False)
-    table["pose_index"] = _pose_index(table, source)
+    cells |= {name: np.where(lost, np.nan, cells[name]) for name in POSITION}
+    cells["pose_index"] = _pose_index(cells, source)
     columns.payload_centre_columns(names, source)
     quaternions = rows.quaternions()
     if quaternions is not None:
-        table[QUATERNION] = quaternions
+        cells |= dict(zip(QUATERNION, quaternions.T, strict=True))
+    table: Any = Cells({name: handed_on(column) for name, column in cells.items()}, np.arange(len(rows)))
     return MeasurementSet(table, source, rows.sha256)
 
 
-def _pose_index(table: pd.DataFrame, source: str) -> IntArray:
+def _pose_index(table: Mapping[str, NDArray[Any]], source: str) -> IntArray:
     """Number poses in the order of the file; one pose (and cycle) has one set of joints, read and programmed."""
-    key: Any = table["pose"]
-    if "cycle" in table.columns:
-        key = key + " / " + table["cycle"].astype(str)
-    if "session" in table.columns:
-        key = key + " / " + table["session"].astype(str)
-    index = pd.factorize(key)[0]
+    key = table["pose"]
+    for name in ("cycle", "session"):
+        if name in table:
+            key = key + " / " + table[name]
+    index = coded(key)[0]
     first = np.unique(index, return_index=True)[1]
-    programmed = columns.programmed_columns(table.columns, source)
-    for names, kind in ((columns.joint_columns(table.columns), "joints"), (programmed, "programmed joints")):
+    programmed = columns.programmed_columns(table, source)
+    for names, kind in ((columns.joint_columns(table), "joints"), (programmed, "programmed joints")):
         if names:
             _check_same(table, names, kind, first[index], source)
     for name in (PAYLOAD, *PAYLOAD_CENTRE):
-        if name in table.columns:
+        if name in table:
             _check_same(table, [name], "payload", first[index], source)
     return index
 
 
-def _check_same(table: pd.DataFrame, names: list[str], kind: str, first: IntArray, source: str) -> None:
+def _check_same(table: Mapping[str, NDArray[Any]], names: list[str], kind: str, first: IntArray, source: str) -> None:
     """Refuse a row whose joints are not those of its pose's first row."""
-    joints = table[names].to_numpy()
+    joints = np.column_stack([table[name] for name in names])
     differ = np.abs(joints - joints[first]).max(axis=1) > 1e-6
     if differ.any():
         k = int(np.flatnonzero(differ)[0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.motions import usual_load
-from irbcal.measurement.table import MeasurementSet, shared_table
+from irbcal.measurement.table import MeasurementSet
 
 
 def of_load(target: str, payload_kg: float) -> str:
@@ -180,14 +179,11 @@ def in_words(measurements: MeasurementSet, usual_kg: float | None, same_tool: bo
 def _loads(measurements: MeasurementSet) -> FloatArray | None:
     """Load of each row, NaN where not told."""
     loads = measurements.payloads()
-    return None if loads is None else loads[shared_table(measurements)["pose_index"].to_numpy()]
+    return None if loads is None else loads[measurements.cells["pose_index"]]
 
 
 def _renamed(measurements: MeasurementSet, loads: FloatArray, rows: np.ndarray) -> MeasurementSet:
-    table = measurements.table
-    rows = rows & ~measurements.is_reference()
-    names = table["target"].to_numpy(dtype=object)
-    table["target"] = [
-        of_load(str(name), load) if new else name for name, load, new in zip(names, loads, rows, strict=True)
-    ]
-    return replace(measurements, table=table)
+    names = measurements.cells["target"].copy()
+    for row in np.flatnonzero(rows & ~measurements.is_reference()):
+        names[row] = of_load(names[row], loads[row])
+    return measurements.changed({"target": names})

@@ -21,7 +21,7 @@ from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.moved import moved_notes
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.poses import as_poses
-from irbcal.measurement.table import MeasurementSet, shared_table
+from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
 
@@ -48,11 +48,10 @@ class CleanedPoints(Locked):
 
     def labels(self, column: str) -> NameArray:
         """What a column of the file says of each pose, as text of shape (n,); empty text without the column."""
-        table = shared_table(self.measurements)
-        if column not in table.columns:
+        if column not in self.measurements.cells.columns:
             return np.full(self.points.poses, "", dtype=object)
-        first = table.groupby("pose_index", sort=True)[column].first().to_numpy(dtype=object)
-        return np.array([_text(value) for value in first[self.number]], dtype=object)
+        values = self.measurements.of_poses(column)[self.number]
+        return np.array([_text(value) for value in values], dtype=object)
 
     def extra(self) -> dict[str, NameArray]:
         """What columns that irbcal does not know say of each point, as text of shape (m,).
@@ -62,7 +61,7 @@ class CleanedPoints(Locked):
         names, points = self.measurements.extra_columns, self.points
         if not names:
             return {}
-        table = shared_table(self.measurements)
+        table = self.measurements.table
         of_point = {"pose_index": self.number[points.pose], "target": points.names()}
         if not np.isin(points.target_names, table["target"]).all():
             del of_point["target"]
@@ -151,10 +150,9 @@ def prepare(
     if calibration is not None:
         names_there, usual = calibration.placement.targets, calibration.usual_load
         measurements, notes = tools.as_calibrated(measurements, names_there, usual, same_tool, any_target)
-    names = shared_table(measurements).groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
+    names = measurements.of_poses("pose")
     # poses go by their number meanwhile: names repeat from cycle to cycle
-    table = shared_table(measurements)
-    numbered = replace(measurements, table=table.assign(pose=table["pose_index"].astype(str)))
+    numbered = measurements.changed({"pose": measurements.cells["pose_index"].astype(str).astype(object)})
     shape: dict[str, Any] = {}
     if calibration is None:
         cleaned = cleaning.clean(numbered)

@@ -11,18 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irbcal import parallel
-from irbcal.arrays import BoolArray, FloatArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, NameArray, coded
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import pieces, table
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import with_extra_columns
+from irbcal.measurement.columns import PAYLOAD, with_extra_columns
 from irbcal.measurement.motions import with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups
-from irbcal.measurement.table import shared_table
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.home import line_at_home
@@ -567,10 +566,7 @@ class _Prepared:
 
     def judged(self) -> _Judged:
         """Their errors."""
-        import pandas as pd
-
         cleaned, points = self.cleaned, self.cleaned.points
-        coded = {kind: pd.factorize(labels) for kind, labels in _parts(cleaned).items()}
         place = repeat_groups(points)
         alone = len(np.unique(place)) == points.poses
         errors = _PointErrors(
@@ -578,7 +574,7 @@ class _Prepared:
             {name: rotation_distances(robot, points) for name, robot in self.robots.items()},
             points.pose,
             None if alone else place[points.pose],
-            {kind: (codes, [str(name) for name in names]) for kind, (codes, names) in coded.items()},
+            {kind: coded(labels) for kind, labels in _parts(cleaned).items()},
         )
         return _Judged(
             errors=errors,
@@ -741,7 +737,7 @@ def _judged_piece(shared: tuple[_Request, str, int], piece: pieces.Piece) -> tup
     prepared = _prepared(request, measurements)
     judged = prepared.judged()
     drawn = np.random.default_rng([request.seed, piece.row]).permutation(prepared.cleaned.number)[:most]
-    rows = shared_table(measurements)["pose_index"].isin(drawn).to_numpy()
+    rows = np.isin(measurements.cells["pose_index"], drawn)
     return replace(judged, errors=judged.errors.small()), measurements.to_frame()[rows]
 
 
@@ -878,7 +874,7 @@ def carrying(measurements: table.MeasurementSet, payload: float | None) -> table
             "payload: the measurements tell it themselves (payload_kg): leave it out", parameter="payload"
         )
     load = number("payload", payload, 0.0)
-    return replace(measurements, table=measurements.table.assign(payload_kg=load))
+    return measurements.changed({PAYLOAD: np.full(len(measurements), load)})
 
 
 def _other_loads(points: PointSet, record: Record) -> list[str]:

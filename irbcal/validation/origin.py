@@ -16,7 +16,6 @@ from irbcal.arrays import FloatArray, Locked, plain
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, folder_of
 from irbcal.io.schema import Record
-from irbcal.measurement.table import shared_table
 from irbcal.names import check_names, fault_of
 from irbcal.options import shown
 from irbcal.safe_files import read_bytes
@@ -214,13 +213,13 @@ def _label(key: str) -> str:
 
 def _of_columns(cleaned: CleanedPoints) -> dict[str, str]:
     """What columns of the file say of the judged poses."""
-    table = shared_table(cleaned.measurements)
-    rows = table[table["pose_index"].isin(cleaned.number)]
+    table = cleaned.measurements.cells
+    rows = np.isin(table["pose_index"], cleaned.number)
     out: dict[str, str] = {}
     for column in table.columns:
         key = _key(str(column))
         if key in FIELDS and column != "type" and key not in out:
-            text = _summed(rows[column], " °C" if column == "temperature_c" else "")
+            text = _summed(pd.Series(table[column][rows]), " °C" if column == "temperature_c" else "")
             if fault_of(text) is not None:
                 raise MeasurementError(
                     f"column {column}: expected a short text for the certificate", file=cleaned.measurements.source

@@ -11,8 +11,8 @@ HEAD = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,target,x_mm,y_mm,z_mm,u95
 ROWS = "a1,1.5,-2,3e-1, 4,5,6,smr1,1,2,3,0.1,x y\n'=b,0,0,0,0,0,0,sm\u00e9,,,,,\n'=b,0,0,0,0,0,0,smr1,0,0,0,,7\n"
 
 
-def both(text, monkeypatch):
-    """Measurements read fast and slow; the sentence where they are refused."""
+def ways(text, monkeypatch):
+    """Measurements read as a short file, by pyarrow and cell by cell; the sentence where they are refused."""
 
     def read():
         try:
@@ -20,11 +20,13 @@ def both(text, monkeypatch):
         except MeasurementError as error:
             return str(error)
 
+    short = read()
+    monkeypatch.setattr(columns, "LONG_FILE", 0)
     fast = read()
     monkeypatch.setattr(columns, "parse_plain", lambda *_: None)
     slow = read()
     monkeypatch.undo()
-    return fast, slow
+    return short, fast, slow
 
 
 def plain(text):
@@ -36,9 +38,11 @@ def plain(text):
 @pytest.mark.parametrize("end", ["", "a9,1,1,1,1,1,1,smr1,123.456789,0.1,1e-3,0.2,last"])
 def test_plain_files_are_read_alike(monkeypatch, start, end):
     assert plain(start + HEAD + ROWS + end) is not None
-    fast, slow = both(start + HEAD + ROWS + end, monkeypatch)
+    assert columns._plain_cells(HEAD + ROWS + end, HEAD.strip().split(","), lambda name: name == "q1_deg") is not None
+    short, fast, slow = ways(start + HEAD + ROWS + end, monkeypatch)
     pd.testing.assert_frame_equal(fast.table, slow.table, check_exact=True)
-    assert fast.sha256 == slow.sha256
+    pd.testing.assert_frame_equal(short.table, slow.table, check_exact=True)
+    assert short.sha256 == fast.sha256 == slow.sha256
     assert fast.table["pose"].tolist()[:3] == ["a1", "=b", "=b"]
     assert np.isnan(fast.positions()[1:3]).all()
 
@@ -55,8 +59,9 @@ def test_plain_files_are_read_alike(monkeypatch, start, end):
 )
 def test_windows_lines_and_quoted_cells_are_plain(monkeypatch, text):
     assert plain(text) is not None
-    fast, slow = both(text, monkeypatch)
+    short, fast, slow = ways(text, monkeypatch)
     pd.testing.assert_frame_equal(fast.table, slow.table, check_exact=True)
+    pd.testing.assert_frame_equal(short.table, slow.table, check_exact=True)
 
 
 @pytest.mark.parametrize(
@@ -77,15 +82,16 @@ def test_windows_lines_and_quoted_cells_are_plain(monkeypatch, text):
 )
 def test_other_files_are_read_cell_by_cell(monkeypatch, text):
     assert plain(text) is None
-    fast, slow = both(text, monkeypatch)
-    assert isinstance(fast, str) or fast.table.equals(slow.table)
-    assert not isinstance(fast, str) or fast == slow
+    short, fast, slow = ways(text, monkeypatch)
+    for way in (short, fast):
+        assert isinstance(way, str) or way.table.equals(slow.table)
+        assert not isinstance(way, str) or way == slow
 
 
 @pytest.mark.parametrize(
     ("old", "new"), [("1.5", ""), ("1.5", "nan"), ("a1", " "), ("smr1", "\x1b[2J"), ("1.5", "1e9"), ("0.1", "-1")]
 )
 def test_a_fault_is_named_alike(monkeypatch, old, new):
-    fast, slow = both(HEAD + ROWS.replace(old, new, 1), monkeypatch)
-    assert fast == slow
+    short, fast, slow = ways(HEAD + ROWS.replace(old, new, 1), monkeypatch)
+    assert short == fast == slow
     assert "m.csv: row 2, column" in fast

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 import pytest
 
-from irbcal.measurement.table import ReadOnlyTables, shared_table
+from irbcal.measurement.imports.reader import ReadOnlyTables
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +38,3 @@ def test_they_are_replaced_copied_and_pickled_as_others():
         assert other.one.equals(pair.one)
         assert other.two.equals(pair.two)
     assert replace(pair, one=pair.two).one.equals(pair.two)
-
-
-def test_who_only_reads_gets_a_table_that_may_be_written_to_all_the_same():
-    pair = Pair(pd.DataFrame({"a": [1, 2]}), "n", None)
-    read = shared_table(pair, "one")
-    read.loc[0, "a"] = 8
-    read["b"] = 1
-    assert pair.one.to_dict("list") == {"a": [1, 2]}

@@ -3,14 +3,16 @@
 Units are those that the map declares; numbers that look like others are refused, never converted by guess.
 """
 
+from __future__ import annotations
+
 import fnmatch
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,7 +34,7 @@ from irbcal.measurement.imports.tables import (
     short,
     undeclared,
 )
-from irbcal.measurement.table import MeasurementSet, ReadOnlyTables
+from irbcal.measurement.table import MeasurementSet
 from irbcal.names import csv_bytes
 from irbcal.safe_files import refuse_overwriting, write_together
 from irbcal.summary import Cell, Paragraph, Result, Table
@@ -233,6 +235,29 @@ SHOWN = 5
 LONGEST_CELL = 24
 
 
+class ReadOnlyTables:
+    """Base of frozen dataclasses whose DataFrames nobody can change: every access to such a field hands out a copy.
+
+    ``dataclasses.replace``, ``pickle`` and ``copy`` work as with any other dataclass. Fields of tables have no default.
+    """
+
+    def __post_init__(self) -> None:
+        tables: dict[str, Any] = {}
+        for field in fields(self):  # type: ignore[arg-type]  # those who inherit are dataclasses
+            if isinstance(self.__dict__[field.name], pd.DataFrame):
+                tables[field.name] = self.__dict__.pop(field.name).copy()
+        self.__dict__["_tables"] = tables
+
+    if not TYPE_CHECKING:  # the fields are declared by those who inherit
+
+        def __getattr__(self, name: str) -> pd.DataFrame:
+            """Tables are kept under another name, so each access to one ends here."""
+            tables = self.__dict__.get("_tables", {})
+            if name in tables:
+                return tables[name].copy()
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Imported(ReadOnlyTables, Result):
     """What was understood.
@@ -328,7 +353,7 @@ class Imported(ReadOnlyTables, Result):
             raise MeasurementError("the measurement file would not hold the numbers that were understood", file=source)
         return data, reread
 
-    def written_to(self, out: str | PathLike[str]) -> "Imported":
+    def written_to(self, out: str | PathLike[str]) -> Imported:
         """Write the measurement file, and beside it the map where that was recognised; both whole or not at all.
 
         Returns
