@@ -76,19 +76,13 @@ class _LoadBlock(NamedTuple):
 
 
 class LoadFlow:
-    """Follows the loads that a program names through its text, from top to bottom.
-
-    Attributes
-    ----------
-    names_any : bool
-        Whether the program names a load.
-    now : frozenset
-        What may hold here.
-    """
+    """Follows the loads that a program names through its text, from top to bottom."""
 
     def __init__(self) -> None:
         self.names_any = False
+        """Whether the program names a load."""
         self.now: Ways = _USUAL
+        """What may hold here."""
         self._leads_to: dict[_Meeting, set[Load | _Meeting | None]] = {}
         self._routines: list[tuple[str, Ways, list[_LoadBlock]]] = []
         self._blocks: list[_LoadBlock] = []

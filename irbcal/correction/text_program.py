@@ -241,48 +241,36 @@ class ControlFlow:
     Text is followed from top to bottom. Where it branches or begins anew, the stop before is not known, but behind a
     branch or loop in which nothing moves; tool and frame hold on, unless a branch or loop sets them: then nothing is
     known of them behind it. A routine begins with the tool and frame of its calls, where they are alike.
-
-    Attributes
-    ----------
-    state : FrameState
-    stops : list of (int, Target or None, Target or None)
-        Place of the move, its target, and the target before.
-    previous : Target or None
-        The target that the arm comes from; None where it is not known.
-    moves_left : list of Left
-        Moves to targets that are not in numbers.
-    first_begins : bool
-        Whether a program begins with the first routine of its file; else only where no other routine moves.
-    shifts : list of Shift
-        Moves to targets that are shifted; those that count are left by `settle`.
-    calls : Calls
-        The routines of the program.
-    loads : LoadFlow
-        What the robot carries; the same for programs that call one another.
-    names_loads : list of int
-        Places where the program says what it is.
-    split_points : bool
-        Whether shifted targets become targets of their own.
-    teaching : dict of int to str
-        How to teach the instruction of a line that is not known and names a target.
     """
 
     def __init__(
         self, listing: Listing, calls: Calls | None = None, loads: LoadFlow | None = None, split_points: bool = False
     ) -> None:
         self.listing, self.calls, self.split_points = listing, calls or Calls(), split_points
+        """``calls``: the routines of the program. ``split_points``: whether shifted targets become targets of their
+        own.
+        """
         self.loads, self.names_loads = loads or LoadFlow(), list[int]()
+        """``loads``: what the robot carries; the same for programs that call one another. ``names_loads``: places where
+        the program says what it is.
+        """
         self._state = FrameState()
         self.stops: list[tuple[int, Target | None, Target | None]] = []
+        """Place of the move, its target, and the target before."""
         self.moves_left: list[Left] = []
+        """Moves to targets that are not in numbers."""
         self.previous: Target | None = START
+        """The target that the arm comes from; None where it is not known."""
         self.shifts: list[Shift] = []
+        """Moves to targets that are shifted; those that count are left by `settle`."""
         self.first_begins = False
+        """Whether a program begins with the first routine of its file; else only where no other routine moves."""
         self._routine, self._moving = 0, set[tuple[int, int]]()
         self._passed: list[tuple[Target, Target | None]] = []
         self._blocks: list[_Block] = []
         self._calls_from: dict[str, list[FrameState]] = {}
         self.teaching: dict[int, str] = {}
+        """How to teach the instruction of a line that is not known and names a target."""
         self._offset, self._behind_offset = False, set[int]()
         self._inherits: list[Target] = []
 

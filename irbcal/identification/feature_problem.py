@@ -155,13 +155,6 @@ class FeatureProblem:
     robot : Robot, optional
         Whose kinematics are taken, where no terms are fitted; the arm unless given.
 
-    Attributes
-    ----------
-    flat : int
-        Number of unknowns of base, tool and features.
-    layout : dict
-        Key -> (shape, first column).
-
     Raises
     ------
     MeasurementError
@@ -198,6 +191,7 @@ class FeatureProblem:
                 shapes.setdefault(key, (unknown.shape, unknown.unit))
         order = {"base": 0, FRAME: 1, TOOL: 2, "axes": 3}
         self.layout: dict[Key, tuple[Shape, int]] = {}
+        """Key -> (shape, first column)."""
         units: list[FloatArray] = []
         for key in sorted(shapes, key=lambda key: order.get(key[0], 4)):
             if key in self.known:
@@ -208,6 +202,7 @@ class FeatureProblem:
             size[: {"line": 2, "frame": 3, "screw": 3}.get(shape, 0)] = RAD
             units.append(size)
         self.flat = int(sum(map(len, units)))
+        """Number of unknowns of base, tool and features."""
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
         self._walked: tuple[FloatArray | None, dict[int, chain.Walk]] = None, {}
         self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)

@@ -422,9 +422,8 @@ def identify_by(
 
     Parameters
     ----------
-    arm : Arm
-        Nominal arm.
-    points : PointSet
+    arm, points, known_targets, parameters
+        As `identify`.
     level : str
         Error model; with method ``circles`` all geometric errors are taken from the axes whatever the level.
     method : str
@@ -437,10 +436,6 @@ def identify_by(
         Of ``pnorm``, at least 2.
     loss : str
         ``linear``, or ``soft_l1`` and ``huber``, which gross errors move less; with objective ``rms``.
-    known_targets : dict of str to array_like, shape (3,), optional
-        Targets whose places in the tip link are known, metres.
-    parameters : sequence of Parameter, optional
-        Error parameters in place of the level's own.
     watched : dict of str to PointSet, optional
         Points that take no part in the fit; their errors go into the history.
     parallel : str

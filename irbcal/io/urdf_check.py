@@ -106,15 +106,6 @@ LIMIT = 1e-9
 class ArmInModel:
     """Where the joints and links of an arm stand in a Pinocchio model, and the arm's joints in its configurations.
 
-    Attributes
-    ----------
-    joint_ids : list of int
-        Pinocchio's numbers of the arm's joints, from base to tip.
-    columns : ndarray of int, shape (joints,)
-        Place of each joint in Pinocchio's velocities.
-    base, tip : int
-        Pinocchio's numbers of the frames of base and tip link.
-
     Raises
     ------
     CalibrationError
@@ -129,9 +120,12 @@ class ArmInModel:
             raise CalibrationError(f"the model of {arm.name} has no joint {missing[0]!r}")
         self.model = model
         self.joint_ids = [model.getJointId(name) for name in arm.joint_names]
+        """Pinocchio's numbers of the arm's joints, from base to tip."""
         self._joints = [model.joints[k] for k in self.joint_ids]
         self.columns = np.array([joint.idx_v for joint in self._joints])
+        """Shape (joints,). Place of each joint in Pinocchio's velocities."""
         self.base, self.tip = self.frame(arm.base_link), self.frame(arm.tip_link)
+        """``base``, ``tip``: pinocchio's numbers of the frames of base and tip link."""
 
     def frame(self, name: str) -> int:
         """Number of a frame: a link where there is one of that name, else a joint or an added frame.

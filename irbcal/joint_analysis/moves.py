@@ -239,21 +239,6 @@ class _Levels:
     Where there is backlash, or may be and the other angles are `MANY`, poses that were reached from nobody knows where
     are left out. Where too few angles were reached from both sides to tell it, the direction is fitted beside every
     term.
-
-    Attributes
-    ----------
-    x, y : ndarray, shape (r,)
-        Joint angle and mean angular error, radians.
-    root : ndarray, shape (r,)
-        Square root of the number of poses.
-    own : ndarray, shape (r, series)
-        Which series a row belongs to: each has a zero of its own.
-    beside : ndarray, shape (r, k)
-        ``own`` and, where backlash is not known, the direction.
-    covariance : ndarray, shape (r, r)
-        Of ``y`` by the uncertainty of the circles.
-    step : float
-        Typical distance between neighbouring angles, radians.
     """
 
     def __init__(self, series: Sequence[Series], levels: Sequence[IntArray], backlash: JointTerm) -> None:
@@ -278,17 +263,24 @@ class _Levels:
             D = np.column_stack([np.bincount(number, column) / count for column in s.follow[used].T])
             follow.append(D @ np.nan_to_num(s.fit.covariance) @ D.T)
         self.x, self.y, self.root = (np.concatenate(arrays) for arrays in (x, y, root))
+        """``x``, ``y``: shape (r,). Joint angle and mean angular error, radians. ``root``: shape (r,). Square root of
+        the number of poses.
+        """
         self.own = (np.concatenate(number_of)[:, None] == np.arange(len(series))).astype(float)
+        """Shape (r, series). Which series a row belongs to: each has a zero of its own."""
         directions = np.concatenate(side)
         varies = any(sides.min() < 0 < sides.max() for sides in side) and len(directions) >= MANY
         self.beside = np.column_stack([self.own, directions]) if unknown and varies else self.own
+        """Shape (r, k). ``own`` and, where backlash is not known, the direction."""
         self.covariance = np.zeros((len(self.x), len(self.x)))
+        """Shape (r, r). Of ``y`` by the uncertainty of the circles."""
         start = 0
         for block in follow:
             end = start + len(block)
             self.covariance[start:end, start:end] = block
             start = end
         self.step = float(np.median(np.concatenate([np.diff(x_of_series) for x_of_series in x])))
+        """Typical distance between neighbouring angles, radians."""
         self.range = float(max(np.ptp(x_of_series) for x_of_series in x))
 
     def fit(self, X: FloatArray, extra: int = 0) -> _Fit:

@@ -225,41 +225,9 @@ VOLUMES = ("both", "cube", "range")
 
 @dataclass(frozen=True, eq=False)
 class PlanRequest:
-    """What a plan should hold.
+    """What a plan should hold: the options of `irbcal.planning.measuring_plan.plan`, checked.
 
-    Parameters
-    ----------
-    axis : int
-        18 or 158 axis moves (of six joints; as many for each joint of others), or 0.
-    cube, all_range : int
-        Random poses in the cube and in the whole range.
-    optimal : int
-        Poses chosen out of ``candidates``, half in the cube, half in the whole range.
-    candidates : int
-    criterion : str
-        See `irbcal.planning.optimal_design`.
-    volume : str
-        Where positions count for the criterion ``position``: ``cube``, ``range`` or ``both``.
-    level : str, optional
-        Error model; by default the one that calibrations have by default.
-    noise : float
-        Standard deviation of a coordinate, metres.
-    imagined : float
-        Size of joint errors that no model describes, against which the criterion ``position`` guards, radians.
-    wait_s, speed : float
-        Seconds of rest before a measurement; speed of the tip, m/s.
-    references : int
-        Reference reflectors that are measured in each pose, too: they take time.
-    payload_kg : float, optional
-    seed : int
-    must : bool
-        Whether a plan without the axis moves is refused where these do not meet the conditions.
-    language : str, optional
-        Of the program, see `irbcal.correction.languages.by_name`; that of the robot's maker unless given.
-    pulses : tuple of float
-        Pulses per degree of the six joints, for programs that hold pulses.
-    zeros : tuple of int
-        Joints, from 1, whose zeros the plan is to find, see `irbcal.planning.lost_zeros_plan`.
+    Of axis moves there are 18 or 158 (of six joints; as many for each joint of others), or 0.
     """
 
     axis: int = FEW
@@ -278,9 +246,11 @@ class PlanRequest:
     payload_kg: float | None = None
     seed: int = 0
     must: bool = True
+    """Whether a plan without the axis moves is refused where these do not meet the conditions."""
     language: str | None = None
     pulses: tuple[float, ...] = ()
     zeros: tuple[int, ...] = ()
+    """Joints, from 1, whose zeros the plan is to find, see `irbcal.planning.lost_zeros_plan`."""
 
     def __post_init__(self) -> None:
         if self.axis not in (0, FEW, MANY):

@@ -106,12 +106,6 @@ class DeviceModel:
     prior : float, optional
         Root mean square position error from the geometry before anything is measured, metres; as its natural sizes
         make it unless given.
-
-    Attributes
-    ----------
-    geometry, before : float
-        Root mean square position errors before anything is measured, from the geometry and from all, metres; how the
-        arm stands does not count.
     """
 
     def __init__(self, arm: Arm, seed: int = 0, wide: bool = False, prior: float | None = None) -> None:
@@ -127,6 +121,9 @@ class DeviceModel:
         self.G = natural * np.outer(np.r_[np.ones(3), factor], np.r_[np.ones(3), factor])
         self.geometry *= float(factor[constant][0])
         self.before = float(np.sqrt(np.trace(self.G[3:, 3:])))
+        """Root mean square position errors before anything is measured, from the geometry and from all, metres; how the
+        arm stands does not count.
+        """
 
     def _spread(self) -> FloatArray:
         """Mean products of what the tool's place and the terms, each in its size, do to positions, m^2."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,16 +22,12 @@ from irbcal.modeling.robot import Robot
 from irbcal.options import length, names, place
 from irbcal.planning.conditions import CONDITIONS, SOLID, Setting, TargetsLike, reflectors
 from irbcal.simulation.effects import size_of
-from irbcal.simulation.instruments import ACCEPTANCE, IRB1600_HEIGHTS
+from irbcal.simulation.instruments import ACCEPTANCE, IRB1600_CUBE, IRB1600_HEIGHTS, IRB1600_P1
 from irbcal.simulation.shipped_cells import T_TRACKER_BASE
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     from irbcal.planning.collisions import CollisionModel
-from collections.abc import Callable
-from typing import TypeAlias
-
-from irbcal.simulation.instruments import IRB1600_CUBE, IRB1600_P1
 
 LARGEST_CORRECTION = 10 * MM
 """Farther from that no calibration takes the tip."""
@@ -166,22 +162,10 @@ def open_scene(
     ----------
     robot : str, Path or calibration
         Calibration folder, URDF, or shipped robot. A loaded calibration must be of a shipped robot: the URDF is needed.
-    targets : str, Path, int, sequence of str or Targets, optional
-        See `irbcal.planning.conditions.reflectors`.
-    tracker : array_like, shape (3,) or (4,), optional
-        x, y, z (metres) in the base link and, at will, the turn of its axes about z (radians). Of a calibration, the
-        origin of its measuring frame unless given; else the place in the thesis's cell, scaled to the arm.
-    without : sequence of str
-        Conditions that are switched off, of `irbcal.planning.conditions.CONDITIONS`.
-    margin, acceptance : float
-        Radians.
-    min_height : tuple of float, optional
-        Lowest z of tool and reflectors, in front and at the back, metres; those of Nubiola 2011, section 7.2 for the
-        IRB 1600, none for others.
+    targets, tracker, without, margin, acceptance, min_height, package_dirs
+        As `irbcal.planning.measuring_plan.plan`; without ``tracker`` that of the thesis's cell, scaled to the arm.
     cube : tuple, optional
         Centre (3,) in the base link and edge, metres; see `irbcal.planning.scene.iso_cube`.
-    package_dirs : sequence of str or Path
-        Folders in which ``package://`` names of meshes are looked up.
     base_link, tip_link : str, optional
         Link names, for a URDF.
     coupling : str, optional

@@ -87,16 +87,10 @@ def circle(
     q_center : array_like, shape (6,)
         Joints at which the tool centre point is in the circle's centre, radians; they set orientation and
         configuration, too.
-    bar : float
-        Nominal length of the ballbar, metres: the radius, unless the ball stands out of the circle's plane.
     T_tip_tcp : ndarray, shape (4, 4), optional
         The tool; identity unless given.
-    normal : array_like, shape (3,)
-        The path turns about it, in the base link.
-    start : array_like, shape (3,)
-        Direction from the centre to the start; made perpendicular to the normal.
-    height, tilt : float
-        See `TiltedCircle`.
+    bar, normal, start, height, tilt
+        As `ballbar`; the start is made perpendicular to the normal.
 
     Raises
     ------

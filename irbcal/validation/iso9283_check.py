@@ -58,13 +58,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-if TYPE_CHECKING:
-    pass
-
 CENTRAL = (0.25, 0.75)
 """Part of the commanded path, as shares of its length, on which velocities are judged."""
 
-VELOCITY_BLOCK = 2_000_000
+BLOCK = 2_000_000
 """Numbers that are worked on at a time."""
 
 
@@ -148,7 +145,7 @@ def way_along(path: FloatArray, commanded: FloatArray) -> FloatArray:
     length = np.sqrt(size)
     start_length = np.concatenate([[0.0], np.cumsum(length)])
     out = np.empty(len(path))
-    rows = max(1, VELOCITY_BLOCK // len(step))
+    rows = max(1, BLOCK // len(step))
     for first in range(0, len(path), rows):
         block = path[first : first + rows]
         t = np.clip(np.einsum("kmj,mj->km", block[:, None] - start, step) / np.maximum(size, 1e-300), 0.0, 1.0)
@@ -172,10 +169,6 @@ def _slopes(time: FloatArray, path: FloatArray, window: float) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = (total(t[:, None] * p) - st[:, None] * total(p) / n[:, None]) / (total(t * t) - st**2 / n)[:, None]
     return np.where(n > 1, np.linalg.norm(slope, axis=1), np.nan)
-
-
-BLOCK = 2_000_000
-"""Numbers that are worked on at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -489,16 +482,8 @@ def path_accuracy(
 
     Parameters
     ----------
-    path : str, Path or DataFrame
-        Columns ``cycle``, ``x_mm``, ``y_mm``, ``z_mm`` in the order of the samples, optional ``time_s`` and
-        ``qw,qx,qy,qz``.
-    commanded_path : str, Path or DataFrame
-        Points of the commanded path in order, likewise without ``cycle``: in the same frame; with a robot in its base
-        link.
-    velocity : float, optional
-        Commanded velocity, m/s.
-    window : float
-        See `irbcal.validation.iso9283_check.path_velocity`, seconds.
+    path, commanded_path, velocity, window
+        As `iso9283`; with a robot the commanded path is in its base link.
     robot : Robot, optional
         Knows where its base link stands in the measuring frame; everything is then told in the base link.
     target : str, optional

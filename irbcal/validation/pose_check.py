@@ -173,13 +173,11 @@ def five_poses(
     ----------
     arm : Arm
         Nominal.
-    center, edge : optional
-        See `cube_poses`; shipped robots have their own (`CUBES`).
+    center, edge, plane, fraction
+        See `cube_poses`; shipped robots have cubes of their own (`CUBES`).
     near : array_like, shape (joints,), optional
         Joints that set the tip's orientation, and which the solutions are to be near, radians; zero (or the nearest to
         it within the limits) unless given.
-    plane, fraction
-        See `cube_poses`.
 
     Raises
     ------
@@ -836,13 +834,8 @@ def check_poses(
     measurements : MeasurementSet
     calibration : Record, optional
         Gives the commanded poses at the file's joints, by the nominal and by the calibrated robot.
-    commanded : str, Path or DataFrame, optional
-        Commanded poses: ``pose,x_mm,y_mm,z_mm`` and for orientations ``qw,qx,qy,qz``. With a calibration, poses of the
-        tip in the base link; without, places of what was measured in the measuring frame.
-    target : str, optional
-        Regard the position of this target; by default the tip, where poses were measured as a whole.
-    set_size : int
-        Cycles of a set of the drift test.
+    commanded, target, set_size
+        As `irbcal.validation.iso9283_check.iso9283`.
 
     Raises
     ------

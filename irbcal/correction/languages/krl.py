@@ -283,24 +283,16 @@ class Aggregate(NamedTuple):
 
 
 class Variable:
-    """What a name stands for.
-
-    Attributes
-    ----------
-    spelling, type : str
-    entries : list of (tuple of int, Aggregate)
-        Literal values and their indices.
-    changes : list of int
-        Where it gets another value.
-    targets : dict of tuple of int to Target
-        Its targets.
-    """
+    """What a name stands for."""
 
     def __init__(self, spelling: str, type_name: str, file: int) -> None:
         self.spelling, self.type, self.part = spelling, type_name, file
         self.entries: list[tuple[Index, Aggregate]] = []
+        """Literal values and their indices."""
         self.changes: list[int] = []
+        """Where it gets another value."""
         self.targets: dict[Index, Target] = {}
+        """Its targets."""
 
 
 def aggregate(line: TokenLine, listing: Listing) -> Aggregate | None:
@@ -603,15 +595,6 @@ class Statements:
         Whether shifted targets become targets of their own.
     taught : dict of str to MotionInstruction
         Routines that move to one of their arguments.
-
-    Attributes
-    ----------
-    flow : ControlFlow
-    literals : list of Target
-        Targets inside moves.
-    tools, frames : dict of str to ndarray, shape (4, 4)
-        Of the names that the program gives values to.
-    notes : list of (int, str)
     """
 
     def __init__(
@@ -635,8 +618,10 @@ class Statements:
                 )
         self.flow.first_begins = True
         self.literals: list[Target] = []
+        """Targets inside moves."""
         self.tools: dict[str, FloatArray] = {}
         self.frames: dict[str, FloatArray] = {}
+        """Values of shape (4, 4). Of the names that the program gives values to."""
         self.notes: list[tuple[int, str]] = []
         self._fdat: FrameState | None = None
         self._fdat_taken, self._fdat_at = True, -1

@@ -258,53 +258,36 @@ class Reader:
     """One pass through the text of a module, which notes declarations, assignments, moves and other mentions of names.
 
     What they mean for targets is decided afterwards, see `Literals` and `Uses`.
-
-    Attributes
-    ----------
-    tokens : list of Token
-        The last one is of the kind ``end``, without a word.
-    comments : list of str
-    mentions : list of Mention
-        Names in any other place.
-    scope : dict or None
-        Data of the routine that is being read; None outside routines.
-    data : dict of str to Data
-        Of the module.
-    scopes : list of dict
-        The same for each routine.
-    routines : list of (str, dict, int)
-        Names in lower case, the data of each, and where it begins.
-    monitoring : list of Monitoring
-    moves, assignments : list of MoveInstruction, Assignment
-    loose : list of Node
-        Lists of values in any other place.
-    calls : list of int
-        Tokens with which statements begin that are no move that is known, and may be one.
-    shifted : list of Shifted
-        By the number of their moves.
-    wrong : list of (int, str)
-        Moves with another number of arguments than is known, and why they are none.
-    instructions : dict of str to MotionInstruction
-        Moves that are known, by their names in lower case.
     """
 
     def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = INSTRUCTIONS["rapid"]) -> None:
         self.listing, self.text, self.instructions = listing, listing.text, instructions
+        """``instructions``: moves that are known, by their names in lower case."""
         self.line, self.error, self.quote = listing.line, listing.error, listing.quote
         self.tokens: list[Token] = []
+        """The last one is of the kind ``end``, without a word."""
         self.comments: list[str] = []
         self.mentions: list[Mention] = []
+        """Names in any other place."""
         self.scope: Scope | None = None
+        """Data of the routine that is being read; None outside routines."""
         self.data: Scope = {}
+        """Of the module."""
         self.scopes: list[Scope] = []
+        """The same for each routine."""
         self.routines: list[tuple[str, Scope, int]] = []
+        """Names in lower case, the data of each, and where it begins."""
         self.monitoring: list[Monitoring] = []
         self.moves: list[MoveInstruction] = []
         self.assignments: list[Assignment] = []
         self.loose: list[Node] = []
+        """Lists of values in any other place."""
         self.calls: list[int] = []
+        """Tokens with which statements begin that are no move that is known, and may be one."""
         self.wrong: list[tuple[int, str]] = []
+        """Moves with another number of arguments than is known, and why they are none."""
         self.shifted: list[Shifted] = []
+        """By the number of their moves."""
         self._level = 0
         self._tokenize()
 
@@ -768,22 +751,16 @@ _PARTS: dict[Kind, tuple[tuple[int, str], ...]] = {
 
 
 class Literals:
-    """All targets in numbers of a module, and everything that gives a target another value.
-
-    Attributes
-    ----------
-    reader : Reader
-        The module as read.
-    flow : ControlFlow
-        What looks like a target where none can be corrected, and moves to targets that cannot, are noted there.
-    targets : list of Literal
-        In the order in which they are come upon.
-    """
+    """All targets in numbers of a module, and everything that gives a target another value."""
 
     def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = INSTRUCTIONS["rapid"]) -> None:
         self.flow, self.reader = ControlFlow(listing), Reader(listing, instructions)
+        """``reader``: the module as read. ``flow``: what looks like a target where none can be corrected, and moves to
+        targets that cannot, are noted there.
+        """
         self.source = listing.parts[0].name
         self.targets: list[Literal] = []
+        """In the order in which they are come upon."""
         self.reader.read()
         self._collect()
 
@@ -967,11 +944,6 @@ class OtherModules:
         Tools and work objects that each file defines in numbers, by file, by type and by name.
     frames_given : dict of str to dict of str to ndarray
         Those from the caller, which go before.
-
-    Attributes
-    ----------
-    data : dict of str to Data
-        The targets that this module sees and another one declares, by their names.
     """
 
     def __init__(
@@ -984,6 +956,7 @@ class OtherModules:
         self.module, self.frames, self.given = module, frames or {}, frames_given or {"tooldata": {}, "wobjdata": {}}
         self.modules = [module, *other_modules]
         self.data: dict[str, RapidData] = {}
+        """The targets that this module sees and another one declares, by their names."""
         sources_by_name: dict[str, list[tuple[RapidData, str]]] = {}
         for other_module in other_modules:
             for name, data in other_module.reader.data.items():
@@ -1080,11 +1053,6 @@ class Uses:
         What the robot carries in all modules; in this module unless given.
     split_points : bool
         Whether shifted targets become targets of their own.
-
-    Attributes
-    ----------
-    goals : list of (Move, list of (list of Literal, bool))
-        For each move and each of its points the literals that it may stand for, and whether it may be another place.
     """
 
     def __init__(
@@ -1102,6 +1070,8 @@ class Uses:
         self.loads = loads or Loads([literals], self.calls)
         self.literals, self.reader, self.given = literals, literals.reader, frames_given
         self.goals: list[tuple[MoveInstruction, list[tuple[list[Literal], bool]]]] = []
+        """For each move and each of its points the literals that it may stand for, and whether it may be another place.
+        """
         self._shifted: dict[tuple[int, str], Literal | None] = {}
 
     def gather(self) -> None:
@@ -1575,17 +1545,12 @@ class Loads:
     modules : sequence of Literals
     calls : Calls
         Their routines.
-
-    Attributes
-    ----------
-    flow : LoadFlow
-    places : dict of str to list of int
-        Where each file says what it is.
     """
 
     def __init__(self, modules: Sequence[Literals], calls: Calls) -> None:
         self.flow, self.calls, self.modules = LoadFlow(), calls, modules
         self.places: dict[str, list[int]] = {module.source: [] for module in modules}
+        """Where each file says what it is."""
         self._ways: dict[tuple[str, int], Ways] = {}
         if any(token.word == "gripload" for module in modules for token in module.reader.tokens):
             for module in modules:

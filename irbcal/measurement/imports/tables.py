@@ -761,11 +761,6 @@ class SourceFile:
     targets_elsewhere : bool
         The joints file says what was measured.
 
-    Attributes
-    ----------
-    file_fields : dict of str to str
-        What the file's name says (target, group, pose, cycle).
-
     Raises
     ------
     MeasurementError
@@ -798,6 +793,7 @@ class SourceFile:
         self.table = text.with_decimal([*numeric, *(self.orientation or ())])
         self.source = text.source
         self.file_fields = self._from_file_name()
+        """What the file's name says (target, group, pose, cycle)."""
 
     def _programmed(self, text: TextTable) -> list[int]:
         """Places of the programmed joints; none where the map has none, or the file where they are optional."""
