@@ -138,34 +138,24 @@ _opened_folders: dict[tuple[str, str, bool, tuple[tuple[str, bytes], ...] | None
 class Opened(Locked):
     """A robot, and what it was opened from.
 
-    Attributes
-    ----------
-    name : str
-        The path or the shipped robot's file; of a loaded calibration its robot's name.
-    robot : Robot
-        The calibrated behaviour of a calibration (the nominal one if that was asked for); the nominal robot of a URDF.
-    nominal : Arm
-        The nominal arm that belongs to it.
-    record : Record or None
-        The calibration; None for a URDF.
-    folder : Path or None
-        The calibration's folder, or the one in which the URDF lies.
-    urdf : UrdfArm or None
-        The URDF with the geometry of `robot`.
-    urdf_bytes : bytes or None
-        The same as a document.
-
     A loaded calibration knows neither its folder nor its URDF: they are None unless the robot is a shipped one, of
     which the URDF can be made again.
     """
 
     name: str
+    """The path or the shipped robot's file; of a loaded calibration its robot's name."""
     robot: Robot
+    """Of a calibration its behaviour, calibrated or, if that was asked for, nominal; the nominal robot of a URDF."""
     nominal: Arm
+    """The nominal arm that belongs to it."""
     record: Record | None
+    """The calibration; None for a URDF."""
     folder: Path | None
+    """The calibration's folder, or the one in which the URDF lies."""
     urdf: UrdfArm | None
+    """The URDF with the geometry of `robot`."""
     urdf_bytes: bytes | None
+    """The same as a document."""
 
     def __repr__(self) -> str:
         return f"<Opened {self.name}: {'URDF' if self.record is None else 'calibration'}, {self.robot!r}>"

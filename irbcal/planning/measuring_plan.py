@@ -164,58 +164,6 @@ def move_times(scene: Scene, request: PlanRequest, q_from: FloatArray, q_to: Flo
     return np.maximum(by_joint, np.add.reduceat(pieces, starts) / request.speed)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PlannedPoses(Locked):
-    """Poses to measure, in their order, and what they promise."""
-
-    scene: Scene
-    request: PlanRequest
-    q: FloatArray
-    """Shape (n, joints). Commanded joints in the order of the run, radians (metres for prismatic joints)."""
-    asked: BoolArray
-    """Shape (n, k). Reflectors measured in each pose."""
-    groups: NameArray
-    """Shape (n,)."""
-    over_home: BoolArray
-    """Shape (n,). Poses to which the robot goes over its home joints, for the direct way is not free."""
-    tallies: dict[str, Tally]
-    """Of each source of poses."""
-    prediction: PlanPrediction
-    position_std: dict[str, FloatArray]
-    """Standard deviations of the first measured reflector's predicted position in ``cube`` and ``range``, metres."""
-    stops: FloatArray
-    """Shape (n,). When the robot stands still in each pose, seconds from the start."""
-    comparison: DesignComparison | None
-    """Of optimal poses with random ones."""
-    notes: tuple[str, ...]
-
-    @property
-    def hold_s(self) -> FloatArray:
-        """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
-        return self.request.hold_s(self.asked)
-
-    @property
-    def duration_s(self) -> float:
-        """Of the whole run, an estimate."""
-        return float(self.stops[-1] + self.hold_s[-1])
-
-    def expected(self) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-        """Pose and reflector of each measurement, its place in the frame of the expected coordinates, and its time.
-
-        Returns
-        -------
-        pose, target : ndarray of int, shape (m,)
-        xyz : ndarray, shape (m, 3)
-            Metres.
-        time_s : ndarray, shape (m,)
-        """
-        pose, target = np.nonzero(self.asked)
-        _, points, _ = self.scene.setting.places(self.q)
-        number = (np.cumsum(self.asked, axis=1) - 1)[pose, target]
-        time = self.stops[pose] + self.request.wait_s + READINGS_S * number
-        return pose, target, frames.apply(self.scene.T_world_base, points[pose, target]), time
-
-
 QUICKEST = 0.5
 """Largest share of the joints' speeds: the arm carries reflectors."""
 FIRST = 0.1
@@ -272,7 +220,7 @@ def _fault(arm: Arm, language: languages.Language, request: PlanRequest) -> str:
     return ""
 
 
-def program_files(planned: PlannedPoses) -> dict[str, bytes]:
+def program_files(planned: Plan) -> dict[str, bytes]:
     """The files of a plan's program: joint moves, and a rest in each pose for the wait and the readings.
 
     Returns
@@ -289,7 +237,7 @@ def program_files(planned: PlannedPoses) -> dict[str, bytes]:
     return languages.write(languages.by_name()[name], moves(planned)) if name else {}
 
 
-def moves(planned: PlannedPoses) -> Moves:
+def moves(planned: Plan) -> Moves:
     """The moves of a plan: from home through all poses, over home where the direct way is not free, and back."""
     arm, request = planned.scene.setting.arm, planned.request
     home = home_joints(arm)
@@ -320,7 +268,7 @@ def moves(planned: PlannedPoses) -> Moves:
     )
 
 
-def _speeds(made: PlannedPoses, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _speeds(made: Plan, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Share of the joints' largest speeds and speed of the joint that turns most, rad/s, of the move to each row."""
     rates = made.scene.joint_speed
     fastest = route.move_times(q[:-1], q[1:], rates)
@@ -330,12 +278,12 @@ def _speeds(made: PlannedPoses, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     return share, np.concatenate([[FIRST * float(rates.min())], np.maximum(rates_of_move, 0.01)])
 
 
-def files(planned: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
+def files(planned: Plan, page: str | None = None) -> dict[str, bytes]:
     """The files of a plan.
 
     Parameters
     ----------
-    planned : PlannedPoses
+    planned : Plan
     page : str, optional
         The scene to look at, HTML.
 
@@ -347,8 +295,8 @@ def files(planned: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
     """
     out = {
         "plan.csv": _csv(plan_table(planned)),
-        "poses.csv": _csv(pose_table(planned)),
-        "plan.json": (json.dumps(facts(planned), indent=1, allow_nan=False) + "\n").encode(),
+        "poses.csv": _csv(planned.to_frame()),
+        "plan.json": (json.dumps(planned.to_dict(), indent=1, allow_nan=False) + "\n").encode(),
     }
     out |= program_files(planned)
     if page is not None:
@@ -366,13 +314,13 @@ def _csv(table: pd.DataFrame) -> bytes:
     return csv_bytes(text)
 
 
-def _joints(planned: PlannedPoses) -> FloatArray:
+def _joints(planned: Plan) -> FloatArray:
     """Joints as they are commanded and as the controller counts them, degrees and millimetres, shape (n, joints)."""
     arm = planned.scene.setting.arm
     return np.round(arm.to_controller(planned.q) / arm.joint_units, DECIMALS) + 0.0
 
 
-def plan_table(planned: PlannedPoses) -> pd.DataFrame:
+def plan_table(planned: Plan) -> pd.DataFrame:
     """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when."""
     import pandas as pd
 
@@ -387,56 +335,6 @@ def plan_table(planned: PlannedPoses) -> pd.DataFrame:
     if planned.request.payload_kg is not None:
         table["payload_kg"] = planned.request.payload_kg
     return table
-
-
-def pose_table(planned: PlannedPoses) -> pd.DataFrame:
-    """A row for each pose: joints, reflectors with spaces between them, wait."""
-    import pandas as pd
-
-    table = pd.DataFrame(_joints(planned), columns=planned.scene.setting.arm.joint_columns)
-    table.insert(0, "pose", np.arange(1, len(table) + 1))
-    table.insert(1, "group", planned.groups)
-    names = np.array(planned.scene.setting.targets.names, dtype=object)
-    table["targets"] = [" ".join(names[row]) for row in planned.asked]
-    table["wait_s"] = planned.request.wait_s
-    return table
-
-
-def facts(planned: PlannedPoses) -> dict[str, Any]:
-    """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
-    scene, request, setting = planned.scene, planned.request, planned.scene.setting
-    return {
-        "robot": setting.arm.name,
-        "source": scene.name,
-        "language": language_of(setting.arm, request)[0] or None,
-        "poses": len(planned.q),
-        "points": int(planned.asked.sum()),
-        "duration_s": planned.duration_s,
-        "groups": dict(Counter(planned.groups.tolist())),
-        "conditions": list(setting.conditions),
-        "conditions_off": [name for name in CONDITIONS if name not in setting.conditions],
-        "counts": {
-            name: {"tried": tally.tried, "kept": tally.kept, "removed": dict(tally.removed)}
-            for name, tally in planned.tallies.items()
-        },
-        "predicted": {
-            "noise_mm": request.noise / MM,
-            "note": "from the scatter of the points alone: what the model does not describe is not in it",
-            "model": planned.prediction.model.level,
-            "position_target": planned.prediction.model.targets.names[0],
-            "position_std_mm": {
-                name: {"rms": float(np.sqrt(np.mean(std**2)) / MM), "max": float(std.max() / MM)}
-                for name, std in planned.position_std.items()
-            },
-            "parameters": [
-                {"name": parameter.name, "unit": parameter.unit, "std": parameter.std, "state": parameter.state}
-                for parameter in planned.prediction.parameters
-            ],
-        },
-        "compared_with_random": None if planned.comparison is None else _compared(planned.comparison, request),
-        "settings": _settings(planned),
-        "notes": list(planned.notes),
-    }
 
 
 def _compared(comparison: DesignComparison, request: PlanRequest) -> dict[str, Any]:
@@ -455,7 +353,7 @@ def _compared(comparison: DesignComparison, request: PlanRequest) -> dict[str, A
     }
 
 
-def _settings(planned: PlannedPoses) -> dict[str, Any]:
+def _settings(planned: Plan) -> dict[str, Any]:
     scene, request, setting = planned.scene, planned.request, planned.scene.setting
     return {
         "seed": request.seed,
@@ -491,8 +389,55 @@ _WHERE = {"cube": "in the cube", "range": "in the whole range"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(PlannedPoses, Result):
-    """Poses to measure, in their order, and what they promise; attributes as `PlannedPoses`."""
+class Plan(Result):
+    """Poses to measure, in their order, and what they promise."""
+
+    scene: Scene
+    request: PlanRequest
+    q: FloatArray
+    """Shape (n, joints). Commanded joints in the order of the run, radians (metres for prismatic joints)."""
+    asked: BoolArray
+    """Shape (n, k). Reflectors measured in each pose."""
+    groups: NameArray
+    """Shape (n,)."""
+    over_home: BoolArray
+    """Shape (n,). Poses to which the robot goes over its home joints, for the direct way is not free."""
+    tallies: dict[str, Tally]
+    """Of each source of poses."""
+    prediction: PlanPrediction
+    position_std: dict[str, FloatArray]
+    """Standard deviations of the first measured reflector's predicted position in ``cube`` and ``range``, metres."""
+    stops: FloatArray
+    """Shape (n,). When the robot stands still in each pose, seconds from the start."""
+    comparison: DesignComparison | None
+    """Of optimal poses with random ones."""
+    notes: tuple[str, ...]
+
+    @property
+    def hold_s(self) -> FloatArray:
+        """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
+        return self.request.hold_s(self.asked)
+
+    @property
+    def duration_s(self) -> float:
+        """Of the whole run, an estimate."""
+        return float(self.stops[-1] + self.hold_s[-1])
+
+    def expected(self) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Pose and reflector of each measurement, its place in the frame of the expected coordinates, and its time.
+
+        Returns
+        -------
+        pose, target : ndarray of int, shape (m,)
+        xyz : ndarray, shape (m, 3)
+            Metres.
+        time_s : ndarray, shape (m,)
+        """
+        pose, target = np.nonzero(self.asked)
+        _, points, _ = self.scene.setting.places(self.q)
+        number = (np.cumsum(self.asked, axis=1) - 1)[pose, target]
+        time = self.stops[pose] + self.request.wait_s + READINGS_S * number
+        return pose, target, frames.apply(self.scene.T_world_base, points[pose, target]), time
 
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""
@@ -541,11 +486,51 @@ class Plan(PlannedPoses, Result):
             A row for each pose: ``pose``, ``group``, joints in degrees (mm for prismatic joints), ``targets`` (names
             with spaces between them), ``wait_s``.
         """
-        return pose_table(self)
+        import pandas as pd
+
+        table = pd.DataFrame(_joints(self), columns=self.scene.setting.arm.joint_columns)
+        table.insert(0, "pose", np.arange(1, len(table) + 1))
+        table.insert(1, "group", self.groups)
+        names = np.array(self.scene.setting.targets.names, dtype=object)
+        table["targets"] = [" ".join(names[row]) for row in self.asked]
+        table["wait_s"] = self.request.wait_s
+        return table
 
     def to_dict(self) -> dict[str, Any]:
         """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
-        return facts(self)
+        scene, request, setting = self.scene, self.request, self.scene.setting
+        return {
+            "robot": setting.arm.name,
+            "source": scene.name,
+            "language": language_of(setting.arm, request)[0] or None,
+            "poses": len(self.q),
+            "points": int(self.asked.sum()),
+            "duration_s": self.duration_s,
+            "groups": dict(Counter(self.groups.tolist())),
+            "conditions": list(setting.conditions),
+            "conditions_off": [name for name in CONDITIONS if name not in setting.conditions],
+            "counts": {
+                name: {"tried": tally.tried, "kept": tally.kept, "removed": dict(tally.removed)}
+                for name, tally in self.tallies.items()
+            },
+            "predicted": {
+                "noise_mm": request.noise / MM,
+                "note": "from the scatter of the points alone: what the model does not describe is not in it",
+                "model": self.prediction.model.level,
+                "position_target": self.prediction.model.targets.names[0],
+                "position_std_mm": {
+                    name: {"rms": float(np.sqrt(np.mean(std**2)) / MM), "max": float(std.max() / MM)}
+                    for name, std in self.position_std.items()
+                },
+                "parameters": [
+                    {"name": parameter.name, "unit": parameter.unit, "std": parameter.std, "state": parameter.state}
+                    for parameter in self.prediction.parameters
+                ],
+            },
+            "compared_with_random": None if self.comparison is None else _compared(self.comparison, request),
+            "settings": _settings(self),
+            "notes": list(self.notes),
+        }
 
     def save(self, folder: str | Path, page: str | None = None) -> tuple[Path, ...]:
         """Write the files that carry the plan out; see `irbcal.planning.measuring_plan.files`.

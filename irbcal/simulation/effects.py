@@ -12,7 +12,7 @@ were.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
@@ -86,6 +86,8 @@ class Effect:
 
     name: ClassVar[str]
     summary: ClassVar[str]
+    of_joints: ClassVar[Mapping[str, float]] = {}
+    """Names of what has values of joints 1 to n, and the value of prismatic joints."""
 
     def table(self, table: DHMTable) -> DHMTable:
         """The true DHM table."""
@@ -121,7 +123,10 @@ class Effect:
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
         """The same effect for another arm; see `fitted`."""
-        return self
+        # torques grow as the fourth power of the size, deflections in degrees stay
+        weights = {name: size**4 if name.endswith("per_Nm") else 1.0 for name in self.of_joints}
+        values = {name: (np.array(getattr(self, name)) / weight).tolist() for name, weight in weights.items()}
+        return replace(self, **{name: fitted(values[name], prismatic, at) for name, at in self.of_joints.items()})
 
     def parameters(self) -> dict[str, Any]:
         """Parameters by name, as they go into the truth's file."""
@@ -200,16 +205,13 @@ class TiltEffect(Effect):
 
     name: ClassVar[str] = "tilt"
     summary: ClassVar[str] = "axes that should be parallel are tilted across their common normal (section 3.1.3)"
+    of_joints: ClassVar[Mapping[str, float]] = {"beta_deg": 0.0}
     beta_deg: tuple[float, ...] = (0.0, 0.0, 0.014, 0.0, 0.0, 0.0)
     """Tilt of each axis about the y axis of its frame, degrees; joints 1 to n."""
 
     def table(self, table: DHMTable) -> DHMTable:
         """The table with the tilts."""
         return replace(table, beta=table.beta + np.array(self.beta_deg) * DEG)
-
-    def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
-        """See `Effect.for_arm`."""
-        return replace(self, beta_deg=fitted(self.beta_deg, prismatic, 0.0))
 
 
 @dataclass(frozen=True)
@@ -225,13 +227,9 @@ class ComplianceEffect(Effect):
 
     name: ClassVar[str] = "compliance"
     summary: ClassVar[str] = "every joint gives way under the links' and the payload's weight (section 4.3)"
+    of_joints: ClassVar[Mapping[str, float]] = {"rad_per_Nm": 0.0}
     rad_per_Nm: tuple[float, ...] = (1.0e-6, 3.6e-6, 3.0e-6, 5.0e-5, 5.0e-5, 5.0e-5)
     """Compliance of joints 1 to n; prismatic joints have none."""
-
-    def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
-        """See `Effect.for_arm`."""
-        # torques grow as the fourth power of the size, deflections in degrees stay
-        return replace(self, rad_per_Nm=fitted(np.array(self.rad_per_Nm) / size**4, prismatic, 0.0))
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
@@ -278,16 +276,13 @@ class BacklashEffect(Effect):
 
     name: ClassVar[str] = "backlash"
     summary: ClassVar[str] = "a joint stops short on the side it came from (section 4.2)"
+    of_joints: ClassVar[Mapping[str, float]] = {"peak_to_peak_deg": 0.02}
     peak_to_peak_deg: tuple[float, ...] = (0.004, 0.002, 0.003, 0.030, 0.020, 0.050)
     """Joints 1 to n, degrees (millimetres for prismatic joints): reached from above minus reached from below."""
 
     def joints(self, stops: Stops, rng: np.random.Generator) -> FloatArray:
         """See `Effect.joints`."""
         return -stops.direction * np.array(self.peak_to_peak_deg) / 2 * stops.units
-
-    def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
-        """See `Effect.for_arm`."""
-        return replace(self, peak_to_peak_deg=fitted(self.peak_to_peak_deg, prismatic, 0.02))
 
 
 @dataclass(frozen=True)
@@ -299,16 +294,13 @@ class RepeatabilityEffect(Effect):
 
     name: ClassVar[str] = "repeatability"
     summary: ClassVar[str] = "every move ends a little elsewhere (annex I)"
+    of_joints: ClassVar[Mapping[str, float]] = {"sigma_deg": 0.005}
     sigma_deg: tuple[float, ...] = (0.00035, 0.00035, 0.00035, 0.0007, 0.0007, 0.0007)
     """Standard deviation of joints 1 to n, degrees (millimetres for prismatic joints)."""
 
     def joints(self, stops: Stops, rng: np.random.Generator) -> FloatArray:
         """See `Effect.joints`."""
         return rng.standard_normal(stops.q.shape) * np.array(self.sigma_deg) * stops.units
-
-    def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
-        """See `Effect.for_arm`."""
-        return replace(self, sigma_deg=fitted(self.sigma_deg, prismatic, 0.005))
 
 
 @dataclass(frozen=True)
@@ -503,14 +495,10 @@ class BendingEffect(Effect):
 
     name: ClassVar[str] = "bending"
     summary: ClassVar[str] = "frames tilt under weight, beside the joints of section 4.3; off if not asked for"
+    of_joints: ClassVar[Mapping[str, float]] = {"x_rad_per_Nm": 0.0, "y_rad_per_Nm": 0.0}
     x_rad_per_Nm: tuple[float, ...] = (1.0e-7, 2.0e-7, 4.0e-7, 6.0e-6, 6.0e-6, 6.0e-6)
     y_rad_per_Nm: tuple[float, ...] = (2.0e-7, 1.0e-7, 3.0e-7, 8.0e-6, 4.0e-6, 6.0e-6)
     """Compliance of joints 1 to n about x and y of their frames (before they turn); prismatic joints have none."""
-
-    def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
-        """See `Effect.for_arm`."""
-        x, y = (fitted(np.array(values) / size**4, prismatic, 0.0) for values in (self.x_rad_per_Nm, self.y_rad_per_Nm))
-        return replace(self, x_rad_per_Nm=x, y_rad_per_Nm=y)
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
@@ -579,12 +567,9 @@ class DirectionEffect(Effect):
 
     name: ClassVar[str] = "direction"
     summary: ClassVar[str] = "as the backlash of section 4.2, less after small moves; off if not asked for"
+    of_joints: ClassVar[Mapping[str, float]] = {"size_deg": 0.02}
     size_deg: tuple[float, ...] = (-0.004, -0.003, 0.004, -0.006, -0.005, -0.008)
     """Joints 1 to n, degrees (millimetres for prismatic joints): what a long move from below adds."""
-
-    def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
-        """See `Effect.for_arm`."""
-        return replace(self, size_deg=fitted(self.size_deg, prismatic, 0.02))
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
@@ -602,15 +587,12 @@ class MoveEffect(Effect):
 
     name: ClassVar[str] = "move"
     summary: ClassVar[str] = "joints stop short in proportion to the move, whatever annex V waits; off if not asked for"
+    of_joints: ClassVar[Mapping[str, float]] = {"size_deg": 0.02, "share": 5e-5}
     size_deg: tuple[float, ...] = (0.004, -0.003, 0.003, 0.005, -0.004, 0.004)
     """Joints 1 to n, degrees (millimetres): what is added to the joint that moved most, less to those that moved less.
     """
     share: tuple[float, ...] = (-6e-5, 4e-5, -5e-5, 6e-5, 5e-5, -4e-5)
     """Joints 1 to n: of the move, added."""
-
-    def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
-        """See `Effect.for_arm`."""
-        return replace(self, size_deg=fitted(self.size_deg, prismatic, 0.02), share=fitted(self.share, prismatic, 5e-5))
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
@@ -629,6 +611,7 @@ class ThawEffect(Effect):
 
     name: ClassVar[str] = "thaw"
     summary: ClassVar[str] = "each joint's frame drifts as the robot warms up, beyond section 7.1; off if not asked for"
+    of_joints: ClassVar[Mapping[str, float]] = dict.fromkeys(_DRIFTS, 0.0)
     tau_min: float = 12.0
     x_deg: tuple[float, ...] = (0.002, -0.004, 0.003, 0.005, -0.004, 0.003)
     y_deg: tuple[float, ...] = (-0.003, 0.002, -0.005, 0.003, 0.004, -0.002)
@@ -637,11 +620,6 @@ class ThawEffect(Effect):
     y_mm: tuple[float, ...] = (-0.01, 0.02, 0.01, -0.02, 0.01, 0.02)
     z_mm: tuple[float, ...] = (0.03, -0.02, 0.02, 0.03, -0.01, -0.02)
     """Turns and shifts of the frames of joints 1 to n at the start."""
-
-    def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
-        """See `Effect.for_arm`."""
-        changes: dict[str, Any] = {name: fitted(getattr(self, name), prismatic, 0.0) for name in _DRIFTS}
-        return replace(self, **changes)
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""

@@ -54,36 +54,30 @@ class Drawn(Locked):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Points(Locked):
-    """Measured points and what the models say of them, in the scene, metres.
-
-    Attributes
-    ----------
-    pose, target : ndarray of int, shape (m,)
-        Row of the scene's poses; index into the scene's targets.
-    measured, calibrated, nominal : ndarray, shape (m, 3)
-        ``measured`` is None for a plan, ``nominal`` where there is no other model than the robot itself.
-    turn_calibrated, turn_nominal : ndarray, shape (m,), or None
-        Angles between measured and modelled target frames, radians; NaN where not measured.
-    u95 : ndarray, shape (m,), or None
-        Half-width that holds 95 % of a coordinate's errors of the calibrated robot, the largest of the three, metres;
-        None where nothing is known of it.
-    attitudes : dict of str to ndarray, shape (m, 6)
-        For each model, rotation vectors in the scene, radians: of the modelled target frame, and from it to the
-        measured one. NaN for points without orientation; empty where none has one.
-    without : dict of str to ndarray, shape (m, 3)
-        How far the calibrated points move without a family of terms, see `irbcal.viewer.scene`.
-    """
+    """Measured points and what the models say of them, in the scene, metres."""
 
     pose: IntArray
     target: IntArray
+    """Shape (m,). Row of the scene's poses; index into the scene's targets."""
     calibrated: FloatArray
+    """Shape (m, 3)."""
     measured: FloatArray | None = None
+    """Shape (m, 3). None for a plan."""
     nominal: FloatArray | None = None
+    """Shape (m, 3). None where there is no other model than the robot itself."""
     turn_calibrated: FloatArray | None = None
     turn_nominal: FloatArray | None = None
+    """Shape (m,). Angles between measured and modelled target frames, radians; NaN where not measured."""
     u95: FloatArray | None = None
+    """Shape (m,). Half-width that holds 95 % of a coordinate's errors of the calibrated robot, the largest of three,
+    metres; None where nothing is known of it.
+    """
     attitudes: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Values of shape (m, 6). For each model, rotation vectors in the scene, radians: of the modelled target frame, and
+    from it to the measured one. NaN for points without orientation; empty where none has one.
+    """
     without: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Values of shape (m, 3). How far calibrated points move without a family of terms, see `irbcal.viewer.scene`."""
 
     def error(self, model: Model = "calibrated") -> FloatArray | None:
         """Measured minus modelled points, shape (m, 3), metres; None where one of them is not there."""
