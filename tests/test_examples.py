@@ -16,7 +16,8 @@ from support import Posed
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal.cell.cell_frames import adjust, read_touches
+from irbcal.cell.adjusted_cell import adjust
+from irbcal.cell.touches import read_touches
 from irbcal.cli.main import app
 from irbcal.errors import CalibrationError
 from irbcal.examples import measurements

@@ -326,31 +326,24 @@ def _rows(
     corners = np.full((m, max(len(uv) for *_, uv in views), 5), np.nan)
     for k, (_, _, xy, uv) in enumerate(views):
         corners[k, : len(uv)] = np.column_stack([xy, uv, np.full(len(uv), imaging.PIXEL_U95)])
-    target = np.array([target_of[picture] for _, picture, _, _ in views], dtype=object)
+    target = [target_of[picture] for _, picture, _, _ in views]
     known = {
         name: Feature(
             name, "image", imaging=Imaging(lens.numbers, tuple(np.array(FITTED)[lens.u95 > 0.0]), size=lens.size)
         )
         for name, lens in lenses.items()
     }
-    return FeatureSet(
+    return FeatureSet.computed(
+        arm,
         q=np.zeros((m, len(arm.joint_columns))),
         pose=np.array([picture for _, picture, _, _ in views], dtype=object),
         pose_index=np.unique(target, return_inverse=True)[1],
         target=target,
-        kind=np.full(m, "image", dtype=object),
-        feature=np.array([camera for camera, _, _, _ in views], dtype=object),
-        value=np.full(m, np.nan),
+        kind=["image"] * m,
+        feature=[camera for camera, _, _, _ in views],
         u95=imaging.u95_of(corners),
-        xyz=np.full((m, 3), np.nan),
-        rotation=np.full((m, 3, 3), np.nan),
-        row=np.arange(m),
-        cells=pd.DataFrame(index=range(m)),
         features=known,
-        lengths=(),
-        joint_columns=tuple(arm.joint_columns),
         source=source,
-        sha256="",
         corners=corners,
         flange=np.tile(np.eye(4), (m, 1, 1)),
     )

@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, plain
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT
-from irbcal.cell.cell_frames import LEAST_SIDES, TAUGHT
+from irbcal.cell.touch_rows import LEAST_SIDES
+from irbcal.cell.touches import TAUGHT
 from irbcal.correction.backup import unpacked
 from irbcal.correction.corrected_targets import meant_joints
 from irbcal.correction.opened_programs import OpenedPrograms, read_programs

@@ -314,6 +314,41 @@ class FeatureSet(Result):
         """Number of poses."""
         return len(np.unique(self.pose_index))
 
+    @classmethod
+    def computed(
+        cls,
+        arm: Arm,
+        q: FloatArray,
+        pose: NameArray,
+        kind: Sequence[str],
+        feature: Sequence[str],
+        target: Sequence[str],
+        u95: FloatArray,
+        features: Mapping[str, Feature],
+        source: str,
+        **more: Any,
+    ) -> FeatureSet:
+        """Rows that no table of features has; ``more`` are other attributes, else empty, each row a pose."""
+        m = len(q)
+        empty: dict[str, Any] = {"pose_index": np.arange(m), "row": np.arange(m), "xyz": np.full((m, 3), np.nan)}
+        return cls(
+            q=q,
+            pose=pose,
+            kind=np.array([*kind], dtype=object),
+            feature=np.array([*feature], dtype=object),
+            target=np.array([*target], dtype=object),
+            value=np.full(m, np.nan),
+            u95=u95,
+            rotation=np.full((m, 3, 3), np.nan),
+            cells=pd.DataFrame(index=range(m)),
+            features=features,
+            lengths=(),
+            joint_columns=tuple(arm.joint_columns),
+            source=source,
+            sha256="",
+            **(empty | more),
+        )
+
     def select(self, rows: BoolArray) -> FeatureSet:
         """Some rows, with the features seen in them and the lengths between these."""
         names = set(self.feature[rows])

@@ -15,10 +15,12 @@ from scipy.spatial.transform import Rotation
 from support import assert_derivative
 from touching import SOCKET, START, TIP, reach
 
+from irbcal.cell.adjusted_cell import Adjusted, adjust
 from irbcal.cell.cell_file import AXIS, CellFile, FrameInCell, read_cell
-from irbcal.cell.cell_frames import Adjusted, adjust, cell_frames, read_touches
+from irbcal.cell.cell_frames import cell_frames
 from irbcal.cell.cell_urdf import with_cell
 from irbcal.cell.external_axes import carried, read_axes
+from irbcal.cell.touches import read_touches
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.declarations import declared
 from irbcal.correction.filter import correct

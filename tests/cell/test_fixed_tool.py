@@ -11,8 +11,10 @@ from scipy.spatial.transform import Rotation
 from support import Posed, arm, assert_derivative, assert_same_poses, random_robot
 from touching import START, TIP, reach
 
+from irbcal.cell.adjusted_cell import Adjusted, adjust
 from irbcal.cell.cell_file import FIXED_TOOL, HELD_PART, TOOL, CellFile, FrameInCell, read_cell
-from irbcal.cell.cell_frames import Adjusted, _covariance, adjust, cell_frames, read_touches
+from irbcal.cell.cell_frames import _covariance, cell_frames
+from irbcal.cell.touches import read_touches
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.declarations import declared
 from irbcal.correction.filter_program import filter_program

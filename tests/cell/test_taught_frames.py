@@ -10,8 +10,9 @@ from support import Posed, assert_derivative, assert_same_poses
 from touching import SOCKET, START, TIP, reach
 from typer.testing import CliRunner
 
+from irbcal.cell.adjusted_cell import Adjusted, adjust
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
-from irbcal.cell.cell_frames import Adjusted, _covariance, adjust, cell_frames
+from irbcal.cell.cell_frames import _covariance, cell_frames
 from irbcal.cell.robot_derivatives import point_derivatives
 from irbcal.cli.main import app
 from irbcal.correction.languages import krl
