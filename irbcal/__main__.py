@@ -37,7 +37,11 @@ def start() -> None:
     if not any(name in os.environ for name in THREADS):
         # matrices here are small: more threads take more CPU time, and a busy machine makes them wait for each other
         os.environ.update(dict.fromkeys(THREADS, "1"))
-    sys.modules.setdefault("pandas", Late("pandas"))  # many commands have no table
+    for name in ("pandas", "yaml"):  # many commands need neither
+        sys.modules.setdefault(name, Late(name))
+    plugins = Late("pydantic.plugin._loader")  # it would read the metadata of all packages to find some
+    vars(plugins).update(get_plugins=tuple, __path__=[])
+    sys.modules.setdefault(plugins.__name__, plugins)
     from irbcal.cli.main import main
     from irbcal.cli.streams import forgive, output_lost
 

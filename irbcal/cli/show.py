@@ -125,6 +125,9 @@ def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]
 
 def tell(told: Sequence[Paragraph]) -> None:
     """Print what a result has to say: paragraphs and tables, see `irbcal.summary`."""
+    if not (_for_people() or any(isinstance(paragraph, Table) for paragraph in told)):
+        print(*map(terminal, told), sep="\n")  # type: ignore[arg-type]  # no tables
+        return
     from irbcal.terminal import Terminal
 
     console = Terminal()
@@ -137,6 +140,11 @@ def tell(told: Sequence[Paragraph]) -> None:
             note(paragraph.removeprefix("Note: "))
         else:
             console.print(_lines(console, paragraph), soft_wrap=True)
+
+
+def _for_people() -> bool:
+    """Whether output is styled and broken into lines, as the package rich does: it need not be loaded otherwise."""
+    return sys.stdout.isatty() or "FORCE_COLOR" in os.environ
 
 
 def _verdict(console: Console, text: str) -> None:
@@ -180,6 +188,9 @@ def _lines(console: Console, text: str, first: int = 0) -> str:
 
 def say(text: str = "", whole: bool = False) -> None:
     """A line for people on stdout; ``whole``: one to copy, which no terminal's width breaks."""
+    if not _for_people():
+        print(terminal(text))
+        return
     from irbcal.terminal import Terminal
 
     console = Terminal()
@@ -188,6 +199,9 @@ def say(text: str = "", whole: bool = False) -> None:
 
 def note(text: str) -> None:
     """A remark that the reader should not miss."""
+    if not _for_people():
+        say(f"Note: {text}")
+        return
     from rich.text import Text
 
     from irbcal.terminal import Terminal

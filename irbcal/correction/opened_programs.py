@@ -65,9 +65,10 @@ def read_programs(
     """Read programs for the robot of a calibration; arguments and errors as of `irbcal.correction.filter.correct`."""
     files = languages.files_of(program)
     language = files.language
-    record = open_calibration(calibration)
+    opened = read(calibration) if isinstance(calibration, (str, os.PathLike)) else calibration
+    record, urdf = open_calibration(opened), getattr(opened, "urdf", None)
+    urdf = urdf if isinstance(urdf, bytes) else None  # where it is at hand
     nominal = record.arm(calibrated=False)
-    urdf = _urdf(calibration)
     not_nominal = controller_model is not None and str(controller_model) != NOMINAL
     model = controller_kinematics(str(controller_model), record, urdf) if not_nominal else None
     setup = ControllerSetup(
@@ -102,12 +103,6 @@ def read_programs(
         setup = setup._replace(T_world_base=backup.T_world_base)
     programs = language.read_for(nominal, files.files, setup)
     return OpenedPrograms(record, nominal, files, programs, setup, model, urdf, notes)
-
-
-def _urdf(calibration: CalibrationLike) -> bytes | None:
-    """The calibration's URDF where that is at hand."""
-    data = read(calibration).urdf if isinstance(calibration, (str, os.PathLike)) else getattr(calibration, "urdf", None)
-    return data if isinstance(data, bytes) else None
 
 
 def place_pair(

@@ -16,10 +16,11 @@ from __future__ import annotations
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -113,9 +114,13 @@ class Language(Protocol):
 
 def known() -> tuple[Language, ...]:
     """All languages."""
-    from irbcal.correction.languages import fanuc, inform, kawasaki, krl, rapid, ros, table, urscript, val3
+    return tuple(_known())
 
-    return rapid, krl, fanuc, inform, kawasaki, urscript, val3, ros, table
+
+def _known() -> Iterator[Language]:
+    """All languages, each loaded when it is its turn."""
+    for name in ("rapid", "krl", "fanuc", "inform", "kawasaki", "urscript", "val3", "ros", "table"):
+        yield cast(Language, import_module(f"{__name__}.{name}"))
 
 
 def by_name() -> dict[str, Language]:
@@ -160,7 +165,7 @@ def of(path: str | Path) -> Language:
         If it looks like no language, or there is no file to read.
     """
     ending = Path(path).suffix.lower()
-    for language in known():
+    for language in _known():
         if ending in language.ENDINGS:
             return language
     data = read_bytes(path)  # whatever else is wrong with it is said first
@@ -197,11 +202,12 @@ def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
     ProgramError
         If there is none, or files of several languages are named.
     """
-    endings = {ending: language for language in known() for ending in language.ENDINGS}
+    endings: dict[str, Language] = {}
     named = {path: path.name for path in map(Path, programs) if not path.is_dir()}
     relative = {path: Path(name) for path, name in named.items()}
     skipped: list[tuple[Path, str]] = []
     for folder in (path for path in map(Path, programs) if path.is_dir()):
+        endings = endings or {ending: language for language in known() for ending in language.ENDINGS}
         inside = sorted(path for path in folder.rglob("*") if path.is_file() and path not in named)
         for path in inside:
             ending = path.suffix.lower()

@@ -25,7 +25,6 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
 
 Node: TypeAlias = "yaml.Node"
-LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def document(text: str, source: str) -> yaml.Node:
@@ -37,7 +36,8 @@ def document(text: str, source: str) -> yaml.Node:
         If the text is no YAML, or holds none or several documents.
     """
     try:
-        documents = [node for node in yaml.compose_all(text, Loader=LOADER) if node is not None and not _is_null(node)]
+        loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        documents = [node for node in yaml.compose_all(text, Loader=loader) if node is not None and not _is_null(node)]
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "it cannot be read"
