@@ -56,12 +56,10 @@ class Notation(NamedTuple):
     """Decimals."""
 
 
-def _rpy(_: str, T: FloatArray) -> list[float]:
-    return [*(T[:3, 3] / MM), *(frames.rpy_from_matrix(T[:3, :3]) / DEG)]
-
-
 AS_URDF = Notation(
-    ("x mm", "y mm", "z mm", "roll", "pitch", "yaw"), _rpy, "in the URDF's tip link and base link, angles in degrees"
+    ("x mm", "y mm", "z mm", "roll", "pitch", "yaw"),
+    lambda _, T: [*(T[:3, 3] / MM), *(frames.rpy_from_matrix(T[:3, :3]) / DEG)],
+    "in the URDF's tip link and base link, angles in degrees",
 )
 
 

@@ -131,15 +131,13 @@ class Listing:
             pieces: list[str] = []
             end = file.start
             for start, stop, new in sorted_edits:
-                if file.start <= start and stop <= file.end and self._holds(number, start, stop):
+                inside = max(start, stop - 1) if stop > start else max(0, start - 1)
+                is_part = self.part(inside) == number or start == 0  # a place between two files belongs to the first
+                if file.start <= start and stop <= file.end and is_part:
                     pieces += [self.text[end:start], new]
                     end = stop
             out[file.name] = "".join([*pieces, self.text[end : file.end]]).encode(file.encoding)
         return out
-
-    def _holds(self, number: int, start: int, stop: int) -> bool:
-        """Whether an edit is of this file: a place between two files belongs to the first."""
-        return self.part(max(start, stop - 1) if stop > start else max(0, start - 1)) == number or start == 0
 
 
 def quoted(text: str) -> str:

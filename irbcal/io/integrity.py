@@ -263,19 +263,12 @@ def _wrong_lengths(record: Record) -> Iterator[str]:
             yield f"robot.lower of {name} is above robot.upper"
 
 
-def _matrices(record: Record) -> list[tuple[str, list[list[float]]]]:
-    return [
-        ("robot.base_to_frame0", record.robot.base_to_frame0),
-        ("robot.last_frame_to_tip", record.robot.last_frame_to_tip),
-    ]
-
-
 def _wrong_frames(record: Record) -> Iterator[str]:
-    for name, rows in _matrices(record):
-        T: FloatArray = np.array(rows, dtype=float)
+    for name in ("base_to_frame0", "last_frame_to_tip"):
+        T: FloatArray = np.array(getattr(record.robot, name), dtype=float)
         off = max(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max(), np.abs(T[3] - [0, 0, 0, 1]).max())
         if off > RIGID or np.linalg.det(T[:3, :3]) < 0:
-            yield f"{name} is no rigid frame"
+            yield f"robot.{name} is no rigid frame"
     for name, pose in (("placement", record.placement.base), ("placement_nominal", record.placement_nominal.base)):
         if abs(pose.quaternion_norm - 1.0) > RIGID:
             yield f"{name}.base has no unit quaternion"

@@ -142,11 +142,6 @@ def add_joint(
     return joint
 
 
-def first_node(root: XmlElement) -> XmlElement:
-    """The first node of the document: a comment before the root element, or that element."""
-    return next(reversed(list(root.itersiblings(preceding=True))), root)
-
-
 def begin_with(root: XmlElement, words: str) -> None:
     """Say what the file is in its first comment, in place of what an earlier calibration said there.
 
@@ -157,7 +152,8 @@ def begin_with(root: XmlElement, words: str) -> None:
     for comment in list(root.itersiblings(preceding=True)):
         if (comment.text or "").strip().startswith(WORDS_MARK):
             etree.Element("taken_out").append(comment)  # lxml's way to take out what stands before the root
-    first_node(root).addprevious(etree.Comment(literals.xml_comment(words)))
+    first = next(reversed(list(root.itersiblings(preceding=True))), root)
+    first.addprevious(etree.Comment(literals.xml_comment(words)))
 
 
 MeshPaths: TypeAlias = Literal["package", "relative", "absolute"]

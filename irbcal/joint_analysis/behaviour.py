@@ -85,20 +85,6 @@ if TYPE_CHECKING:
     from irbcal.joint_analysis.series import Series
 
 
-def verdict(result: JointBehaviour) -> list[str]:
-    """Which non-geometric terms this robot needs, in sentences.
-
-    Nubiola 2011, section 7.2: an analysis of each axis tells whether a stiffness model and a model of joint 6 are
-    necessary.
-    """
-    residuals = result.residuals
-    out = of_moves(result.moves, only_moves=residuals is None)
-    if residuals is None:
-        return out
-    sentences = of_residuals(residuals, result.stiffness_geometry)
-    return [*out, *sentences[:-1], *_disagreements(result.moves, residuals), sentences[-1]]
-
-
 def _disagreements(moves: Sequence[JointMoves], residuals: ResidualAnalysis) -> list[str]:
     """Terms that one of the two sources calls needed and the other does not."""
     tested = {(term.kind, term.joint): term.needed for term in residuals.terms if term.tested}
@@ -120,34 +106,6 @@ def _disagreements(moves: Sequence[JointMoves], residuals: ResidualAnalysis) -> 
     return out
 
 
-# --- plain values ----------------------------------------------------------------------------------------
-
-
-def as_dict(result: JointBehaviour) -> dict[str, Any]:
-    """The result as plain numbers and words: lengths in mm, angles in degrees.
-
-    Returns
-    -------
-    dict
-        ``source``, ``simulated``, ``moves`` (by joint: series with errors, terms), ``residuals`` (terms,
-        needed; None without a robot), ``payloads`` (Table 4.3), ``verdict`` (sentences), ``excluded``,
-        ``notes``, ``plots`` (files); where there are programmed joints, ``reading_lag``.
-    """
-    residuals = result.residuals
-    return {
-        "source": result.source,
-        "simulated": result.simulated,
-        "moves": [moves_dict(joint) for joint in result.moves],
-        "residuals": None if residuals is None else residuals_dict(residuals),
-        "payloads": [effect.to_dict() for effect in result.payloads()],
-        "verdict": verdict(result),
-        "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in result.excluded],
-        "notes": list(result.notes),
-        "plots": list(result.plots),
-        **({} if result.reading_lag is None else {"reading_lag": result.reading_lag.to_dict()}),
-    }
-
-
 # --- tables ----------------------------------------------------------------------------------------------
 
 
@@ -162,26 +120,6 @@ def tables(result: JointBehaviour) -> list[Table]:
     if result.residuals is not None:
         out.append(residual_terms_table(result.residuals, mark))
     return out
-
-
-def frame(result: JointBehaviour) -> pd.DataFrame:
-    """All coefficients of all terms, a row for each; of terms that were not tested a row without value.
-
-    Returns
-    -------
-    DataFrame
-        ``source`` (moves or residuals), ``kind``, ``joint``, ``name``, ``value``, ``low``, ``high``, ``unit`` (as in
-        `as_dict`), ``log_evidence``, ``probability``, ``moves_mm``, ``verdict``, ``note``.
-    """
-    import pandas as pd
-
-    sources = {"moves": term_rows([term for joint in result.moves for term in joint.terms])}
-    if result.residuals is not None:
-        sources["residuals"] = term_rows(result.residuals.terms, result.residuals.robot.arm.table.prismatic)
-    rows = [{"source": source, **row} for source, those in sources.items() for row in those]
-    columns = ["source", "kind", "joint", "name", "value", "low", "high", "unit", "log_evidence", "probability"]
-    columns += ["moves_mm", "verdict", "note"]
-    return pd.DataFrame(rows, columns=columns).astype({"joint": "Int64", "value": float, "low": float, "high": float})
 
 
 HIGHEST_ORDER = 12
@@ -227,8 +165,17 @@ class JointBehaviour(Result):
     reading_lag: ReadingLag | None = None
 
     def verdict(self) -> list[str]:
-        """Which non-geometric terms this robot needs, in sentences; the last one sums up."""
-        return verdict(self)
+        """Which non-geometric terms this robot needs, in sentences; the last one sums up.
+
+        Nubiola 2011, section 7.2: an analysis of each axis tells whether a stiffness model and a model of joint 6 are
+        necessary.
+        """
+        residuals = self.residuals
+        out = of_moves(self.moves, only_moves=residuals is None)
+        if residuals is None:
+            return out
+        sentences = of_residuals(residuals, self.stiffness_geometry)
+        return [*out, *sentences[:-1], *_disagreements(self.moves, residuals), sentences[-1]]
 
     def payloads(self) -> tuple[PayloadEffect, ...]:
         """What payloads add, where the same joint was moved from the same pose with two (Nubiola 2011, Table 4.3)."""
@@ -258,12 +205,49 @@ class JointBehaviour(Result):
         return f"{mark}{self.verdict()[-1]}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and words, as JSON has them; lengths in mm, angles in degrees."""
-        return as_dict(self)
+        """Plain numbers and words, as JSON has them; lengths in mm, angles in degrees.
+
+        Returns
+        -------
+        dict
+            ``source``, ``simulated``, ``moves`` (by joint: series with errors, terms), ``residuals`` (terms,
+            needed; None without a robot), ``payloads`` (Table 4.3), ``verdict`` (sentences), ``excluded``,
+            ``notes``, ``plots`` (files); where there are programmed joints, ``reading_lag``.
+        """
+        residuals = self.residuals
+        return {
+            "source": self.source,
+            "simulated": self.simulated,
+            "moves": [moves_dict(joint) for joint in self.moves],
+            "residuals": None if residuals is None else residuals_dict(residuals),
+            "payloads": [effect.to_dict() for effect in self.payloads()],
+            "verdict": self.verdict(),
+            "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in self.excluded],
+            "notes": list(self.notes),
+            "plots": list(self.plots),
+            **({} if self.reading_lag is None else {"reading_lag": self.reading_lag.to_dict()}),
+        }
 
     def to_frame(self) -> pd.DataFrame:
-        """A row for each coefficient of each term, see `irbcal.joint_analysis.behaviour.frame`."""
-        return frame(self)
+        """A row for each coefficient of each term; of terms that were not tested a row without value.
+
+        Returns
+        -------
+        DataFrame
+            ``source`` (moves or residuals), ``kind``, ``joint``, ``name``, ``value``, ``low``, ``high``, ``unit`` (as
+            in `to_dict`), ``log_evidence``, ``probability``, ``moves_mm``, ``verdict``, ``note``.
+        """
+        import pandas as pd
+
+        sources = {"moves": term_rows([term for joint in self.moves for term in joint.terms])}
+        if self.residuals is not None:
+            sources["residuals"] = term_rows(self.residuals.terms, self.residuals.robot.arm.table.prismatic)
+        rows = [{"source": source, **row} for source, those in sources.items() for row in those]
+        columns = ["source", "kind", "joint", "name", "value", "low", "high", "unit", "log_evidence", "probability"]
+        columns += ["moves_mm", "verdict", "note"]
+        return pd.DataFrame(rows, columns=columns).astype(
+            {"joint": "Int64", "value": float, "low": float, "high": float}
+        )
 
     @property
     def figures(self) -> tuple[str, ...]:
@@ -283,7 +267,10 @@ class JointBehaviour(Result):
         OptionError
             If there is no such figure of these measurements.
         """
-        return drawn(self, figure)
+        every = drawings(self)
+        if figure not in every:
+            raise OptionError.unknown("figure", figure, tuple(every))
+        return every[figure]()
 
 
 # --- the front door --------------------------------------------------------------------------------------
@@ -547,20 +534,6 @@ def draw(result: JointBehaviour) -> dict[str, bytes]:
     return {f"{name}.png": drawing().content("png") for name, drawing in drawings(result).items()}
 
 
-def drawn(result: JointBehaviour, name: str) -> Chart:
-    """One chart by its name.
-
-    Raises
-    ------
-    OptionError
-        If these measurements do not allow a chart of that name.
-    """
-    every = drawings(result)
-    if name not in every:
-        raise OptionError.unknown("figure", name, tuple(every))
-    return every[name]()
-
-
 def drawings(result: JointBehaviour) -> dict[str, Callable[[], Chart]]:
     """What draws each chart that a result allows, by name."""
     out: dict[str, Callable[[], Chart]] = {}
@@ -579,11 +552,7 @@ def drawings(result: JointBehaviour) -> dict[str, Callable[[], Chart]]:
         if any(term.tested for term in residuals.of("move").values()):
             out["residuals_by_move"] = partial(_by_move, residuals)
         out["backlash"] = partial(_backlash, residuals)
-    return {name: partial(_marked, chart, result.simulated) for name, chart in out.items()}
-
-
-def _marked(draw: Callable[[], Chart], simulated: bool) -> Chart:
-    return draw().marked(simulated)
+    return {name: lambda chart=chart: chart().marked(result.simulated) for name, chart in out.items()}
 
 
 def _named_series(joint: JointMoves) -> Iterator[tuple[str, Series]]:

@@ -397,18 +397,18 @@ MOSTLY = 0.8
 def of_moves(moves: Sequence[JointMoves], only_moves: bool = True) -> list[str]:
     """What one-joint moves say; ``only_moves``: nothing else is said, so the last sentence is what the robot needs."""
     source = "" if only_moves else "by one-joint moves, "
-    out = [f"{source}{_of_moves(joint, term)}" for joint in moves for term in joint.terms if _worth_saying(term)]
+    out = [
+        f"{source}{_of_moves(joint, term)}"
+        for joint in moves
+        for term in joint.terms
+        if term.needed or (term.tested and term.kind != "gain")
+    ]
     out += beyond_reading([joint.backlash for joint in moves])
     out += not_tested([term for joint in moves for term in joint.terms], "one-joint moves")
     if moves and only_moves:
         out += _period_of_weight(moves)
         out.append(_needed_by_moves(moves))
     return out
-
-
-def _worth_saying(term: JointTerm) -> bool:
-    """Whether people are told of a term: gains only where they are needed."""
-    return term.needed or (term.tested and term.kind != "gain")
 
 
 def _of_moves(joint: JointMoves, term: JointTerm) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any, TypeAlias
 
@@ -191,10 +192,6 @@ def _charuco(cv2: Any, board: Board, old: bool = False) -> Finder:
     return find
 
 
-def _old_charuco(cv2: Any, board: Board) -> Finder:
-    return _charuco(cv2, board, old=True)
-
-
 def _chessboard(cv2: Any, board: Board) -> Finder:
     size, flags = (board.across - 1, board.along - 1), cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
     return lambda grey: _whole(size[0], *cv2.findChessboardCornersSB(grey, size, flags=flags))
@@ -215,10 +212,6 @@ def _circles(cv2: Any, board: Board, grid: str = "SYMMETRIC") -> Finder:
         return NOTHING
 
     return find
-
-
-def _staggered_circles(cv2: Any, board: Board) -> Finder:
-    return _circles(cv2, board, "ASYMMETRIC")
 
 
 def _markers(cv2: Any, board: Board, border: int = 1) -> Finder:
@@ -274,12 +267,14 @@ def _numbers(board: Board, share: int) -> IntArray:
 
 PATTERNS: Mapping[str, Pattern] = {
     "charuco": Pattern(_inner, _charuco, markers=True),
-    "charuco-old": Pattern(_inner, _old_charuco, markers=True),
+    "charuco-old": Pattern(_inner, partial(_charuco, old=True), markers=True),
     "chessboard": Pattern(_inner, _chessboard, turnable=lambda board: (board.across + board.along) % 2 == 0),
     "circles": Pattern(
         lambda board: _grid(board.across, board.along, board.pitch), _circles, 2, turnable=lambda board: True
     ),
-    "circles-staggered": Pattern(_staggered, _staggered_circles, 2, turnable=lambda board: board.along % 2 == 0),
+    "circles-staggered": Pattern(
+        _staggered, partial(_circles, grid="ASYMMETRIC"), 2, turnable=lambda board: board.along % 2 == 0
+    ),
     "markers": Pattern(_of_markers, _markers, 1, markers=True),
     "aprilgrid": Pattern(_of_aprilgrid, _aprilgrid, 1, markers=True),
 }

@@ -14,7 +14,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
 from irbcal.identification.fit_sections import GearSpectrum, Stage
-from irbcal.io.schema import EvidenceSection, GearSection, Observability, Record
+from irbcal.io.schema import GearSection, Observability, Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
@@ -49,16 +49,12 @@ SMALLEST = 1e-9
 # --- what each family explains ----------------------------------------------------------------------------
 
 
-def by_leaving_out(section: EvidenceSection) -> bool:
-    """Whether left-out poses of the fit tell more than held-out ones: there are none of these, or readings lag."""
-    return section.readings_lag or any(stage.mean_mm is None for stage in section.explained)
-
-
 def explained(record: Record) -> Chart:
     """A bar for each stage, one family after the other, and one for the calibration."""
     section = record.evidence
     assert section is not None
-    left_out = by_leaving_out(section)
+    # left-out poses of the fit tell more where there are no held-out ones, or readings lag
+    left_out = section.readings_lag or any(stage.mean_mm is None for stage in section.explained)
     rows = [(stage, stage.leave_one_out_mm if left_out else stage.mean_mm or 0.0) for stage in section.explained]
     if left_out:
         average, kind = section.leave_one_out_mm[""], "rms error of poses left out of the fit one at a time"

@@ -13,7 +13,7 @@ from support import arm, write_measurements
 import irbcal
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.joint_analysis import behaviour, series, terms
-from irbcal.joint_analysis.behaviour import JointBehaviour, verdict
+from irbcal.joint_analysis.behaviour import JointBehaviour
 from irbcal.joint_analysis.moves import analyse_moves
 from irbcal.joint_analysis.residuals import analyse_residuals
 from irbcal.joint_analysis.terms import JointTerm
@@ -140,7 +140,7 @@ def by_residuals():
 
 
 def said(by_moves, by_residuals):
-    return verdict(JointBehaviour("file", True, by_moves, by_residuals))
+    return JointBehaviour("file", True, by_moves, by_residuals).verdict()
 
 
 def test_two_sources_that_agree_are_named(by_moves, by_residuals):

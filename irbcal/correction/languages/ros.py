@@ -37,7 +37,8 @@ def document(text: str, source: str) -> yaml.Node:
     """
     try:
         loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        documents = [node for node in yaml.compose_all(text, Loader=loader) if node is not None and not _is_null(node)]
+        nodes = [node for node in yaml.compose_all(text, Loader=loader) if node is not None]
+        documents = [node for node in nodes if not isinstance(node, yaml.ScalarNode) or node.value.strip()]
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "it cannot be read"
@@ -48,10 +49,6 @@ def document(text: str, source: str) -> yaml.Node:
     if len(documents) != 1:
         raise ProgramError(f"expected one trajectory, found {len(documents)} YAML documents", file=source)
     return documents[0]
-
-
-def _is_null(node: yaml.Node) -> bool:
-    return isinstance(node, yaml.ScalarNode) and not node.value.strip()
 
 
 def line(node: yaml.Node) -> int:
