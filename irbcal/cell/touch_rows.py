@@ -39,7 +39,7 @@ def shows_axes(touch: Touch) -> bool:
     return touch.frame != FIXED_TOOL or touch.xyz is not None or touch.point in SIDES
 
 
-class _Row(NamedTuple):
+class _TouchRow(NamedTuple):
     """A touch at a feature; without one at a point whose coordinates in the frame are known."""
 
     feature: Feature | None
@@ -96,22 +96,22 @@ def rows_of_touches(
     )
 
 
-def _row(touch: Touch, touches: Sequence[Touch], framed: set[str], source: str, root: str) -> _Row:
+def _row(touch: Touch, touches: Sequence[Touch], framed: set[str], source: str, root: str) -> _TouchRow:
     frame = frame_name(touch.frame, touch.name)
     tip = frame_name(*touch.on_flange)
     tip = tip if tip in framed else FLANGE
     if touch.tracker is not None:
         on_flange = touch.frame in ON_FLANGE
         target = touch.tool if touch.frame == TOOL else frame
-        return _Row(None, target, WORLD, tip if on_flange else frame, touch.tracker, touch.xyz)
+        return _TouchRow(None, target, WORLD, tip if on_flange else frame, touch.tracker, touch.xyz)
     if touch.frame == HELD_PART:
         return _of_held_part(touch, frame, framed, root)
     if touch.frame == FIXED_TOOL and frame not in framed:
-        return _Row(Feature(frame, "point", touch.tool), touch.tool, root, tip)
+        return _TouchRow(Feature(frame, "point", touch.tool), touch.tool, root, tip)
     if touch.point in SIDES and touch.xyz is None:
         side = _side(touch, frame, touch.tool)
         if touch.frame in STANDING:
-            return _Row(side, touch.tool, frame, tip)
+            return _TouchRow(side, touch.tool, frame, tip)
         places = {t.point for t in touches if _at_place(t, touch.name)}
         if len(places) != 1:
             raise MeasurementError(
@@ -120,24 +120,24 @@ def _row(touch: Touch, touches: Sequence[Touch], framed: set[str], source: str, 
                 row=touch.row,
                 column="point",
             )
-        return _Row(side, f"{places.pop()} of {frame}", frame, root)
+        return _TouchRow(side, f"{places.pop()} of {frame}", frame, root)
     name = f"{touch.point} of {frame}"
     if touch.frame not in STANDING:
-        return _Row(Feature(name, touch.kind, touch.tool, touch.radius), touch.tool, root, tip)
+        return _TouchRow(Feature(name, touch.kind, touch.tool, touch.radius), touch.tool, root, tip)
     if touch.xyz is None and touch.point != TAUGHT[0]:
-        return _Row(Feature(name, "point", touch.tool), touch.tool, frame, tip)
-    return _Row(None, touch.tool, frame, tip, np.zeros(3) if touch.xyz is None else touch.xyz)
+        return _TouchRow(Feature(name, "point", touch.tool), touch.tool, frame, tip)
+    return _TouchRow(None, touch.tool, frame, tip, np.zeros(3) if touch.xyz is None else touch.xyz)
 
 
-def _of_held_part(touch: Touch, part: str, framed: set[str], root: str) -> _Row:
+def _of_held_part(touch: Touch, part: str, framed: set[str], root: str) -> _TouchRow:
     """A point of a part that the robot brings to the tip of a fixed tool."""
     tool = frame_name(*touch.standing)
     at = tool if tool in framed else root
     if touch.point in SIDES and touch.xyz is None:
-        return _Row(_side(touch, part, tool), tool, part, at)
+        return _TouchRow(_side(touch, part, tool), tool, part, at)
     if at == root:
-        return _Row(Feature(tool, "point", part), part, root, part, point=touch.xyz)
-    return _Row(None, part, tool, part, np.zeros(3), touch.xyz)
+        return _TouchRow(Feature(tool, "point", part), part, root, part, point=touch.xyz)
+    return _TouchRow(None, part, tool, part, np.zeros(3), touch.xyz)
 
 
 def _side(touch: Touch, frame: str, target: str) -> Feature:
