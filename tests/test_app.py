@@ -39,18 +39,19 @@ class Server:
         self.address, self.port = found[0], int(found[1])
 
     def page(self, context, name):
-        page = context.new_page()
+        """Another page of the app."""
+        return self.at(name, context.new_page())
+
+    def only_page(self, context, name):
+        """The page of before gone on to another: 3D views and new windows take the processor's time."""
+        return self.at(name, context.pages[0] if context.pages else context.new_page())
+
+    def at(self, name, page):
         page.set_default_timeout(60_000)
-        page.goto(self.address)
+        page.request.get(self.address)  # for the cookie
         page.goto(f"http://127.0.0.1:{self.port}/{name}")
         page.wait_for_function("window.did_handshake")
         return page
-
-    def only_page(self, context, name):
-        """The same, the pages of before closed: 3D views take the processor's time."""
-        for page in context.pages:
-            page.close()
-        return self.page(context, name)
 
     def end(self, number=signal.SIGTERM):
         self.process.send_signal(number)
@@ -67,7 +68,7 @@ def samples(tmp_path_factory):
 
 @pytest.fixture
 def context(browser):
-    context = browser.new_context()
+    context = browser.new_context(reduced_motion="reduce")
     yield context
     context.close()
 

@@ -4,7 +4,13 @@ import time
 
 import numpy as np
 
-ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",  # without a graphics card it takes most of the time
+]
 
 
 class Opened:
@@ -42,7 +48,8 @@ class Opened:
         return np.array(self(f"({script}).elements")).reshape(4, 4).T
 
     def check_silence(self):
-        assert self.complaints == []
+        # its canvas is copied for the screen, which the browser calls slow
+        assert [text for text in self.complaints if "GPU stall due to ReadPixels" not in text] == []
         assert [url for url in self.requests if not url.startswith(("data:", "blob:"))] == [self.own]
         self.page.close()
 
