@@ -161,47 +161,60 @@ def _sheet(source: str) -> Sheet | None:
     decimal = layout["decimal"]
     texts = [[cell for cell in row if not _is_number(cell, decimal)] for row in cells]
     numeric = [len(row) - len(others) for row, others in zip(cells, texts, strict=True)]
-    usual = float(
-        np.median([count for row, count in zip(cells, numeric, strict=True) if len(row) == width and count >= 3])
-    )
-    filled = [k for k, row in enumerate(cells) if any(row)]
-    is_full = [len(cells[k]) == width and numeric[k] >= max(3, 0.5 * usual) for k in filled]
-    # a row of targets' numbers is a title: titles follow it
-    first = next(k for k, row, after in zip(filled, is_full, [*is_full[1:], True], strict=True) if row and after)
-    shapes = Counter(_skeleton(row[0]) for k, row in enumerate(cells[first:], first) if numeric[k] >= 3)
-    header, titles, units = _header(cells, first, width)
-    left_out: list[str] = []
-    marks: set[str] = set()
+    first = _first_row(cells, numeric, width)
+    shapes = Counter(_skeleton(row[0]) for row, count in zip(cells[first:], numeric[first:], strict=True) if count >= 3)
     is_row = [_is_row(row, width, count, shapes) for row, count in zip(cells, numeric, strict=True)]
-    for k in range(first, len(cells)):
-        row = cells[k]
-        if not any(row) or k == first or is_row[k]:
-            continue
-        if numeric[k] >= 3 and _folded(next(cell for cell in row if cell)).strip(" .:") not in _SETS["statistics"]:
-            continue  # a row with values too many or too few: it is refused when the table is read
-        left_out.append(lines[k].strip())
-        marks.add(re.split(r"\d", next(cell for cell in row if cell))[0].strip() or lines[k].strip()[:100])
+    header, titles, units = _header(cells, first, width)
+    no_rows = _no_rows(cells, numeric, is_row, first)
+    marks = {_mark(cells[k], lines[k]) for k in no_rows}
     rows = [lines[k].lstrip() for k in range(first, len(cells)) if is_row[k]]
-    marks = {mark[:100] for mark in marks if not any(row.startswith(mark[:100]) for row in rows)}
+    marks = {mark for mark in marks if not any(row.startswith(mark) for row in rows)}
     layout["skip_rows"] = header if titles else first
     layout["header"] = bool(titles)
-    if titles > 1:
-        layout["title_rows"] = titles
-    if units:
-        layout["units_row"] = True
-    if marks:
-        layout["comment"] = sorted(marks)
+    layout |= {"title_rows": titles} if titles > 1 else {}
+    layout |= {"units_row": True} if units else {}
+    layout |= {"comment": sorted(marks)} if marks else {}
     comments = [lines[k].strip() for k in range(layout["skip_rows"]) if lines[k].strip()]
     # what stands in columns of numbers in place of them excuses a short row
     excuses = sorted({cell.lower() for row in texts[first:] for cell in row})[:200]
     table = tables.read(source, validated(Dialect, layout, source), excuses)
-    for k in range(table.width):
-        axes = table.cells[k].str.casefold()
-        if len(axes) >= 3 * FEWEST_ROWS and len(axes) % 3 == 0 and (axes == np.resize(tables.AXES, len(axes))).all():
-            layout["axis"] = table.key(k)
-            table = tables.read(source, validated(Dialect, layout, source), excuses)
-            break
-    return Sheet(source, layout, table, tuple(comments), tuple(left_out))
+    axis = next((k for k in range(table.width) if _names_axes(table.cells[k].str.casefold())), None)
+    if axis is not None:
+        layout["axis"] = table.key(axis)
+        table = tables.read(source, validated(Dialect, layout, source), excuses)
+    return Sheet(source, layout, table, tuple(comments), tuple(lines[k].strip() for k in no_rows))
+
+
+def _first_row(cells: Sequence[Sequence[str]], numeric: Sequence[int], width: int) -> int:
+    """The first row with about as many numbers as the others have; a row of targets' numbers is a title."""
+    counts = [count for row, count in zip(cells, numeric, strict=True) if len(row) == width and count >= 3]
+    fewest = max(3.0, 0.5 * float(np.median(counts)))
+    filled = [k for k, row in enumerate(cells) if any(row)]
+    is_full = [len(cells[k]) == width and numeric[k] >= fewest for k in filled]
+    # titles follow a row of targets' numbers
+    return next(k for k, row, after in zip(filled, is_full, [*is_full[1:], True], strict=True) if row and after)
+
+
+def _no_rows(cells: Sequence[Sequence[str]], numeric: Sequence[int], is_row: Sequence[bool], first: int) -> list[int]:
+    """Lines in and behind a table that are left out; rows with too many or too few values are refused when it is read."""
+    out = []
+    for k, row in enumerate(cells[first + 1 :], first + 1):
+        if any(row) and not is_row[k]:
+            start = _folded(next(cell for cell in row if cell)).strip(" .:")
+            if numeric[k] < 3 or start in _SETS["statistics"]:
+                out.append(k)
+    return out
+
+
+def _mark(row: Sequence[str], line: str) -> str:
+    """How a line that is no row begins."""
+    return (re.split(r"\d", next(cell for cell in row if cell))[0].strip() or line.strip())[:100]
+
+
+def _names_axes(column: pd.Series) -> bool:
+    """Whether the cells of a column say x, y and z in turn: three rows a point."""
+    count = len(column)
+    return count >= 3 * FEWEST_ROWS and count % 3 == 0 and bool((column == np.resize(tables.AXES, count)).all())
 
 
 def _is_row(row: Sequence[str], width: int, numeric: int, shapes: Counter[str]) -> bool:
