@@ -196,7 +196,7 @@ def _first_row(cells: Sequence[Sequence[str]], numeric: Sequence[int], width: in
 
 
 def _no_rows(cells: Sequence[Sequence[str]], numeric: Sequence[int], is_row: Sequence[bool], first: int) -> list[int]:
-    """Lines in and behind a table that are left out; rows with too many or too few values are refused when it is read."""
+    """Lines in and behind a table that are left out; rows with too many values or too few are refused by its reader."""
     out = []
     for k, row in enumerate(cells[first + 1 :], first + 1):
         if any(row) and not is_row[k]:
