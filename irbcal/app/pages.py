@@ -6,7 +6,7 @@ import asyncio
 import io
 import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from html import escape
@@ -126,7 +126,7 @@ def _show(page: Page, project: Project, jobs: Jobs) -> None:
         if page.upload:
             _drop(page, project, looks)
         if page.name == "data":
-            _columns(project)
+            _ColumnsPanel(project)
         for step in page.steps:
             _step(step, project, jobs, looks)
     ui.timer(LOOK_EVERY_S, partial(_look, looks))
@@ -356,53 +356,81 @@ def _difference(project: Project, joints: str, place: str) -> str:
     return f"{text}, {distance:.2f} mm from the pendant: {verdict}."
 
 
-def _columns(project: Project) -> None:
+class _ColumnsPanel:
     """What the columns mean, as it is understood, and how that is corrected: a choice for each."""
-    now = columns.Understanding("", "", (), (), 6, {}, [])
-    asked: Any = None
-    looks: Looks = []
-    fields: list[list[Any]] = []
 
-    def question() -> Any:
-        files = [(name, (project.folder / name).stat().st_mtime_ns) for name in project.files("data")]
-        return files, project.robot, project.choices().get("data")
+    def __init__(self, project: Project) -> None:
+        self.project = project
+        self.now = columns.Understanding("", "", (), (), 6, {}, [])
+        self.asked: Any = None
+        """Files, robot and choices that ``now`` is of."""
+        self.looks: Looks = []
+        self.meanings: list[list[Any]] = []
+        """Of each table and column the field that says what it means."""
+        with ui.row().classes("items-center gap-3"):
+            self.sentence = ui.label().classes("font-bold").props('role="status"')
+            self.waiting = ui.spinner()
+            self.waiting.set_visibility(False)
+        self.complaint = ui.label().classes("text-negative").props('role="alert"')
+        _drawn(lambda: self.now.notes, lambda notes: [ui.label(f"{note}.") for note in notes], self.looks)
+        with ui.row().classes("items-end"):
+            self.units = {key: self._unit(key, names) for key, names in UNITS.items()}
+            self.forget = ui.button("Forget my corrections", on_click=lambda: project.choose("data", set={}, words={}))
+            self.forget.props("flat")
+        _drawn(lambda: [(t.source, t.keys, t.samples) for t in self.now.tables], self._draw_tables, self.looks)
+        _drawn(lambda: self.now.rows, _first_rows, self.looks)
+        self.looks.append(self._update)
+        self._update()
+        ui.timer(LOOK_EVERY_S, self._look)
 
-    async def look() -> None:
-        nonlocal now, asked
-        if question() == asked or not (project.files("data") or now.tables):
+    def _unit(self, key: str, names: Sequence[str]) -> Any:
+        field = ui.select(["", *names], label=f"Unit of {key[6:]}", on_change=partial(self._change_unit, key))
+        return field.classes("w-40")
+
+    def _question(self) -> Any:
+        files = [(name, (self.project.folder / name).stat().st_mtime_ns) for name in self.project.files("data")]
+        return files, self.project.robot, self.project.choices().get("data")
+
+    def _choices(self) -> dict[str, str]:
+        """What the user has chosen so far."""
+        return dict(self.project.choices().get("data", {}).get("set", {}))
+
+    async def _look(self) -> None:
+        """Understand the files, where they or the choices changed."""
+        if self._question() == self.asked or not (self.project.files("data") or self.now.tables):
             return
-        asked = question()
-        waiting.set_visibility(True)
-        reading = asyncio.ensure_future(columns.reading(project))
-        while not reading.done() and question() == asked:
+        asked = self.asked = self._question()
+        self.waiting.set_visibility(True)
+        reading = asyncio.ensure_future(columns.reading(self.project))
+        while not reading.done() and self._question() == asked:
             await asyncio.wait([reading], timeout=LOOK_EVERY_S)
-        waiting.set_visibility(False)
-        if not reading.cancel() and question() == asked:  # else it changed meanwhile, and the next look asks for it
-            now = reading.result()
-            _look(looks)
+        self.waiting.set_visibility(False)
+        # else it changed meanwhile, and the next look asks for it
+        if not reading.cancel() and self._question() == asked:
+            self.now = reading.result()
+            _look(self.looks)
 
-    def change(table: int, k: int, event: Any) -> None:
-        nonlocal now
-        words = [list(of_table.words) for of_table in now.tables]
+    def _change(self, table: int, k: int, event: Any) -> None:
+        words = [list(of_table.words) for of_table in self.now.tables]
         if event.value is None or event.value == words[table][k]:
             return  # set by the page itself
-        words[table] = columns.chosen(words[table], k, event.value, now.joints)
-        said, _ = columns.changes([(of.keys, new) for of, new in zip(now.tables, words, strict=True)], now.joints)
-        units = {key: value for key, value in said_before().items() if not key.startswith("columns.")}
-        named = {of.source: new for of, new in zip(now.tables, words, strict=True)}
-        project.choose("data", set=units | said, words=named)
-        now = replace(now, tables=tuple(replace(of, words=tuple(named[of.source])) for of in now.tables))
-        _look(looks)
+        words[table] = columns.chosen(words[table], k, event.value, self.now.joints)
+        pairs = [(of_table.keys, new) for of_table, new in zip(self.now.tables, words, strict=True)]
+        declared, _ = columns.changes(pairs, self.now.joints)
+        units = {key: value for key, value in self._choices().items() if not key.startswith("columns.")}
+        named = {of_table.source: new for of_table, new in zip(self.now.tables, words, strict=True)}
+        self.project.choose("data", set=units | declared, words=named)
+        tables = tuple(replace(of_table, words=tuple(named[of_table.source])) for of_table in self.now.tables)
+        self.now = replace(self.now, tables=tables)
+        _look(self.looks)
 
-    def said_before() -> dict[str, str]:
-        return dict(project.choices().get("data", {}).get("set", {}))
+    def _change_unit(self, key: str, event: Any) -> None:
+        choices = self._choices()
+        if event.value != self.now.units.get(key, choices.get(key, "")):
+            self.project.choose("data", set=choices | {key: event.value})
 
-    def change_unit(key: str, event: Any) -> None:
-        if event.value != now.units.get(key, said_before().get(key, "")):
-            project.choose("data", set=said_before() | {key: event.value})
-
-    def table(structure: list[tuple[str, tuple[str | int, ...], tuple[str, ...]]]) -> None:
-        fields.clear()
+    def _draw_tables(self, structure: list[tuple[str, tuple[str | int, ...], tuple[str, ...]]]) -> None:
+        self.meanings.clear()
         for number, (source, keys, samples) in enumerate(structure):
             ui.label(source).classes("font-bold")
             with ui.element("table").classes("columns"):
@@ -410,59 +438,39 @@ def _columns(project: Project) -> None:
                     for title in ("column", "means", "first values"):
                         with ui.element("th").props('scope="col"'):
                             ui.label(title)
-                fields.append([])
+                self.meanings.append([])
                 for k, (key, cells) in enumerate(zip(keys, samples, strict=True)):
                     with ui.element("tr"):
                         with ui.element("th").props('scope="row"'):
                             ui.label(str(key))
                         with ui.element("td"):
-                            field = ui.select([], on_change=partial(change, number, k)).classes("w-44")
+                            field = ui.select([], on_change=partial(self._change, number, k)).classes("w-44")
                             field.props["aria-label"] = f"What column {key} of {source} means"
-                            fields[-1].append(field.props("dense options-dense outlined"))
+                            self.meanings[-1].append(field.props("dense options-dense outlined"))
                         with ui.element("td"):
                             ui.label(cells)
 
-    def update() -> None:
+    def _update(self) -> None:
+        now, choices = self.now, self._choices()
         missing = columns.changes([(of_table.keys, of_table.words) for of_table in now.tables], now.joints)[1]
-        sentence.text = now.sentence
-        complaint.text = now.complaint and (missing or now.complaint)
-        for of_table, of_fields in zip(now.tables, fields, strict=True):
-            offered = columns.choices([word for one in now.tables for word in one.words], now.joints)
+        self.sentence.text = now.sentence
+        self.complaint.text = now.complaint and (missing or now.complaint)
+        offered = columns.choices([word for of_table in now.tables for word in of_table.words], now.joints)
+        for of_table, of_fields in zip(now.tables, self.meanings, strict=True):
             for field, word in zip(of_fields, of_table.words, strict=True):
                 if field.options != offered or field.value != word:
                     field.set_options(offered, value=word)
-        for key, field in units.items():
+        for key, field in self.units.items():
             field.set_visibility(bool(now.tables))
-            field.value = now.units.get(key, said_before().get(key, ""))
-        forget.set_visibility(bool(said_before() or project.choices().get("data", {}).get("words")))
+            field.value = now.units.get(key, choices.get(key, ""))
+        self.forget.set_visibility(bool(choices or self.project.choices().get("data", {}).get("words")))
 
-    def rows(first: list[dict[str, Any]]) -> None:
-        if first:
-            header = [{"name": key, "label": key, "field": key, "align": "right"} for key in first[0]]
-            ui.table(rows=first, columns=header, title="The first rows as they are understood").classes("w-full").props(
-                "dense flat"
-            )
 
-    with ui.row().classes("items-center gap-3"):
-        sentence = ui.label().classes("font-bold").props('role="status"')
-        waiting = ui.spinner()
-        waiting.set_visibility(False)
-    complaint = ui.label().classes("text-negative").props('role="alert"')
-    _drawn(lambda: now.notes, lambda notes: [ui.label(f"{note}.") for note in notes], looks)
-    with ui.row().classes("items-end"):
-        units = {
-            key: ui.select(["", *names], label=f"Unit of {key[6:]}", on_change=partial(change_unit, key)).classes(
-                "w-40"
-            )
-            for key, names in UNITS.items()
-        }
-        forget = ui.button("Forget my corrections", on_click=lambda: project.choose("data", set={}, words={}))
-        forget.props("flat")
-    _drawn(lambda: [(one.source, one.keys, one.samples) for one in now.tables], table, looks)
-    _drawn(lambda: now.rows, rows, looks)
-    looks.append(update)
-    update()
-    ui.timer(LOOK_EVERY_S, look)
+def _first_rows(first: list[dict[str, Any]]) -> None:
+    if first:
+        header = [{"name": key, "label": key, "field": key, "align": "right"} for key in first[0]]
+        table = ui.table(rows=first, columns=header, title="The first rows as they are understood")
+        table.classes("w-full").props("dense flat")
 
 
 def _field(option: Option, step: Step, project: Project, explained: Any) -> None:
