@@ -552,7 +552,11 @@ def drawings(result: JointBehaviour) -> dict[str, Callable[[], Chart]]:
         if any(term.tested for term in residuals.of("move").values()):
             out["residuals_by_move"] = partial(_by_move, residuals)
         out["backlash"] = partial(_backlash, residuals)
-    return {name: lambda chart=chart: chart().marked(result.simulated) for name, chart in out.items()}
+    return {name: partial(_marked, chart, result.simulated) for name, chart in out.items()}
+
+
+def _marked(draw: Callable[[], Chart], simulated: bool) -> Chart:
+    return draw().marked(simulated)
 
 
 def _named_series(joint: JointMoves) -> Iterator[tuple[str, Series]]:
