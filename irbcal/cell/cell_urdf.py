@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 
 from irbcal.arrays import FloatArray
@@ -36,7 +38,8 @@ def with_cell(data: bytes, arm: Arm, cell: CellFile) -> bytes:
     from lxml import etree
 
     robot = urdf.from_bytes(data, f"URDF of {arm.name}", arm.base_link, arm.tip_link)
-    root = robot.tree.getroot()
+    tree = copy.deepcopy(robot.tree)
+    root = tree.getroot()
     taken = {element.get("name") for element in root.iter("link", "joint")}
     links: dict[str, tuple[str, FloatArray]] = {BASE: (arm.base_link, np.eye(4))}
     if external_axes.root(cell.axes) == FLOOR:
@@ -71,7 +74,7 @@ def with_cell(data: bytes, arm: Arm, cell: CellFile) -> bytes:
             parent, T_parent = (arm.tip_link, np.eye(4)) if title == "tool" else links[stand]
             link = _free(f"{title}_{name}", taken)
             urdf_xml.add_joint(root, parent, link, T_parent @ frame.T_true)
-    return urdf_xml.serialised(robot.tree)
+    return urdf_xml.serialised(tree)
 
 
 def _free(name: str, taken: set[str | None]) -> str:

@@ -19,6 +19,7 @@ import copy
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -269,6 +270,7 @@ def source_bytes(robot: str | Path, package_dirs: Sequence[str | Path] = ()) -> 
     return data
 
 
+@lru_cache(maxsize=32)  # commands look at the same file several times
 def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | None = None) -> UrdfArm:
     """As `read`, from the file's content; ``source`` names it in errors."""
     tree = urdf_xml.parse(data, source)
@@ -640,7 +642,8 @@ def with_links(
     if T_world_base is None and not targets:
         return data
     urdf = from_bytes(data, f"URDF of {arm.name}", arm.base_link, arm.tip_link)
-    root = urdf.tree.getroot()
+    tree = copy.deepcopy(urdf.tree)
+    root = tree.getroot()
     names = {element.get("name") for element in root.iter("link", "joint")}
     if T_world_base is not None:
         world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
@@ -653,7 +656,7 @@ def with_links(
         link = f"target_{name}"
         if link not in names:
             urdf_xml.add_joint(root, arm.tip_link, link, frames.transform(None, xyz))
-    return urdf_xml.serialised(urdf.tree)
+    return urdf_xml.serialised(tree)
 
 
 def largest_link_shift(urdf: UrdfArm, arm: Arm) -> float:
