@@ -14,7 +14,7 @@ from irbcal.identification.fit_sections import ParameterReport, groups_table, mo
 from irbcal.identification.term_sets import TypePrior
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
-from irbcal.io.importing import MeasurementFiles
+from irbcal.io.measured_files import MeasurementFiles
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Errors, EvidenceChoice, Record
 from irbcal.io.urdf_xml import MeshPaths

@@ -48,7 +48,7 @@ from irbcal.identification.problem import session_names
 from irbcal.identification.term_sets import TypePrior
 from irbcal.io import integrity, prior_file, robots, urdf, urdf_check, urdf_xml
 from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
-from irbcal.io.importing import MeasurementFiles, measurements_of
+from irbcal.io.measured_files import MeasurementFiles, measurements_of
 from irbcal.io.opening import CalibrationLike, calibration_at, open_nominal
 from irbcal.io.schema import (
     CertaintySection,

@@ -95,7 +95,7 @@ def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]
     if os.environ.get("IRBCAL_PROGRESS") == "lines" and not quiet:
         yield lambda text: print(f"\x1e{text}", file=sys.stderr, flush=True)
         return
-    if quiet:
+    if quiet or not (sys.stderr.isatty() or "FORCE_COLOR" in os.environ):
         yield lambda text: None
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn

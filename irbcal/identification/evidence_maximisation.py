@@ -9,7 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cache, cached_property
+from importlib.machinery import PathFinder
+from importlib.util import module_from_spec
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -131,8 +135,8 @@ class Posterior:
 
     c: FloatArray
     """Shape (k,). Coefficients."""
-    covariance: FloatArray
-    """Shape (k, k)."""
+    whitened: FloatArray
+    """See `_factor`."""
     variances: FloatArray
     gammas: FloatArray
     """Shape (groups,). Prior variance of each group and number of its coefficients that the data determine."""
@@ -144,6 +148,11 @@ class Posterior:
     temper: float
     freedom: float = np.inf
     """Coordinates that ``s2`` rests on, what was known of it before included."""
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the coefficients, shape (k, k): few fits are asked for it."""
+        return self.whitened.T @ self.whitened
 
 
 def maximise_evidence(
@@ -213,9 +222,9 @@ def maximise_evidence(
             break
         last, plain = moment.goal, x + step
         x = np.minimum(ways.after(x, plain), highest)
-    covariance = (moment.whitened.T @ moment.whitened) * np.outer(moment.scale, moment.scale)
     moment.c[flat:] += 0.0 if expected is None else expected.mean
-    return Posterior(moment.c, covariance, v, moment.gammas, s2, moment.evidence, iteration, t, float(moment.down[-1]))
+    freedom = float(moment.down[-1])
+    return Posterior(moment.c, moment.whitened, v, moment.gammas, s2, moment.evidence, iteration, t, freedom)
 
 
 class Worth(NamedTuple):
@@ -289,7 +298,6 @@ class _Moment:
     c: FloatArray
     """Shape (k,)."""
     whitened: FloatArray
-    scale: FloatArray
     """See `_factor`."""
     gammas: FloatArray
     """Shape (groups,)."""
@@ -351,23 +359,23 @@ class _Problem:
         sums, flat, group, unit, t, groups = self.sums, self.flat, self.group, self.unit, self.t, len(v)
         N = sums.equations
         prior = np.concatenate([np.zeros(flat), unit / v[group]])
-        whitened, scale, log_det = _factor(sums.H, prior, t / s2)
+        whitened, log_det = _factor(sums.H, prior, t / s2)
         b = (t / s2) * sums.g
-        c = scale * (whitened.T @ (whitened @ (scale * b)))
+        c = whitened.T @ (whitened @ b)
         penalty = float(c @ (prior * c))
         # A c = b spares the product H c
         rss = max(sums.yy - 2.0 * float(c @ sums.g) + (s2 / t) * (float(c @ b) - penalty), 1e-12 * sums.yy)
         counts = np.bincount(group, minlength=groups).astype(float)
         evidence = -0.5 * (t * N * np.log(2 * np.pi * s2) + t * rss / s2 + penalty + log_det)
         evidence += 0.5 * (flat * np.log(2 * np.pi) - float(counts @ np.log(v)) + float(np.log(unit).sum()))
-        diagonal = (scale * scale * np.einsum("ij,ij->j", whitened, whitened))[flat:]
+        diagonal = np.einsum("ij,ij->j", whitened, whitened)[flat:]
         gammas = counts - np.bincount(group, unit * diagonal, groups) / v
         known = float((self.count * np.log(v) + self.square / v).sum())
         known += NOISE_COUNT * float(np.log(s2) + self.noise**2 / s2)
         squares = np.bincount(group, unit * c[flat:] ** 2, groups)
         up = np.append(squares + self.square, t * rss + NOISE_COUNT * self.noise**2)
         down = np.append(gammas + self.count, max(self.spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
-        return _Moment(c, whitened, scale, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
+        return _Moment(c, whitened, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
 
 
 def _kept_from_zero(group: IntArray, groups: int, expected: CoefficientPrior | None) -> tuple[FloatArray, FloatArray]:
@@ -388,38 +396,47 @@ def _about(sums: NormalEquations, flat: int, expected: CoefficientPrior) -> Norm
 def _start_variance(problem: _Problem) -> float:
     """Residual variance of base and targets alone, in part: a start between that and the end."""
     sums, flat = problem.sums, problem.flat
-    whitened, scale, _ = _factor(sums.H[:flat, :flat], np.zeros(flat), 1.0)
-    explained = whitened @ (scale * sums.g[:flat])
+    explained = _factor(sums.H[:flat, :flat], np.zeros(flat), 1.0)[0] @ sums.g[:flat]
     return max(0.01 * problem.t * (sums.yy - float(explained @ explained)) / problem.spare, 1e-8)
 
 
-def _factor(H: FloatArray, prior: FloatArray, weight: float) -> tuple[FloatArray, FloatArray, float]:
-    """Inverse Cholesky factor W of ``A = weight H + diag(prior)`` at unit diagonal: ``A^-1 = S W^T W S``.
+def _factor(H: FloatArray, prior: FloatArray, weight: float) -> tuple[FloatArray, float]:
+    """Inverse Cholesky factor W of ``A = weight H + diag(prior)``: ``A^-1 = W^T W``.
 
     Returns
     -------
     W : ndarray, shape (k, k)
         Lower triangular.
-    scale : ndarray, shape (k,)
-        Diagonal of S.
     log_det : float
         Of A.
     """
     diagonal = weight * np.diagonal(H) + prior
     if not (diagonal > 0.0).all():
         raise IdentificationError("the data do not determine base and targets: measure more poses")
-    scale = 1.0 / np.sqrt(diagonal)
-    W = H.T * (weight * scale)  # symmetric: by columns, as LAPACK has them
-    W *= scale[:, None]
-    np.fill_diagonal(W, 1.0)
+    W = weight * H.T  # symmetric: by columns, as LAPACK has them
+    np.fill_diagonal(W, diagonal)
     _invert_factor(W)
-    return W, scale, -2.0 * float(np.log(np.diagonal(W)).sum() + np.log(scale).sum())
+    return W, -2.0 * float(np.log(np.diagonal(W)).sum())
+
+
+@cache
+def _linear_algebra() -> tuple[Any, Any]:
+    """Scipy's BLAS and LAPACK, without the package around them: that takes a seventh of a second to load."""
+    import scipy
+
+    modules = []
+    for name in ("_fblas", "_flapack"):
+        spec = PathFinder.find_spec(name, [str(Path(folder, "linalg")) for folder in scipy.__path__])
+        assert spec is not None
+        assert spec.loader is not None
+        modules.append(module_from_spec(spec))
+        spec.loader.exec_module(modules[-1])
+    return modules[0], modules[1]
 
 
 def _invert_factor(A: FloatArray) -> None:
     """Put the inverse of a matrix's Cholesky factor in its place, by quarters: products are faster than LAPACK."""
-    from scipy.linalg import blas, lapack
-
+    blas, lapack = _linear_algebra()
     half = len(A) // 2
     if half < 32:
         L, failed = lapack.dpotrf(A, lower=1, clean=1)
