@@ -96,6 +96,7 @@ from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
 from irbcal.names import check_names
 from irbcal.options import checked, names, number, place
@@ -780,7 +781,12 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
     """The fit of a level, or the average of error models."""
     options, arm, points, heldout = inputs.options, inputs.urdf.arm, inputs.fit_points, inputs.heldout_points
     if model == "auto":
-        motion = inputs.fit_motion if options.torques else replace(inputs.fit_motion, torques=None)
+        asked = {
+            name: values
+            for name, values in inputs.fit_motion.inputs.items()
+            if not inputs_of_terms()[name].on_request or getattr(options, name)
+        }
+        motion = replace(inputs.fit_motion, inputs=asked)
         return identify_evidence(
             arm,
             points,
@@ -930,11 +936,12 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
         rows = replace(rows, source=str(measurements))
     rows = numbered_alike(rows, nominal.arm.forward(rows.q)[:, :3, :3])
     if options.payload_place is not None:
-        if rows.payload_kg is None or rows.payload_place is not None:
-            reason = "there is no column payload_kg" if rows.payload_kg is None else "the rows tell the payload's place"
+        if "payload_kg" not in rows.inputs or "payload_place" in rows.inputs:
+            there = "payload_kg" in rows.inputs
+            reason = "the rows tell the payload's place" if there else "there is no column payload_kg"
             raise OptionError(f"payload_place: {reason}: leave it out", parameter="payload_place")
         centre = np.asarray(options.payload_place, dtype=float)
-        rows = replace(rows, payload_place=np.tile(centre, (len(rows), 1)))
+        rows = replace(rows, inputs={**rows.inputs, "payload_place": np.tile(centre, (len(rows), 1))})
     if shape_only(rows):
         raise IdentificationError(
             "these rows only say that points lie in planes or on lines whose places are unknown: a fit makes them "

@@ -9,9 +9,8 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,13 +24,13 @@ from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import cleaning
 from irbcal.measurement.cleaning import Cleaned, Exclusion
-from irbcal.measurement.motions import motion_of, payload_of
+from irbcal.measurement.motions import inputs_of, motion_of
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.poses import as_poses, in_frame_of
-from irbcal.measurement.sessions import COLUMN, MARK, OF_POSES, block_of, joined, sessions_of
+from irbcal.measurement.sessions import COLUMN, MARK, block_of, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms.situation import LOAD, Motion
+from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.units import MM
 
 NONE = "none"
@@ -245,21 +244,19 @@ def _free_name(name: str, used: set[str]) -> str:
 
 def joined_motions(motions: Sequence[Motion]) -> Motion:
     """Motions of several sessions as one; what only some of them know is zero in the others."""
-    values: dict[str, Any] = {}
-    for attribute in fields(Motion):
-        values_ = [getattr(motion, attribute.name) for motion in motions]
-        present = [value for value in values_ if value is not None]
-        if attribute.name in LOAD and len(present) < len(
-            values_
-        ):  # a load that is told for some sessions only serves nobody
-            values[attribute.name] = None
-        elif not present or isinstance(present[0], bool):
-            values[attribute.name] = any(present) if present else None
-        else:
-            tail = present[0].shape[1:]
-            pairs = zip(values_, motions, strict=True)
-            values[attribute.name] = np.concatenate([np.zeros((len(m), *tail)) if v is None else v for v, m in pairs])
-    return Motion(**values)
+    elapsed = [np.zeros(len(motion)) if motion.elapsed is None else motion.elapsed for motion in motions]
+    moved, timed = (any(getattr(motion, name) is not None for motion in motions) for name in ("move", "elapsed"))
+    return Motion(
+        np.concatenate([motion.q for motion in motions]),
+        np.concatenate([motion.moves for motion in motions]) if moved else None,
+        np.concatenate(elapsed) if timed else None,
+        {
+            name: np.concatenate([motion.inputs[name] for motion in motions])
+            for name in motions[0].inputs
+            if all(name in motion.inputs for motion in motions)  # what is told for some sessions only serves nobody
+        },
+        any(motion.readings for motion in motions),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,9 +364,9 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
         elapsed = np.concatenate(order)
         by_time = np.argsort(elapsed, kind="stable")
         all_points = _ordered(replace(all_points, session=None), by_time)
-        load, centre = payload_of(all_points, "the earlier calibration")
-        loads = load, not record.programmed, centre, all_points.torques
-        sessions.append((session, all_points, Motion(all_points.q, all_points.moves(), elapsed[by_time], *loads)))
+        known = inputs_of(all_points, "the earlier calibration")
+        motion = Motion(all_points.q, all_points.moves(), elapsed[by_time], known, not record.programmed)
+        sessions.append((session, all_points, motion))
     return Earlier(record, tuple(sessions), folder)
 
 
@@ -378,6 +375,11 @@ def _ordered(points: PointSet, order: IntArray) -> PointSet:
     rank = np.argsort(order)
     of_point = np.argsort(rank[points.pose], kind="stable")
     changed = replace(points.take(of_point), pose=rank[points.pose][of_point])
-    names = {"q", "pose_ids", "groups", *OF_POSES}
-    values: dict[str, Any] = {name: value[order] for name in names if (value := getattr(points, name)) is not None}
-    return replace(changed, **values)
+    return replace(
+        changed,
+        q=points.q[order],
+        pose_ids=points.pose_ids[order],
+        groups=points.groups[order],
+        previous=None if points.previous is None else points.previous[order],
+        inputs=at_rows(points.inputs, order),
+    )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from math import pi
+from typing import NamedTuple
 
 MM: float = 1e-3
 """One millimetre in metres."""
@@ -17,3 +18,20 @@ LARGEST_PAYLOAD_KG: float = 5e3
 
 UNIT_OUTSIDE: Mapping[str, tuple[str, float]] = {"m": ("mm", MM), "rad": ("deg", DEG), "1": ("1", 1.0)}
 """SI unit -> (unit at the surface, factor: value in SI = factor * value at the surface)."""
+
+
+class ColumnKind(NamedTuple):
+    """What a column of numbers holds."""
+
+    expected: str
+    """For messages."""
+    low: float
+    high: float
+    """The smallest and the largest number that make sense."""
+    unit: float = 1.0
+    """What one is in SI units."""
+
+    @property
+    def noun(self) -> str:
+        """What is expected, without bounds."""
+        return self.expected.partition(" within ±")[0]

@@ -31,7 +31,8 @@ def situations(robot, n, seed):
     rng = np.random.default_rng(seed)
     q, before = robot.arm.random_joints(n, seed), robot.arm.random_joints(n, seed + 1)
     before[::4] = np.nan
-    return q, (before, rng.uniform(0, 5, n), rng.uniform(-0.2, 0.2, (n, 3)), rng.normal(0, 30, q.shape))
+    given = {"previous": before, "payload_kg": rng.uniform(0, 5, n), "payload_place": rng.uniform(-0.2, 0.2, (n, 3))}
+    return q, given | {"torques": rng.normal(0, 30, q.shape)}
 
 
 def computed(program, q, situation):
@@ -40,7 +41,7 @@ def computed(program, q, situation):
     Effective joints, tips (n, 3, 4), derivatives of both by commanded joints, commands from the effective joints, tips of
     the inverse's joints, and whether commands and inverse were found.
     """
-    before, kg, place, torques = situation
+    before, kg, place, torques = situation.values()
     rows = np.hstack([q, before, torques, kg[:, None], place])
     done = subprocess.run([program], input=rows.tobytes(), capture_output=True, check=True)
     n = q.shape[1]
@@ -65,7 +66,7 @@ def computed(program, q, situation):
 
 def times(program, q, situation):
     """Microseconds a call: forward, effective, forward with Jacobian, inverse; share of inverses found, their steps."""
-    before, kg, place, torques = situation
+    before, kg, place, torques = situation.values()
     rows = np.hstack([q, before, torques, kg[:, None], place])
     done = subprocess.run([program, "time"], input=rows.tobytes(), capture_output=True, check=True)
     return [float(word) for word in done.stdout.split()[:6]]

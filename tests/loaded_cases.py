@@ -31,7 +31,7 @@ def contacts(nominal, truth, count=50, noise=1e-5, seed=0):
             off = noise * rng.standard_normal((int(mine.sum()), 3))
 
             def tips(q, load=load):
-                return terms.forward(truth, Motion(q, payload_kg=np.full(len(q), load)))
+                return terms.forward(truth, Motion(q, inputs={"payload_kg": np.full(len(q), load)}))
 
             q[mine], good = met(nominal, found, name, q[mine], tips, off)
             assert good.all()

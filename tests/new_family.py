@@ -2,8 +2,9 @@
 
 import textwrap
 
+from irbcal.measurement import columns
 from irbcal.modeling import terms as package
-from irbcal.modeling.terms import bases, families
+from irbcal.modeling.terms import bases, families, inputs
 
 NEW_FAMILY = textwrap.dedent('''
     """Creep: a joint that is far from its middle gives way."""
@@ -40,14 +41,14 @@ NEW_FAMILY = textwrap.dedent('''
 ''')
 
 
-def add(folder, monkeypatch):
+def add(folder, monkeypatch, name="creep", text=NEW_FAMILY):
     """Add the family; `forget` after the path is as it was."""
-    (folder / "creep.py").write_text(NEW_FAMILY)
+    (folder / f"{name}.py").write_text(text)
     monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
     forget()
 
 
 def forget():
     """Look for families again."""
-    families.cache_clear()
-    bases.cache_clear()
+    for registry in (families, bases, inputs, columns.declared):
+        registry.cache_clear()

@@ -44,7 +44,7 @@ def motion_at(q, previous=PREVIOUS):
     q = np.atleast_2d(q)
     n = len(q)
     torques = 40.0 * np.sin(np.arange(1.0, q.shape[1] + 1.0)) * np.ones(q.shape)
-    return Motion(q, q - previous, 3.0 + np.arange(n), np.full(n, 2.5), torques=torques)
+    return Motion(q, q - previous, 3.0 + np.arange(n), {"payload_kg": np.full(n, 2.5), "torques": torques})
 
 
 def every_term(model):

@@ -31,12 +31,12 @@ def test_what_a_payload_bends_is_told_by_balls(made, tmp_path):
     ).robot_calibrated()
     terms = loaded.map_of(nominal)
     for load in loaded.LOADS:
-        T = terms.forward(truth, Motion(q, payload_kg=np.full(len(q), load)))
+        T = terms.forward(truth, Motion(q, inputs={"payload_kg": np.full(len(q), load)}))
         true = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
         mass = np.full(len(q), load)
         places = [
             T[:, :3, 3] + T[:, :3, :3] @ one.targets["ball"]
-            for one, T in ((robot, robot.forward(q, None, mass)), (blind, blind.forward(q)))
+            for one, T in ((robot, robot.forward(q, payload_kg=mass)), (blind, blind.forward(q)))
         ]
         left = [np.sqrt(np.mean(cases.apart_in_place(true, place) ** 2)) for place in places]
         assert left[0] < 0.015e-3

@@ -62,21 +62,22 @@ def test_forward_and_joint_map_are_those_of_numpy(robots, name, monkeypatch):
     robot = robots[name]
     q, previous = stops(robot)
     rng = np.random.default_rng(6)
-    load = [rng.uniform(0, 5, len(q)), rng.uniform(-0.2, 0.2, (len(q), 3)), rng.normal(0, 30, q.shape)]
-    for values in load:  # what is no number is not known
+    load = {"payload_kg": rng.uniform(0, 5, len(q)), "payload_place": rng.uniform(-0.2, 0.2, (len(q), 3))}
+    load["torques"] = rng.normal(0, 30, q.shape)
+    for values in load.values():  # what is no number is not known
         values.reshape(-1)[::7] = np.nan
     situations = [
-        (previous,),
-        (None, load[0]),
-        (previous, None, load[1]),
-        (None, None, None, load[2]),
-        (previous, *load),
+        {"previous": previous},
+        {"payload_kg": load["payload_kg"]},
+        {"previous": previous, "payload_place": load["payload_place"]},
+        {"torques": load["torques"]},
+        {"previous": previous, **load},
+        {"payload_kg": 2.0, "payload_place": [0.1, 0.0, 0.2]},
     ]
-    situations.append((None, 2.0, [0.1, 0.0, 0.2]))
     assert robot.kernel is not None
 
     def computed(robot):
-        each = [(robot.forward(q, *at), robot.joint_map.effective(q, *at)) for at in situations]
+        each = [(robot.forward(q, **at), robot.joint_map.effective(q, **at)) for at in situations]
         return [robot.poses(q), robot.forward(q[:1]), *(values for pair in each for values in pair)]
 
     def slopes(robot):

@@ -53,7 +53,9 @@ class Loaded:
         xyz += NOISE * rng.standard_normal(xyz.shape)
         pose, target = np.repeat(np.arange(poses), 3), np.tile(np.arange(3), poses)
         empty = np.full(poses, "", dtype=object)
-        return PointSet(q, pose, target, xyz, tuple(tool), np.arange(poses), empty, payload_kg=np.full(poses, kg))
+        return PointSet(
+            q, pose, target, xyz, tuple(tool), np.arange(poses), empty, inputs={"payload_kg": np.full(poses, kg)}
+        )
 
 
 def together(first, second):
@@ -67,7 +69,7 @@ def together(first, second):
         (*first.target_names, *second.target_names),
         np.arange(n + second.poses),
         np.concatenate([first.groups, second.groups]),
-        payload_kg=np.concatenate([first.payload_kg, second.payload_kg]),
+        inputs={"payload_kg": np.concatenate([first.inputs["payload_kg"], second.inputs["payload_kg"]])},
     )
 
 
@@ -82,7 +84,7 @@ def judged(robot, points, known=10):
 
 
 def fitted(truth, points, **options):
-    motion = Motion(points.q, payload_kg=points.payload_kg, torques=points.torques)
+    motion = Motion(points.q, inputs=points.inputs)
     return identify_evidence(truth.nominal, points, motion, payload_place=PLACE, **options)
 
 
@@ -101,14 +103,14 @@ def case(request):
 def of_one_load(case):
     """The fit to the poses with 2 kg alone."""
     truth, points, _ = case
-    return fitted(truth, points.select(points.payload_kg == 2.0).with_seen_targets())
+    return fitted(truth, points.select(points.inputs["payload_kg"] == 2.0).with_seen_targets())
 
 
 def test_it_extrapolates_to_a_third_load(case, of_one_load):
     truth, points, found = case
     third = truth.measured(4.0, 110, 3)
     with_term = judged(found.robot, third)
-    untold = judged(fitted(truth, replace(points, payload_kg=None)).robot, third)
+    untold = judged(fitted(truth, replace(points, inputs={})).robot, third)
     heavier = truth.measured(6.0, 110, 3)
     assert with_term < 0.03  # the noise is 0.016 mm long in the mean, that of the tool's ten poses comes to it
     assert untold > 4 * with_term
@@ -122,11 +124,14 @@ def test_a_mass_wrong_by_a_tenth_costs_little(case):
     third = truth.measured(4.0, 110, 3)
     right = judged(found.robot, third)
     # wrong at use, and wrong for one of the loads of the fit
-    assert judged(found.robot, replace(third, payload_kg=1.1 * third.payload_kg)) < right + 0.05
-    wrong = fitted(truth, replace(points, payload_kg=1.1 * points.payload_kg))
+    assert judged(found.robot, replace(third, inputs={"payload_kg": 1.1 * third.inputs["payload_kg"]})) < right + 0.05
+    wrong = fitted(truth, replace(points, inputs={"payload_kg": 1.1 * points.inputs["payload_kg"]}))
     assert judged(wrong.robot, third) < right + 0.05
     # wrong alike everywhere: nothing but another unit
-    assert abs(judged(wrong.robot, replace(third, payload_kg=1.1 * third.payload_kg)) - right) < 0.002
+    assert (
+        abs(judged(wrong.robot, replace(third, inputs={"payload_kg": 1.1 * third.inputs["payload_kg"]})) - right)
+        < 0.002
+    )
 
 
 def test_compliances_are_found_with_their_uncertainty(case):
@@ -150,7 +155,7 @@ def test_it_is_for_the_load_of_most_poses_and_says_so(case):
     assert np.abs(again.effective(q) - joint_map.carrying(2.0).effective(q)).max() < 1e-12
     # intervals hold for either load, and only if the load is told
     inside = coverage(found.robot, points)["parts"]["all"]["inside"]
-    untold = coverage(found.robot, replace(points, payload_kg=None))["parts"]["all"]["inside"]
+    untold = coverage(found.robot, replace(points, inputs={}))["parts"]["all"]["inside"]
     assert inside > 0.93
     assert untold < inside - 0.1
 
@@ -170,15 +175,15 @@ def test_reported_torques_serve_where_the_mass_is_not_known(case):
 
     def with_torques(seen):
         """What a robot reports: the load's torque and that of its own links, with friction."""
-        motion = Motion(seen.q, payload_kg=seen.payload_kg)
+        motion = Motion(seen.q, inputs=seen.inputs)
         joint_map = truth.robot.joint_map
         load = (joint_map.terms.effective(motion) - joint_map.terms.effective(Motion(seen.q))) / truth.compliance
-        return replace(seen, torques=load + rng.normal(0.0, 0.5, seen.q.shape), payload_kg=None)
+        return replace(seen, inputs={"torques": load + rng.normal(0.0, 0.5, seen.q.shape)})
 
     third = truth.measured(4.0, 110, 3)
     by_torques = fitted(truth, with_torques(points))
     felt = judged(by_torques.robot, with_torques(third))
-    blind = judged(by_torques.robot, replace(third, payload_kg=None))
+    blind = judged(by_torques.robot, replace(third, inputs={}))
     known = judged(found.robot, third)
     assert known < felt < 0.05
     assert blind > 3 * felt

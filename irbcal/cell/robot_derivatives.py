@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 
 from irbcal.arrays import FloatArray
@@ -68,8 +65,7 @@ def point_derivatives(
     variance : ndarray, shape (n,)
         Both as of `robot_derivatives`.
     """
-    load: dict[str, Any] = {**robot.joint_map.load(len(q))}
-    motion = replace(Motion(q), **load)
+    motion = Motion(q, inputs=robot.joint_map.inputs(len(q)))
     path = robot.walk(motion)
     points = path.tip[3] + np.einsum("acn,na->cn", path.tip[:3], place)
     J, variance = robot_derivatives(certainty, path, points, motion)

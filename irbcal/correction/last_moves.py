@@ -19,6 +19,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse.closed_form import LIMIT_TOLERANCE
 from irbcal.modeling.inverse.in_order import commanded_in_order, stops_before
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import at_rows
 from irbcal.units import MM
 
 WORTH_SAYING = 1e-3 * MM
@@ -85,20 +86,20 @@ def with_last_moves(
     commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for fake in fakes])
     theta = commands.copy()
     load = _loads(robot, batches)
-    theta[ok] = robot.joint_map.effective(commands[ok], None, *(part[ok] for part in load))
+    theta[ok] = robot.joint_map.effective(commands[ok], None, **at_rows(load, ok))
     rows = np.flatnonzero(np.isfinite(commands).all(axis=1))
     target, previous, at = _uses(commands, numbers, lines, rows, stops, nominal)
     q = commands.copy()
     row_of_pose = np.zeros(len(q), dtype=int)
     row_of_pose[rows] = np.arange(len(rows))
     sweep = row_of_pose[target], np.where(previous >= 0, row_of_pose[previous], -1)
-    q[rows] = commanded_in_order(robot.joint_map, theta[rows], *sweep, ~ok[rows], tuple(part[rows] for part in load))
+    q[rows] = commanded_in_order(robot.joint_map, theta[rows], *sweep, ~ok[rows], at_rows(load, rows))
     beyond = ok & ((q < nominal.lower - LIMIT_TOLERANCE) | (q > nominal.upper + LIMIT_TOLERANCE)).any(axis=1)
     q[beyond] = commands[beyond]
 
     in_use = ok[target]
     target, previous, at = target[in_use], previous[in_use], at[in_use]
-    reached = robot.forward(q[target], _rows(q, previous), *(part[target] for part in load))
+    reached = robot.forward(q[target], _rows(q, previous), **at_rows(load, target))
     off = _places(robot, reached) - _places(robot, T_wanted[target])
     squares = np.mean(np.sum(off**2, axis=2), axis=1)
     unknown = previous < 0
@@ -120,12 +121,15 @@ def with_last_moves(
     return new, LastMoves(tuple(errors), len(target), int((~unknown).sum()), notes)
 
 
-def _loads(robot: Robot, batches: Sequence[TargetBatch]) -> tuple[FloatArray, FloatArray] | tuple[()]:
+def _loads(robot: Robot, batches: Sequence[TargetBatch]) -> dict[str, FloatArray]:
     """Masses (n,) and centres (n, 3) at all targets; empty where the robot carries the same everywhere."""
     if not any(batch.load for batch in batches):
-        return ()
+        return {}
     rows = [batch.load or Carried.at(robot, replace(batch.wanted, loads=())) for batch in batches]
-    return np.concatenate([load.mass for load in rows]), np.concatenate([load.centre for load in rows])
+    return {
+        "payload_kg": np.concatenate([load.mass for load in rows]),
+        "payload_place": np.concatenate([load.centre for load in rows]),
+    }
 
 
 def _uses(

@@ -211,7 +211,10 @@ class Carried(Locked):
         """Corrected targets that are reached with several loads, and how far one of them puts the tip off, metres."""
         out = []
         for k in (k for k, several in enumerate(self.several) if several and fake.ok[k]):
-            reached = [robot.forward(fake.q[k : k + 1], None, *load)[0, :3, 3] for load in self.several[k]]
+            reached = [
+                robot.forward(fake.q[k : k + 1], payload_kg=mass, payload_place=centre)[0, :3, 3]
+                for mass, centre in self.several[k]
+            ]
             off = max(float(np.linalg.norm(p - fake.T_wanted[k, :3, 3])) for p in reached)
             out += [(k, off)] if off > WORTH_SAYING else []
         return out

@@ -14,6 +14,7 @@ import numpy as np
 
 from irbcal import __version__, literals
 from irbcal.arrays import BoolArray, FloatArray, Locked
+from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parts import Bend, Chain, Lever, Wave, map_parts
 from irbcal.modeling.robot import Robot
@@ -184,7 +185,12 @@ class Parts(Locked):
             "chain": Chain.of(arm),
         }
         source = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
-        return Parts(**(common | map_parts(robot.joint_map.terms, robot.joint_map.payload_kg) | source))
+        parts = map_parts(robot.joint_map.terms, robot.joint_map.payload_kg)
+        proportional = parts.pop("proportional")
+        parts["torque"] = proportional.pop("torque", np.zeros(n))
+        if proportional:
+            raise CalibrationError(f"the joint map has terms ({', '.join(proportional)}) that exports do not know")
+        return Parts(**(common | parts | source))
 
     def carrying(self, payload_kg: float, payload_at: FloatArray | None = None) -> Parts:
         """The same with another load where none is told."""
@@ -231,14 +237,13 @@ def vectors_of(robot: Robot, parts: Parts) -> Vectors:
     payload_at = np.tile(parts.payload_place, (TESTS, 1))
     if several:
         payload_at = payload_at + 0.1 * rng.uniform(-1, 1, payload_at.shape)
-    generator = rng if parts.torque.any() else None
-    q, previous, load, felt = robot.arm.random_stops(TESTS, parts.payload_kg, several, generator)
-    torques = np.zeros(q.shape) if felt is None else felt
+    q, previous, load = robot.arm.random_stops(TESTS, parts.payload_kg, several)
+    torques = rng.normal(0.0, 50.0, q.shape) if parts.torque.any() else np.zeros(q.shape)
     previous[::4] = np.nan
     previous[1::4] = q[1::4] - 0.01 * previous[1::4]  # short moves
-    situation = (previous, load, payload_at, torques)
-    effective = np.array(robot.joint_map.effective(q, *situation), dtype=float)
-    tip = robot.replace(frame_terms=None).forward(q, *situation)[:, :3]
+    known = {"payload_kg": load, "payload_place": payload_at, "torques": torques}
+    effective = np.array(robot.joint_map.effective(q, previous, **known), dtype=float)
+    tip = robot.replace(frame_terms=None).forward(q, previous, **known)[:, :3]
     return Vectors(q, previous, load, payload_at, torques, effective, tip)
 
 

@@ -586,7 +586,7 @@ def lost_row_of_robot(robot: Robot, points: PointSet) -> LostRow | None:
     """
     if points.session is not None or points.poses < FEWEST_POSES_FOR_SHIFTED_ROWS:
         return None
-    if points.torques is None and points.payload_kg is None:  # each pose's prediction serves its neighbours, too
+    if not points.inputs:  # each pose's prediction serves its neighbours, too
         predicted = _every_target(robot, points)
         rows = {late: np.clip(points.pose - late, 0, points.poses - 1) for late in (0, 1, -1)}
         apart = {late: np.linalg.norm(points.xyz - predicted[points.target, row], axis=1) for late, row in rows.items()}

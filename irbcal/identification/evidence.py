@@ -41,11 +41,12 @@ from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.modeling.terms.harmonics import FAMILY as HARMONICS
 from irbcal.modeling.terms.harmonics import HIGHEST, LONGEST, band_group
-from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
 from irbcal.statistics import f_beyond
@@ -415,7 +416,7 @@ def prepare(
 ) -> LinearisedPoints:
     """Average repeats, solve for the geometry, and linearise all terms there; parameters as `identify_evidence`."""
     points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
-    loads, load_places = motion.payload_kg, motion.payload_place
+    loads, load_places = motion.inputs.get("payload_kg"), motion.inputs.get("payload_place")
     usual = usual_load(loads) if usual_kg is None else usual_kg
     payload_centre = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
     if loads is not None and load_places is not None:
@@ -432,7 +433,7 @@ def prepare(
         bool(motion.moves.any()),
         payload_centre if loads is not None and len(np.unique(loads)) > 1 else None,
         taus,
-        motion.torques is not None,
+        tuple(motion.inputs),
         None if elapsed is None else float(elapsed.max()),
     )
     project, gain, state = False, None, None
@@ -558,7 +559,7 @@ def identify_evidence(
     columns = np.concatenate([np.arange(flat), flat + used])
     scale = linear.sizes[columns]
     other_bases = dict(zip(linearised.problem.sessions[:-1], state.others, strict=True))
-    loads = linearised.motion.payload_kg
+    loads = linearised.motion.inputs.get("payload_kg")
     stop = stop_numbers(points, motion) if len(linearised.motion) < len(motion) else np.arange(len(motion))
     outlying = np.zeros((len(linearised.motion), len(names)))
     outlying[linearised.problem.points.pose, linearised.problem.points.target] = wrong * MM
@@ -779,10 +780,7 @@ SAME_STOP = 1e-6
 def stop_numbers(points: PointSet, motion: Motion) -> IntArray:
     """Number of the stop that each pose is at, in the order of the first pose of each, shape (n,)."""
     keys = np.round(np.column_stack([motion.q, motion.moves]) / SAME_STOP)
-    if motion.payload_kg is not None:
-        keys = np.column_stack([keys, motion.payload_kg])
-    if motion.payload_place is not None:
-        keys = np.column_stack([keys, motion.payload_place])
+    keys = np.column_stack([keys, *(values for name, values in motion.inputs.items() if inputs()[name].told_once)])
     if points.session is not None:
         keys = np.column_stack([keys, np.unique(points.session.astype(str), return_inverse=True)[1]])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -819,7 +817,6 @@ def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]
     repeats = np.bincount(where)
     xyz = np.column_stack([np.bincount(where, points.xyz[:, k]) for k in range(3)]) / repeats[:, None]
     u95 = None if points.u95 is None else np.bincount(where, points.u95) / repeats
-    load: dict[str, Any] = {k: v if v is None else v[first] for k, v in points.load().items()}
     merged = replace(
         points,
         q=motion.q[first],
@@ -832,10 +829,12 @@ def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]
         session=None if points.session is None else points.session[first],
         rotation=None,
         u95=u95,
-        **load,
+        inputs=at_rows(points.inputs, first),
     )
     elapsed = None if motion.elapsed is None else np.bincount(pose, motion.elapsed) / count
-    torques = motion.torques
-    if torques is not None:
-        torques = np.column_stack([np.bincount(pose, felt) / count for felt in torques.T])
-    return merged, replace(motion.select(first), move=motion.moves[first], elapsed=elapsed, torques=torques)
+    known = at_rows(motion.inputs, first)
+    for name, values in motion.inputs.items():
+        if not inputs()[name].told_once:
+            read = [np.bincount(pose, column) / count for column in values.reshape(len(pose), -1).T]
+            known[name] = np.column_stack(read).reshape(known[name].shape)
+    return merged, replace(motion.select(first), move=motion.moves[first], elapsed=elapsed, inputs=known)

@@ -36,12 +36,12 @@ from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.levels import Level
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms import chain
+from irbcal.modeling.terms import bases, chain
 from irbcal.modeling.terms.gear import gear_terms, in_words
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.situation import Motion, motion_at_use
+from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.term_map import TermMap, motion_at_use
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
@@ -264,7 +264,7 @@ class EvidenceFit(Result):
         """
         if all(term.family != "warm_up" for term in self.terms):
             return None
-        at_use = self.motion_at(points.q, points.previous, **points.load())
+        at_use = self.motion_at(points.q, points.previous, **points.inputs)
         T = self.term_map(warm=False).forward(self.arm, replace(at_use, elapsed=elapsed))
         away = self.T_world_base @ (T - self.term_map().forward(self.arm, at_use))
         targets = np.array([self.targets[name] for name in points.target_names])[points.target]
@@ -392,22 +392,18 @@ class EvidenceFit(Result):
 
     def _load_sentences(self) -> list[str]:
         """What loads it is valid for."""
-        torques = [
-            "It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
-            "predictions without them miss what the joints give way."
-        ]
-        torques = torques if any(term.basis == "torque" for term in self.terms) else []
+        known = dict.fromkeys(given.note for term in self.terms for given in bases()[term.basis].inputs if given.note)
         if not self.loads:
-            return torques
+            return [*known]
         if len(self.loads) == 1:
             return [
-                *torques,
+                *known,
                 f"All poses were measured with a payload of {self.loads[0]:g} kg: the calibration is that of the "
                 "robot with this load, and does not tell what another one does.",
             ]
         some = ", ".join(f"{load:g}" for load in self.loads)
         return [
-            *torques,
+            *known,
             f"Measured with payloads of {some} kg: where no payload is given, predictions and corrections are for "
             f"{self.usual_kg:g} kg, which most poses were measured with (of all loads, if as many); other loads: "
             "--payload.",
@@ -468,20 +464,19 @@ class EvidenceFit(Result):
         pair = [by_name[term.name] for term in gear_terms(gear.joint, gear.cycles_per_turn)]
         return float(np.hypot(*pair))
 
-    def motion_at(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> Motion:
+    def motion_at(self, q: FloatArray, previous: FloatArray | None = None, **inputs: FloatArray | None) -> Motion:
         """The motion that predictions are for: of the warm arm, with the usual load unless told otherwise.
 
         Parameters
         ----------
         q, previous : ndarray, shape (n, joints)
-        load
-            ``payload_kg``, ``payload_place``, ``torques``: see `irbcal.modeling.terms.situation.motion_at_use`.
+        **inputs : ndarray
+            ``payload_kg``, …: see `irbcal.modeling.joint_map.JointMap.effective`.
         """
         q = np.atleast_2d(np.asarray(q, dtype=float))
         before = None if previous is None else np.atleast_2d(np.asarray(previous, dtype=float))
         place = next((t.parameters.get("place") for t in self.terms if t.basis == "payload"), None)
-        usual = {"usual_kg": self.usual_kg} | ({"usual_place": place} if isinstance(place, tuple) else {})
-        return motion_at_use(q, before, **load, **usual)  # type: ignore[arg-type]  # by their names
+        return motion_at_use(q, before, inputs, self.usual_kg, place if isinstance(place, tuple) else None)
 
     @cached_property
     def certainty(self) -> Certainty:

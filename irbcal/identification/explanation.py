@@ -18,7 +18,7 @@ from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import fit_temper, maximise_evidence
 from irbcal.identification.fit_sections import Stage
 from irbcal.identification.linear_model import Linearisation
-from irbcal.identification.term_sets import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, TermSet
+from irbcal.identification.term_sets import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, INPUTS, TermSet, input_families
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.gear import gear_terms
@@ -29,13 +29,12 @@ from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.units import MM
 
-LOADS = ("payload", "torque")
 LIKE_THESIS = ("gravity", "harmonics")
 """Families of which the thesis's terms are special cases."""
 TOGETHER: tuple[tuple[str, ...], ...] = (
     ("geometry",),
     ("gravity", "gain"),
-    LOADS,
+    (INPUTS,),
     ("harmonics",),
     HISTORY_FAMILIES,
     ("warm_up",),
@@ -66,7 +65,7 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
     terms = [term for _, added, _ in plan for term in added]
     linear = Linearisation(problem, state, stops, terms, fit.readings_projected)
     sums, t = linear.sums(), fit_temper(linear.per_pose)
-    use = found.motion_at(heldout.q, heldout.previous, **heldout.load())
+    use = found.motion_at(heldout.q, heldout.previous, **heldout.inputs)
     count, out = 0, []
     for words, added, carried in plan:
         count += len(added)
@@ -103,13 +102,14 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     arm, present = found.nominal, {term.family for term in found.terms}
     highest = _series(fit)
     everything = {name: family.terms(arm) for name, family in families().items()}
-    own = {name: [term for term in found.terms if term.family == name] for name in (*LOADS, "warm_up")}
+    own = {name: [term for term in found.terms if term.family == name] for name in (*input_families(), "warm_up")}
     everything |= own | {"warm_up": [t for t in own["warm_up"] if t.parameters["tau"] == found.tau]}
     series = everything["harmonics"]
     everything["harmonics"] = [term for term in series if order(term) <= LOW]
     moved = bool(fit.motion.moves.any())
     plan = []
-    for names in TOGETHER:
+    for together in TOGETHER:
+        names = input_families() if together == (INPUTS,) else together
         if names == HISTORY_FAMILIES and not moved:
             continue
         added = [term for name in names for term in everything[name]]

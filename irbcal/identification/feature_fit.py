@@ -53,7 +53,7 @@ from irbcal.modeling.terms import chain, families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.geometry import SIZES as GEOMETRY_SIZES
 from irbcal.modeling.terms.harmonics import LOW, order
-from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
 from irbcal.units import MM
@@ -348,13 +348,16 @@ def identify_features(
     elapsed = features.motion().elapsed
     end = None if elapsed is None else float(elapsed.max())
     taus = [] if elapsed is None else [share * float(np.ptp(elapsed)) for share in SHARES]
-    load = features.payload_kg
+    load = features.inputs.get("payload_kg")
     several = load is not None and len(np.unique(load)) > 1
     payload_centre = (
-        usual_place(load, features.payload_place, usual_load(load)) if load is not None and several else None
+        usual_place(load, features.inputs.get("payload_place"), usual_load(load))
+        if load is not None and several
+        else None
     )
     if isinstance(terms, str):
-        superset = term_sets.superset(arm, terms, elapsed is not None, payload_centre, taus, end=end)
+        known = tuple(features.inputs)
+        superset = term_sets.superset(arm, terms, elapsed is not None, payload_centre, taus, known, end)
         superset += families()["own_weight"].terms(arm)
         if not features.programmed:
             superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
@@ -397,7 +400,7 @@ def identify_features(
         nominal=arm,
         arm=smaller.arm_of(state),
         points=points,
-        motion=Motion(points.q, payload_kg=points.payload_kg, payload_place=points.payload_place),
+        motion=Motion(points.q, inputs=points.inputs),
         terms=tuple(linear.terms),
         coefficients=state.coefficients,
         covariance=_of_robot(smaller, state, covariance, names, framed, follow=not bare),
@@ -602,8 +605,8 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
     its zero of joint 1) cannot be seen, and does not count as uncertainty of points.
     """
     flat, rows = len(C) - len(problem.terms), problem.rows
-    q, usual = _between(rows.q), usual_load(rows.payload_kg)
-    motion = Motion(q, payload_kg=None if usual is None else np.full(len(q), usual))
+    q, usual = _between(rows.q), usual_load(rows.inputs.get("payload_kg"))
+    motion = Motion(q, inputs={} if usual is None else {"payload_kg": np.full(len(q), usual)})
     path = chain.walk(problem.arm_of(state), *problem.term_map(state).split(motion))
     B, J = [], []
     for k, name in enumerate(names):
@@ -677,8 +680,7 @@ def as_points(features: FeatureSet) -> PointSet:
         names,
         features.pose[first],
         groups[first],
-        payload_kg=None if features.payload_kg is None else features.payload_kg[first],
-        payload_place=None if features.payload_place is None else features.payload_place[first],
+        inputs=at_rows(features.inputs, first),
     )
 
 

@@ -45,14 +45,15 @@ FAMILIES = ("geometry", "gain", "gravity", "bending", "harmonics", "wobble", "th
 HISTORY_FAMILIES = ("direction", "move")
 """Families that take part where last moves are known."""
 
-_LOADS = ("payload", "torque")
-_WEIGHTS = ("gravity", "gain", "own_weight", *_LOADS)
+INPUTS = "inputs"
+"""Stands for the families of which terms are functions of more than joints, last move and time: `input_families`."""
+_WEIGHTS = ("gravity", "gain", "own_weight", INPUTS)
 _PHYSICS = (*_WEIGHTS, "bending", "harmonics")
 _HISTORY = (*_PHYSICS, *HISTORY_FAMILIES)
 CHOICES: tuple[tuple[tuple[str, ...], int], ...] = (
     ((), 0),
-    (("thesis", *_LOADS), 0),
-    (("thesis", "gain", *_LOADS), 0),
+    (("thesis", INPUTS), 0),
+    (("thesis", "gain", INPUTS), 0),
     (_WEIGHTS, 0),
     (_PHYSICS, LOW),
     (_HISTORY, LOW),
@@ -134,7 +135,7 @@ def superset(
     moved: bool,
     payload: Sequence[float] | None,
     taus: Sequence[float],
-    torques: bool = False,
+    inputs: Sequence[str] = (),
     end: float | None = None,
 ) -> list[Term]:
     """All terms that any term set may have, geometry first.
@@ -151,19 +152,27 @@ def superset(
         Place of the payload in the tip link, metres; where several masses were carried.
     taus : sequence of float
         Time constants of warm-up; none where the order is unknown.
-    torques : bool
-        Whether torques of the joints were measured and shall be used.
+    inputs : sequence of str
+        What else was measured and shall be used: `irbcal.modeling.terms.inputs`.
     end : float, optional
         When the measurement ended: what drifted is counted from there.
     """
     names = [*FAMILIES, *(HISTORY_FAMILIES if moved else ())]
     names = [name for name in names if kind == ALL or name not in FRAME_FAMILIES]
     out = [term for name in names for term in families()[name].terms(arm)]
-    out += [] if payload is None else Payload(payload).terms(arm)
-    out += families()["torque"].terms(arm) if torques else []
+    for name in input_families():
+        if name == "payload":
+            out += [] if payload is None else Payload(payload).terms(arm)
+        elif all(given.name in inputs for given in families()[name].inputs):
+            out += families()[name].terms(arm)
     for tau in taus:
         out += WarmUp(tau, end).terms(arm)
     return out
+
+
+def input_families() -> tuple[str, ...]:
+    """Families whose terms are functions of inputs such as the payload: each takes part where these are told."""
+    return tuple(name for name, family in families().items() if family.inputs)
 
 
 def candidates(terms: Sequence[Term], kind: str, tau: float | None) -> list[TermSet]:
@@ -188,6 +197,7 @@ def candidates(terms: Sequence[Term], kind: str, tau: float | None) -> list[Term
 
 def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float | None) -> TermSet:
     """One term set: geometry and some families, harmonics up to an order; families without terms do not count."""
+    names = [family for name in names for family in (input_families() if name == INPUTS else (name,))]
     indices, groups = [], []
     for k, term in enumerate(terms):
         if term.family != "geometry" and term.family not in names:

@@ -281,9 +281,9 @@ def _wrong_joint_map(record: Record) -> Iterator[str]:
     section = record.joint_map
     try:
         q, q_before = (np.array([getattr(v, k) for v in section.test_vectors]) for k in ("q", "previous_q"))
-        loads = np.array([vector.payload_kg for vector in section.test_vectors])
-        felt = [vector.torques_nm for vector in section.test_vectors if vector.torques_nm is not None]
-        motion = Motion(q, q - q_before, payload_kg=loads, torques=np.array(felt) if felt else None) if len(q) else None
+        names = section.test_vectors[0].inputs if section.test_vectors else ()
+        known = {name: np.array([vector.inputs[name] for vector in section.test_vectors]) for name in names}
+        motion = Motion(q, q - q_before, inputs=known) if len(q) else None
         theta = q if motion is None else record.errors_of_joints().terms.effective(motion)
         effective = np.array([vector.effective for vector in section.test_vectors], dtype=float)
         miss = float(np.abs(theta - effective).max()) if len(q) else 0.0

@@ -26,6 +26,7 @@ from irbcal.identification.fit_sections import (
 )
 from irbcal.io import urdf_check
 from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.columns import input_of
 from irbcal.measurement.points import PointSet, rotation_distances
 from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
@@ -36,7 +37,7 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import all_names, parameter, term_of
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms import bases
+from irbcal.modeling.terms import bases, inputs
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import SCHEMA, TermMap
@@ -312,13 +313,15 @@ def check_terms(terms: list[TermEntry]) -> list[TermEntry]:
 
 
 class TermVector(Section):
-    """Joints with the stop before, both as commanded, and the effective joints that they give, rad (m)."""
+    """Joints with the stop before, both as commanded, and the effective joints that they give, rad (m).
+
+    ``inputs`` are what else the terms are functions of: numbers of the pose, or of each joint.
+    """
 
     q: list[float]
     previous_q: list[float]
-    payload_kg: float
+    inputs: dict[Word, float | list[float]]
     effective: list[float]
-    torques_nm: list[float] | None = None
 
 
 class JointMapSection(Section):
@@ -347,12 +350,12 @@ class JointMapSection(Section):
     @staticmethod
     def of(joint_map: JointMap, arm: Arm) -> JointMapSection:
         """The section of a joint map, with test vectors at random joints of the arm."""
-        felt = any(term.basis == "torque" for term in joint_map.terms.terms)
-        generator = np.random.default_rng(3) if felt else None
-        q, q_before, load, torques = arm.random_stops(
-            TEST_VECTORS, joint_map.payload_kg or 0.0, joint_map.knows_loads, generator
-        )
-        motion = Motion(q, q - q_before, payload_kg=load, torques=torques)
+        q, q_before, load = arm.random_stops(TEST_VECTORS, joint_map.payload_kg or 0.0, joint_map.knows_loads)
+        rng, drawn = np.random.default_rng(3), {"payload_kg": load}
+        for given in (given for term in joint_map.terms.terms for given in bases()[term.basis].inputs):
+            if given.name not in drawn and not given.told_once:
+                drawn[given.name] = given.usual + rng.normal(0.0, 50.0, given.shape(*q.shape))
+        motion = Motion(q, q - q_before, inputs=drawn)
         return JointMapSection(**joint_map.terms.to_json(joint_map.ranges, motion), payload_kg=joint_map.payload_kg)
 
     def joint_map(self, nominal: Arm) -> JointMap:
@@ -524,8 +527,8 @@ class PoseTable(Section):
     ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
     where that is not known. ``previous`` holds the joints of the stop before, as ``joints``, null where that is not
     known; ``number`` counts the poses of a session in the order in which the robot visited them, empty where that is
-    not known. The payload's mass, the three columns of its position in the tip link and the torques of the joints are
-    empty where no pose has any.
+    not known. ``inputs`` are columns of what else the error model's terms are functions of, as in measurement files:
+    ``payload_kg``, …; none where no pose has any.
     """
 
     pose: Names
@@ -535,19 +538,20 @@ class PoseTable(Section):
     number: list[float] = Field(default_factory=list)
     came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
     previous: list[list[float | None]] = Field(default_factory=list)
-    payload_kg: list[float | None] = Field(default_factory=list)
-    payload_place_mm: list[list[float | None]] = Field(default_factory=list)
-    torques_nm: list[list[float]] = Field(default_factory=list)
+    inputs: dict[Word, list[float | None]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _of_one_length(self) -> PoseTable:
         n = len(self.pose)
         columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from, *self.previous]
         columns += [self.number] if self.number else []
-        columns += [*([self.payload_kg] if self.payload_kg else []), *self.payload_place_mm, *self.torques_nm]
+        columns += self.inputs.values()
         counts = {len(self.joints), len(self.came_from), len(self.previous or self.joints)}
         if any(len(column) != n for column in columns) or len(counts) > 1:
             raise ValueError(f"every column must have {n} values, one for each pose")
+        strange = [name for name in self.inputs if input_of(name) is None]
+        if strange:
+            raise ValueError(f"inputs: {strange[0]} is no column of an input of the error model")
         return self
 
     @staticmethod
@@ -564,15 +568,15 @@ class PoseTable(Section):
             Of each pose in its session; another length where it is not known.
         """
         sets = fitted, heldout
-        n, joints = fitted.poses + heldout.poses, len(arm.joint_names)
+        n = fitted.poses + heldout.poses
         unknown = [np.full(points.q.shape, np.nan) if points.previous is None else points.previous for points in sets]
         signs = np.frombuffer(b"-0+", dtype=np.uint8)[came_from.astype(int) + 1]
-        loads: dict[str, FloatArray | None] = {}
-        for name, width in (("payload_kg", ()), ("payload_place", (3,)), ("torques", (joints,))):
-            values_of = [points.load()[name] if points.poses else np.zeros((0, *width)) for points in sets]
-            present = [values for values in values_of if values is not None]
-            loads[name] = np.concatenate(present) if len(present) == len(values_of) else None
-        kg, centre, torques = loads.values()
+        filled = [points for points in sets if points.poses]
+        told = {
+            name: np.concatenate([points.inputs[name] for points in filled])
+            for name in (filled[0].inputs if filled else ())
+            if all(name in points.inputs for points in filled)
+        }
         return PoseTable(
             pose=[name for points in sets for name in texts(points.pose_ids).tolist()],
             group=[name for points in sets for name in texts(points.groups).tolist()],
@@ -581,9 +585,11 @@ class PoseTable(Section):
             number=number.tolist() if len(number) == n else [],
             came_from=[column.tobytes().decode("ascii") for column in signs.T],
             previous=[plain(column) for column in np.round(np.concatenate(unknown) / arm.joint_units, JOINT_DIGITS).T],
-            payload_kg=[] if kg is None else plain(kg),
-            payload_place_mm=[] if centre is None else [plain(column) for column in centre.T / MM],
-            torques_nm=[] if torques is None else torques.T.tolist(),
+            inputs={
+                column: plain(numbers)
+                for name, values in told.items()
+                for column, numbers in inputs()[name].to_columns(values).items()
+            },
         )
 
 
@@ -1171,9 +1177,11 @@ class Record(Section):
             frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mask]) if t.qw else None,
             u95,
             np.array(p.previous, dtype=float).T[poses] * units if p.previous else None,
-            payload_kg=np.array(p.payload_kg, dtype=float)[poses] if p.payload_kg else None,
-            payload_place=np.array(p.payload_place_mm, dtype=float).T[poses] * MM if p.payload_place_mm else None,
-            torques=np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
+            inputs={
+                given.name: given.from_columns([p.inputs[name] for name in given.names(len(units))])[poses]
+                for given in inputs().values()
+                if given.names(1)[0] in p.inputs
+            },
         )
         codes = np.array([np.frombuffer(column.encode("ascii"), dtype=np.uint8) for column in p.came_from])
         came_from = np.where(codes == ord("+"), 1.0, np.where(codes == ord("-"), -1.0, 0.0)).T[poses]

@@ -142,7 +142,9 @@ def analyse_moves(
         series = [
             one_series(with_poses.select(mask), step[mask, number - 1], number, name)
             for name in groups_of[number]
-            for mask in home_poses(with_poses.q, np.array(names) == name, number, name, with_poses.payload_kg)
+            for mask in home_poses(
+                with_poses.q, np.array(names) == name, number, name, with_poses.inputs.get("payload_kg")
+            )
         ]
         out.append(_joint_moves(number, series, order, frequency))
     return out

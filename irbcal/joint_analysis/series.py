@@ -146,7 +146,7 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
         float(zero),
         follow,
         excluded,
-        float("nan") if points.payload_kg is None else float(points.payload_kg[0]),
+        float(points.inputs["payload_kg"][0]) if "payload_kg" in points.inputs else float("nan"),
     )
 
 

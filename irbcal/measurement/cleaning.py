@@ -16,6 +16,7 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.registration import Registration, register, without_noise
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import inputs
 from irbcal.section import Name, Section, Sentence
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
@@ -356,7 +357,7 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
     rows_kept = rows_kept[np.argsort(rows.pose[rows_kept], kind="stable")]
     used, number = np.unique(rows.pose[rows_kept], return_inverse=True)
     first = np.unique(rows.pose, return_index=True)[1]
-    load, centre, torques = measurements.payloads(), measurements.payload_places(), measurements.torques()
+    told = {name: measurements.input(name) for name in inputs()}
     return PointSet(
         measurements.joints()[used],
         number,
@@ -368,9 +369,7 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
         None if rows.rotation is None else rows.rotation[rows_kept],
         None if u95 is None else u95[rows_kept],
         previous_stops(measurements.joints(), rows.pose, groups)[used],
-        payload_kg=None if load is None else load[used],
-        payload_place=None if centre is None else centre[used],
-        torques=None if torques is None else torques[used],
+        inputs={name: values[used] for name, values in told.items() if values is not None},
     )
 
 

@@ -22,7 +22,7 @@ from functools import cache
 from io import BytesIO, StringIO
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -31,10 +31,13 @@ from numpy.typing import NDArray
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, coded
 from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
+from irbcal.modeling.terms import inputs
+from irbcal.modeling.terms.payload import CENTRE, MASS
+from irbcal.modeling.terms.term import Input
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
 from irbcal.options import shown
 from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
-from irbcal.units import DEG, LARGEST_PAYLOAD_KG, MM
+from irbcal.units import DEG, MM, ColumnKind
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
 """Joint columns of arms with six revolute joints."""
@@ -43,35 +46,10 @@ ALL_JOINTS = "q1 …"
 POSITION = ["x_mm", "y_mm", "z_mm"]
 QUATERNION = ["qw", "qx", "qy", "qz"]
 POSE = [*POSITION, *QUATERNION]
-PAYLOAD = "payload_kg"
-PAYLOAD_CENTRE = ["payload_x_mm", "payload_y_mm", "payload_z_mm"]
+PAYLOAD, PAYLOAD_CENTRE = MASS.name, [*CENTRE.columns]
 """Centre of the payload in the tip link."""
 LARGEST_ANGLE_DEG, LARGEST_POSITION_MM, LARGEST_NUMBER = 1e4, 1e6, 1e12
 """Numbers beyond are no joints and lengths of a robot cell; squares of the last can be computed with."""
-
-
-class ColumnKind(NamedTuple):
-    """What a column of numbers holds.
-
-    Attributes
-    ----------
-    expected : str
-        For messages.
-    low, high : float
-        The smallest and the largest number that make sense.
-    unit : float
-        What one is in SI units.
-    """
-
-    expected: str
-    low: float
-    high: float
-    unit: float = 1.0
-
-    @property
-    def noun(self) -> str:
-        """What is expected, without bounds."""
-        return self.expected.partition(" within ±")[0]
 
 
 def _within(expected: str, most: float, unit: float = 1.0) -> ColumnKind:
@@ -86,9 +64,6 @@ DECLARED: Mapping[str, ColumnKind] = {
     r"c[1-9]\d?_mm": _within("a joint's programmed travel in mm", LARGEST_POSITION_MM, MM),
     r"[xyz]_mm": _within("a position within 1 km in mm", LARGEST_POSITION_MM, MM),
     "u95_mm": ColumnKind("an uncertainty above zero in mm", 1e-6, LARGEST_POSITION_MM, MM),
-    "payload_kg": ColumnKind(f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg", 0.0, LARGEST_PAYLOAD_KG),
-    r"payload_[xyz]_mm": _within("a place in the tip link in mm", 1e4, MM),
-    r"tau[1-9]\d?_nm": _within("a torque in N m", 1e6),
     ".*_mm": _within(f"a number within ±{LARGEST_POSITION_MM:g}", LARGEST_POSITION_MM, MM),
     ".*_m": _within(f"a number within ±{LARGEST_POSITION_MM:g}", LARGEST_POSITION_MM),
     ".*_deg": _within(f"a number within ±{LARGEST_ANGLE_DEG:g}", LARGEST_ANGLE_DEG, DEG),
@@ -97,10 +72,16 @@ DECLARED: Mapping[str, ColumnKind] = {
 """Names of columns, as patterns, and what they hold; the first that fits counts."""
 
 
+def input_of(name: str) -> Input | None:
+    """The input of the error model's terms that a column tells; None where it tells none."""
+    return next((given for given in inputs().values() if given.pattern.fullmatch(name)), None)
+
+
 @cache
 def declared(name: str) -> ColumnKind:
     """What a column holds, by its name."""
-    return next(kind for pattern, kind in DECLARED.items() if re.fullmatch(pattern, name))
+    given = input_of(name)
+    return given.kind if given else next(kind for pattern, kind in DECLARED.items() if re.fullmatch(pattern, name))
 
 
 GIVEN = "given_"
@@ -116,7 +97,6 @@ _DIGITS = re.compile(r"[-.0-9eE ]*")
 _JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
 _RADIANS = re.compile(r"((?:other_)?[qc][1-9]\d?)_rad")
 _PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
-_TORQUE = re.compile(r"tau([1-9]\d?)_nm")
 _NOT_SIMULATED = ("", "no", "0", "false", "nan")
 _ABSENT = ["", "nan", "<na>", "none"]
 _LONGEST_NAME, _MOST_NAMES = 40, 40
@@ -542,31 +522,43 @@ class InputTable:
         single = ~pd.concat(keys, axis=1).duplicated().to_numpy(dtype=bool)
         return self[single], targets[single]
 
-    def payloads(self) -> tuple[FloatArray | None, FloatArray | None]:
-        """Mass at each row (rows,), kg, and its centre in the tip link (rows, 3), metres; None where they are not told.
+    def inputs(self, joints: int) -> dict[str, FloatArray]:
+        """Inputs of the error model's terms at each row, of an arm with so many joints: see `without_gaps`."""
+        names = {given: input_columns(given, self.names, self.source) for given in inputs().values()}
+        told = {
+            given.name: given.from_columns([self.numbers(name, given.told_once) for name in names[given]])
+            for given in names
+            if names[given] and not given.on_request
+        }
+        return without_gaps(told, joints, self.refuse)
 
-        A row without a mass has that of the others, where they all have one.
 
-        Raises
-        ------
-        MeasurementError
-            If there is something that is no mass or place, or it is not told which of several masses a row has.
-        """
-        centre_columns = payload_centre_columns(self.names, self.source)
-        load = self.optional(PAYLOAD)
-        masses, gaps = np.unique(load[np.isfinite(load)]), ~np.isfinite(load)
-        if not len(masses):
-            return None, None
-        if len(masses) > 1:
-            range_text = f"{masses[0]:g} to {masses[-1]:g} kg"
-            self.refuse(gaps, PAYLOAD, f"a mass, others carry {range_text}: write 0 for a bare flange")
-        load = np.where(gaps, masses[0], load)
-        if not centre_columns:
-            return load, None
-        centres = self.si(centre_columns, lost=True)
-        lost: BoolArray = np.asarray(np.isnan(centres).any(axis=1))
-        self.refuse(lost & (load > 0.0), centre_columns[0], "the place of the payload")
-        return load, np.where(lost[:, None], 0.0, centres)
+def without_gaps(
+    told: Mapping[str, FloatArray], joints: int, refuse: Callable[[BoolArray, str, str], None]
+) -> dict[str, FloatArray]:
+    """Inputs of the error model's terms without gaps: the usual values, or the one mass that is told.
+
+    Parameters
+    ----------
+    told : dict of str to ndarray, shape (n,) or (n, values)
+        SI units, NaN where not told.
+    joints : int
+    refuse : callable
+        Refuses the first of the marked rows, in which a column should hold something.
+    """
+    load = told.get("payload_kg", np.zeros(0))
+    gaps = ~np.isfinite(load)
+    masses = np.unique(load[~gaps])
+    if not len(masses):
+        told = {name: values for name, values in told.items() if not name.startswith("payload")}
+    elif len(masses) > 1:
+        carried = f"{masses[0]:g} to {masses[-1]:g} kg"
+        refuse(gaps, PAYLOAD, f"a mass, others carry {carried}: write 0 for a bare flange")
+    if "payload_place" in told:
+        lost = np.isnan(told["payload_place"]).any(axis=1)
+        refuse(lost & (np.where(gaps, masses[0], load) > 0.0), PAYLOAD_CENTRE[0], "the place of the payload")
+    usual = {"payload_kg": masses[0]} if len(masses) else {}
+    return {name: inputs()[name].filled(values, len(values), joints, usual.get(name)) for name, values in told.items()}
 
 
 def read_targets(table: TableLike) -> dict[str, FloatArray]:
@@ -755,11 +747,6 @@ def is_joint(name: str) -> bool:
     return bool(_JOINT.fullmatch(name) or _PROGRAMMED.fullmatch(name))
 
 
-def is_torque(name: str) -> bool:
-    """Whether a column is one of measured torques."""
-    return bool(_TORQUE.fullmatch(name))
-
-
 def joint_columns(names: Iterable[str]) -> list[str]:
     """Joint columns among column names, ordered by the joints' numbers; only whole series from joint 1."""
     numbered = {int(match[1]): name for name in names if (match := _JOINT.fullmatch(name))}
@@ -822,17 +809,15 @@ def programmed_columns(names: Iterable[str], source: str) -> list[str]:
     return _of_all_joints(names, source, r"c\1_\2", "programmed joints", _PROGRAMMED)
 
 
-def torque_columns(names: Iterable[str], source: str) -> list[str]:
-    """Columns of measured joint torques (``tau1_nm`` …), as `programmed_columns`."""
-    return _of_all_joints(names, source, r"tau\1_nm", "torques", _TORQUE)
-
-
-def payload_centre_columns(names: Iterable[str], source: str) -> list[str]:
-    """The columns of the payload's centre, `PAYLOAD_CENTRE`, where they are there: with a mass, and `all_or_none`."""
+def input_columns(given: Input, names: Iterable[str], source: str) -> list[str]:
+    """Columns of an input of terms among column names, where they are there: `all_or_none`."""
     names = list(names)
-    rule = f"a payload has a mass and all three of {', '.join(PAYLOAD_CENTRE)}"
-    some = any(name in PAYLOAD_CENTRE for name in names)
-    return all_or_none(names, [PAYLOAD, *PAYLOAD_CENTRE], source, rule)[1:] if some else []
+    if given.of_joints:
+        return _of_all_joints(names, source, given.columns[0].format(r"\1"), given.noun, given.pattern)
+    if not any(name in given.columns for name in names):
+        return []
+    needed = [*given.with_columns, *given.columns]
+    return all_or_none(names, needed, source, f"{given.noun}: all of {', '.join(needed)}")[len(given.with_columns) :]
 
 
 def joint_units(columns: Iterable[str]) -> FloatArray:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -31,11 +31,12 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import board_formats, columns, imaging, lens_formats
-from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, InputTable, TableLike
+from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.imaging import Imaging
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms import inputs
+from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
@@ -262,10 +263,8 @@ class FeatureSet(Result):
     simulated, programmed : bool
     corners : ndarray, shape (m, n, 5 or 6), or None
         Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image.
-    payload_kg : ndarray, shape (m,), or None
-        Mass carried, where it is told.
-    payload_place : ndarray, shape (m, 3), or None
-        Its centre in the tip link, metres, likewise.
+    inputs : dict of str to ndarray, shape (m,) or (m, values)
+        What else the error model's terms are functions of, such as ``payload_kg``: see `irbcal.modeling.terms.inputs`.
     frame, carrier : ndarray of str, shape (m,), or None
         Frames of the cell (`irbcal.modeling.cell_graph`): in which the feature is known, and whose point is looked at.
         Empty, and None: the measuring frame for what is known in it, else the robot base; the flange.
@@ -298,8 +297,7 @@ class FeatureSet(Result):
     programmed: bool = False
     named: str = ""
     corners: FloatArray | None = None
-    payload_kg: FloatArray | None = None
-    payload_place: FloatArray | None = None
+    inputs: Mapping[str, FloatArray] = field(default_factory=dict)
     frame: NameArray | None = None
     carrier: NameArray | None = None
     point: FloatArray | None = None
@@ -362,8 +360,7 @@ class FeatureSet(Result):
             row=self.row[rows],
             cells=self.cells[rows],
             corners=_some(self.corners, rows),
-            payload_kg=_some(self.payload_kg, rows),
-            payload_place=_some(self.payload_place, rows),
+            inputs=at_rows(self.inputs, rows),
             frame=None if self.frame is None else self.frame[rows],
             carrier=None if self.carrier is None else self.carrier[rows],
             point=_some(self.point, rows),
@@ -374,14 +371,13 @@ class FeatureSet(Result):
 
     def motion(self) -> Motion:
         """Joints and load of each row; with the last move and the order of its pose where joints are a program's."""
-        load, centre = self.payload_kg, self.payload_place
         if not self.programmed:
-            return Motion(self.q, payload_kg=load, payload_place=centre)
+            return Motion(self.q, inputs=self.inputs)
         index, first, pose = np.unique(self.pose_index, return_index=True, return_inverse=True)
         in_order = Motion.in_order(self.q[first])
         assert in_order.move is not None
         move = np.where((np.diff(index, prepend=index[0]) == 1)[:, None], in_order.move, 0.0)
-        return Motion(self.q, move[pose], index[pose].astype(float), load, payload_place=centre)
+        return Motion(self.q, move[pose], index[pose].astype(float), self.inputs)
 
     def as_measurements(self) -> MeasurementSet:
         """The rows as a table of measurements without places, with the joints that models take."""
@@ -391,10 +387,9 @@ class FeatureSet(Result):
         for name in POSITION:
             table[name] = np.nan
         table["pose_index"] = np.unique(self.pose_index, return_inverse=True)[1]
-        if self.payload_kg is not None:
-            table["payload_kg"] = self.payload_kg
-        if self.payload_place is not None:
-            table[PAYLOAD_CENTRE] = self.payload_place / MM
+        for name, values in self.inputs.items():
+            for column, numbers in inputs()[name].to_columns(values).items():
+                table[column] = numbers
         if self.simulated:
             table["simulated"] = "yes"
         return MeasurementSet(table, self.source, self.sha256)
@@ -517,8 +512,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         programmed,
         name_pattern,
     )
-    load, centre = table.payloads()
-    return _with_images(replace(features_read, payload_kg=load, payload_place=centre), by_name)
+    return _with_images(replace(features_read, inputs=table.inputs(q.shape[1])), by_name)
 
 
 def _with_images(rows: FeatureSet, features: Mapping[str, Feature]) -> FeatureSet:

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import repeats
-from irbcal.measurement.columns import PAYLOAD_CENTRE
+from irbcal.measurement.columns import without_gaps
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
@@ -38,7 +38,7 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     -------
     Motion
         Time is the number of the pose, the mean number of poses that share a name and joints. The last move is zero
-        where the stop before is not known. Payload and torques are the points'.
+        where the stop before is not known. Inputs such as the payload are the points'.
 
     Raises
     ------
@@ -50,8 +50,8 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     size = max(stop.max(initial=-1), number.max(initial=-1)) + 1
     count = np.bincount(stop, minlength=size)
     elapsed = (np.bincount(stop, np.arange(len(stop)), minlength=size) / np.maximum(count, 1))[number]
-    load, centre = payload_of(points, measurements.source)
-    return Motion(points.q, points.moves(), elapsed, load, not measurements.programmed, centre, points.torques)
+    known = inputs_of(points, measurements.source)
+    return Motion(points.q, points.moves(), elapsed, known, not measurements.programmed)
 
 
 def times_of(sets: Sequence[PointSet], timed: Sequence[tuple[PointSet, Motion]]) -> list[FloatArray | None]:
@@ -104,8 +104,8 @@ def usual_load(loads: FloatArray | None) -> float | None:
     return float(next(load for load in finite[::-1] if load in often))
 
 
-def payload_of(points: PointSet, source: str) -> tuple[FloatArray | None, FloatArray | None]:
-    """Mass and its place at each pose, without gaps; None where they are not told.
+def inputs_of(points: PointSet, source: str) -> dict[str, FloatArray]:
+    """Inputs of the error model's terms at each pose, without gaps.
 
     Parameters
     ----------
@@ -118,30 +118,14 @@ def payload_of(points: PointSet, source: str) -> tuple[FloatArray | None, FloatA
     MeasurementError
         If several loads were carried and it is not told where which.
     """
-    load, centre = points.payload_kg, points.payload_place
-    if load is None:
-        return None, None
-    gaps = ~np.isfinite(load)
-    if gaps.any():
-        loads = np.unique(load[~gaps])
-        if len(loads) > 1:
+
+    def refuse(bad: BoolArray, column: str, expected: str) -> None:
+        if bad.any():
             raise MeasurementError(
-                f"pose {points.pose_ids[gaps][0]} has no payload, others carry {loads[0]:g} to {loads[-1]:g} kg: write "
-                "0 for a bare flange",
-                file=source,
-                column="payload_kg",
+                f"pose {points.pose_ids[bad][0]}: expected {expected}, found nothing", file=source, column=column
             )
-        load = np.full(len(load), loads[0]) if len(loads) else None
-    if load is None or centre is None:
-        return load, None
-    gaps = np.asarray(~np.isfinite(centre).all(axis=1))
-    if (gaps & (load > 0.0)).any():
-        raise MeasurementError(
-            f"pose {points.pose_ids[gaps & (load > 0.0)][0]} has a payload without a place",
-            file=source,
-            column=tuple(PAYLOAD_CENTRE),
-        )
-    return load, np.where(gaps[:, None], 0.0, centre)
+
+    return without_gaps(points.inputs, points.q.shape[1], refuse)
 
 
 def usual_place(load: FloatArray, centre: FloatArray | None, usual_kg: float | None) -> tuple[float, float, float]:

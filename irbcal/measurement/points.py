@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,8 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms.situation import LOAD
+from irbcal.modeling.terms import inputs
+from irbcal.modeling.terms.situation import at_rows
 from irbcal.statistics import gamma_quantile
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
@@ -53,12 +54,9 @@ class PointSet(Result):
     session : ndarray of str, shape (n,), optional
         Session of each pose. Poses of different sessions have bases of their own, which an identification finds; those
         of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base for all.
-    payload_kg : ndarray, shape (n,), optional
-        Mass carried at each pose; NaN where not given.
-    payload_place : ndarray, shape (n, 3), optional
-        Its centre in the tip link, metres; NaN where not given.
-    torques : ndarray, shape (n, joints), optional
-        Torques of the joints as the robot reported them, N m.
+    inputs : dict of str to ndarray, shape (n,) or (n, values)
+        What else the error model's terms are functions of, such as ``payload_kg``, by name: see
+        `irbcal.modeling.terms.inputs`. SI units, NaN where not told.
     """
 
     q: FloatArray
@@ -72,9 +70,7 @@ class PointSet(Result):
     u95: FloatArray | None = None
     previous: FloatArray | None = None
     session: NameArray | None = None
-    payload_kg: FloatArray | None = None
-    payload_place: FloatArray | None = None
-    torques: FloatArray | None = None
+    inputs: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -125,7 +121,7 @@ class PointSet(Result):
 
     def tips(self, robot: Robot) -> FloatArray:
         """Where a robot expects its tip at each pose with the load carried there, in the base link, shape (n, 4, 4)."""
-        return robot.forward(self.q, self.previous, self.payload_kg, self.payload_place, self.torques)
+        return robot.forward(self.q, self.previous, **self.inputs)
 
     def predicted(self, robot: Robot) -> FloatArray:
         """Where a robot expects the points, given the stops before where they are known.
@@ -190,7 +186,6 @@ class PointSet(Result):
         keep = np.asarray(keep, dtype=bool)
         points = self.take(keep[self.pose])
         number = np.cumsum(keep) - 1
-        load: dict[str, Any] = {k: None if value is None else value[keep] for k, value in self.load().items()}
         return replace(
             points,
             q=self.q[keep],
@@ -199,12 +194,8 @@ class PointSet(Result):
             groups=self.groups[keep],
             previous=None if self.previous is None else self.previous[keep],
             session=None if self.session is None else self.session[keep],
-            **load,
+            inputs=at_rows(self.inputs, keep),
         )
-
-    def load(self) -> dict[str, Any]:
-        """What is known of the load: ``payload_kg``, ``payload_place`` and ``torques``."""
-        return {name: getattr(self, name) for name in LOAD}
 
     def moves(self) -> FloatArray:
         """Joints minus those of the stop before, shape (n, joints); zero where it is not known."""
@@ -234,8 +225,8 @@ class PointSet(Result):
         -------
         DataFrame
             ``pose``, ``group``, ``q1`` … (radians, metres for prismatic joints), ``target``, ``x_mm``, ``y_mm``,
-            ``z_mm`` in the measuring frame and, where measured or told, ``u95_mm``, ``qw``, ``qx``, ``qy``, ``qz`` and
-            ``payload_kg``.
+            ``z_mm`` in the measuring frame and, where measured or told, ``u95_mm``, ``qw``, ``qx``, ``qy``, ``qz``,
+            ``payload_kg`` and other inputs of the error model.
         """
         import pandas as pd
 
@@ -248,8 +239,8 @@ class PointSet(Result):
         if self.rotation is not None:
             quaternion = frames.quaternion_from_matrix(self.rotation)
             columns |= dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
-        if self.payload_kg is not None:
-            columns["payload_kg"] = self.payload_kg[self.pose]
+        for name, values in self.inputs.items():
+            columns |= inputs()[name].to_columns(values[self.pose])
         return pd.DataFrame(columns)
 
     def report(self) -> Sequence[Paragraph]:

@@ -135,13 +135,14 @@ def near_fitted(points: PointSet, fit: PointSet, prismatic: BoolArray) -> BoolAr
 
 def with_fitted_load(points: PointSet, fit: PointSet) -> BoolArray:
     """Which poses carry a load that the fit has seen, shape (n,); all where one of them does not tell the load."""
-    if points.payload_kg is None or fit.payload_kg is None:
+    carried, fitted = points.inputs.get("payload_kg"), fit.inputs.get("payload_kg")
+    if carried is None or fitted is None:
         return np.ones(points.poses, dtype=bool)
-    loads: FloatArray = np.unique(fit.payload_kg[np.isfinite(fit.payload_kg)])
+    loads: FloatArray = np.unique(fitted[np.isfinite(fitted)])
     if not len(loads):
         return np.ones(points.poses, dtype=bool)
-    differs = np.abs(points.payload_kg[:, None] - loads).min(axis=1) > SAME_LOAD
-    return ~(np.isfinite(points.payload_kg) & differs)
+    differs = np.abs(carried[:, None] - loads).min(axis=1) > SAME_LOAD
+    return ~(np.isfinite(carried) & differs)
 
 
 def near_pairs(x: FloatArray, radius: float) -> IntArray:

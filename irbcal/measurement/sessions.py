@@ -10,7 +10,7 @@ the frame of the last session, so that a robot has one base.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,14 +22,6 @@ from irbcal.measurement import columns
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
-
-OF_POSES = tuple(
-    column.name
-    for column in fields(PointSet)
-    if column.name
-    not in ("q", "pose", "target", "xyz", "target_names", "pose_ids", "groups", "rotation", "u95", "session")
-)
-"""Optional fields of a point set with a row for each pose."""
 
 MARK = "@"
 """Between a target and the session in which it was mounted so."""
@@ -118,7 +110,11 @@ def joined(sessions: Sequence[tuple[str, PointSet]]) -> PointSet:
         np.concatenate([points.groups for points in sets]),
         session=_labels([(name, points.poses) for name, points in sessions]),
         **{name: _stacked([(getattr(p, name), len(p)) for p in sets]) for name in ("rotation", "u95")},
-        **{name: _stacked([(getattr(p, name), p.poses) for p in sets]) for name in OF_POSES},
+        previous=_stacked([(points.previous, points.poses) for points in sets]),
+        inputs={
+            name: _stacked([(points.inputs.get(name), points.poses) for points in sets])
+            for name in dict.fromkeys(name for points in sets for name in points.inputs)
+        },
     )
     assert whole.session is not None
     return own_targets(whole, whole.session, sessions[-1][0])

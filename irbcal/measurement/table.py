@@ -33,8 +33,6 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
 from irbcal.measurement.columns import (
     ALL_JOINTS,
-    PAYLOAD,
-    PAYLOAD_CENTRE,
     POSITION,
     QUATERNION,
     Cells,
@@ -43,6 +41,7 @@ from irbcal.measurement.columns import (
 )
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import inputs
 from irbcal.options import shown
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
@@ -53,9 +52,9 @@ GOAL_ANGLES = tuple(tuple(f"goal_{name}_{unit}" for name in ("roll", "pitch", "y
 GOAL_QUATERNION = tuple(f"goal_{name}" for name in QUATERNION)
 """Columns of the pose that the controller was sent to: angles about the fixed axes x, y, z, or a quaternion."""
 GOALS = (*GOAL_POSITIONS[0], *GOAL_POSITIONS[1], *GOAL_ANGLES[0], *GOAL_ANGLES[1], *GOAL_QUATERNION)
-NUMERIC_EXTRAS = [PAYLOAD, *PAYLOAD_CENTRE, "time_s", "u95_mm", *QUATERNION, *GOALS]
+NUMERIC_EXTRAS = ["time_s", "u95_mm", *QUATERNION, *GOALS]
 DECLARED_NAMES = {*REQUIRED, *columns.NAMES, *NUMERIC_EXTRAS, "direction", "simulated", "row", "pose_index"}
-"""Columns that irbcal knows, beside those of joints and torques."""
+"""Columns that irbcal knows, beside those of joints and of inputs of the error model."""
 REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
 
@@ -236,27 +235,21 @@ class MeasurementSet(Result):
                 row=columns.header_row(self.source),
             )
 
-    def payloads(self) -> FloatArray | None:
-        """Mass carried at each pose, shape (n,), kg, NaN where not given; None without a column payload_kg."""
-        if PAYLOAD not in self.cells.columns:
-            return None
-        loads = self.of_poses(PAYLOAD)
-        return loads if np.isfinite(loads).any() else None
+    def input(self, name: str) -> FloatArray | None:
+        """An input of the error model at each pose, by its name in `irbcal.modeling.terms.inputs`.
 
-    def payload_places(self) -> FloatArray | None:
-        """Centre of the payload in the tip link at each pose, shape (n, 3), metres; None without columns."""
-        names = columns.payload_centre_columns(self.cells.columns, self.source)
+        Shape (n,) or (n, values), SI units, NaN where it is not told; None where it is told nowhere.
+        """
+        given = inputs()[name]
+        names = columns.input_columns(given, self.cells.columns, self.source)
         if not names:
             return None
-        centres = np.column_stack([self.of_poses(name) for name in names]) * MM
-        return centres if np.isfinite(centres).any() else None
-
-    def torques(self) -> FloatArray | None:
-        """Measured torques of the joints at each pose, shape (n, joints), N m; None without columns tau1_nm …."""
-        names = columns.torque_columns(self.cells.columns, self.source)
-        if not names:
-            return None
-        return self.table.groupby("pose_index", sort=True)[names].mean().to_numpy(dtype=float)
+        if given.told_once:
+            values = given.from_columns([self.of_poses(name) for name in names])
+        else:
+            means = self.table.groupby("pose_index", sort=True)[names].mean()
+            values = given.from_columns(means.to_numpy(dtype=float).T)
+        return values if np.isfinite(values).any() else None
 
     def is_reference(self) -> BoolArray:
         """Mask of the rows that are reference points fixed to the ground (Nubiola 2011, section 7.1)."""
@@ -383,28 +376,28 @@ def of_frame(frame: pd.DataFrame, source: str) -> MeasurementSet:
 
 def _of_numbers(name: str) -> bool:
     """Whether a column of a measurement file is one of numbers."""
-    return name in POSITION or name in NUMERIC_EXTRAS or columns.is_joint(name) or columns.is_torque(name)
+    return name in POSITION or name in NUMERIC_EXTRAS or columns.is_joint(name) or columns.input_of(name) is not None
 
 
 def _checked(rows: InputTable) -> MeasurementSet:
     names, source = rows.names, rows.source
     cells: dict[str, NDArray[Any]] = {"row": rows.rows}
     joints = [*columns.joint_columns(names), *columns.programmed_columns(names, source)]
-    for name in [*joints, *columns.torque_columns(names, source)]:
+    told = {given: columns.input_columns(given, names, source) for given in inputs().values()}
+    for name in [*joints, *(name for given in told if not given.told_once for name in told[given])]:
         cells[name] = rows.numbers(name)
     for name in POSITION:
         cells[name] = rows.numbers(name, lost=True)
     for name in ("pose", "target"):
         cells[name] = rows.filled(name)
     for name in [name for name in names if name not in cells]:
-        if name in NUMERIC_EXTRAS:
+        if _of_numbers(name):
             cells[name] = rows.numbers(name, lost=True)
         else:
             cells[name] = rows.texts(name) if name in ("group", "cycle", "session") else rows.as_written(name)
     lost = rows.lost()
     cells |= {name: np.where(lost, np.nan, cells[name]) for name in POSITION}
     cells["pose_index"] = _pose_index(cells, source)
-    columns.payload_centre_columns(names, source)
     quaternions = rows.quaternions()
     if quaternions is not None:
         cells |= dict(zip(QUATERNION, quaternions.T, strict=True))
@@ -424,9 +417,10 @@ def _pose_index(table: Mapping[str, NDArray[Any]], source: str) -> IntArray:
     for names, kind in ((columns.joint_columns(table), "joints"), (programmed, "programmed joints")):
         if names:
             _check_same(table, names, kind, first[index], source)
-    for name in (PAYLOAD, *PAYLOAD_CENTRE):
-        if name in table:
-            _check_same(table, [name], "payload", first[index], source)
+    for given in inputs().values():
+        for name in given.columns if given.told_once else ():
+            if name in table:
+                _check_same(table, [name], given.noun, first[index], source)
     return index
 
 

@@ -20,13 +20,13 @@ def of_load(target: str, payload_kg: float) -> str:
 
 def several_loads(measurements: MeasurementSet) -> bool:
     """Whether poses were measured with different loads."""
-    loads = measurements.payloads()
+    loads = measurements.input("payload_kg")
     return loads is not None and len(np.unique(loads[np.isfinite(loads)])) > 1
 
 
 def usual(measurements: MeasurementSet) -> float | None:
     """The load that most poses were measured with; None where none is told."""
-    return usual_load(measurements.payloads())
+    return usual_load(measurements.input("payload_kg"))
 
 
 def with_tool_per_load(measurements: MeasurementSet, usual_kg: float | None) -> MeasurementSet:
@@ -144,13 +144,13 @@ def check(measurements: MeasurementSet, averaged: bool, options: LoadOptions) ->
     for name, is_set in (("payload_place", options.payload_place is not None), ("torques", options.torques)):
         if is_set and not averaged:
             raise OptionError(f"{name}: only model auto knows the load: leave it out", parameter=name)
-    if options.torques and measurements.torques() is None:
+    if options.torques and measurements.input("torques") is None:
         raise MeasurementError(
             "there are no torques: expected the columns tau1_nm … of all joints",
             file=measurements.source,
             parameter="torques",
         )
-    if options.payload_place is not None and measurements.payload_places() is not None:
+    if options.payload_place is not None and measurements.input("payload_place") is not None:
         raise OptionError(
             "payload_place: the measurements tell the payload's place themselves: leave it out",
             parameter="payload_place",
@@ -178,7 +178,7 @@ def in_words(measurements: MeasurementSet, usual_kg: float | None, same_tool: bo
 
 def _loads(measurements: MeasurementSet) -> FloatArray | None:
     """Load of each row, NaN where not told."""
-    loads = measurements.payloads()
+    loads = measurements.input("payload_kg")
     return None if loads is None else loads[measurements.cells["pose_index"]]
 
 

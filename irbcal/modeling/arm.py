@@ -126,15 +126,14 @@ class Arm:
         return np.random.default_rng(seed).uniform(lower, upper, (n, len(lower)))
 
     def random_stops(
-        self, n: int, payload_kg: float = 0.0, several_loads: bool = False, torques: np.random.Generator | None = None
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-        """What test vectors are computed at: joints and the stops before (n, joints), loads (n,), torques (n, joints).
+        self, n: int, payload_kg: float = 0.0, several_loads: bool = False
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What test vectors are computed at: joints and the stops before (n, joints), and loads (n,).
 
-        The load is the usual one or, where there are several, up to 4 kg more; a generator draws torques, N m.
+        The load is the usual one or, where there are several, up to 4 kg more.
         """
-        q, previous = self.random_joints(n, 1), self.random_joints(n, 2)
         load = np.full(n, float(payload_kg)) + (np.arange(n) % 5.0 if several_loads else 0.0)
-        return q, previous, load, None if torques is None else torques.normal(0.0, 50.0, q.shape)
+        return self.random_joints(n, 1), self.random_joints(n, 2), load
 
     @property
     def bends_like_the_thesis(self) -> bool:

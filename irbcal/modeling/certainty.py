@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -252,7 +252,7 @@ class Certainty(Locked):
         target: str | None,
         T_world_base: FloatArray,
         in_order: bool = False,
-        load: Mapping[str, FloatArray | None] | None = None,
+        inputs: Mapping[str, FloatArray] | None = None,
     ) -> Prediction:
         """Places of a point of the tool, with what is known of them; see `irbcal.modeling.robot.Robot.predict`.
 
@@ -271,8 +271,8 @@ class Certainty(Locked):
         T_world_base : ndarray, shape (4, 4)
         in_order : bool
             Take the residuals of contiguous blocks of poses in place of single ones.
-        load : dict, optional
-            What a motion says of the load, see `irbcal.modeling.terms.situation.LOAD`.
+        inputs : dict, optional
+            Inputs of the terms at each, see `irbcal.modeling.joint_map.JointMap.inputs`.
 
         Raises
         ------
@@ -280,7 +280,7 @@ class Certainty(Locked):
             If leave-one-out residuals are not known or not determined.
         """
         loo = self.determined_left_out(target, in_order)
-        position, covariance, outside = self.positions(walk, q, previous, point, target, T_world_base, load)
+        position, covariance, outside = self.positions(walk, q, previous, point, target, T_world_base, inputs)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         return Prediction(position, covariance, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0), outside)
 
@@ -292,10 +292,10 @@ class Certainty(Locked):
         point: FloatArray,
         target: str | None,
         T_world_base: FloatArray,
-        load: Mapping[str, FloatArray | None] | None = None,
+        inputs: Mapping[str, FloatArray] | None = None,
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Positions (n, 3), their covariance (n, 3, 3) and which poses are outside; parameters as `predict`."""
-        motion, has_move = _motion(q, previous, load)
+        motion, has_move = _motion(q, previous, inputs)
         T = np.eye(4) if target is None else T_world_base
         R = T[:3, :3]
         position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
@@ -315,11 +315,11 @@ class Certainty(Locked):
         previous: ArrayLike | None,
         point: FloatArray,
         target: str,
-        load: Mapping[str, FloatArray | None],
+        inputs: Mapping[str, FloatArray],
     ) -> tuple[FloatArray, FloatArray]:
         """Lengths of the ways from each place to the next, and half-widths, shape (n - 1,); parameters as `predict`."""
         loo = self.determined_left_out(target)
-        motion, has_move = _motion(q, previous, load)
+        motion, has_move = _motion(q, previous, inputs)
         count = max(len(motion) - 1, 0)
         length, variance = np.zeros(count), np.zeros(count)
         for start in range(0, count, BLOCK):
@@ -340,12 +340,11 @@ class Certainty(Locked):
 
 
 def _motion(
-    q: ArrayLike, previous: ArrayLike | None, load: Mapping[str, FloatArray | None] | None = None
+    q: ArrayLike, previous: ArrayLike | None, inputs: Mapping[str, FloatArray] | None
 ) -> tuple[Motion, BoolArray]:
-    """The motion with its load, moves that are not known zero, and where they are known, shape (n,)."""
+    """The motion with its inputs, moves that are not known zero, and where they are known, shape (n,)."""
     q = np.atleast_2d(np.asarray(q, dtype=float))
     has_move = np.zeros(len(q), dtype=bool)
     if previous is not None:
         has_move[:] = np.isfinite(q - np.asarray(previous, dtype=float)).all(axis=1)
-    loaded: dict[str, Any] = dict(load or {})
-    return replace(Motion.after(q, previous), **loaded), has_move
+    return replace(Motion.after(q, previous), inputs=inputs or {}), has_move

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,9 +16,9 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.parts import compiled, map_parts, stops
 from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.payload import largest_torque
-from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
+from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.term_map import TermMap, motion_at_use
 from irbcal.modeling.terms.waves import NOTHING, Expansion, Turns
 
 HISTORY = ("direction", "share_of_move", "move")
@@ -30,7 +31,7 @@ class JointMap:
     """Commanded to effective joints by a sum of terms about the joints' own axes.
 
     The arm is warm and carries ``payload_kg`` unless told otherwise. Where the stop before is not given, terms of the
-    last move are zero; where torques are not given, theirs are.
+    last move are zero, and so are those of other inputs that are not given.
 
     Parameters
     ----------
@@ -199,7 +200,10 @@ class JointMap:
         """What depends on the joints alone, for the load that is carried: weights of waves, and terms that are none."""
         weights: dict[tuple[int, Turns], complex] = {}
         rest = []
-        apart = {"q", "decay", "torque", *HISTORY, *(() if self.payload_kg else ("payload",))}
+        apart = {
+            name for name, basis in bases().items() if basis.inputs and not (name == "payload" and self.payload_kg)
+        }
+        apart |= {"q", "decay", *HISTORY}
         for term, coefficient in zip(self.terms.terms, self.terms.coefficients.tolist(), strict=True):
             if term.basis in apart:
                 continue
@@ -213,31 +217,15 @@ class JointMap:
                     weights[joint, turns] = weights.get((joint, turns), 0.0) + size * weight
         return {key: weight for key, weight in weights.items() if abs(weight) > NOTHING}, rest
 
-    def motion(
-        self,
-        q: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> Motion:
+    def motion(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> Motion:
         """The motion that the terms are functions of, with what is assumed where nothing is given; see `effective`."""
-        centre = np.zeros(3) if self.payload_place is None else self.payload_place
-        return motion_at_use(q, previous, payload_kg, payload_place, torques, self.payload_kg, centre)
+        return motion_at_use(q, previous, inputs, self.payload_kg, self.payload_place)
 
-    def load(self, n: int, *given: ArrayLike | None) -> dict[str, FloatArray | None]:
-        """What the motion of n stops says of the load: mass, place, torques as given, or as usual; see `effective`."""
-        motion = self.motion(np.zeros((n, len(self.terms.arm.joint_names))), None, *given)
-        return {name: getattr(motion, name) for name in LOAD}
+    def inputs(self, n: int, **given: ArrayLike | None) -> Mapping[str, FloatArray]:
+        """Inputs of the terms at n stops, as given or as usual; see `effective`."""
+        return self.motion(np.zeros((n, len(self.terms.arm.joint_names))), **given).inputs
 
-    def effective(
-        self,
-        q: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> FloatArray:
+    def effective(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> FloatArray:
         """Effective joints.
 
         Parameters
@@ -246,12 +234,11 @@ class JointMap:
             Commanded joints, radians (metres for prismatic joints).
         previous : array_like, shape (n, joints) or (joints,), optional
             The stop before each, as commanded; rows with NaN are not known.
-        payload_kg : array_like, shape (n,) or (), optional
-            Mass carried at each; the map's own unless given, and where NaN.
-        payload_place : array_like, shape (n, 3) or (3,), optional
-            Its centre in the tip link, metres; as in the fit unless given.
-        torques : array_like, shape (n, joints), optional
-            Torques that the robot reports, N m. Without them terms of torques are zero.
+        **inputs : array_like
+            What else terms are functions of (`irbcal.modeling.terms.inputs`), at each or at all, SI units; the usual
+            where NaN. ``payload_kg`` (n,) is the mass carried; the map's own unless given. ``payload_place`` (n, 3) is
+            its centre in the tip link; as in the fit unless given. ``torques`` (n, joints) are those that the robot
+            reports. Without an input the other terms of it are zero.
 
         Returns
         -------
@@ -261,10 +248,10 @@ class JointMap:
         if self.is_identity or not len(q):
             return q
         if self._kernel is not None and q.ndim == 2:
-            theta, known = np.empty(q.shape), stops(q, previous, payload_kg, payload_place, torques)
+            theta, known = np.empty(q.shape), stops(q, previous, inputs, self.parts)
             if self._kernel.effective(np.ascontiguousarray(q), known, theta):
                 return theta
-        return self.terms.effective(self.motion(q, previous, payload_kg, payload_place, torques))
+        return self.terms.effective(self.motion(q, previous, **inputs))
 
     def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Derivative of the effective by the commanded joints, the stop before held.
@@ -293,7 +280,7 @@ class JointMap:
         """`jacobian`, or its time derivative at speeds ``dq``, by the compiled kernel; None where there is none."""
         if self._kernel is None or q.ndim != 2:
             return None
-        out, known = np.empty((*q.shape, q.shape[1])), stops(q, previous)
+        out, known = np.empty((*q.shape, q.shape[1])), stops(q, previous, {}, None)
         speeds = None if dq is None else np.ascontiguousarray(dq)
         return out if self._kernel.map_slopes(np.ascontiguousarray(q), known, speeds, out) else None
 

@@ -7,6 +7,7 @@ the last move does. The compiled kernel (`irbcal.kernel`) and all exports are ma
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import cos, sin
 from typing import Any
@@ -19,9 +20,10 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import QUARTER, Row
+from irbcal.modeling.terms import bases, told
 from irbcal.modeling.terms.own_weight import levers_of
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
-from irbcal.modeling.terms.term import AXES, Term
+from irbcal.modeling.terms.term import AXES, Proportional, Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.waves import expanded_lever
 
@@ -119,9 +121,10 @@ def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
     """
     n = len(terms.arm.joint_names)
     values: dict[str, Any] = {
-        name: np.zeros(n) for name in ("gain", "offset", "compliance", "torque", "direction", "move", "share")
+        name: np.zeros(n) for name in ("gain", "offset", "compliance", "direction", "move", "share")
     }
-    simple = {"q": "gain", "constant": "offset", "payload": "compliance", "torque": "torque"}
+    simple = {"q": "gain", "constant": "offset", "payload": "compliance"}
+    proportional: dict[str, FloatArray] = {}
     simple |= {"move": "move", "share_of_move": "share", "direction": "direction"}
     widths: dict[int, float] = {}
     centres = set()
@@ -159,6 +162,8 @@ def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
             if term.basis == "payload":
                 centres.add(tuple(np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float).tolist()))
             values[simple[term.basis]][term.joint] += coefficient
+        elif isinstance(bases()[term.basis], Proportional):
+            proportional.setdefault(term.basis, np.zeros(n))[term.joint] += coefficient
         else:
             raise _unknown(term)
     if len(centres) > 1:
@@ -176,6 +181,7 @@ def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
         ),
         "gravity": np.array(terms.gravity, dtype=float),
         "compliance": STANDARD_GRAVITY * values["compliance"],
+        "proportional": proportional,
         "payload_kg": payload_kg or 0.0,
         "payload_place": np.array(next(iter(centres), (0.0, 0.0, 0.0))),
         "width": np.array([widths.get(j, 1.0) for j in range(n)]),
@@ -262,7 +268,8 @@ def compiled(
     vectors = list[tuple[float, ...]]()
     if parts is not None:
         names = ("gain", "offset", "cosine", "sine", "gravity", "compliance", "payload_kg", "payload_place")
-        values |= {name: parts[name] for name in (*names, "torque", "direction", "width", "move", "share")}
+        values |= {name: parts[name] for name in (*names, "direction", "width", "move", "share")}
+        values["torque"] = np.full(len(arm.joint_names), 1.0 if parts["proportional"] else 0.0)  # `stops` multiplies
         if len(parts["cosine"]) % 2:
             nothing = np.zeros((1, len(arm.joint_names)))
             values |= {name: np.vstack([parts[name], nothing]) for name in ("cosine", "sine")}
@@ -295,15 +302,25 @@ def compiled(
 def stops(
     q: FloatArray,
     previous: ArrayLike | None,
-    payload_kg: ArrayLike | None = None,
-    payload_place: ArrayLike | None = None,
-    torques: ArrayLike | None = None,
+    given: Mapping[str, ArrayLike | None],
+    parts: Mapping[str, Any] | None,
 ) -> tuple[FloatArray | None, ...] | None:
-    """What is known of stops (n, joints) beside the commands, as the compiled kernel takes it; None: nothing."""
-    n = len(q)
-    values = ((previous, q.shape), (payload_kg, (n,)), (payload_place, (n, 3)), (torques, q.shape))
-    if all(value is None for value, _ in values):
+    """What is known of stops (n, joints) beside the commands, as the compiled kernel takes it; None: nothing.
+
+    The stop before, mass and place of a payload, and what terms of parts (`map_parts`) that are proportional to their
+    input add to each joint.
+    """
+    known: dict[str, ArrayLike] = told(given)
+    if previous is None and not known:
         return None
+    added: FloatArray | None = None
+    for name, coefficients in parts["proportional"].items() if parts else ():
+        basis = bases()[name]
+        if isinstance(basis, Proportional) and basis.inputs[0].name in known:
+            part = coefficients * basis.above(known[basis.inputs[0].name], *q.shape)
+            added = part if added is None else added + part
+    load = (known.get("payload_kg"), q.shape[:1]), (known.get("payload_place"), (len(q), 3))
+    values = ((previous, q.shape), *load, (added, q.shape))
     return tuple(
         None if value is None else np.array(np.broadcast_to(np.asarray(value, dtype=float), shape))
         for value, shape in values

@@ -116,28 +116,25 @@ class Robot:
         self,
         q: ArrayLike,
         previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
+        **inputs: ArrayLike | None,
     ) -> FloatArray:
         """Tip poses in the base link, as `poses`, of any joints (n, joints): for iterations, for trying other units.
 
         The "real" direct model of Nubiola 2011, eqs. 6.40 and 7.2, where arm and joint map are calibrated; with the
-        stops before, ``previous`` (n, joints), where they are known and the joint map depends on them. The mass carried
-        (n,), its centre in the tip link (n, 3) and torques that the robot reports (n, joints) likewise; without them
-        the robot carries what most poses of the calibration were measured with, see `carrying`.
+        stops before, ``previous`` (n, joints), where they are known and the joint map depends on them. What else terms
+        are functions of likewise, see `irbcal.modeling.joint_map.JointMap.effective`: ``payload_kg``, the mass carried
+        (n,), … Without it the robot carries what most poses of the calibration were measured with, see `carrying`.
         """
         if self.kernel is not None:
             q = np.ascontiguousarray(q, dtype=float)
             T = np.empty((len(q), 4, 4))
-            if self.kernel.poses(q, stops(q, previous, payload_kg, payload_place, torques), False, T):
+            if self.kernel.poses(q, stops(q, previous, inputs, self.joint_map.parts), False, T):
                 return T
         if self.frame_terms is None:
-            return self.arm.forward(self.joint_map.effective(q, previous, payload_kg, payload_place, torques))
+            return self.arm.forward(self.joint_map.effective(q, previous, **inputs))
         q = np.asarray(q, dtype=float)
         q_before = None if previous is None else np.broadcast_to(previous, q.shape)
-        load: dict[str, Any] = {**self.joint_map.load(len(q), payload_kg, payload_place, torques)}
-        motion = replace(Motion.after(q, q_before), **load)
+        motion = self.joint_map.motion(q, q_before, **inputs)
         out = np.empty((len(q), 4, 4))
         for start in range(0, len(q), BLOCK):
             rows = slice(start, start + BLOCK)
@@ -213,9 +210,8 @@ class Robot:
         See `irbcal.modeling.terms.chain.walk`.
         """
         previous = None if motion.move is None else motion.q - motion.move
-        load = (motion.payload_kg, motion.payload_place, motion.torques)
         xi = None if self.frame_terms is None else self.frame_terms.motions(motion)
-        return chain.walk(self.arm, self.joint_map.effective(motion.q, previous, *load), xi)
+        return chain.walk(self.arm, self.joint_map.effective(motion.q, previous, **motion.inputs), xi)
 
     def predict(
         self,
@@ -224,9 +220,7 @@ class Robot:
         target: str | None = None,
         *,
         in_order: bool = False,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
+        **inputs: ArrayLike | None,
     ) -> Prediction:
         """Places of a reflector in the measuring frame, with what is known of them.
 
@@ -242,8 +236,8 @@ class Robot:
         in_order : bool
             The poses of the fit were a program in an order, and others than these are predicted: contiguous blocks of
             poses count as left out in place of single poses.
-        payload_kg, payload_place, torques : array_like, optional
-            The load, as for `forward`.
+        **inputs : array_like
+            ``payload_kg``, …, as for `forward`.
 
         Returns
         -------
@@ -258,19 +252,15 @@ class Robot:
         """
         certainty, name = self._certain(target)
         q = self.arm.check_joints(q)
-        load = self.joint_map.load(len(q), payload_kg, payload_place, torques)
-        point = self.targets[name]
-        return certainty.predict(self.walk, q, previous, point, name, self.T_world_base, in_order, load)
+        known, point = self.joint_map.inputs(len(q), **inputs), self.targets[name]
+        return certainty.predict(self.walk, q, previous, point, name, self.T_world_base, in_order, known)
 
     def predict_moves(
         self,
         q: ArrayLike,
         previous: ArrayLike | None = None,
         target: str | None = None,
-        *,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
+        **inputs: ArrayLike | None,
     ) -> tuple[FloatArray, FloatArray]:
         """Lengths of the ways of a reflector from each pose to the next, with 95 % half-widths, metres, shape (n - 1,).
 
@@ -278,8 +268,8 @@ class Robot:
         """
         certainty, name = self._certain(target)
         q = self.arm.check_joints(q)
-        load = self.joint_map.load(len(q), payload_kg, payload_place, torques)
-        return certainty.moves(self.walk, q, previous, self.targets[name], name, load)
+        known = self.joint_map.inputs(len(q), **inputs)
+        return certainty.moves(self.walk, q, previous, self.targets[name], name, known)
 
     def _certain(self, target: str | None) -> tuple[Certainty, str]:
         """What is known of the robot, and which target is meant."""
@@ -301,8 +291,8 @@ class Robot:
         if self.certainty is None:
             raise RobotError(f"nothing is known of how certain {self.arm.name} is", parameter="certainty")
         q = self.arm.check_joints(q)
-        load = self.joint_map.load(len(q))
-        return self.certainty.predict(self.walk, q, previous, np.zeros(3), None, self.T_world_base, load=load)
+        known = self.joint_map.inputs(len(q))
+        return self.certainty.predict(self.walk, q, previous, np.zeros(3), None, self.T_world_base, inputs=known)
 
     def replace(self, **changes: Any) -> Robot:
         """A copy with some fields changed."""

@@ -169,7 +169,7 @@ def corrections(record: Record, evidence: Evidence) -> Chart | None:
         return None
     points = fitted.points
     has_history = bool(getattr(robot.joint_map, "has_history", False))
-    at_poses = robot.joint_map.effective(points.q, points.previous, **points.load()) - points.q
+    at_poses = robot.joint_map.effective(points.q, points.previous, **points.inputs) - points.q
     drawings = [
         _correction(robot, j, points.q, at_poses, fitted.direction, has_history)
         for j in range(points.q.shape[1])

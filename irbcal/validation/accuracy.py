@@ -33,6 +33,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import at_rows
 from irbcal.statistics import consecutive, normal_below, normal_quantile, statistics
 from irbcal.units import MM
 
@@ -295,8 +296,8 @@ def predictions(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]
         rows_of_target = points.target == k
         rows = points.pose[rows_of_target]
         previous = None if points.previous is None else points.previous[rows]
-        load: dict[str, Any] = {key: None if value is None else value[rows] for key, value in points.load().items()}
-        predicted = robot.predict(points.q[rows], previous, points.target_names[k], **load)
+        known: dict[str, Any] = at_rows(points.inputs, rows)
+        predicted = robot.predict(points.q[rows], previous, points.target_names[k], **known)
         position[rows_of_target], width[rows_of_target] = predicted.position, predicted.interval
     return position, width
 
@@ -356,9 +357,9 @@ def coverage(robot: Robot, points: PointSet, moves: bool = False) -> dict[str, A
 def _of_ways(robot: Robot, points: PointSet, rows: IntArray) -> tuple[BoolArray, FloatArray]:
     """Whether measured lengths of a target's ways from row to row lie within their intervals, and half-widths, m."""
     pose = points.pose[rows]
-    load: dict[str, Any] = {key: None if value is None else value[pose] for key, value in points.load().items()}
+    known = at_rows(points.inputs, pose)
     previous = None if points.previous is None else points.previous[pose]
-    length, width = robot.predict_moves(points.q[pose], previous, points.target_names[points.target[rows[0]]], **load)
+    length, width = robot.predict_moves(points.q[pose], previous, points.target_names[points.target[rows[0]]], **known)
     return np.abs(np.linalg.norm(np.diff(points.xyz[rows], axis=0), axis=1) - length) < width, width
 
 
@@ -402,8 +403,8 @@ def position_std(
     robot = calibration.robot_calibrated() if robot is None else robot
     assert robot.certainty is not None
     position = np.zeros(3) if target is None else robot.targets[target]
-    load = robot.joint_map.load(len(q))
-    _, covariance, _ = robot.certainty.positions(robot.walk, q, None, position, target, robot.T_world_base, load)
+    usual = robot.joint_map.inputs(len(q))
+    _, covariance, _ = robot.certainty.positions(robot.walk, q, None, position, target, robot.T_world_base, usual)
     return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
 
 

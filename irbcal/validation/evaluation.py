@@ -869,7 +869,7 @@ def carrying(measurements: table.MeasurementSet, payload: float | None) -> table
     """Measurements with a load where they do not tell it."""
     if payload is None:
         return measurements
-    if measurements.payloads() is not None:
+    if measurements.input("payload_kg") is not None:
         raise OptionError(
             "payload: the measurements tell it themselves (payload_kg): leave it out", parameter="payload"
         )
@@ -879,7 +879,7 @@ def carrying(measurements: table.MeasurementSet, payload: float | None) -> table
 
 def _other_loads(points: PointSet, record: Record) -> list[str]:
     """That a joint map of one load is judged at others."""
-    usual, loads = record.usual_load, points.payload_kg
+    usual, loads = record.usual_load, points.inputs.get("payload_kg")
     joint_map = record.robot_calibrated().joint_map
     if usual is None or loads is None or joint_map.knows_loads:
         return []

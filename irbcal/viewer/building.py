@@ -428,7 +428,7 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
             points=points,
             notes=list(registered.notes),
             fitted=registered.fitted,
-            effective=model.joint_map.effective(measured.q, measured.previous, **measured.load()),
+            effective=model.joint_map.effective(measured.q, measured.previous, **measured.inputs),
         )
     targets = model.targets or {model.arm.tip_link: np.zeros(3)}
     if plan is None:

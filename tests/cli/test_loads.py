@@ -36,7 +36,7 @@ def test_each_load_has_its_tool_and_the_usual_one_is_said(calibration):
     assert "Each load has a tool of its own" in text
     assert "predictions and corrections are for 6 kg" in text
     assert record.usual_load == record.joint_map.payload_kg == 6.0
-    loads = np.array(record.poses.payload_kg)
+    loads = np.array(record.poses.inputs["payload_kg"])
     assert set(loads) == {0.0, 6.0}
     points, _ = record.used_points(heldout=False)
     errors = np.array(record.points.calibrated_mm)[~np.array(record.points.heldout)]

@@ -15,17 +15,21 @@ def test_it_computes_what_irbcal_computes(sources, name, poses):
     source = sources[name]
     robot, batch = source.robot, Batch(**python.constants(source.parts, source.vectors))
     q, situation = situations(robot, poses, 21)
-    theta, T = robot.joint_map.effective(q, *situation), robot.forward(q, *situation)
-    assert np.abs(batch.effective(q, *situation) - theta).max() < 1e-12
-    assert np.abs(batch.forward(q, *situation) - T).max() < 1e-12
+    theta, T = robot.joint_map.effective(q, **situation), robot.forward(q, **situation)
+    assert np.abs(batch.effective(q, **situation) - theta).max() < 1e-12
+    assert np.abs(batch.forward(q, **situation) - T).max() < 1e-12
     some = slice(0, 1000)
-    assert np.abs(batch.commanded(theta[some], *(part[some] for part in situation)) - q[some]).max() < 1e-12
+    assert (
+        np.abs(batch.commanded(theta[some], **{name: part[some] for name, part in situation.items()}) - q[some]).max()
+        < 1e-12
+    )
     few = slice(0, 20)
-    rest = [part[few] for part in situation]
-    back, found = batch.inverse(T[few], q[few] + 0.02, *rest)
+    rest = {name: part[few] for name, part in situation.items()}
+    back, found = batch.inverse(T[few], q[few] + 0.02, **rest)
     assert found.mean() > 0.9
-    assert np.abs(batch.forward(back, *rest) - T[few])[found].max() < 5e-12
-    usual = q[few][~np.isnan(situation[0][few, 0])], situation[0][few][~np.isnan(situation[0][few, 0])]
+    assert np.abs(batch.forward(back, **rest) - T[few])[found].max() < 5e-12
+    known = ~np.isnan(rest["previous"][:, 0])
+    usual = q[few][known], rest["previous"][known]
     assert np.abs(batch.jacobian(*usual) - robot.joint_map.jacobian(*usual)).max() < 1e-12
 
 

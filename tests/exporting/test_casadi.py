@@ -26,12 +26,13 @@ def made(sources):
 
 def numbers(source, robot, n, seed):
     """Inputs of the Functions as columns, and irbcal's situation."""
-    q, (before, kg, place, torques) = situations(robot, n, seed)
+    q, situation = situations(robot, n, seed)
+    before, kg, place, torques = situation.values()
     known = np.isfinite(before[:, 0])
     columns = [q, np.where(known[:, None], before, q), known[:, None], kg[:, None], place, torques]
     if not source.parts.torque.any():
         columns.pop()
-    return q, (before, kg, place, torques), [np.asarray(column, dtype=float).T for column in columns]
+    return q, situation, [np.asarray(column, dtype=float).T for column in columns]
 
 
 @pytest.mark.parametrize(("name", "poses"), [("irb1600", 10_000), ("ur10", 10_000), ("panda", 10_000), ("level", 500)])
@@ -39,10 +40,10 @@ def test_functions_compute_what_irbcal_computes(sources, made, name, poses):
     source = sources[name]
     robot, made = source.robot, made[name]
     q, situation, columns = numbers(source, robot, poses, 31)
-    theta = robot.joint_map.effective(q, *situation)
+    theta = robot.joint_map.effective(q, **situation)
     assert np.abs(np.array(made["effective"](*columns)).T - theta).max() < 1e-12
     T = np.array(made["tip"].map(poses)(*columns)).reshape(4, poses, 4).transpose(1, 0, 2)
-    assert np.abs(T - robot.forward(q, *situation)).max() < 1e-12
+    assert np.abs(T - robot.forward(q, **situation)).max() < 1e-12
     few = [column[:, :200] for column in columns]
     back = np.array(made["commanded"].map(200)(theta[:200].T, *few[1:])).T
     assert np.abs(back - q[:200]).max() < 1e-12

@@ -26,8 +26,8 @@ def test_the_header_computes_what_irbcal_computes(sources, tmp_path, compiler, n
     program = compiled(source, tmp_path, compiler, ("-O1", "-march=native") if poses > 1000 else ("-O0",))
     q, situation = situations(robot, poses, 11)
     theta, T, _, _, back, again, flags = computed(program, q, situation)
-    assert np.abs(theta - robot.joint_map.effective(q, *situation)).max() < 1e-12
-    wanted = robot.forward(q, *situation)[:, :3]
+    assert np.abs(theta - robot.joint_map.effective(q, **situation)).max() < 1e-12
+    wanted = robot.forward(q, **situation)[:, :3]
     assert np.abs(T - wanted).max() < 1e-12
     assert flags[:, 0].all()
     assert np.abs(back - q).max() < 1e-12
@@ -35,9 +35,12 @@ def test_the_header_computes_what_irbcal_computes(sources, tmp_path, compiler, n
     assert found.mean() > 0.98  # the others are next to singularities
     assert np.abs(again - wanted)[found].max() < 5e-12
 
-    q, before = q[1:4], situation[0][1:4]  # stops that are known, the usual load: irbcal's own derivative is for that
-    load = np.full(3, source.parts.payload_kg), np.tile(source.parts.payload_place, (3, 1))
-    _, _, M, J, *_ = computed(program, q, (before, *load, np.zeros(q.shape)))
+    q, before = (
+        q[1:4],
+        situation["previous"][1:4],
+    )  # stops that are known, the usual load: irbcal's own derivative is for that
+    load = {"kg": np.full(3, source.parts.payload_kg), "place": np.tile(source.parts.payload_place, (3, 1))}
+    _, _, M, J, *_ = computed(program, q, {"previous": before, **load, "torques": np.zeros(q.shape)})
     assert np.abs(M - robot.joint_map.jacobian(q, before)).max() < 1e-12
     assert_derivative(lambda x: robot.forward(x[None], before[:1])[0, :3, 3], q[0], J[0, :3], 1e-8, 1e-5)
 

@@ -31,7 +31,7 @@ def test_the_same_poses_without_a_warning(described, tmp_path, name, caplog):
     assert [record.getMessage() for record in caplog.records] == []
     context = plant.CreateDefaultContext()
     q, situation = situations(source.robot, 10_000, 3)
-    theta = source.robot.joint_map.effective(q, *situation)
+    theta = source.robot.joint_map.effective(q, **situation)
     base, tip = (plant.GetFrameByName(link, model) for link in (source.parts.base_link, source.parts.tip_link))
     places = [plant.GetJointByName(joint, model).position_start() for joint in source.parts.joint_names]
     values, found = plant.GetPositions(context), []
@@ -39,4 +39,4 @@ def test_the_same_poses_without_a_warning(described, tmp_path, name, caplog):
         values[places] = row
         plant.SetPositions(context, values)
         found.append(tip.CalcPose(context, base).GetAsMatrix4())
-    assert_same_poses(np.array(found), source.robot.forward(q, *situation), 1e-12, 1e-12)
+    assert_same_poses(np.array(found), source.robot.forward(q, **situation), 1e-12, 1e-12)

@@ -39,14 +39,14 @@ def test_the_same_poses_and_ranges_without_a_warning(described, tmp_path, name, 
     joint_map = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(joint_map)
     q, situation = situations(source.robot, 10_000, 3)
-    theta = joint_map.effective(q, *situation)
+    theta = joint_map.effective(q, **situation)
     places = [model.joint(joint).qposadr[0] for joint in source.parts.joint_names]
     found = []
     for row in theta:
         data.qpos[places] = row
         mujoco.mj_kinematics(model, data)
         found.append(np.linalg.inv(placed(data, source.parts.base_link)) @ placed(data, source.parts.tip_link))
-    assert_same_poses(found, source.robot.forward(q, *situation), 1e-12, 1e-12)
+    assert_same_poses(found, source.robot.forward(q, **situation), 1e-12, 1e-12)
     mujoco.mj_step(model, data)
     assert not any(data.warning.number)
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

@@ -71,8 +71,8 @@ def test_vectors_have_known_and_unknown_stops_and_several_loads(sources):
     unknown = np.isnan(vectors.previous).all(axis=1)
     assert 0 < unknown.sum() < len(vectors)
     assert len(set(vectors.payload_kg)) == 5
-    situation = (vectors.previous, vectors.payload_kg, vectors.payload_place, vectors.torques)
-    assert np.array_equal(robot.forward(vectors.q, *situation)[:, :3], vectors.tip)
+    known = {name: getattr(vectors, name) for name in ("previous", "payload_kg", "payload_place", "torques")}
+    assert np.array_equal(robot.forward(vectors.q, **known)[:, :3], vectors.tip)
 
 
 TEXTURED = b'<material name="steel"><texture filename="meshes/steel.png"/></material></robot>'

@@ -15,13 +15,13 @@ def test_it_computes_what_irbcal_computes(sources, name):
     constants = python.constants(source.parts, source.vectors)
     robot, batch, plain = source.robot, Batch(**constants), Plain(**constants)
     q, situation = situations(robot, 20, 21)
-    theta, T = robot.joint_map.effective(q, *situation), robot.forward(q, *situation)
-    rows = [(x.tolist(), *(part.tolist() for part in rest)) for x, *rest in zip(q, *situation, strict=True)]
+    theta, T = robot.joint_map.effective(q, **situation), robot.forward(q, **situation)
+    rows = [(x.tolist(), *(part.tolist() for part in rest)) for x, *rest in zip(q, *situation.values(), strict=True)]
     for function, wanted in (
         (plain.effective, theta),
         (plain.forward, T[:, :3]),
-        (plain.jacobian, batch.jacobian(q, *situation)),
-        (plain.tip_jacobian, batch.tip_jacobian(q, *situation)),
+        (plain.jacobian, batch.jacobian(q, **situation)),
+        (plain.tip_jacobian, batch.tip_jacobian(q, **situation)),
     ):
         assert np.abs(np.array([function(*row) for row in rows]) - wanted).max() < 1e-12
     for row, wanted in zip(rows, T.tolist(), strict=True):

@@ -35,10 +35,10 @@ def test_xacro_makes_the_calibrated_robot(described, tmp_path, name):
     word, made = write(source, tmp_path)
     text = xacro.process_file(str(tmp_path / "urdf" / f"{word}.urdf.xacro")).toxml().encode()
     q, situation = situations(source.robot, 500, 6)
-    theta = source.robot.joint_map.effective(q, *situation)
+    theta = source.robot.joint_map.effective(q, **situation)
     for data in (text, made[f"urdf/{word}.urdf"]):
         tips = urdf_check.poses(data, source.robot.arm, theta)
-        assert_same_poses(tips, source.robot.forward(q, *situation), 1e-12, 1e-12)
+        assert_same_poses(tips, source.robot.forward(q, **situation), 1e-12, 1e-12)
     names = {mesh.get("filename") for mesh in ET.fromstring(text).iter("mesh")}
     assert names == {f"package://{word}/{mesh}" for mesh in made if mesh.startswith("meshes/")}
     check = shutil.which("check_urdf", path=str(Path(sys.executable).parent))

@@ -17,9 +17,9 @@ def test_urdf_with_mesh_paths(folder, tmp_path, paths):
     text = (tmp_path / "out" / name).read_bytes()
     source = Source.of(folder)
     q, situation = situations(source.robot, 1000 if paths == "relative" else 50, 4)
-    theta = source.robot.joint_map.effective(q, *situation)
+    theta = source.robot.joint_map.effective(q, **situation)
     tips = urdf_check.poses(text, source.robot.arm, theta)
-    assert_same_poses(tips, source.robot.forward(q, *situation), 1e-12, 1e-12)
+    assert_same_poses(tips, source.robot.forward(q, **situation), 1e-12, 1e-12)
     assert (b"package://" in text) is (paths == "package")
     if paths != "package":
         assert len(yourdfpy.URDF.load(str(tmp_path / "out" / name)).scene.geometry) > 10

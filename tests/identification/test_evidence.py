@@ -73,11 +73,11 @@ def test_payload_is_carried_over_to_another_mass():
     extra = [(t, 2e-5 * (j + 1)) for j, t in enumerate(Payload((0.0, 0.0, 0.1)).terms(arm("irb120")))]
     truth = Truth(["gravity"], extra=extra)
     q = truth.nominal.random_joints(120, 3)
-    motion = Motion(q, payload_kg=loads)
+    motion = Motion(q, inputs={"payload_kg": loads})
     found = identify_evidence(
         truth.nominal, truth.measured(motion, 1e-5), motion, gear_scan=False, payload_place=(0.0, 0.0, 0.1)
     )
-    test = Motion(truth.nominal.random_joints(40, 8), payload_kg=np.full(40, 7.0))
+    test = Motion(truth.nominal.random_joints(40, 8), inputs={"payload_kg": np.full(40, 7.0)})
     T = found.T_world_base @ found.term_map().forward(found.arm, test)
     p = T[:, :3, :3] @ found.targets["smr1"] + T[:, :3, 3]
     error = np.linalg.norm(p - truth.points(test, "smr1"), axis=1)
@@ -372,15 +372,17 @@ def test_means_by_a_dictionary_of_stops(stops, seed):
 def test_other_masses_and_orientations_are_not_averaged():
     truth = Truth(["gravity"])
     q = np.repeat(truth.nominal.random_joints(4, 3), 2, axis=0)
-    motion = Motion(q, payload_kg=np.tile([1.0, 2.0], 4))
+    motion = Motion(q, inputs={"payload_kg": np.tile([1.0, 2.0], 4)})
     points = truth.measured(motion, 1e-5)
     assert average_repeats(points, motion)[0].poses == 8
-    once = replace(motion, payload_kg=np.ones(8), torques=np.arange(48.0).reshape(8, 6))
-    told = replace(points, payload_kg=np.ones(8), payload_place=np.tile([0.0, 0.0, 0.1], (8, 1)), torques=once.torques)
+    once = replace(motion, inputs={"payload_kg": np.ones(8), "torques": np.arange(48.0).reshape(8, 6)})
+    told = replace(points, inputs={**once.inputs, "payload_place": np.tile([0.0, 0.0, 0.1], (8, 1))})
     merged, shorter = average_repeats(told, once)
-    assert merged.poses == len(merged.payload_kg) == len(merged.payload_place) == 4
-    np.testing.assert_allclose(shorter.torques, once.torques.reshape(4, 2, 6).mean(axis=1), rtol=1e-14)
-    apart = replace(once, payload_place=np.arange(24.0).reshape(8, 3))
+    assert {merged.poses, *map(len, merged.inputs.values())} == {4}
+    np.testing.assert_allclose(
+        shorter.inputs["torques"], once.inputs["torques"].reshape(4, 2, 6).mean(axis=1), rtol=1e-14
+    )
+    apart = replace(once, inputs={**once.inputs, "payload_place": np.arange(24.0).reshape(8, 3)})
     assert average_repeats(told, apart)[0].poses == 8
     turned = replace(points, rotation=np.tile(np.eye(3), (len(points), 1, 1)))
     assert average_repeats(turned, Motion(q))[0] is turned

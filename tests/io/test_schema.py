@@ -383,9 +383,9 @@ def effective(entry, model, vector):
             value = z @ np.cross(links[t["link"] - 1] @ v, entry["gravity"])
         elif t["basis"] == "payload":
             p = o + R @ (model.T_last_tip[:3, :3] @ t["place"] + model.T_last_tip[:3, 3])
-            value = 9.81 * vector["payload_kg"] * (z @ np.cross(p - origins[j], entry["gravity"]))
+            value = 9.81 * vector["inputs"]["payload_kg"] * (z @ np.cross(p - origins[j], entry["gravity"]))
         elif t["basis"] == "torque":
-            value = vector["torques_nm"][j]
+            value = vector["inputs"]["torques"][j]
         elif t["basis"] in ("cos", "sin"):
             value = getattr(np, t["basis"])(t["cycles_per_turn"] * q[j])
         elif t["basis"] == "direction":
@@ -400,8 +400,8 @@ def effective(entry, model, vector):
 def test_test_vectors_follow_from_the_description(joint_map):
     model = arm("irb120")
     entry = json.loads(JointMapSection.of(joint_map, model).model_dump_json())
-    assert entry["inputs"] == ["q", "previous_q", "payload_kg", "torques_nm"]
-    assert [vector["payload_kg"] for vector in entry["test_vectors"]] == [2.5, 3.5, 4.5, 5.5, 6.5]
+    assert entry["inputs"] == ["q", "previous_q", "payload_kg", "payload_place", "torques"]
+    assert [vector["inputs"]["payload_kg"] for vector in entry["test_vectors"]] == [2.5, 3.5, 4.5, 5.5, 6.5]
     for vector in entry["test_vectors"]:
         found = effective(entry, model, vector)
         assert np.abs(found - vector["effective"]).max() < 1e-13
@@ -428,12 +428,13 @@ POSES = {"pose": ["1", "2"], "group": ["", ""], "heldout": [False, True], "joint
 
 
 def test_loads_are_told_for_all_poses_or_none():
-    assert PoseTable(**POSES).payload_kg == []
-    whole = PoseTable(**POSES, payload_kg=[0.0, None], payload_place_mm=[[0.0, 1.0]] * 3, torques_nm=[[1.0, 2.0]])
+    assert PoseTable(**POSES).inputs == {}
+    whole = PoseTable(**POSES, inputs={"payload_kg": [0.0, None], "payload_x_mm": [0.0, 1.0], "tau1_nm": [1.0, 2.0]})
     assert PoseTable.model_validate_json(whole.model_dump_json()) == whole
-    for change in ({"payload_kg": [1.0]}, {"payload_place_mm": [[1.0]] * 3}, {"torques_nm": [[1.0]]}):
-        with pytest.raises(ValidationError, match="2 values, one for each pose"):
-            PoseTable(**POSES, **change)
+    with pytest.raises(ValidationError, match="2 values, one for each pose"):
+        PoseTable(**POSES, inputs={"payload_kg": [1.0]})
+    with pytest.raises(ValidationError, match="mood is no column of an input of the error model"):
+        PoseTable(**POSES, inputs={"mood": [1.0, 2.0]})
 
 
 def test_nominal_robot_comes_back_too(proven, folder):

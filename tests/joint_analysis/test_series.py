@@ -86,7 +86,9 @@ def bent(amounts, radius=1.2, height=0.3, drop=0.0):
     xyz[:, 2] -= np.where(kg == max(amounts), drop, 0.0)
     n = len(q)
     groups = np.full(n, "axis2", object)
-    points = PointSet(q, np.arange(n), np.zeros(n, int), xyz, ("smr1",), np.arange(n), groups, payload_kg=kg)
+    points = PointSet(
+        q, np.arange(n), np.zeros(n, int), xyz, ("smr1",), np.arange(n), groups, inputs={"payload_kg": kg}
+    )
     return points, last_moves(q, groups)
 
 
@@ -124,7 +126,7 @@ def test_a_bending_arm_with_two_loads_and_noise():
         xyz=np.vstack([p.xyz for p in parts]),
         pose_ids=np.arange(2 * n),
         groups=np.concatenate([groups, groups]),
-        payload_kg=np.repeat([1.8, 4.8], n),
+        inputs={"payload_kg": np.repeat([1.8, 4.8], n)},
     )
     (effect,) = payload_effects(analyse_moves(both, last_moves(both.q, both.groups))[0].series)
     mine = parts[0].names() == effect.target

@@ -243,12 +243,12 @@ PLACED = pd.DataFrame(
 
 
 def test_masses_and_their_centres_are_read_in_si_units():
-    load, centre = InputTable(PLACED).payloads()
+    load, centre = InputTable(PLACED).inputs(6).values()
     np.testing.assert_array_equal(load, [0.0, 5.5])
     np.testing.assert_allclose(centre, [[0, 0, 0], [0.01, 0, 0.12]], rtol=0, atol=1e-15)
     assert usual_place(load, centre, 0.0) == pytest.approx((0.01, 0.0, 0.12))
-    assert InputTable(LOADS.iloc[[1, 2]]).payloads()[0].tolist() == [5.5, 5.5]
-    assert InputTable(LOADS[[]]).payloads() == (None, None)
+    assert InputTable(LOADS.iloc[[1, 2]]).inputs(6)["payload_kg"].tolist() == [5.5, 5.5]
+    assert InputTable(LOADS[[]]).inputs(6) == {}
 
 
 @pytest.mark.parametrize(
@@ -262,4 +262,4 @@ def test_masses_and_their_centres_are_read_in_si_units():
 )
 def test_which_of_several_masses_must_be_told(cells, words):
     with pytest.raises(MeasurementError, match=words):
-        InputTable(cells).payloads()
+        InputTable(cells).inputs(6)

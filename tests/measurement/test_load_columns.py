@@ -26,21 +26,21 @@ def torques(n=3):
 def test_mass_place_and_torques_come_with_the_points():
     seen = table.read(rows(payload_kg=[0.0, 2.5, np.nan], **PLACE, **torques()))
     points = cleaning.clean(seen).points
-    assert np.array_equal(points.payload_kg, [0.0, 2.5, np.nan], equal_nan=True)
-    assert np.abs(points.payload_place - [0.010, -0.020, 0.080]).max() < 1e-15
-    assert np.array_equal(points.torques, np.arange(3)[:, None] + 10.0 * np.arange(1, 7))
+    assert np.array_equal(points.inputs["payload_kg"], [0.0, 2.5, np.nan], equal_nan=True)
+    assert np.abs(points.inputs["payload_place"] - [0.010, -0.020, 0.080]).max() < 1e-15
+    assert np.array_equal(points.inputs["torques"], np.arange(3)[:, None] + 10.0 * np.arange(1, 7))
     some = points.select(np.array([False, True, True]))
-    assert np.array_equal(some.payload_kg, [2.5, np.nan], equal_nan=True)
-    assert some.payload_place.shape == (2, 3)
-    assert some.torques.shape == (2, 6)
+    assert np.array_equal(some.inputs["payload_kg"], [2.5, np.nan], equal_nan=True)
+    assert some.inputs["payload_place"].shape == (2, 3)
+    assert some.inputs["torques"].shape == (2, 6)
     assert points.to_frame()["payload_kg"].iloc[1] == 2.5
 
 
 def test_without_columns_or_in_empty_columns_nothing_is_told():
     for frame in (rows(), rows(payload_kg="")):
         points = cleaning.clean(table.read(frame)).points
-        assert points.payload_kg is points.payload_place is points.torques is None
-        assert points.select(np.ones(3, dtype=bool)).payload_kg is None
+        assert points.inputs == {}
+        assert points.select(np.ones(3, dtype=bool)).inputs == {}
 
 
 @pytest.mark.parametrize(

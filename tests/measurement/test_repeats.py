@@ -209,7 +209,7 @@ def test_other_arms_and_empty_sets_have_nothing_in_common():
 
 @pytest.mark.parametrize(("known", "expected"), [((0.0, 5.0), [True, True, False, True]), (None, [True] * 4)])
 def test_a_load_that_was_never_fitted(known, expected):
-    points = replace(simulated(4), payload_kg=np.array([0.0, 5.05, 12.0, np.nan]))
+    points = replace(simulated(4), inputs={"payload_kg": np.array([0.0, 5.05, 12.0, np.nan])})
     fit = simulated(2)
-    fit = fit if known is None else replace(fit, payload_kg=np.array(known))
+    fit = fit if known is None else replace(fit, inputs={"payload_kg": np.array(known)})
     np.testing.assert_array_equal(repeats.with_fitted_load(points, fit), expected)

@@ -141,7 +141,7 @@ def test_it_carries_what_it_carried_when_it_was_measured_unless_told_otherwise(m
     loads = np.linspace(0.0, 9.0, 40)
 
     def of(kg, **rest):
-        return joint_map.terms.effective(Motion(q, payload_kg=np.full(40, kg) if np.ndim(kg) == 0 else kg, **rest))
+        return joint_map.terms.effective(Motion(q, inputs={"payload_kg": kg * np.ones(40), **rest}))
 
     assert np.abs(joint_map.effective(q) - of(3.0)).max() < 1e-14
     assert np.abs(joint_map.effective(q, payload_kg=loads) - of(loads)).max() < 1e-14
@@ -182,7 +182,7 @@ def test_a_joint_that_slides_beyond_has_its_load_too():
     slide = urdf.from_bytes(text.encode(), "slide", "base_link", "tool0").arm
     joint_map = loaded_map(slide)
     q = slide.random_joints(30, 1)
-    whole = joint_map.terms.effective(Motion(q, payload_kg=np.full(30, 3.0)))
+    whole = joint_map.terms.effective(Motion(q, inputs={"payload_kg": np.full(30, 3.0)}))
     assert np.abs(joint_map.effective(q) - whole).max() < 1e-14
     low = joint_map.effective_limits(slide.lower, slide.upper)[0]
     assert np.abs(low - slide.lower)[0] >= np.abs(joint_map.effective(q) - q)[:, 0].max()

@@ -463,7 +463,7 @@ def test_a_sum_of_terms_changes_its_load():
     model = CalibratedModel(robots.robot_file("irb1600").read_bytes(), nominal, joint_map)
     q, more = nominal.random_joints(30, 1), np.array([0.2, 0.0, -0.1])
     added = TermMap(nominal, tuple(Payload(more).terms(nominal)), np.linspace(1e-6, 6e-6, 6))
-    whole = joint_map.effective(q) + added.effective(Motion(q, payload_kg=np.full(30, 3.0))) - q
+    whole = joint_map.effective(q) + added.effective(Motion(q, inputs={"payload_kg": np.full(30, 3.0)})) - q
     loaded = model.with_payload(3.0, more)
     assert np.abs(loaded.joint_map.effective(q) - whole).max() < 1e-14
     assert np.abs(loaded.command_from_model(loaded.model_from_command(q)) - q).max() < 1e-12

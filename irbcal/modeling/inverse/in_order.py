@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.terms.situation import at_rows
 from irbcal.units import DEG, MM
 
 STILL = {True: 0.2 * MM, False: 0.2 * DEG}
@@ -61,7 +64,7 @@ def commanded_in_order(
     target: IntArray,
     before: IntArray,
     fixed: BoolArray | None = None,
-    load: tuple[FloatArray, ...] = (),
+    inputs: Mapping[str, FloatArray] | None = None,
 ) -> FloatArray:
     """Commanded joints that give effective ones at stops that follow one another.
 
@@ -78,8 +81,8 @@ def commanded_in_order(
         stops gets the command in the middle: minus the mean of what its last moves do.
     fixed : ndarray of bool, shape (n,), optional
         Targets whose commands are not to be found: ``theta`` holds them.
-    load : tuple of ndarray, shapes (n,) and (n, 3), optional
-        Mass and its centre at each target, where they are not those of the map.
+    inputs : dict of str to ndarray, optional
+        Inputs of the joint map's terms at each target, where they are not the usual ones.
 
     Returns
     -------
@@ -94,7 +97,7 @@ def commanded_in_order(
     q = joint_map.commanded(theta)
     if fixed is not None:
         q[fixed] = theta[fixed]
-    if not (joint_map.has_history or load) or not len(theta):
+    if not (joint_map.has_history or inputs) or not len(theta):
         return q
     count = np.bincount(target, minlength=len(theta))
     idle = np.flatnonzero(count == 0)
@@ -103,7 +106,7 @@ def commanded_in_order(
     change = np.inf
     for _ in range(STEPS):
         previous = np.where(before[:, None] >= 0, q[before], np.nan)
-        reached = joint_map.effective(q[target], previous, *(part[target] for part in load)) - q[target]
+        reached = joint_map.effective(q[target], previous, **at_rows(inputs or {}, target)) - q[target]
         mean = np.column_stack([np.bincount(target, column, len(theta)) / count for column in reached.T])
         new = theta - mean
         if fixed is not None:

@@ -6,11 +6,16 @@ inverse and files know it then. `irbcal.identification.term_sets` says what it i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import TypeVar
 
-from irbcal.modeling.terms.term import Basis, Family
+from irbcal.errors import RobotError
+from irbcal.modeling.terms.term import Basis, Family, Input
+
+T = TypeVar("T")
 
 
 @cache
@@ -25,3 +30,23 @@ def families() -> dict[str, Family]:
 def bases() -> dict[str, Basis]:
     """All bases by name."""
     return {basis.name: basis for family in families().values() for basis in family.bases}
+
+
+@cache
+def inputs() -> dict[str, Input]:
+    """What terms are functions of beside the joints, by name."""
+    return {given.name: given for family in families().values() for given in family.inputs}
+
+
+def told(values: Mapping[str, T | None]) -> dict[str, T]:
+    """Inputs that are given by their names, without those that are None.
+
+    Raises
+    ------
+    RobotError
+        If there is none of such a name.
+    """
+    unknown = sorted(set(values) - set(inputs()))
+    if unknown:
+        raise RobotError(f"unknown input {unknown[0]!r}: there are {', '.join(inputs())}", parameter=unknown[0])
+    return {name: value for name, value in values.items() if value is not None}

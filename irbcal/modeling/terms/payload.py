@@ -11,13 +11,32 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.gravity import Gravity
 from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import Basis, Family, Term, weighed
+from irbcal.modeling.terms.term import Basis, Family, Input, Term, weighed
 from irbcal.modeling.terms.waves import Expansion, summed
+from irbcal.units import LARGEST_PAYLOAD_KG, MM, ColumnKind
 
 SIZE = 5e-5
 """Compliance of a joint, rad/(N m)."""
 STANDARD_GRAVITY = 9.81
 """m/s^2."""
+
+
+MASS = Input(
+    "payload_kg",
+    ("payload_kg",),
+    ColumnKind(f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg", 0.0, LARGEST_PAYLOAD_KG),
+    "payload",
+    told_once=True,
+)
+CENTRE = Input(
+    "payload_place",
+    ("payload_x_mm", "payload_y_mm", "payload_z_mm"),
+    ColumnKind("a place in the tip link in mm", -1e4, 1e4, MM),
+    "payload's place",
+    told_once=True,
+    with_columns=MASS.columns,
+)
+"""Of the payload's mass, in the tip link."""
 
 
 class PayloadTorque(Basis):
@@ -28,18 +47,19 @@ class PayloadTorque(Basis):
     """
 
     name = "payload"
+    inputs = (MASS, CENTRE)
 
     def _parts(self, terms: Sequence[Term], situation: Situation) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Axes z and levers p - o (terms, 3, n), and weights (n,) in newtons."""
         joints, tip = [t.joint for t in terms], situation.tip
         centres = np.array([np.asarray(t.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float) for t in terms])
-        stated = situation.motion.payload_place
+        stated = situation.motion.inputs.get("payload_place")
         p = tip[3] + (
             np.einsum("ka,acn->kcn", centres, tip[:3])
             if stated is None
             else np.broadcast_to(np.einsum("na,acn->cn", stated, tip[:3]), (len(terms), 3, len(stated)))
         )
-        mass = situation.motion.payload_kg
+        mass = situation.motion.inputs.get("payload_kg")
         weight = np.zeros(len(situation.motion)) if mass is None else STANDARD_GRAVITY * mass
         return situation.before[joints, 2], p - situation.origins[joints], weight
 

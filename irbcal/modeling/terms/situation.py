@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
@@ -16,8 +17,11 @@ from irbcal.modeling.cos_sin import cos_sin
 
 GRAVITY = (0.0, 0.0, -1.0)
 """Direction of gravity in the base link unless told otherwise."""
-LOAD = ("payload_kg", "payload_place", "torques")
-"""What a motion and measured points say of the load."""
+
+
+def at_rows(inputs: Mapping[str, FloatArray], rows: BoolArray | IntArray | slice) -> dict[str, FloatArray]:
+    """Inputs of terms, by name, at some rows of theirs."""
+    return {name: values[rows] for name, values in inputs.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,36 +36,30 @@ class Motion:
         Commanded joints minus those of the stop before; zero where unknown, and by default.
     elapsed : ndarray, shape (n,), optional
         Time since the start, in poses or minutes. Without it the arm is warm: the warm-up terms are zero.
-    payload_kg : ndarray, shape (n,), optional
-        Mass carried; none by default.
+    inputs : dict of str to ndarray, shape (n,) or (n, values)
+        What else terms are functions of, by name (`irbcal.modeling.terms.inputs`), SI units; absent where not told.
     readings : bool
         Whether ``q`` and ``move`` are the controller's readings, because the programmed joints are not known.
-    payload_place : ndarray, shape (n, 3), optional
-        Centre of that mass in the tip link, metres; where the payload's terms say unless given.
-    torques : ndarray, shape (n, joints), optional
-        Torques of the joints as the robot reports them, N m (N); zero by default.
     """
 
     q: FloatArray
     move: FloatArray | None = None
     elapsed: FloatArray | None = None
-    payload_kg: FloatArray | None = None
+    inputs: Mapping[str, FloatArray] = field(default_factory=dict)
     readings: bool = False
-    payload_place: FloatArray | None = None
-    torques: FloatArray | None = None
 
     def __post_init__(self) -> None:
         q = np.atleast_2d(np.asarray(self.q, dtype=float))
         object.__setattr__(self, "q", q)
-        shapes = {"move": q.shape, "elapsed": q.shape[:1], "payload_kg": q.shape[:1], "torques": q.shape}
-        for name, shape in (*shapes.items(), ("payload_place", (len(q), 3))):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            value = np.asarray(value, dtype=float)
+        given = {"move": self.move, "elapsed": self.elapsed} | dict(self.inputs)
+        arrays = {name: np.asarray(value, dtype=float) for name, value in given.items() if value is not None}
+        for name, value in arrays.items():
+            shape = q.shape if name == "move" else q.shape[:1] + (name != "elapsed") * value.shape[1:]
             if value.shape != shape or not np.isfinite(value).all():
                 raise RobotError(f"motion: {name} needs finite numbers of shape {shape}, found shape {value.shape}")
-            object.__setattr__(self, name, value)
+        for name in ("move", "elapsed"):
+            object.__setattr__(self, name, arrays.pop(name, None))
+        object.__setattr__(self, "inputs", arrays)
         lock(self)
 
     @staticmethod
@@ -70,7 +68,6 @@ class Motion:
         elapsed: FloatArray | None = None,
         groups: np.ndarray | None = None,
         readings: bool = False,
-        payload_kg: FloatArray | None = None,
     ) -> Motion:
         """Stops in the order in which the arm visited them; the first move of each group is unknown, so zero.
 
@@ -81,14 +78,13 @@ class Motion:
             The number of the pose unless given.
         groups : ndarray of str, shape (n,), optional
         readings : bool
-        payload_kg : ndarray, shape (n,), optional
         """
         q = np.atleast_2d(np.asarray(q, dtype=float))
         move = np.diff(q, axis=0, prepend=q[:1])
         if groups is not None:
             move[1:][groups[1:] != groups[:-1]] = 0.0
         elapsed = np.arange(len(q), dtype=float) if elapsed is None else elapsed
-        return Motion(q, move, elapsed, payload_kg, readings)
+        return Motion(q, move, elapsed, readings=readings)
 
     @staticmethod
     def after(q: FloatArray, previous: ArrayLike | None = None) -> Motion:
@@ -106,53 +102,10 @@ class Motion:
         """``move``, zeros where none was given, shape (n, joints)."""
         return np.zeros(self.q.shape) if self.move is None else self.move
 
-    def select(self, keep: BoolArray | slice | np.ndarray) -> Motion:
+    def select(self, keep: BoolArray | IntArray | slice) -> Motion:
         """The stops that a mask, slice or list of rows keeps."""
-
-        def selected(value: FloatArray | None) -> FloatArray | None:
-            return None if value is None else value[keep]
-
-        fields = {name: selected(getattr(self, name)) for name in ("move", "elapsed", *LOAD)}
-        return Motion(self.q[keep], **fields, readings=self.readings)
-
-
-def motion_at_use(
-    q: ArrayLike,
-    previous: ArrayLike | None = None,
-    payload_kg: ArrayLike | None = None,
-    payload_place: ArrayLike | None = None,
-    torques: ArrayLike | None = None,
-    usual_kg: float | None = None,
-    usual_place: ArrayLike = (0.0, 0.0, 0.0),
-) -> Motion:
-    """The motion of a warm arm, with what is assumed where nothing is known.
-
-    Parameters
-    ----------
-    q : array_like, shape (n, joints)
-        Commanded joints, radians (metres for prismatic joints).
-    previous : array_like, shape (n, joints) or (joints,), optional
-        The stop before each; rows with NaN are not known: no move.
-    payload_kg : array_like, shape (n,) or (), optional
-        Mass carried; ``usual_kg`` unless given, and where NaN.
-    payload_place : array_like, shape (n, 3) or (3,), optional
-        Its centre in the tip link, metres; ``usual_place`` where NaN.
-    torques : array_like, shape (n, joints), optional
-        N m; zero where NaN.
-    usual_kg : float, optional
-        Zero unless given.
-    usual_place : array_like, shape (3,)
-    """
-    q = np.asarray(q, dtype=float)
-    centre = None
-    usual = 0.0 if usual_kg is None else usual_kg
-    load: FloatArray = np.full(len(q), usual if payload_kg is None else payload_kg, dtype=float)
-    load = np.where(np.isfinite(load), load, usual)
-    if payload_place is not None:
-        centre = np.broadcast_to(np.asarray(payload_place, dtype=float), (len(q), 3))
-        centre = np.where(np.isfinite(centre).all(axis=1, keepdims=True), centre, usual_place)
-    felt = None if torques is None else np.nan_to_num(np.asarray(torques, dtype=float))
-    return replace(Motion.after(q, previous), payload_kg=load, payload_place=centre, torques=felt)
+        move, elapsed = (None if value is None else value[keep] for value in (self.move, self.elapsed))
+        return Motion(self.q[keep], move, elapsed, at_rows(self.inputs, keep), self.readings)
 
 
 class Situation:

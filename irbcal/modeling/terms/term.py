@@ -10,18 +10,22 @@ Each module of this package but the machinery holds one family, see `irbcal.mode
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Situation
 from irbcal.modeling.terms.waves import Expansion
+from irbcal.units import ColumnKind
 
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 """Rotations about and translations along the axes of a joint's frame, before the joint turns."""
@@ -140,10 +144,78 @@ def _short(value: Value) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
+@dataclass(frozen=True)
+class Input:
+    """What terms are functions of beside the joints: measurements tell it in columns, predictions take it by its name.
+
+    Everything that the package knows of an input stands here; bases name theirs.
+    """
+
+    name: str
+    """Its key in `Motion.inputs`, and the keyword of ``forward``, ``predict``, …."""
+    columns: tuple[str, ...]
+    """Of a measurement file; a name with ``{}`` stands for one of each joint."""
+    kind: ColumnKind
+    """What such a column holds."""
+    noun: str
+    """For messages."""
+    told_once: bool = False
+    """A pose has one value, or none, and poses with different values are different stops. Else it is read: all rows
+    have a value, and the mean of a stop's counts."""
+    with_columns: tuple[str, ...] = ()
+    """Columns without which its own have no meaning."""
+    on_request: bool = False
+    """Its terms take part only where the option of a calibration that has its name says so."""
+    usual: float = 0.0
+    """What counts where nothing is told, SI units: there its terms are zero (of the payload, a robot has its own)."""
+    note: str = ""
+    """What the user of a calibration with such terms should know, in sentences."""
+
+    @cached_property
+    def of_joints(self) -> bool:
+        """Whether each joint has a value."""
+        return "{}" in self.columns[0]
+
+    @cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """Names of its columns."""
+        return re.compile("|".join(re.escape(name).replace(r"\{\}", r"[1-9]\d?") for name in self.columns))
+
+    def names(self, joints: int) -> tuple[str, ...]:
+        """Its columns for an arm with so many joints."""
+        return tuple(self.columns[0].format(k) for k in range(1, joints + 1)) if self.of_joints else self.columns
+
+    def shape(self, n: int, joints: int) -> tuple[int, ...]:
+        """Shape of the values at n poses."""
+        width = len(self.names(joints))
+        return (n, width) if self.of_joints or width > 1 else (n,)
+
+    def from_columns(self, columns: Sequence[Sequence[float | None] | FloatArray] | FloatArray) -> FloatArray:
+        """Values in SI units, (n,) or (n, columns), from columns as a measurement file has them."""
+        values = np.array(columns, dtype=float).T * self.kind.unit
+        return values if self.of_joints or len(self.columns) > 1 else values[:, 0]
+
+    def to_columns(self, values: FloatArray) -> dict[str, FloatArray]:
+        """Values as columns by their names: what `from_columns` takes."""
+        columns = values.reshape(len(values), -1).T / self.kind.unit
+        return dict(zip(self.names(len(columns)), columns, strict=True))
+
+    def filled(self, values: ArrayLike, n: int, joints: int, usual: ArrayLike | None = None) -> FloatArray:
+        """Values at n poses where one or n are given, the usual ones where they are not finite."""
+        shape = self.shape(n, joints)
+        out = np.broadcast_to(np.asarray(values, dtype=float), shape)
+        finite = np.isfinite(out)
+        if len(shape) > 1 and not self.of_joints:
+            finite = finite.all(axis=1, keepdims=True)
+        return np.where(finite, out, self.usual if usual is None else usual)
+
+
 class Basis(ABC):
     """A function of the motion with its derivatives, evaluated for many terms and poses at a time."""
 
     name: str
+    inputs: tuple[Input, ...] = ()
+    """What it is a function of beside the joints, the last move and time; zero where a motion does not have it."""
 
     @abstractmethod
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
@@ -173,6 +245,29 @@ class Basis(ABC):
         return (ahead - behind) / (2.0 * RATE_STEP)
 
 
+class Proportional(Basis):
+    """What is read beside the joints, its one input, above the usual: of the pose or, if all have one, of the joint.
+
+    The compiled kernel computes it as well.
+    """
+
+    def above(self, values: ArrayLike, n: int, joints: int) -> FloatArray:
+        """Of each joint, shape (n, joints); zero where values are not finite."""
+        (given,) = self.inputs
+        filled = given.filled(values, n, joints) - given.usual
+        return np.asarray(np.broadcast_to(filled if given.of_joints else filled[:, None], (n, joints)))
+
+    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
+        """Of the terms' joints, shape (terms, n)."""
+        motion = situation.motion
+        values = motion.inputs.get(self.inputs[0].name, np.nan)
+        return self.above(values, *motion.q.shape).T[[term.joint for term in terms]]
+
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
+        """Zeros, shape (terms, n, joints): what would be read elsewhere is not known."""
+        return np.zeros((len(terms), *situation.motion.q.shape))
+
+
 class Family(ABC):
     """Terms that belong together: they enter a set of terms together or not at all."""
 
@@ -182,6 +277,11 @@ class Family(ABC):
     @abstractmethod
     def terms(self, arm: Arm) -> list[Term]:
         """All terms that the family has for an arm; empty where it has none."""
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        """What its bases are functions of beside the joints: it takes part where measurements tell all of it."""
+        return tuple(dict.fromkeys(given for basis in self.bases for given in basis.inputs))
 
 
 def own_axis(arm: Arm, joint: int) -> str:

@@ -7,17 +7,50 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms import bases, chain
+from irbcal.modeling.terms import bases, chain, inputs, told
 from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
 from irbcal.modeling.terms.term import AXES, Term, own_axis
 
 BLOCK = 1024
 """Poses whose terms are in memory at a time."""
 SCHEMA = "irbcal-joint-map-1"
+
+
+def motion_at_use(
+    q: ArrayLike,
+    previous: ArrayLike | None,
+    given: Mapping[str, ArrayLike | None],
+    payload_kg: float | None,
+    payload_place: ArrayLike | None,
+) -> Motion:
+    """The motion of a warm arm, with what is usual where nothing is known.
+
+    Parameters
+    ----------
+    q : array_like, shape (n, joints)
+        Commanded joints, radians (metres for prismatic joints).
+    previous : array_like, shape (n, joints) or (joints,), optional
+        The stop before each; rows with NaN are not known: no move.
+    given : dict of str to array_like
+        Inputs of terms by name, for each stop or for all.
+    payload_kg : float or None
+        Mass carried where none is given; zero where it was not told.
+    payload_place : array_like, shape (3,), optional
+        Its centre where a given one is not finite, metres; the tip link's origin unless given.
+    """
+    q = np.asarray(q, dtype=float)
+    usual = {
+        "payload_kg": payload_kg or 0.0,
+        "payload_place": (0.0, 0.0, 0.0) if payload_place is None else payload_place,
+    }
+    values = {"payload_kg": usual["payload_kg"]} | told(given)
+    filled = {name: inputs()[name].filled(value, len(q), q.shape[1], usual.get(name)) for name, value in values.items()}
+    return replace(Motion.after(q, previous), inputs=filled)
 
 
 def basis_values(terms: Sequence[Term], situation: Situation) -> FloatArray:
@@ -219,23 +252,21 @@ class TermMap:
         """
         std = np.full(len(self.terms), np.nan) if self.std is None else self.std
         entries = [t.to_json(c, s) for t, c, s in zip(self.terms, self.coefficients, std, strict=True)]
-        inputs = ["q", "previous_q"]
-        for basis, name in (("payload", "payload_kg"), ("torque", "torques_nm")):
-            inputs += [name] if any(t.basis == basis for t in self.terms) else []
-        out: dict[str, Any] = {"schema": SCHEMA, "inputs": inputs, "gravity": list(self.gravity), "terms": entries}
+        used = {given for name in {term.basis for term in self.terms} for given in bases()[name].inputs}
+        names = [name for name, given in inputs().items() if given in used]
+        out: dict[str, Any] = {"schema": SCHEMA, "inputs": ["q", "previous_q", *names]}
+        out |= {"gravity": list(self.gravity), "terms": entries}
         if ranges is not None:
             out["ranges"] = np.asarray(ranges).tolist()
         if test_motion is not None:
             moves = test_motion.moves
             effective = self.effective(replace(test_motion, move=moves, elapsed=None))
-            loads = np.zeros(len(test_motion)) if test_motion.payload_kg is None else test_motion.payload_kg
+            columns = {"q": test_motion.q, "previous_q": test_motion.q - moves, "effective": effective}
             out["test_vectors"] = [
-                {"q": q.tolist(), "previous_q": (q - d).tolist(), "payload_kg": float(m), "effective": e.tolist()}
-                for q, d, m, e in zip(test_motion.q, moves, loads, effective, strict=True)
+                {name: values[k].tolist() for name, values in columns.items()}
+                | {"inputs": {name: values[k].tolist() for name, values in test_motion.inputs.items()}}
+                for k in range(len(effective))
             ]
-            if test_motion.torques is not None:
-                for vector, felt in zip(out["test_vectors"], test_motion.torques, strict=True):
-                    vector["torques_nm"] = felt.tolist()
         return out
 
     @staticmethod

@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
-
-from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import Basis, Family, Term, revolute
+from irbcal.modeling.terms.term import Family, Input, Proportional, Term, revolute
+from irbcal.units import ColumnKind
 
 SIZE = 5e-5
 """Compliance of a joint, rad/(N m)."""
 
 
-class MeasuredTorque(Basis):
+TORQUES = Input(
+    "torques",
+    ("tau{}_nm",),
+    ColumnKind("a torque in N m", -1e6, 1e6),
+    "torques",
+    on_request=True,
+    note="It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
+    "predictions without them miss what the joints give way.",
+)
+
+
+class MeasuredTorque(Proportional):
     """The joint's own torque as the robot reports it, N m; zero where the motion does not tell it."""
 
     name = "torque"
-
-    def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
-        """Torque, shape (terms, n), N m."""
-        torques = situation.motion.torques
-        if torques is None:
-            return np.zeros((len(terms), len(situation.motion)))
-        return torques.T[[term.joint for term in terms]]
-
-    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
-        """Zeros, shape (terms, n, joints): what a torque would be elsewhere is not known."""
-        return np.zeros((len(terms), *situation.motion.q.shape))
+    inputs = (TORQUES,)
 
 
 class Torque(Family):

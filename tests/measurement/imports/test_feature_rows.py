@@ -51,7 +51,7 @@ def test_contacts_with_columns_that_name_a_place(tmp_path):
     known = pd.DataFrame([{"feature": "{place}/{socket}", "kind": "point"}])
     seen = features.read(found.table, known, cases.arm())
     assert seen.feature.tolist() == ["A/0", "A/1"]
-    assert seen.payload_kg.tolist() == [5.0, 5.0]
+    assert seen.inputs["payload_kg"].tolist() == [5.0, 5.0]
     np.testing.assert_allclose(seen.q[0], [0.1, 0.2, -0.3, 0, 0.5, 0.6], atol=1e-9)
 
 

@@ -94,7 +94,7 @@ def test_gravity_of_a_mass_by_hand():
     # torque of a mass m at p about an axis z through o is z . ((p - o) x m g): here of 3 kg at the tool
     load = Payload().terms(model)[1]
     tip = model.forward(q)[:, :3, 3]
-    torque = basis_values([load], Situation(model, Motion(q, payload_kg=np.full(3, 3.0))))[0]
+    torque = basis_values([load], Situation(model, Motion(q, inputs={"payload_kg": np.full(3, 3.0)})))[0]
     np.testing.assert_allclose(torque, 3.0 * STANDARD_GRAVITY * tip[:, 0], atol=1e-9)  # axis 2 stands above the origin
 
 

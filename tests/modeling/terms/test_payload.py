@@ -17,7 +17,7 @@ def test_torques_of_two_links_by_hand():
     model = two_links()
     place = np.array([0.1, 0.0, 0.0])
     q = model.random_joints(12, 6)
-    torque = values_of(Payload(place).terms(model), model, Motion(q, payload_kg=np.full(12, 2.0)))
+    torque = values_of(Payload(place).terms(model), model, Motion(q, inputs={"payload_kg": np.full(12, 2.0)}))
     both = q.sum(axis=1)
     reach = 0.4 * np.cos(both)
     weight = 2.0 * STANDARD_GRAVITY
@@ -29,7 +29,7 @@ def test_no_mass_no_torque_and_twice_the_mass_twice_the_torque():
     model = arm("irb120")
     terms, q = Payload((0.1, 0.0, 0.2)).terms(model), some_joints(3)
     assert not values_of(terms, model, Motion(q)).any()
-    once, twice = (values_of(terms, model, Motion(q, payload_kg=np.full(3, m))) for m in (1.5, 3.0))
+    once, twice = (values_of(terms, model, Motion(q, inputs={"payload_kg": np.full(3, m)})) for m in (1.5, 3.0))
     np.testing.assert_allclose(twice, 2 * once, rtol=1e-14)
     assert {t.unit for t in terms} == {"rad/(N m)"}
 
@@ -41,7 +41,7 @@ def test_derivatives(tmp_path):
     q = np.r_[0.7, some_joints(1)[0]]
 
     def motion(x):
-        return Motion(x, payload_kg=np.full(len(np.atleast_2d(x)), 4.0))
+        return Motion(x, inputs={"payload_kg": np.full(len(np.atleast_2d(x)), 4.0)})
 
     slopes = assert_derivatives(Payload((0.1, -0.05, 0.2)).terms(model), model, q, 0.3 * np.ones(7), motion)
     assert np.abs(slopes[:, 0]).max() < 1e-12  # the rail carries axes and mass alike
@@ -69,13 +69,13 @@ def test_it_is_what_a_point_mass_adds_to_pinocchio_s_gravity(name):
             for c in inside.configurations(q, pin.neutral(bare))
         ]
     )[:, rows]
-    motion = Motion(q, payload_kg=np.full(30, kg))
+    motion = Motion(q, inputs={"payload_kg": np.full(30, kg)})
     terms = Payload(place).terms(nominal)
     found = values_of(terms, nominal, motion)
     assert np.abs(torque).max() > 10.0
     assert np.abs(found.T - torque).max() < 1e-9
     # the place may come with the motion, and the same torque is that of gravity on the links
-    elsewhere = Motion(q, payload_kg=np.full(30, kg), payload_place=np.tile(place, (30, 1)))
+    elsewhere = Motion(q, inputs={"payload_kg": np.full(30, kg), "payload_place": np.tile(place, (30, 1))})
     assert np.abs(values_of(Payload().terms(nominal), nominal, elsewhere) - found).max() < 1e-12
     for term, row in zip(terms, found, strict=True):
         assert np.abs(kg * values_of(as_levers(term, nominal), nominal, motion).sum(axis=0) - row).max() < 1e-12

@@ -69,8 +69,11 @@ def test_parts_of_a_motion_keep_their_history():
     motion = motion_at(some_joints(5))
     part = motion.select(np.array([True, False, True, False, False]))
     assert len(part) == 2
-    for name in ("q", "move", "elapsed", "payload_kg"):
+    for name in ("q", "move", "elapsed"):
         np.testing.assert_array_equal(getattr(part, name), getattr(motion, name)[[0, 2]])
+    assert list(part.inputs) == ["payload_kg", "torques"]
+    for name, values in part.inputs.items():
+        np.testing.assert_array_equal(values, motion.inputs[name][[0, 2]])
     assert Motion(motion.q).select(slice(0, 2)).move is None
 
 
@@ -88,7 +91,7 @@ def test_motions_are_locked_and_pickled():
         ({"move": np.full((2, 6), np.nan)}, "move needs finite"),
         ({"move": np.zeros((1, 6))}, "move"),
         ({"elapsed": np.zeros(3)}, "elapsed"),
-        ({"payload_kg": np.array([1.0, np.inf])}, "payload_kg"),
+        ({"inputs": {"payload_kg": np.array([1.0, np.inf])}}, "payload_kg"),
     ],
 )
 def test_what_does_not_fit_is_refused(options, what):

@@ -142,14 +142,14 @@ def test_maps_are_written_and_read():
     motion = motion_at(some_joints(3))
     entry = json.loads(json.dumps(found.to_json(np.array([[-1.0] * 6, [1.0] * 6]), motion)))
     assert entry["schema"] == "irbcal-joint-map-1"
-    assert entry["inputs"] == ["q", "previous_q", "payload_kg", "torques_nm"]
+    assert entry["inputs"] == ["q", "previous_q", "payload_kg", "payload_place", "torques"]
     again = TermMap.from_json(model, entry)
     assert again.terms == found.terms
     np.testing.assert_array_equal(again.motions(motion), found.motions(motion))
     vector = entry["test_vectors"][1]
     q, before = np.array([vector["q"]]), np.array([vector["previous_q"]])
     cold = TermMap(model, found.terms, np.where([t.basis == "decay" for t in found.terms], 0.0, found.coefficients))
-    at = Motion(q, q - before, payload_kg=np.array([vector["payload_kg"]]), torques=np.array([vector["torques_nm"]]))
+    at = Motion(q, q - before, inputs={name: np.array([value]) for name, value in vector["inputs"].items()})
     assert np.abs(cold.effective(at) - vector["effective"]).max() < 1e-12
 
 
