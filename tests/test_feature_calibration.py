@@ -1,4 +1,5 @@
 import re
+from io import StringIO
 
 import feature_cases as cases
 import numpy as np
@@ -60,8 +61,11 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     assert cases.apart(truth, robot.arm, q, robot.targets["ball"]).mean() < 1e-3
     page = (tmp_path / "robot" / "report.html").read_text()
     (worst,) = re.findall(r'<section id="poses">.*?</table>', page, re.DOTALL)
-    assert len(re.findall('<th scope="col"', worst)) == 4  # no columns of what rows at features do not have
-    assert "–" not in worst
+    (shown,) = pd.read_html(StringIO(worst))
+    measured = contacts.set_index(contacts["pose"].astype(str)).loc[shown["pose"].astype(str)]
+    joints = [f"q{k}_deg" for k in range(1, 7)]
+    np.testing.assert_allclose(shown[[f"q{k} (deg)" for k in range(1, 7)]], measured[joints], rtol=0, atol=0.0051)
+    assert len(shown.columns) == 4 + 6  # none of what rows at features do not have
     assert 'id="features"' in page
     assert "Distance from features, " in page
     assert "Position error, " not in page

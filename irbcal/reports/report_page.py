@@ -349,7 +349,9 @@ def _worst(calibration: Record, evidence: Evidence) -> list[WorstPose]:
     """The worst poses of the set with the better claim."""
     first = evidence.sets[0]
     if first.points is None:
-        return worst_poses(first)
+        number = {name: k for k, name in enumerate(calibration.poses.pose)}
+        joints = np.array(calibration.poses.joints).T
+        return worst_poses(first, joints[[number[name] for name in first.pose_names]])
     slides = np.array([kind == "prismatic" for kind in calibration.robot.joint_types])
     return worst_poses(first, first.points.q / np.where(slides, MM, DEG))
 
