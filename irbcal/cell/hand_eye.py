@@ -420,7 +420,7 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
 
     From noise of corners, where that explains what pictures miss. Else the robot errs, by more in some directions than
     in others, and alike for all cameras at a pose: then from the sum of what each pose contributes to the solution
-    (Bell and McCaffrey 2002, CR2), with Student's factor of three numbers a pose, as the largest of three counts.
+    (Bell and McCaffrey 2002, CR2), with Student's factor of as many numbers as there are poses, less one.
     """
     from scipy.special import stdtrit
 
@@ -442,7 +442,7 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
         by, told = A @ left @ V, share > ALL_TOLD  # what a pose alone tells is missed by nothing: noise as of others
         by_poses += (by[:, told] @ (V.T @ y[pose == k] / np.sqrt(np.maximum(share, ALL_TOLD)))[told]) ** 2
         by_poses += noise * (by[:, ~told] ** 2).sum(axis=1)
-    student = stdtrit(3 * max(len(poses) - 1, 1), 0.975)
+    student = stdtrit(max(len(poses) - 1, 1), 0.975)
     return np.asarray(np.maximum(COVERAGE * np.sqrt(of_corners * variance), student * np.sqrt(by_poses)))
 
 
