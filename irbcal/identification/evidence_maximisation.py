@@ -415,7 +415,7 @@ def _factor(H: FloatArray, prior: FloatArray, weight: float) -> tuple[FloatArray
         raise IdentificationError("the data do not determine base and targets: measure more poses")
     W = weight * H.T  # symmetric: by columns, as LAPACK has them
     np.fill_diagonal(W, diagonal)
-    _invert_factor(W)
+    W = _inverse_factor(W)
     return W, -2.0 * float(np.log(np.diagonal(W)).sum())
 
 
@@ -434,21 +434,24 @@ def _linear_algebra() -> tuple[Any, Any]:
     return modules[0], modules[1]
 
 
-def _invert_factor(A: FloatArray) -> None:
-    """Put the inverse of a matrix's Cholesky factor in its place, by quarters: products are faster than LAPACK."""
+def _inverse_factor(A: FloatArray) -> FloatArray:
+    """Inverse of a matrix's Cholesky factor, by quarters: products are faster than LAPACK. It takes A's place.
+
+    The quarters are copied, by columns as BLAS has them: it would copy parts of a matrix with each product.
+    """
     blas, lapack = _linear_algebra()
     half = len(A) // 2
     if half < 32:
-        L, failed = lapack.dpotrf(A, lower=1, clean=1)
+        L, failed = lapack.dpotrf(A, lower=1, clean=1, overwrite_a=1)
         if failed:
             raise IdentificationError("the data do not determine base and targets: measure more poses")
-        A[:] = lapack.dtrtri(L, lower=1, overwrite_c=1)[0]
-        return
-    first, last = A[:half, :half], A[half:, half:]
-    _invert_factor(first)
-    below = blas.dtrmm(1.0, first, A[half:, :half], side=1, lower=1, trans_a=1)
-    last[:] = blas.dsyrk(-1.0, below, 1.0, last, lower=1)
-    _invert_factor(last)
-    product = blas.dtrmm(1.0, first, below, side=1, lower=1, overwrite_b=1)
-    A[half:, :half] = blas.dtrmm(-1.0, last, product, lower=1, overwrite_b=1)
-    A[:half, half:] = 0.0
+        return lapack.dtrtri(L, lower=1, overwrite_c=1)[0]
+    first = _inverse_factor(A[:half, :half].copy(order="F"))
+    below = A[half:, :half].copy(order="F")
+    below = blas.dtrmm(1.0, first, below, side=1, lower=1, trans_a=1, overwrite_b=1)
+    last = A[half:, half:].copy(order="F")
+    last = _inverse_factor(blas.dsyrk(-1.0, below, 1.0, last, lower=1, overwrite_c=1))
+    below = blas.dtrmm(1.0, first, below, side=1, lower=1, overwrite_b=1)
+    A[half:, :half] = blas.dtrmm(-1.0, last, below, lower=1, overwrite_b=1)
+    A[:half, :half], A[half:, half:], A[:half, half:] = first, last, 0.0
+    return A
