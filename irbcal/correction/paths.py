@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,11 +24,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, own_model
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 SHORTEST = 2 * MM
 """Length of a piece; controllers cannot follow much shorter ones evenly."""
@@ -499,95 +495,3 @@ def _cut(
         return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, why=reason)
     T, q, deviation = cut(pieces)
     return CutPath(move, length, T, q, deviation, uncut, turns)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Subdivision(Result):
-    """A path cut into moves whose ends are fake targets."""
-
-    s: FloatArray
-    """Shape (n,). Ends of the moves on the path, the first at 0; for circles every second one is the point that the arc
-    goes through.
-    """
-    corrected: Corrected
-    """The fake targets there."""
-    deviation: float
-    """Largest distance of the true tool centre point from the wanted path between them, metres."""
-    uncut: float
-    """The same for the path in the fewest moves there can be: one, for circles one for each 240 degrees begun."""
-
-    def report(self) -> list[Paragraph]:
-        """How many targets there are, how far the true path leaves the wanted one, and what cutting gained."""
-        return [
-            f"{len(self.s)} fake targets: the true path leaves the wanted one by at most {self.deviation / MM:.4f} mm, "
-            f"in the fewest moves there can be by {self.uncut / MM:.4f} mm",
-            *self.corrected.report(),
-        ]
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each target: ``s`` and the columns of `Corrected.to_frame`; radians and metres."""
-        frame = self.corrected.to_frame()
-        frame.insert(0, "s", self.s)
-        return frame
-
-
-def subdivide(
-    path: ToolPath,
-    robot: Robot,
-    nominal: Arm,
-    seed: ArrayLike,
-    tolerance: float | None = None,
-    length: float | None = None,
-    T_tip_tcp: FloatArray | None = None,
-    most_pieces: int = 1024,
-) -> Subdivision:
-    """Cut a path into moves so that the true path keeps to the wanted one (Nubiola 2011, annex VI).
-
-    Between two fake targets the controller moves its tool along its own nominal line or arc; the calibrated
-    robot tells where the tool truly goes.
-
-    Parameters
-    ----------
-    path : StraightMove or Circle
-        Wanted path of the tool centre point, in the base link.
-    robot : Robot
-        Calibrated.
-    nominal : Arm
-        What the controller computes with.
-    seed : ndarray, shape (6,)
-        Joints at (or near) the start, radians.
-    tolerance : float, optional
-        Largest deviation allowed, metres: the fewest moves that keep it are taken.
-    length : float, optional
-        Largest length of a move, metres (annex VI took 30 mm).
-    T_tip_tcp : ndarray, shape (4, 4), optional
-        The tool; identity unless given.
-    most_pieces : int
-        Refuse more moves than this.
-
-    Raises
-    ------
-    RobotError
-        If neither or both wishes are given, if a point cannot be corrected, or if the tolerance takes too many moves.
-    """
-    if (tolerance is None) == (length is None):
-        raise RobotError("a path is cut by a tolerance or by a length: give one of them")
-    tool = np.eye(4) if T_tip_tcp is None else T_tip_tcp
-    cutter = _Cutter(path, tool, robot, nominal, np.asarray(seed, dtype=float))
-
-    def cut(moves: int) -> tuple[FloatArray, Corrected, float]:
-        s = np.concatenate([[0.0], cutter.between(moves), [1.0]])
-        fake = cutter.corrected(s)
-        return s, fake, cutter.deviation([*fake.T_fake], fake.q[0])
-
-    # a single circular move can neither return to its start nor tell, near there, which way round it goes
-    fewest = int(np.ceil(abs(path.angle) / LARGEST_ARC - 1e-9)) if isinstance(path, Circle) else 1
-    uncut = cut(fewest)[2]
-    if length is not None:
-        moves = max(fewest, int(np.ceil(path.length / length - 1e-9)))
-    elif tolerance is not None:
-        keeping = _fewest(lambda moves: cut(moves)[2] <= tolerance, fewest, most_pieces)
-        if keeping is None:
-            raise RobotError(f"a deviation of {tolerance / MM:g} mm takes more than {most_pieces} moves")
-        moves = keeping
-    return Subdivision(*cut(moves), uncut)

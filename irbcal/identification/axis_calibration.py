@@ -51,35 +51,6 @@ STEP = 1e-6
 """Of the central differences behind standard deviations, radians and metres."""
 
 
-@dataclass(frozen=True, eq=False)
-class LinkGeometry:
-    """Lengths and angles between consecutive axes, found without a nominal arm."""
-
-    table: dhm.DHMTable
-    """``a[i]`` and ``alpha[i]``: distance and angle from axis i to axis i+1 counted from 1 (``a[1]`` lies between axes
-    1 and 2); ``d[i]`` and ``theta[i]``: shift along and turn about axis i+1 between the common normals on both of its
-    sides. NaN where six axes do not say: row 0, ``theta[5]`` and ``d[5]``. ``a`` is not negative; nearly parallel axes
-    are in Hayati's form, with the tilt in ``alpha`` and ``beta``.
-    """
-    std: dhm.DHMTable
-    """Standard deviations, radians and metres."""
-
-
-def link_geometry(axes: MeasuredAxes, parallel: Parallel = "hayati", tolerance: float = PARALLEL) -> LinkGeometry:
-    """Lengths and angles between consecutive axes, without a nominal arm (Nubiola 2011, section 3.1.2, Figure 3.2).
-
-    Parameters
-    ----------
-    axes : MeasuredAxes
-    parallel, tolerance
-        As `irbcal.identification.axis_calibration.calibrate_by_axes`.
-    """
-    chain = AxisChain(axes, parallel, tolerance)
-    table = chain.table(*axes.as_measured())[1]
-    std = standard_deviations(axes, lambda p, z: chain.table(p, z, table)[1])
-    return LinkGeometry(unknown(table), unknown(std))
-
-
 class AxisChain:
     """From axes as measured to frame 1 and a DHM table.
 

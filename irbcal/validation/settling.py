@@ -231,35 +231,13 @@ class Settling(Result):
         return Chart("stabilisation", caption, [drawing], legend).marked(self.simulated)
 
 
-def read_approaches(source: TableLike) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Approaches to a pose: columns ``time_s``, ``x_mm``, ``y_mm``, ``z_mm`` and, for several, ``run``.
-
-    Returns
-    -------
-    dict of str to (time, xyz)
-        Seconds (n,) and metres (n, 3) of each run.
-
-    Raises
-    ------
-    MeasurementError
-        If the file does not keep the format or time does not go on.
-    """
-    return _approaches(InputTable.read(source, ["time_s"]).measured())
-
-
-def _approaches(table: InputTable) -> dict[str, tuple[FloatArray, FloatArray]]:
-    runs = table.texts("run", "1")
-    by_name = {name: table[runs == name] for name in distinct(runs)}
-    return {name: (rows.ascending("time_s"), rows.si(POSITION)) for name, rows in by_name.items()}
-
-
 def settle(source: TableLike, band: float, rest: float = REST, count: int = READINGS) -> Settling:
     """Position stabilisation time and overshoot of the runs of a file (annex V).
 
     Parameters
     ----------
     source : str, Path or DataFrame
-        See `read_approaches`.
+        Columns ``time_s``, ``x_mm``, ``y_mm``, ``z_mm`` and, for several, ``run``.
     band : float
         Limit band, metres.
     rest : float
@@ -270,14 +248,18 @@ def settle(source: TableLike, band: float, rest: float = REST, count: int = READ
     Raises
     ------
     MeasurementError
-        As `read_approaches`, or if a run ends too early.
+        If the file does not keep the format, time does not go on, or a run ends too early.
     OptionError
         If the band is not above zero.
     """
     if not band > 0:
         raise OptionError(f"a limit band is above zero, found {band / MM:g} mm", parameter="band")
     table, runs = InputTable.read(source, ["time_s"]).measured(), {}
-    for name, (time, xyz) in _approaches(table).items():
+    run = table.texts("run", "1")
+    approaches = {name: table[run == name] for name in distinct(run)}
+    for name, (time, xyz) in {
+        n: (rows.ascending("time_s"), rows.si(POSITION)) for n, rows in approaches.items()
+    }.items():
         try:
             final = final_position(time, xyz, rest, count)
         except MeasurementError as error:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from demonstration import demonstration_cell
 from maker_cases import given, pose_numbers, robot_of, well_inside
 from support import arm, assert_same_poses, proven_of, random_robot
 
@@ -15,7 +16,6 @@ from irbcal.modeling import frames, parameters
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.simulation.demonstration import demonstration_cell
 
 
 @pytest.mark.parametrize("name", ["irb1600", "irb120"])

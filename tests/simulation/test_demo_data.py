@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import demonstration
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,7 +16,7 @@ from support import proven_of
 from irbcal.io import robots, urdf
 from irbcal.measurement import columns, table
 from irbcal.measurement.points import distances
-from irbcal.simulation import demonstration, effects
+from irbcal.simulation import effects
 from irbcal.statistics import statistics
 from irbcal.units import DEG, MM
 

@@ -1,5 +1,6 @@
 """The shipped cells: tuned on the thesis, drawn, realistic, and the demonstration's."""
 
+import demonstration
 import numpy as np
 import pytest
 from cell_support import OTHERS, THREE, robot_file
@@ -8,7 +9,7 @@ import irbcal
 from irbcal.errors import OptionError
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import distances
-from irbcal.simulation import demonstration, pose_list, shipped_cells, weights
+from irbcal.simulation import pose_list, shipped_cells, weights
 from irbcal.simulation.shipped_cells import open_cell
 from irbcal.units import MM
 

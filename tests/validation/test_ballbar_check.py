@@ -8,7 +8,7 @@ import pytest
 from circles import small
 from support import arm, random_robot, random_rotation
 
-from irbcal.correction.paths import Circle, subdivide
+from irbcal.correction.paths import Circle, _Cutter
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
@@ -371,9 +371,10 @@ def test_fake_targets_bring_the_circle_back_as_the_path_correction_says():
     found = predict(path, robot, nominal, q, 8, tool)
     assert np.abs(found.corrected.error).max() < 0.1 * np.abs(found.uncorrected.error).max()
     half = Circle(path.T_start, path.poses([0.5])[0], path.center, path.normal, np.pi)
-    cut = subdivide(half, robot, nominal, q, length=path.length / 8, T_tip_tcp=tool)
+    cutter = _Cutter(half, tool, robot, nominal, q)
+    fake = cutter.corrected(np.concatenate([[0.0], cutter.between(4), [1.0]]))
     first = found.corrected.angle < np.pi
-    assert np.abs(found.corrected.error[first]).max() < 1.2 * cut.deviation
+    assert np.abs(found.corrected.error[first]).max() < 1.2 * cutter.deviation([*fake.T_fake], fake.q[0])
     with pytest.raises(RobotError, match="two arcs"):
         predict(path, robot, nominal, q, 1, tool)
 

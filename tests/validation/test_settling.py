@@ -6,7 +6,7 @@ from written import written
 
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.validation import settling
-from irbcal.validation.settling import posing_times, read_approaches, settle
+from irbcal.validation.settling import posing_times, settle
 
 
 def series(distance):
@@ -111,11 +111,11 @@ def test_what_never_was_is_none(tmp_path):
 
 
 def test_one_run_needs_no_name(tmp_path):
-    found = read_approaches(written(tmp_path / "one.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n1,1,2,4\n"))
-    assert list(found) == ["1"]
-    time, xyz = found["1"]
-    assert time.tolist() == [0.0, 1.0]
-    assert xyz == pytest.approx(np.array([[1, 2, 3], [1, 2, 4]]) * 1e-3)
+    path = written(tmp_path / "one.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n1,1,2,4\n2,1,2,4\n")
+    run = settle(path, 0.5e-3, rest=1.0).runs
+    assert list(run) == ["1"]
+    assert run["1"].instant.tolist() == [0.0, 1.0, 2.0]
+    assert run["1"].distance == pytest.approx([1e-3, 0.0, 0.0])
 
 
 def test_refusals(tmp_path):
