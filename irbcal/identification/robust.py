@@ -176,7 +176,6 @@ def solve_loss(
     solution: Solution[S],
     loss: RobustLoss = "soft_l1",
     scale: float | None = None,
-    start: S | None = None,
     record: Record[S] | None = None,
 ) -> Solution[S]:
     """Minimise a robust loss of the distances by iteratively reweighted Gauss-Newton.
@@ -190,13 +189,11 @@ def solve_loss(
     ----------
     problem : VectorProblem
     solution : Solution
-        Gives the seen directions, the default scale and, unless ``start`` is given, the start.
+        Gives the seen directions, the default scale and the start.
     loss : str
         ``soft_l1`` or ``huber``.
     scale : float, optional
         ``c``, metres; unless given, `LOSS_SCALE` medians of the distances, first those of least squares.
-    start : optional
-        State of the problem.
     record : callable, optional
         Called with (iteration, state) for the start and after each step.
 
@@ -213,7 +210,7 @@ def solve_loss(
         raise OptionError(
             f"the scale of a robust loss must be a positive number of metres, not {c:g}", parameter="scale"
         )
-    state, information = solution.state if start is None else start, solution.information
+    state, information = solution.state, solution.information
 
     def mean_loss(distance: FloatArray) -> float:  # with the scale of the moment
         return float(c * np.sqrt(np.mean(function((problem.weights * distance / c) ** 2)[0])))

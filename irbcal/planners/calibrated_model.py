@@ -3,11 +3,16 @@
 A corrected URDF carries the geometry; the joint map stands between the controller and the URDF's joints. So plan:
 
 - A planner that knows nothing of the joint map plans on `CalibratedModel.model`, whose configurations hold *effective*
-  joints, and `CalibratedModel.command_from_model` turns its path into commands (`irbcal.planners.trajectories`).
+  joints, and `CalibratedModel.command_from_model` turns its path into commands; for trajectories `command_trajectory`.
 - A planner that works on commanded joints takes poses, Jacobians and their time derivatives from `CalibratedModel`,
   which applies the chain rule: with the map ``theta(q)``, its Jacobian ``M`` and Pinocchio's ``J(theta)``::
 
       J_q = J M        dJ_q/dt = dJ/dt M + J dM/dt
+
+- Trajectories have positions, speeds and accelerations. With what the last moves add, ``h(t)``
+  (`irbcal.modeling.moves_along`)::
+
+      theta = theta(q) + h      dtheta/dt = M dq/dt + dh/dt      d²theta/dt² = M d²q/dt² + dM/dt dq/dt + d²h/dt²
 
 "World" is Pinocchio's universe: the root link of the URDF. That is the base link for most robots, the pedestal's or the
 cell's first link where the arm stands on something, and the measuring frame where the URDF was written with it.
@@ -29,24 +34,24 @@ from irbcal.errors import CalibrationError, RobotError
 from irbcal.io import calibration_folder
 from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.urdf_check import LIMIT, ArmInModel
-from irbcal.modeling import dhm, frames
+from irbcal.modeling import dhm, frames, moves_along
 from irbcal.modeling.arm import Arm, relative_difference
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.moves_along import strides
 from irbcal.modeling.parts import compiled
 from irbcal.modeling.stiffness import Stiffness
+from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling.trajectory import Trajectory
+from irbcal.modeling.trajectory_limits import Checked, Limits, check, limits_in_order
 from irbcal.planners import jacobians
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
-from irbcal.planners.trajectories import AlongTime
 from irbcal.safe_files import libraries_silent
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pinocchio as pin
-
-    from irbcal.io.urdf_check import ArmInModel
 
 
 def previous_on_path(theta: FloatArray, prismatic: BoolArray) -> FloatArray:
@@ -195,7 +200,7 @@ WITHIN = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CalibratedModel(AlongTime, Result):
+class CalibratedModel(Result):
     """A Pinocchio model of the corrected URDF together with the joint map.
 
     Parameters
@@ -698,3 +703,177 @@ class CalibratedModel(AlongTime, Result):
         state = self.model, self._place, self._rest
         changed = with_payload(self.joint_map, self.arm, *state, delta_kg, payload_place, wrist, masses)
         return replace(self, joint_map=changed)
+
+    # --- trajectories
+
+    def trajectory(
+        self,
+        times: ArrayLike,
+        configurations: ArrayLike,
+        velocities: ArrayLike | None = None,
+        accelerations: ArrayLike | None = None,
+    ) -> Trajectory:
+        """A planner's trajectory on `model`, as joints by their names.
+
+        Parameters
+        ----------
+        times : array_like, shape (n,)
+            Seconds, growing.
+        configurations : array_like, shape (n, nq)
+        velocities, accelerations : array_like, shape (n, nv), optional
+
+        Returns
+        -------
+        Trajectory
+            Effective joints of the arm. Continuous joints go on turning beyond half a turn.
+
+        Raises
+        ------
+        CalibrationError
+            If shapes are not those of the model.
+        RobotError
+            If the times do not grow, or numbers are not finite.
+        """
+        model, columns = self.model, self._place.columns
+        theta = self._place.joints(self._check_columns(configurations, model.nq, "configurations"))
+        endless = [k for k, joint in enumerate(self._place.joint_ids) if model.joints[joint].nq == 2]
+        theta[:, endless] = np.unwrap(theta[:, endless], axis=0)
+        v = None if velocities is None else self._check_columns(velocities, model.nv, "velocities")[:, columns]
+        a = None if accelerations is None else self._check_columns(accelerations, model.nv, "accelerations")[:, columns]
+        return Trajectory(np.asarray(times), theta, v, a, self.arm.joint_names, self.arm.table.prismatic)
+
+    def configurations(self, trajectory: Trajectory) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+        """The inverse of `trajectory`: what Pinocchio takes, the joints outside the arm at rest.
+
+        Returns
+        -------
+        configurations : ndarray, shape (n, nq)
+        velocities, accelerations : ndarray, shape (n, nv), or None
+        """
+        ordered = trajectory.in_order_of(self.arm.joint_names)
+        derivatives: list[FloatArray | None] = []
+        for values in (ordered.dq, ordered.ddq):
+            wide = None if values is None else np.zeros((len(ordered), self.model.nv))
+            if wide is not None:
+                wide[:, self._place.columns] = values
+            derivatives.append(wide)
+        return self._place.configurations(ordered.q, self._rest), derivatives[0], derivatives[1]
+
+    def model_trajectory(self, commands: Trajectory, previous: ArrayLike | None = None) -> Trajectory:
+        """What the robot really does when it follows commands.
+
+        Parameters
+        ----------
+        commands : Trajectory
+            Its joints are found by their names, those of others are left out. Without speeds or accelerations it has
+            none afterwards.
+        previous : array_like, shape (joints,), optional
+            Commands of the stop before its first point, for robots that lean to the side they came from; not known
+            unless given. A trajectory that `command_trajectory` made keeps the sides that were worked out there.
+
+        Returns
+        -------
+        Trajectory
+            Effective joints, for `configurations`.
+        """
+        ordered = self._leaning(commands, previous)
+        self.arm.check_joints(ordered.q)
+        return moves_along.to_effective(self.joint_map, ordered)
+
+    def command_trajectory(
+        self,
+        effective: Trajectory,
+        previous: ArrayLike | None = None,
+        speed_limits: ArrayLike | Mapping[str, float] | None = None,
+        acceleration_limits: ArrayLike | Mapping[str, float] | None = None,
+    ) -> Checked:
+        """Commands with which the robot follows a trajectory that was planned on `model`.
+
+        Parameters
+        ----------
+        effective : Trajectory
+            Of `trajectory`, or with the joints' names of the arm.
+        previous : array_like, shape (joints,), optional
+            As `model_trajectory`.
+        speed_limits, acceleration_limits : array_like, shape (joints,), or dict, optional
+            Of the commands, radians (metres) per second and second squared, one number for all joints, or by the
+            joints' names. Speeds are those of the URDF unless given; a URDF knows no accelerations.
+
+        Returns
+        -------
+        Checked
+            ``trajectory`` holds the commands, ``exceeded`` the limits that these pass at their points or between,
+            with joint, time and size; ``in_time()`` is the same path, as much slower as speeds and accelerations need.
+
+        Raises
+        ------
+        RobotError
+            If a joint is missing, or the joint map cannot be inverted.
+        """
+        commands = moves_along.to_commands(self.joint_map, self._leaning(effective, previous))
+        names = self.arm.joint_names
+        speeds = self.speed_limits if speed_limits is None else limits_in_order(speed_limits, names, "speed_limits")
+        accelerations = limits_in_order(acceleration_limits, names, "acceleration_limits")
+        return check(commands, Limits(self.arm.lower, self.arm.upper, speeds, accelerations))
+
+    @property
+    def speed_limits(self) -> FloatArray:
+        """Largest joint speeds of the URDF, shape (joints,), rad/s (m/s); infinite where it has none."""
+        speeds = np.array(self.model.velocityLimit)[self._place.columns]
+        return np.where(speeds > 0.0, speeds, np.inf)
+
+    def _leaning(self, trajectory: Trajectory, previous: ArrayLike | None) -> Trajectory:
+        ordered = replace(trajectory.in_order_of(self.arm.joint_names), prismatic=self.arm.table.prismatic)
+        if ordered.lean is not None and previous is None:
+            return ordered
+        return replace(ordered, lean=moves_along.lean_along(self.joint_map, ordered, previous))
+
+    def gravity_torques(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: float = 0.0,
+        payload_place: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> FloatArray:
+        """Torques with which the joints hold the arm against gravity where it really is: for feed-forward.
+
+        Parameters
+        ----------
+        q : array_like, shape (n, joints)
+            Commanded joints, radians (metres for prismatic joints).
+        previous : array_like, shape (n, joints), optional
+            The stop before each, as commanded; unknown where not given or NaN.
+        payload_kg : float
+            Mass on the tool beside the bodies of the URDF, which has no tool: tell what it carries.
+        payload_place : array_like, shape (3,)
+            Its centre in the tip link, metres.
+
+        Returns
+        -------
+        ndarray, shape (n, joints)
+            N m (N for prismatic joints) at the effective joints, with gravity as Pinocchio's model has it.
+
+        Raises
+        ------
+        CalibrationError
+            If the URDF gives the links that the arm moves no masses.
+        """
+        import pinocchio as pin
+
+        model, data = self.model, self.model.createData()
+        if not any(model.inertias[joint].mass > 0.0 for joint in self._place.joint_ids):
+            raise CalibrationError(
+                f"the URDF of {self.arm.name} has no inertials for the links that its joints move: nothing is known of "
+                "its torques"
+            )
+        theta = self.joint_map.effective(self.arm.check_joints(q), previous)
+        out = np.empty(theta.shape)
+        for k, configuration in enumerate(self._place.configurations(theta, self._rest)):
+            out[k] = pin.computeGeneralizedGravity(model, data, configuration)[self._place.columns]
+        if payload_kg:
+            J = jacobians.along_chain(self.arm, self.T_universe_base, theta, None)[0]
+            point = np.append(np.asarray(payload_place, dtype=float), 1.0)
+            p = (self.T_universe_base @ self.arm.forward(theta) @ point)[:, :3, None]
+            weight = payload_kg * STANDARD_GRAVITY * model.gravity.linear / np.linalg.norm(model.gravity.linear)
+            out -= np.einsum("i,nij->nj", weight, J[:, :3] + np.cross(J[:, 3:], p, axis=1))
+        return out

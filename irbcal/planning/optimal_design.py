@@ -18,7 +18,7 @@ of Cook and Nachtsheim 1980). All candidates are rated at once by low-rank updat
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -383,7 +383,6 @@ def exchange(
     count: int,
     aim: Aim,
     start: Sequence[int] | IntArray | None = None,
-    step: Callable[[], None] | None = None,
 ) -> Chosen:
     """Choose poses by exchange.
 
@@ -394,8 +393,6 @@ def exchange(
     aim : Aim
     start : sequence of int, optional
         Candidates to start from; chosen one by one, each the best, unless given.
-    step : callable, optional
-        Called after each pass.
 
     Raises
     ------
@@ -422,8 +419,6 @@ def exchange(
         positions, swapped = _pass(Ratings(candidates, pool, aim), np.searchsorted(pool, chosen))
         chosen = pool[positions]
         exchanges += swapped
-        if step is not None:
-            step()
         if not swapped or previous - value() < ENOUGH * abs(previous):
             break
     return Chosen(np.sort(chosen), value(), start_value, exchanges)

@@ -121,20 +121,8 @@ class Halves(NamedTuple):
     sure: float
 
 
-def mixed_poses(equations: PoseEquations, seed: int = 0) -> list[str]:
-    """Whether poses are of two robots, in a sentence.
-
-    Parameters
-    ----------
-    equations : PoseEquations
-    seed : int
-        Of random starts.
-
-    Returns
-    -------
-    list of str
-        Empty where they are not, or nothing can be told.
-    """
+def mixed_poses(equations: PoseEquations) -> list[str]:
+    """Whether poses are of two robots, in a sentence; empty where they are not, or nothing can be told."""
     equations = equations.of_most(MIXED_MOST_POSES)
     points, n = equations.points, equations.points.poses
     if n < FEWEST or points.session is not None or equations.sums is None:
@@ -142,7 +130,7 @@ def mixed_poses(equations: PoseEquations, seed: int = 0) -> list[str]:
     H, g, yy = equations.sums
     if 3 * len(points) < SPARE * 2 * equations.sums.unknowns:
         return []
-    halves = told_apart(H, g, yy, seed)
+    halves = told_apart(H, g, yy)
     if (
         halves is None
         or halves.two > MIXED_SMALLER**2 * halves.one
@@ -151,7 +139,7 @@ def mixed_poses(equations: PoseEquations, seed: int = 0) -> list[str]:
         or by_direction(points.moves(), halves.second)
     ):
         return []
-    if predicted(H, g, yy, halves.second, seed) < PREDICTED:
+    if predicted(H, g, yy, halves.second) < PREDICTED:
         return []
     rms_one, rms_two = (np.sqrt(rss / len(points)) / MM for rss in (halves.one, halves.two))
     names = [str(points.pose_ids[k]) for k in np.flatnonzero(halves.second)]
@@ -175,14 +163,13 @@ def by_direction(moves: FloatArray, second: BoolArray) -> bool:
     return bool((np.abs(side.mean(axis=0)) >= SURE).any())
 
 
-def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> Halves | None:
+def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray) -> Halves | None:
     """The best way found to tell poses apart; None where the smaller part is too small.
 
     Parameters
     ----------
     H, g, yy : ndarray, shapes (n, p, p), (n, p), (n,)
         Of `irbcal.validation.doubts.PoseSums`.
-    seed : int
     """
     n, p = g.shape
     firm = 1e-6 * np.eye(p)
@@ -190,7 +177,7 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
     best: Halves | None = None
     packed = _packed(H)
     both_H, both_g = packed.sum(axis=0), g.sum(axis=0)
-    for second in _starts(H, g, seed):
+    for second in _starts(H, g):
         second_H, second_g = second @ packed, second @ g
         for _ in range(ROUNDS):
             if min(second.sum(), n - second.sum()) < max(FEW * n, 4):
@@ -211,7 +198,7 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
     return best
 
 
-def predicted(H: FloatArray, g: FloatArray, yy: FloatArray, second: BoolArray, seed: int = 0) -> float:
+def predicted(H: FloatArray, g: FloatArray, yy: FloatArray, second: BoolArray) -> float:
     """Share of the poses that are explained `CLEARLY` better as one of two robots that were estimated without them.
 
     Parameters
@@ -219,11 +206,9 @@ def predicted(H: FloatArray, g: FloatArray, yy: FloatArray, second: BoolArray, s
     H, g, yy : ndarray, shapes (n, p, p), (n, p), (n,)
     second : ndarray of bool, shape (n,)
         Which poses the second robot was told apart by.
-    seed : int
-        Of the folds.
     """
     n = len(second)
-    fold = np.random.default_rng(seed).permutation(n) % FOLDS
+    fold = np.random.default_rng(0).permutation(n) % FOLDS
     smaller, larger = np.zeros(n), np.zeros(n)
     packed, firm = _packed(H), 1e-6 * np.eye(g.shape[1])
     for k in range(FOLDS):
@@ -234,14 +219,14 @@ def predicted(H: FloatArray, g: FloatArray, yy: FloatArray, second: BoolArray, s
     return float((larger > CLEARLY * smaller).mean())
 
 
-def _starts(H: FloatArray, g: FloatArray, seed: int) -> list[BoolArray]:
+def _starts(H: FloatArray, g: FloatArray) -> list[BoolArray]:
     """Poses by the side on which they pull unknowns that many of them pull hard; and at random."""
     n, p = g.shape
     values, vectors = np.linalg.eigh(H.sum(axis=0))
     root = vectors / np.sqrt(np.maximum(values, 1e-6 * values.max()))
     pulls = g @ root
     _, directions = np.linalg.eigh(pulls.T @ pulls)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     along = [pulls @ directions[:, -k] > 0 for k in range(1, min(STARTS, p) + 1)]
     return [*along, *(rng.uniform(size=n) < 0.5 for _ in range(STARTS))]
 
@@ -425,17 +410,11 @@ def cautions(nominal: Fit, fit: Fit | EvidenceFit) -> list[str]:
     return out
 
 
-def contradicting_parts(equations: PoseEquations, seed: int = 0) -> list[str]:
+def contradicting_parts(equations: PoseEquations) -> list[str]:
     """Whether poses measured early and late are of two robots or two tools, in a sentence.
 
     Robot, base and targets are identified from all poses; then each part may change all of them a little. What counts
     is by how much that makes residuals smaller, and whether parts of poses in a random order would do the same.
-
-    Parameters
-    ----------
-    equations : PoseEquations
-    seed : int
-        Of the random orders.
 
     Returns
     -------
@@ -467,7 +446,7 @@ def contradicting_parts(equations: PoseEquations, seed: int = 0) -> list[str]:
     rss_cut, cut = best_cut(np.arange(n))
     if not whole > 0.0 or rss_cut > SMALLER**2 * whole:
         return []
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     blocks = np.array_split(np.arange(n), min(n, BLOCK_SHARE))
     for _ in range(SHUFFLES):
         if best_cut(np.concatenate([blocks[k] for k in rng.permutation(len(blocks))]))[0] <= rss_cut:

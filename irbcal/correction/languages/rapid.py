@@ -14,7 +14,7 @@ import bisect
 import functools
 import itertools
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -1466,6 +1466,7 @@ _HARMLESS = (
     "worldacclim write writebin writestrbin"
 )
 _OPENING, _CLOSING = frozenset(["if", "for", "while", "test"]), frozenset(["endif", "endfor", "endwhile", "endtest"])
+_ROUTINES = frozenset(["proc", "func", "trap"])
 _DECLARING = frozenset(["const", "pers", "var", "local", "task"])
 _JUMPS = frozenset(["goto", "error", "undo", "backward", "raise", "retry", "trynext", "connect"])
 _BEFORE_STATEMENT = frozenset([";", ")", ":", "then", "else", "do", "error", ""])
@@ -1475,66 +1476,72 @@ HARMLESS = frozenset(_HARMLESS.split())
 """Instructions that do not move the robot; any other name may be a routine that does."""
 
 
+def steps(reader: Reader) -> Iterator[tuple[int, str]]:
+    """What a program is followed by: tokens by their numbers, each with what it is.
+
+    It is a ``branch`` (any of `BRANCHES`), the ``end of IF`` without THEN, or begins a statement: a ``move``, a
+    ``label``, a ``name in a text`` (of a routine), or a ``call``, which may be any other instruction as well.
+    """
+    begin, compact, head = True, False, False
+    for i, (kind, word, _, _) in enumerate(reader.tokens[:-1]):
+        if kind == "name":
+            if word in BRANCHES and not reader._is_member(i):
+                compact = compact or (word == "if" and not _has_then(reader, i))
+                head = word in _ROUTINES
+                yield i, "branch"
+            elif begin and word in reader.instructions:
+                yield i, "move"
+            elif begin and word not in _DECLARING and not reader._is_assignment(i):
+                yield i, "label" if reader.tokens[i + 1].word == ":" else "call"
+            begin = word in _BEFORE
+            continue
+        if begin and word == "%":
+            yield i, "name in a text"
+        if word == ";" and compact:
+            yield i, "end of IF"
+            compact = False
+        begin = word in (";", ":") or (head and word == ")")
+        head = head and word != ")"
+
+
 def breaks(reader: Reader, calls: Calls) -> list[int]:
     """Places in the text behind which the stop before is not known, in order; ``calls`` knows the routines."""
     positions: list[int] = []
-    tokens = reader.tokens
-    begin, compact, head = True, False, False
     opened: list[int] = []  # how many places there were where a branch or loop began; a place is lasting that is more
     lasting = -1
-    for i, (kind, word, start, _) in enumerate(tokens[:-1]):
-        if kind == "name":
-            if word in BRANCHES and not reader._is_member(i):
-                if word in _OPENING:
-                    opened.append(len(positions))
-                compact = compact or (word == "if" and not _has_then(reader, i))
-                head = word in ("proc", "func", "trap")
-                positions.append(start)
-                if word in _CLOSING and opened and lasting <= opened[-1]:
-                    del positions[opened[-1] :]  # nothing in it moves the robot
-                opened = opened[:-1] if word in _CLOSING else [] if head else opened
-                lasting = len(positions) if word in _JUMPS else lasting
-            elif begin and word in reader.instructions:
-                lasting = len(positions)
-            elif (
-                begin
-                and word not in _DECLARING
-                and not reader._is_assignment(i)
-                and (reader.tokens[i + 1].word == ":" or calls.effect(word).moves)
-            ):
-                lasting = len(positions)
-                positions.append(start)  # a label or a call
-            begin = word in _BEFORE
-            continue
-        if begin and word == "%":  # a routine by its name in a text
+    for i, step in steps(reader):
+        _, word, start, _ = reader.tokens[i]
+        if step == "branch":
+            if word in _OPENING:
+                opened.append(len(positions))
+            positions.append(start)
+            if word in _CLOSING and opened and lasting <= opened[-1]:
+                del positions[opened[-1] :]  # nothing in it moves the robot
+            opened = opened[:-1] if word in _CLOSING else [] if word in _ROUTINES else opened
+            lasting = len(positions) if word in _JUMPS else lasting
+        elif step == "move":
+            lasting = len(positions)
+        elif step == "end of IF":  # the move behind it may not have been made
+            positions.append(start)
+            lasting, opened = len(positions), opened[:-1]
+        elif step != "call" or calls.effect(word).moves:
             lasting = len(positions)
             positions.append(start)
-        if word == ";" and compact:  # the move behind IF without THEN may not have been made
-            positions.append(start)
-            lasting, opened, compact = len(positions), opened[:-1], False
-        begin = word == ";" or word == ":" or (head and word == ")")
-        head = head and word != ")"
     return positions
 
 
 def learn(reader: Reader, calls: Calls) -> None:
     """Note which routines of a module move the robot, and what they call."""
-    name, begin, head = "", False, False
-    for i, (kind, word, _, _) in enumerate(reader.tokens[:-1]):
-        if kind == "name":
-            if word in ("proc", "func", "trap") and not reader._is_member(i):
-                name, head = reader.tokens[i + (2 if word == "func" else 1)].word, True
-                calls.learn(name)
-            elif begin and name and word not in _DECLARING | BRANCHES and not reader._is_assignment(i):
-                moves = word in reader.instructions
-                called = [] if moves or reader.tokens[i + 1].word == ":" else [word]
-                calls.learn(name, called, moves=moves, sets_loads=word == "gripload")
-            begin = word in _BEFORE
-        else:
-            if begin and word == "%" and name:
-                calls.learn(name, moves=True, sets_loads=True)
-            begin = word in (";", ":") or (head and word == ")")
-            head = head and word != ")"
+    name = ""
+    for i, step in steps(reader):
+        word = reader.tokens[i].word
+        if step == "branch" and word in _ROUTINES:
+            name = reader.tokens[i + (2 if word == "func" else 1)].word
+            calls.learn(name)
+        elif step == "name in a text" and name:
+            calls.learn(name, moves=True, sets_loads=True)
+        elif step in ("move", "call") and name:
+            calls.learn(name, [word] if step == "call" else [], moves=step == "move", sets_loads=word == "gripload")
 
 
 class Loads:
@@ -1581,49 +1588,40 @@ class Loads:
         reader, flow = module.reader, self.flow
         scope: Scope | None = None
         scopes = iter(reader.scopes)
-        begin, compact, head = True, False, False
-        for i, (kind, word, start, _) in enumerate(reader.tokens[:-1]):
-            if kind == "name":
-                if word in BRANCHES and not reader._is_member(i):
-                    compact = compact or (word == "if" and not _has_then(reader, i))
-                    head = word in ("proc", "func", "trap")
-                    if head:
-                        name, scope = reader.tokens[i + (2 if word == "func" else 1)].word, next(scopes)
-                        flow.begin(name, Load(0.0) if name == "main" else None)  # a start from main sets load0
-                    elif word in ("endproc", "endfunc", "endtrap"):
-                        flow.end()
-                        scope = None
-                    elif word in _OPENING:
-                        flow.open(word in ("for", "while"))
-                    elif word in _CLOSING:
-                        flow.close()
-                    elif word in ("elseif", "else", "case", "default"):
-                        flow.alternative()
-                    elif word == "return":
-                        flow.returns()
-                    elif word in _JUMPS:
-                        flow.label()
-                elif begin and word in reader.instructions:
-                    self._ways[module.source, start] = flow.now
-                elif begin and word == "gripload":
-                    self.places[module.source].append(start)
-                    flow.take(self._named(module, scope, i + 1))
-                elif begin and reader.tokens[i + 1].word == ":":
-                    flow.label()
-                elif begin and word not in _DECLARING and not reader._is_assignment(i):
-                    sets = self.calls.effect(word).sets_loads
-                    shown = reader.text[start : start + len(word)]
-                    missing = may_set_load(shown, reader.line(start)) if sets and not self.calls.knows(word) else ""
-                    flow.call(word, sets, missing)
-                begin = word in _BEFORE
-                continue
-            if begin and word == "%":
-                flow.call("%", True, may_set_load("a routine by its name in a text", reader.line(start)))
-            if word == ";" and compact:
+        for i, step in steps(reader):
+            _, word, start, _ = reader.tokens[i]
+            if step == "move":
+                self._ways[module.source, start] = flow.now
+            elif step == "label":
+                flow.label()
+            elif step == "end of IF":
                 flow.close()
-                compact = False
-            begin = word in (";", ":") or (head and word == ")")
-            head = head and word != ")"
+            elif step == "name in a text":
+                flow.call("%", True, may_set_load("a routine by its name in a text", reader.line(start)))
+            elif word == "gripload":
+                self.places[module.source].append(start)
+                flow.take(self._named(module, scope, i + 1))
+            elif step == "call":
+                sets = self.calls.effect(word).sets_loads
+                shown = reader.text[start : start + len(word)]
+                missing = may_set_load(shown, reader.line(start)) if sets and not self.calls.knows(word) else ""
+                flow.call(word, sets, missing)
+            elif word in _ROUTINES:
+                name, scope = reader.tokens[i + (2 if word == "func" else 1)].word, next(scopes)
+                flow.begin(name, Load(0.0) if name == "main" else None)  # a start from main sets load0
+            elif word in ("endproc", "endfunc", "endtrap"):
+                flow.end()
+                scope = None
+            elif word in _OPENING:
+                flow.open(word in ("for", "while"))
+            elif word in _CLOSING:
+                flow.close()
+            elif word in ("elseif", "else", "case", "default"):
+                flow.alternative()
+            elif word == "return":
+                flow.returns()
+            elif word in _JUMPS:
+                flow.label()
 
     def _named(self, module: Literals, scope: Scope | None, i: int) -> Load:
         """The load that an argument is."""
