@@ -4,6 +4,7 @@ import argparse
 import atexit
 import hashlib
 import shutil
+import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +16,10 @@ from irbcal.io import robots
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.planners.calibrated_model import CalibratedModel
-from irbcal.simulation.demonstration import demonstration_cell
 from irbcal.units import DEG, MM
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "thesis"))
+from demonstration import demonstration_cell
 
 TARGET = "smr1"
 HOME_DEG = [0, -14, 14, 0, 30, 0]

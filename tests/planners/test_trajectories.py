@@ -152,7 +152,7 @@ def test_joints_are_found_by_name_and_others_left_out(models):
     assert np.array_equal(model.model_trajectory(wide).q, model.model_trajectory(commands).q)
     with pytest.raises(RobotError, match="the trajectory has no joint joint_1"):
         model.model_trajectory(Trajectory([0.0], np.zeros((1, 6)), names=tuple("abcdef")))
-    with pytest.raises(CalibrationError, match="velocities of .* need shape"):
+    with pytest.raises(CalibrationError, match=r"velocities of .* need shape"):
         model.trajectory([0.0], np.zeros((1, 6)), np.zeros((1, 5)))
 
 
