@@ -7,6 +7,7 @@ import json
 import os
 import pickle
 import shutil
+from contextlib import ExitStack
 from pathlib import Path
 
 import new_family
@@ -74,16 +75,27 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope="session")
-def browser():
-    """The one browser of a process: playwright starts no second."""
+def launched():
+    """Starts a browser with arguments more, by the one playwright that a process may have."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         pytest.skip("no chromium on this computer")
     playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=chromium, args=ARGUMENTS)
-        yield opened
-        opened.close()
+    with playwright.sync_playwright() as started, ExitStack() as opened:
+        launch = functools.partial(started.chromium.launch, executable_path=chromium)
+        yield lambda *more: opened.enter_context(launch(args=[*ARGUMENTS, *more]))
+
+
+@pytest.fixture(scope="session")
+def browser(launched):
+    """A browser in which everything happens but the painting of 3D views, which takes most of the time."""
+    return launched("--disable-gl-drawing-for-tests")
+
+
+@pytest.fixture(scope="session")
+def painting_browser(launched):
+    """One that paints them."""
+    return launched()
 
 
 @pytest.fixture(scope="session")
