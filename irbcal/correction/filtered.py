@@ -306,15 +306,10 @@ class Filtered(Result):
 
 
 class NotWritten(ProgramError):
-    """Files were asked for, but not everything (or nothing) could be corrected, so none was written.
-
-    Attributes
-    ----------
-    filtered : Filtered
-        What was corrected, and what was left and why.
-    """
+    """Files were asked for, but not everything (or nothing) could be corrected, so none was written."""
 
     filtered: Filtered
+    """What was corrected, and what was left and why."""
 
 
 def together(programs: Sequence[Filtered], places: Mapping[str, str]) -> Filtered:

@@ -39,80 +39,54 @@ TESTS = 24
 
 @dataclass(frozen=True, eq=False)
 class Parts(Locked):
-    """A calibrated robot as numbers.
-
-    Attributes
-    ----------
-    name, identifier : str
-        The robot's name, and the same as a name in a program.
-    base_link, tip_link : str
-    joint_names : tuple of str
-    slides : ndarray of bool, shape (n,)
-        Prismatic joints.
-    lower, upper : ndarray, shape (n,)
-        Limits of commanded joints; may be infinite.
-    speed : ndarray, shape (n,)
-        Largest joint speeds, per second; infinite where not known.
-    coupling : ndarray, shape (n, n)
-        The joints here from those that the controller counts.
-    chain, nominal : Chain
-        Calibrated geometry, and the nominal one that gravity and loads are reckoned with.
-    gain, offset : ndarray, shape (n,)
-    cosine, sine : ndarray, shape (orders, n)
-        Series of orders 1, 2, … of each joint.
-    waves : tuple of Wave
-        Waves outside the series.
-    bends : tuple of Bend
-    levers : tuple of Lever
-    gravity : ndarray, shape (3,)
-        Direction in the base link.
-    compliance : ndarray, shape (n,)
-        Under the payload, rad/(N m).
-    payload_kg : float
-    payload_place : ndarray, shape (3,)
-        What is carried where nothing is said: mass, and its centre in the tip link.
-    torque : ndarray, shape (n,)
-        Compliance under the torques that the robot reports, rad/(N m).
-    direction, width, move, share : ndarray, shape (n,)
-        Of the last move: coefficient and width of its direction, coefficients of itself and of its share.
-    fingerprint : str
-        Of the calibration.
-    simulated : bool
-        Whether it comes from SIMULATED data.
-    notes : tuple of str
-        What the reader of an export should know.
-    """
+    """A calibrated robot as numbers."""
 
     name: str
     base_link: str
     tip_link: str
     joint_names: tuple[str, ...]
     slides: BoolArray
+    """Shape (n,). Prismatic joints."""
     lower: FloatArray
     upper: FloatArray
+    """Shape (n,). Limits of commanded joints; may be infinite."""
     speed: FloatArray
+    """Shape (n,). Largest joint speeds, per second; infinite where not known."""
     coupling: FloatArray
+    """Shape (n, n). The joints here from those that the controller counts."""
     chain: Chain
     nominal: Chain
+    """Calibrated geometry, and the nominal one that gravity and loads are reckoned with."""
     gain: FloatArray
     offset: FloatArray
+    """Shape (n,)."""
     cosine: FloatArray
     sine: FloatArray
+    """Shape (orders, n). Series of orders 1, 2, … of each joint."""
     waves: tuple[Wave, ...]
+    """Waves outside the series."""
     bends: tuple[Bend, ...]
     levers: tuple[Lever, ...]
     gravity: FloatArray
+    """Shape (3,). Direction in the base link."""
     compliance: FloatArray
+    """Shape (n,). Under the payload, rad/(N m)."""
     payload_kg: float
     payload_place: FloatArray
+    """Shape (3,). What is carried where nothing is said: mass, and its centre in the tip link."""
     torque: FloatArray
+    """Shape (n,). Compliance under the torques that the robot reports, rad/(N m)."""
     direction: FloatArray
     width: FloatArray
     move: FloatArray
     share: FloatArray
+    """Shape (n,). Of the last move: coefficient and width of its direction, coefficients of itself and of its share."""
     fingerprint: str = ""
+    """Of the calibration."""
     simulated: bool = False
+    """Whether it comes from SIMULATED data."""
     notes: tuple[str, ...] = ()
+    """What the reader of an export should know."""
 
     @property
     def identifier(self) -> str:
@@ -200,25 +174,20 @@ class Parts(Locked):
 
 @dataclass(frozen=True, eq=False)
 class Vectors(Locked):
-    """Test vectors of an export, n rows each.
-
-    Attributes
-    ----------
-    q, previous, torques, effective : ndarray, shape (n, joints)
-        ``previous`` is NaN where the stop before is not known.
-    payload_kg : ndarray, shape (n,)
-    payload_place : ndarray, shape (n, 3)
-    tip : ndarray, shape (n, 3, 4)
-        Rotation and place of the tip link in the base link.
-    """
+    """Test vectors of an export, n rows each."""
 
     q: FloatArray
     previous: FloatArray
+    """Shape (n, joints). ``previous`` is NaN where the stop before is not known."""
     payload_kg: FloatArray
+    """Shape (n,)."""
     payload_place: FloatArray
+    """Shape (n, 3)."""
     torques: FloatArray
     effective: FloatArray
+    """Shape (n, joints)."""
     tip: FloatArray
+    """Shape (n, 3, 4). Rotation and place of the tip link in the base link."""
 
     def __len__(self) -> int:
         return len(self.q)

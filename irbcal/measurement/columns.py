@@ -110,18 +110,12 @@ TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Columns of a table as arrays, for which pandas, a third of a second, need not be loaded.
-
-    Attributes
-    ----------
-    columns : dict of str to ndarray, shape (rows,)
-        Numbers, NaN where nothing stands, and texts.
-    index : ndarray of int, shape (rows,)
-        The rows for messages.
-    """
+    """Columns of a table as arrays, for which pandas, a third of a second, need not be loaded."""
 
     columns: Mapping[str, NDArray[Any]]
+    """Values of shape (rows,). Numbers, NaN where nothing stands, and texts."""
     index: IntArray
+    """Shape (rows,). The rows for messages."""
 
     def __len__(self) -> int:
         return len(self.index)
@@ -136,21 +130,14 @@ class Cells:
 
 @dataclass(frozen=True, eq=False)
 class InputTable:
-    """A table as text, whose columns are checked as they are asked for.
-
-    Attributes
-    ----------
-    content : DataFrame or Cells
-        Text, or numbers where a plain file has them; the index holds the rows for messages.
-    source : str
-        File name for messages, `FRAME` for a DataFrame.
-    sha256 : str
-        Of the file's content; of a DataFrame's, as ``frame.to_csv(index=False)`` writes it.
-    """
+    """A table as text, whose columns are checked as they are asked for."""
 
     content: pd.DataFrame | Cells
+    """Text, or numbers where a plain file has them; the index holds the rows for messages."""
     source: str = FRAME
+    """File name for messages, `FRAME` for a DataFrame."""
     sha256: str = ""
+    """Of the file's content; of a DataFrame's, as ``frame.to_csv(index=False)`` writes it."""
 
     @property
     def cells(self) -> pd.DataFrame:

@@ -29,48 +29,36 @@ class PointSet(Result):
     """Measured reflector positions and the joints at which they were measured.
 
     Points are sorted by pose, so that a block of poses is a slice of points.
-
-    Parameters
-    ----------
-    q : ndarray, shape (n, joints)
-        Commanded joints of each pose, radians (metres for prismatic joints).
-    pose : ndarray of int, shape (m,)
-        Row of ``q`` each point belongs to, ascending.
-    target : ndarray of int, shape (m,)
-        Index into ``target_names``.
-    xyz : ndarray, shape (m, 3)
-        Positions in the measuring frame, metres.
-    target_names : tuple of str
-    pose_ids : ndarray, shape (n,)
-        The user's pose numbers.
-    groups : ndarray of str, shape (n,)
-        Group of each pose, empty where none was given.
-    rotation : ndarray, shape (m, 3, 3), optional
-        Measured orientation of a target frame in the measuring frame; NaN for points without one.
-    u95 : ndarray, shape (m,), optional
-        Expanded uncertainty of each point, metres; NaN where not given.
-    previous : ndarray, shape (n, joints), optional
-        The stop before each pose, as commanded, units as ``q``; NaN rows where it is not known.
-    session : ndarray of str, shape (n,), optional
-        Session of each pose. Poses of different sessions have bases of their own, which an identification finds; those
-        of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base for all.
-    inputs : dict of str to ndarray, shape (n,) or (n, values)
-        What else the error model's terms are functions of, such as ``payload_kg``, by name: see
-        `irbcal.modeling.terms.inputs`. SI units, NaN where not told.
     """
 
     q: FloatArray
+    """Shape (n, joints). Commanded joints of each pose, radians (metres for prismatic joints)."""
     pose: IntArray
+    """Shape (m,). Row of ``q`` each point belongs to, ascending."""
     target: IntArray
+    """Shape (m,). Index into ``target_names``."""
     xyz: FloatArray
+    """Shape (m, 3). Positions in the measuring frame, metres."""
     target_names: tuple[str, ...]
     pose_ids: NDArray[Any]
+    """Shape (n,). The user's pose numbers."""
     groups: NameArray
+    """Shape (n,). Group of each pose, empty where none was given."""
     rotation: FloatArray | None = None
+    """Shape (m, 3, 3). Measured orientation of a target frame in the measuring frame; NaN for points without one."""
     u95: FloatArray | None = None
+    """Shape (m,). Expanded uncertainty of each point, metres; NaN where not given."""
     previous: FloatArray | None = None
+    """Shape (n, joints). The stop before each pose, as commanded, units as ``q``; NaN rows where it is not known."""
     session: NameArray | None = None
+    """Shape (n,). Session of each pose. Poses of different sessions have bases of their own, which an identification
+    finds; those of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base
+    for all.
+    """
     inputs: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Values of shape (n,) or (n, values). What else the error model's terms are functions of, such as ``payload_kg``,
+    by name: see `irbcal.modeling.terms.inputs`. SI units, NaN where not told.
+    """
 
     def __len__(self) -> int:
         return len(self.pose)

@@ -33,17 +33,6 @@ class JointMap:
     The arm is warm and carries ``payload_kg`` unless told otherwise. Where the stop before is not given, terms of the
     last move are zero, and so are those of other inputs that are not given.
 
-    Parameters
-    ----------
-    terms : TermMap
-        Without frame terms.
-    ranges : ndarray, shape (2, joints), optional
-        Smallest and largest commanded joints that the terms were identified from, radians (metres): outside them high
-        harmonics must not be trusted.
-    payload_kg : float, optional
-        The mass that is carried where none is given: the one that most poses of the fit were measured with. None where
-        it was not told.
-
     Raises
     ------
     RobotError
@@ -51,8 +40,15 @@ class JointMap:
     """
 
     terms: TermMap
+    """Without frame terms."""
     ranges: FloatArray | None = None
+    """Shape (2, joints). Smallest and largest commanded joints that the terms were identified from, radians (metres):
+    outside them high harmonics must not be trusted.
+    """
     payload_kg: float | None = None
+    """The mass that is carried where none is given: the one that most poses of the fit were measured with. None where
+    it was not told.
+    """
 
     def __post_init__(self) -> None:
         if self.terms.has_frame_terms:

@@ -33,23 +33,18 @@ SERIES = 128
 
 @dataclass(frozen=True, eq=False)
 class Chain(Locked):
-    """A chain of joints: before each joint turns (slides) about its z, its frame is placed by a constant.
-
-    Attributes
-    ----------
-    rotations : ndarray, shape (n, 3, 3)
-        Attitude of each joint's frame in the one before, the first in the base link, with the joint's offset.
-    places : ndarray, shape (n, 3)
-        Its origin there, metres.
-    tip_rotation : ndarray, shape (3, 3)
-    tip_place : ndarray, shape (3,)
-        The tip link in the last joint's frame.
-    """
+    """A chain of joints: before each joint turns (slides) about its z, its frame is placed by a constant."""
 
     rotations: FloatArray
+    """Shape (n, 3, 3). Attitude of each joint's frame in the one before, the first in the base link, with the joint's
+    offset.
+    """
     places: FloatArray
+    """Shape (n, 3). Its origin there, metres."""
     tip_rotation: FloatArray
+    """Shape (3, 3)."""
     tip_place: FloatArray
+    """Shape (3,). The tip link in the last joint's frame."""
 
     @staticmethod
     def of(arm: Arm) -> Chain:

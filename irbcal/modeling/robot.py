@@ -31,24 +31,6 @@ class Robot:
     The whole chain of Nubiola 2011, eqs. 3.32, 3.33 and 3.34, with the errors of the joints (section 5.4.5) in the
     joint map.
 
-    Parameters
-    ----------
-    arm : Arm
-        Geometry (nominal or calibrated).
-    joint_map : JointMap
-        The thesis's, or a sum of terms.
-    T_world_base : ndarray, shape (4, 4)
-        The base link in the measuring frame ("world").
-    targets : dict of str to ndarray, shape (3,)
-        Reflector positions in the tip link, metres.
-    target_rotations : dict of str to ndarray, shape (3, 3)
-        Orientation in the tip link of the targets that have one.
-    certainty : Certainty, optional
-        What the identification knows of it: what `predict` needs.
-    frame_terms : TermMap, optional
-        Small motions of the joints' frames before each joint turns, which neither URDF nor joint map can carry: only
-        frame terms, of the nominal arm.
-
     Raises
     ------
     RobotError
@@ -56,12 +38,21 @@ class Robot:
     """
 
     arm: Arm
+    """Geometry (nominal or calibrated)."""
     joint_map: JointMap = None  # type: ignore[assignment]  # the identity of the arm unless given
+    """The thesis's, or a sum of terms."""
     T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
+    """Shape (4, 4). The base link in the measuring frame ("world")."""
     targets: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Values of shape (3,). Reflector positions in the tip link, metres."""
     target_rotations: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Values of shape (3, 3). Orientation in the tip link of the targets that have one."""
     certainty: Certainty | None = None
+    """What the identification knows of it: what `predict` needs."""
     frame_terms: TermMap | None = None
+    """Small motions of the joints' frames before each joint turns, which neither URDF nor joint map can carry: only
+    frame terms, of the nominal arm.
+    """
 
     def __post_init__(self) -> None:
         if self.joint_map is None:

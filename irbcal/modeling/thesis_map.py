@@ -40,24 +40,17 @@ from irbcal.modeling.terms.thesis import fourier_of, stiffness_of
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ThesisMap:
-    """Gains, stiffness and Fourier series; the last two are for arms with six revolute joints.
-
-    Parameters
-    ----------
-    gain : array_like, shape (n,)
-        Relative gain errors k_i (Nubiola 2011, eq. 3.31), dimensionless, of all n joints; six unless given.
-    stiffness : array_like, shape (2,)
-        A and B, radians (eqs. 5.14 and 5.15; see `irbcal.modeling.stiffness.Stiffness.coefficients`).
-    phases : array_like, shape (2,)
-        phi_2 and phi_3, radians.
-    fourier : array_like, shape (4,)
-        a_1, b_1, a_2, b_2 of joint 6, radians (eq. 5.8, Table 5.2).
-    """
+    """Gains, stiffness and Fourier series; the last two are for arms with six revolute joints."""
 
     gain: FloatArray = field(default_factory=lambda: np.zeros(6))
+    """Shape (n,). Relative gain errors k_i (Nubiola 2011, eq. 3.31), dimensionless, of all n joints; six unless given.
+    """
     stiffness: FloatArray = field(default_factory=lambda: np.zeros(2))
+    """Shape (2,). A and B, radians (eqs. 5.14 and 5.15; see `irbcal.modeling.stiffness.Stiffness.coefficients`)."""
     phases: FloatArray = field(default_factory=lambda: np.array([0.0, np.pi / 2]))
+    """Shape (2,). phi_2 and phi_3, radians."""
     fourier: FloatArray = field(default_factory=lambda: np.zeros(4))
+    """Shape (4,). a_1, b_1, a_2, b_2 of joint 6, radians (eq. 5.8, Table 5.2)."""
 
     def __post_init__(self) -> None:
         for array in fields(self):

@@ -24,36 +24,27 @@ from irbcal.modeling.terms.term import AXES
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Axes and origins along the chain.
-
-    Attributes
-    ----------
-    x_before, o_before : ndarray, shape (joints, 3, n)
-        What ``alpha`` turns about and ``a`` moves along.
-    y_tilt, o_tilt : ndarray, shape (joints, 3, n)
-        What ``beta`` turns about and ``b`` moves along.
-    frame : ndarray, shape (joints, 3, 3, n)
-        Axes of F_i: what the terms tx, ty, tz move along.
-    turns : ndarray, shape (joints, 3, 3, n)
-        What the terms rx, ry, rz turn about: the frame's axes times the left Jacobian of ``Exp(xi_r)``.
-    moved : ndarray, shape (joints, 3, n)
-        Origin of F_i after the frame's translation: what they turn about.
-    z, o : ndarray, shape (joints, 3, n)
-        Axis and origin of the joint itself.
-    tip : ndarray, shape (4, 3, n)
-        x, y, z axes and origin of the tip.
-    """
+    """Axes and origins along the chain."""
 
     x_before: FloatArray
     o_before: FloatArray
+    """Shape (joints, 3, n). What ``alpha`` turns about and ``a`` moves along."""
     y_tilt: FloatArray
     o_tilt: FloatArray
+    """Shape (joints, 3, n). What ``beta`` turns about and ``b`` moves along."""
     frame: FloatArray
+    """Shape (joints, 3, 3, n). Axes of F_i: what the terms tx, ty, tz move along."""
     turns: FloatArray
+    """Shape (joints, 3, 3, n). What the terms rx, ry, rz turn about: the frame's axes times the left Jacobian of
+    ``Exp(xi_r)``.
+    """
     moved: FloatArray
+    """Shape (joints, 3, n). Origin of F_i after the frame's translation: what they turn about."""
     z: FloatArray
     o: FloatArray
+    """Shape (joints, 3, n). Axis and origin of the joint itself."""
     tip: FloatArray
+    """Shape (4, 3, n). x, y, z axes and origin of the tip."""
 
     def select(self, pose: IntArray) -> Walk:
         """The chain at some of the poses."""

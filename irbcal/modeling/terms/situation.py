@@ -26,27 +26,20 @@ def at_rows(inputs: Mapping[str, FloatArray], rows: BoolArray | IntArray | slice
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Stops of an arm and what came before each.
-
-    Parameters
-    ----------
-    q : ndarray, shape (n, joints)
-        Commanded joints, radians (metres for prismatic joints).
-    move : ndarray, shape (n, joints), optional
-        Commanded joints minus those of the stop before; zero where unknown, and by default.
-    elapsed : ndarray, shape (n,), optional
-        Time since the start, in poses or minutes. Without it the arm is warm: the warm-up terms are zero.
-    inputs : dict of str to ndarray, shape (n,) or (n, values)
-        What else terms are functions of, by name (`irbcal.modeling.terms.inputs`), SI units; absent where not told.
-    readings : bool
-        Whether ``q`` and ``move`` are the controller's readings, because the programmed joints are not known.
-    """
+    """Stops of an arm and what came before each."""
 
     q: FloatArray
+    """Shape (n, joints). Commanded joints, radians (metres for prismatic joints)."""
     move: FloatArray | None = None
+    """Shape (n, joints). Commanded joints minus those of the stop before; zero where unknown, and by default."""
     elapsed: FloatArray | None = None
+    """Shape (n,). Time since the start, in poses or minutes. Without it the arm is warm: the warm-up terms are zero."""
     inputs: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Values of shape (n,) or (n, values). What else terms are functions of, by name (`irbcal.modeling.terms.inputs`),
+    SI units; absent where not told.
+    """
     readings: bool = False
+    """Whether ``q`` and ``move`` are the controller's readings, because the programmed joints are not known."""
 
     def __post_init__(self) -> None:
         q = np.atleast_2d(np.asarray(self.q, dtype=float))

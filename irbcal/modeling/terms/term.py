@@ -45,39 +45,26 @@ COEFFICIENT_KEYS = {"rad": "coefficient_rad", "m": "coefficient_m", "1": "coeffi
 
 @dataclass(frozen=True)
 class Term:
-    """One term of the error model.
-
-    Parameters
-    ----------
-    joint : int
-        Whose frame moves, from 0.
-    axis : str
-        One of `AXES`.
-    basis : str
-        Name of the function.
-    size : float
-        Natural size of the coefficient: what is plausible on an industrial arm, in ``unit``.
-    group : str
-        Terms of one group share one variance.
-    family : str
-        Name of the family that made it.
-    unit : str
-        Of the coefficient: ``rad``, ``m``, ``1`` or ``rad/(N m)``.
-    parameters : mapping
-        What the basis needs to know beside joint and axis.
-    also : tuple of int
-        Other joints that move by the same amount (the thesis's B acts on joints 2 and 3 alike).
-    """
+    """One term of the error model."""
 
     joint: int
+    """Whose frame moves, from 0."""
     axis: str
+    """One of `AXES`."""
     basis: str
+    """Name of the function."""
     size: float
+    """Natural size of the coefficient: what is plausible on an industrial arm, in ``unit``."""
     group: str
+    """Terms of one group share one variance."""
     family: str
+    """Name of the family that made it."""
     unit: str = "rad"
+    """Of the coefficient: ``rad``, ``m``, ``1`` or ``rad/(N m)``."""
     parameters: Mapping[str, Value] = field(default_factory=dict)
+    """What the basis needs to know beside joint and axis."""
     also: tuple[int, ...] = ()
+    """Other joints that move by the same amount (the thesis's B acts on joints 2 and 3 alike)."""
 
     def __post_init__(self) -> None:
         if self.axis not in AXES:

@@ -92,25 +92,17 @@ class TermMap:
     """Terms with coefficients: from commanded to effective joints, and the small motions of the frames.
 
     Constants of the geometry do not belong here: they are in the arm's DHM table.
-
-    Parameters
-    ----------
-    arm : Arm
-        Nominal arm: attitudes of links are taken from it.
-    terms : tuple of Term
-    coefficients : ndarray, shape (terms,)
-        In the terms' units.
-    std : ndarray, shape (terms,), optional
-        Standard deviations.
-    gravity : tuple of three float
-        Direction in the base link.
     """
 
     arm: Arm
+    """Nominal arm: attitudes of links are taken from it."""
     terms: tuple[Term, ...]
     coefficients: FloatArray
+    """Shape (terms,). In the terms' units."""
     std: FloatArray | None = None
+    """Shape (terms,). Standard deviations."""
     gravity: tuple[float, ...] = GRAVITY
+    """Three. Direction in the base link."""
 
     def __post_init__(self) -> None:
         if len(self.terms) != len(self.coefficients):
