@@ -25,6 +25,7 @@ from chapter7.settings import (
     procedures,
 )
 from chapter7.tables import AREA_NAMES, COMPARED, MODEL_NAMES, Cell, Results, Table, chosen, curve_values
+from irbcal import parallel
 from irbcal.plotting import charts
 from irbcal.plotting.charts import CALIBRATED
 
@@ -53,6 +54,9 @@ OVERVIEW = "Expected against found, and the course of a search"
 NUMBER = "Number of measurements"
 MODELS, PROCEDURES = "Models, point by point", "Procedures, point by point"
 """Sections of the page."""
+
+FIGURE_S = 0.2
+"""Seconds that a figure takes, about."""
 
 _QUANTITIES = (("flange", "position"), ("orientation", "orientation"))
 
@@ -405,12 +409,12 @@ def render(results: Results, tables: Sequence[Table], series: Series) -> str:
     """
     from irbcal.templates import environment
 
+    every = figures(results)
+    possible = [k for k, item in enumerate(every) if results.has(*item.needs)]
+    drawings = dict(parallel.each(_drawing, (results, series), possible, seconds=FIGURE_S))
     sections: dict[str, list[tuple[str, Any]]] = {}
-    with inline_svg.style():
-        for item in figures(results):
-            if results.has(*item.needs):
-                drawing = inline_svg.drawn(partial(item.draw, results=results, series=series), item.key, item.caption)
-                sections.setdefault(item.section, []).append((item.caption, drawing))
+    for place, k in enumerate(possible):
+        sections.setdefault(every[k].section, []).append((every[k].caption, drawings[place]))
     return (
         environment("chapter7", "")
         .get_template("page.html.j2")
@@ -425,6 +429,14 @@ def render(results: Results, tables: Sequence[Table], series: Series) -> str:
             is_number=lambda value: isinstance(value, (Cell, int)),
         )
     )
+
+
+def _drawing(shared: tuple[Results, Series], number: int) -> Any:
+    """A figure by its number, as part of the page."""
+    results, series = shared
+    item = figures(results)[number]
+    with inline_svg.style():
+        return inline_svg.drawn(partial(item.draw, results=results, series=series), item.key, item.caption)
 
 
 def verdict(results: Results) -> str | None:
