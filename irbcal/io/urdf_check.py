@@ -96,8 +96,8 @@ def poses_by_yourdfpy(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     return out
 
 
-CHECK_POSES = 2_000
-SECOND_POSES = 50
+CHECK_POSES = 500
+SECOND_POSES = 20
 """Poses that yourdfpy computes, too: one by one, in Python."""
 LIMIT = 1e-9
 """Largest disagreement (metres, radians) with which a written URDF is accepted."""

@@ -125,13 +125,14 @@ class ResidualAnalysis(Result):
         edges = np.unique(np.quantile(q[have], np.linspace(0, 1, bins + 1)))
         here = have & (self.direction[:, joint] == sign)
         which = np.digitize(q[here], edges[1:-1])
-        rows = []
-        for k in range(len(edges) - 1):
-            inside = angle[here][which == k]
-            if len(inside) >= FEWEST_IN_BIN:
-                half = 1.96 * inside.std(ddof=1) / np.sqrt(len(inside))
-                rows.append((q[here][which == k].mean(), inside.mean(), half))
-        return np.array(rows).reshape(-1, 3)
+        count = np.bincount(which, minlength=len(edges) - 1)
+
+        def mean(values: FloatArray) -> FloatArray:
+            return np.bincount(which, values, len(count)) / np.maximum(count, 1)
+
+        middle, level = mean(q[here]), mean(angle[here])
+        half = 1.96 * np.sqrt(mean((angle[here] - level[which]) ** 2) / np.maximum(count - 1, 1))
+        return np.column_stack([middle, level, half])[count >= FEWEST_IN_BIN]
 
     def report(self) -> Sequence[Paragraph]:
         """What the robot needs, the terms as a table, and what they mean."""

@@ -630,13 +630,16 @@ class Panel:
 
     def at(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Places in the drawing, shape (k, 2)."""
-        px, py = np.broadcast_arrays(np.asarray(x, dtype=float).ravel(), np.asarray(y, dtype=float).ravel())
+        px, py = np.asarray(x, dtype=float).ravel(), np.asarray(y, dtype=float).ravel()
         low, high = self.y
         if self.log:
             py, low, high = np.log10(py), np.log10(low), np.log10(high)
         left, head, right, foot = self.box
         across = (px - self.x[0]) / (self.x[1] - self.x[0])
-        return np.column_stack([left + across * (right - left), foot - (py - low) / (high - low) * (foot - head)])
+        places = np.empty((max(len(px), len(py)) if len(px) and len(py) else 0, 2))
+        places[:, 0] = left + across * (right - left)
+        places[:, 1] = foot - (py - low) / (high - low) * (foot - head)
+        return places
 
     def dots(self, x: ArrayLike, y: ArrayLike, colour: str, size: float = 4.0, **style: Any) -> None:
         """Marks at data."""

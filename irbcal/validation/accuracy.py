@@ -687,9 +687,9 @@ def _percentiles(d: FloatArray, count: NDArray[np.int32], pose: IntArray) -> Flo
     """
     m, width = len(d), max(1, int(np.sqrt(len(d))))
     chunks = -(-m // width)
-    in_part = np.zeros((count.shape[1], chunks), dtype=np.float32)  # values of each pose in stretches of sorted ones
-    np.add.at(in_part, (pose, np.arange(m) // width), 1.0)
-    until = np.cumsum(np.rint(count.astype(np.float32) @ in_part).astype(np.int32), axis=1)
+    poses = count.shape[1]  # values of each pose in stretches of sorted ones
+    in_part = np.bincount(pose * chunks + np.arange(m) // width, minlength=poses * chunks).reshape(poses, chunks)
+    until = np.cumsum(np.rint(count.astype(np.float32) @ in_part.astype(np.float32)).astype(np.int32), axis=1)
     last = until[:, -1:] - 1
     rank = last * (np.array(PERCENTILES) / 100)
     low = np.floor(rank)

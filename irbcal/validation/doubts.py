@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -233,8 +233,15 @@ def _starts(H: FloatArray, g: FloatArray) -> list[BoolArray]:
 
 def _packed(H: FloatArray) -> FloatArray:
     """Upper triangles of symmetric matrices (n, p, p), row by row, shape (n, p (p + 1) / 2): half as much to read."""
-    rows, columns = np.triu_indices(H.shape[1])
+    rows, columns, _ = _upper(H.shape[1])
     return np.ascontiguousarray(H[:, rows, columns])
+
+
+@cache
+def _upper(p: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Rows and columns of the upper triangle of a (p, p) matrix, and how often each entry stands in a symmetric one."""
+    rows, columns = np.triu_indices(p)
+    return rows, columns, np.where(rows == columns, 1.0, 2.0)
 
 
 def _costs(
@@ -244,11 +251,11 @@ def _costs(
 
     ``sums_H``, packed, and ``sums_g``, shape (k, p), are those of the parts.
     """
-    rows, columns = np.triu_indices(g.shape[1])
+    rows, columns, times = _upper(g.shape[1])
     H = np.empty((len(sums_H), *firm.shape))
     H[:, rows, columns] = H[:, columns, rows] = sums_H
     changes = np.linalg.solve(H + firm, sums_g[..., None])[..., 0]
-    squares = changes[:, rows] * changes[:, columns] * np.where(rows == columns, 1.0, 2.0)
+    squares = changes[:, rows] * changes[:, columns] * times
     return np.maximum(yy - 2 * changes @ g.T + squares @ packed.T, 0.0)
 
 
