@@ -385,10 +385,9 @@ def calibrate(
     package_dirs : sequence of str or Path
         Folders in which packages of the robot's description are looked up first: of a xacro file, and of meshes, whose
         folders the calibration remembers.
-    method : {"least-squares", "circles", "nelder-mead", "axes"}
-        How to identify, see `irbcal.identification.fit.identify_by`. With ``circles`` (or ``axes``) the fit sees the
-        one-joint moves (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then
-        ``26``.
+    method : {"least-squares", "circles", "nelder-mead"}
+        How to identify, see `irbcal.identification.fit.identify_by`. With ``circles`` the fit sees the one-joint
+        moves (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
     objective : {"rms", "max", "pnorm"}
         What to minimise: the root mean square, the largest error, or a norm between them.
     power : float

@@ -28,7 +28,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses, feature_errors
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.axis_calibration import PARALLELS
-from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, Goal, method_of
+from irbcal.identification.choices import LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, Goal
 from irbcal.identification.evidence import MOST_OUTLYING, check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.explanation import explain
@@ -175,7 +175,7 @@ class Options:
             ("model", self.model, (None, *MODELS)),
             ("terms", self.terms, TERMS),
             ("split", self.split, SPLITS),
-            ("method", self.method, (*METHODS, *ALIASES)),
+            ("method", self.method, METHODS),
             ("objective", self.objective, OBJECTIVES),
             ("loss", self.loss, LOSSES),
             ("parallel", self.parallel, PARALLELS),
@@ -189,13 +189,13 @@ class Options:
                     "a level, such as 34, for that",
                     parameter=option,
                 )
-        if method_of(self.method) == "circles" and self.model not in (None, "26"):
+        if self.method == "circles" and self.model not in (None, "26"):
             raise OptionError(
                 f"model: method circles takes all link geometry from the axes (model 26): leave out model {self.model}"
                 " or the method",
                 parameter="model",
             )
-        if self.parallel != PARALLELS[0] and method_of(self.method) != "circles":
+        if self.parallel != PARALLELS[0] and self.method != "circles":
             raise OptionError("parallel: only method circles forces parallel axes", parameter="parallel")
         if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
             level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
@@ -240,7 +240,7 @@ class Options:
     def of_a_level(self) -> tuple[str, ...]:
         """Names of the given options that only a level of the error model takes."""
         choices = (
-            ("method", method_of(self.method), "least-squares"),
+            ("method", self.method, "least-squares"),
             ("objective", self.objective, "rms"),
             ("loss", self.loss, "linear"),
             ("free", tuple(self.free), ()),
@@ -565,7 +565,7 @@ def clean(inputs: Inputs) -> CleanInputs:
         options.session_by,
         options.frame,
         options.as_poses,
-        several_allowed=method_of(options.method) != "circles",
+        several_allowed=options.method != "circles",
     )
     notes = [*inputs.notes, *cleaned.notes, *sentences, *repeat_notes(cleaned.points)]
     excluded, proof = cleaned.excluded, None
@@ -627,7 +627,7 @@ def split(cleaned: CleanInputs) -> SplitInputs:
     """Hold poses out, unless they come from a file of their own; of an addition those at places of new poses."""
     options, points, motion = cleaned.options, cleaned.points, cleaned.motion
     moves = np.isin(points.groups.astype(str), GROUPS)
-    by_axes = method_of(options.method) == "circles" and moves.any()
+    by_axes = options.method == "circles" and moves.any()
     fit = moves if by_axes else np.ones(points.poses, dtype=bool)
     if cleaned.proof is not None:
         heldout, heldout_motion = cleaned.proof
@@ -756,7 +756,7 @@ def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
     if options.model is not None:
         return str(options.model), []
     level, of_level = default_level(arm), options.of_a_level
-    if method_of(options.method) == "circles":
+    if options.method == "circles":
         if not arm.six_revolute:
             raise OptionError(
                 f"method circles is for arms with six revolute joints, {arm.name} has {arm.joints_listed}",
@@ -807,7 +807,7 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
         arm,
         points,
         checked("model", model, LEVELS),
-        method_of(options.method),
+        options.method,
         checked("objective", options.objective, OBJECTIVES),
         options.power,
         checked("loss", options.loss, LOSSES),

@@ -11,12 +11,9 @@ from typing import Literal, TypeAlias, get_args
 from irbcal.errors import OptionError
 from irbcal.modeling.levels import LEVELS as LEVELS
 from irbcal.modeling.levels import Level as Level
-from irbcal.options import checked
 
 Method: TypeAlias = Literal["least-squares", "circles", "nelder-mead"]
 """How to identify: Gauss-Newton; directly from the circles of one-joint moves; the search of the thesis."""
-
-MethodOrAlias: TypeAlias = Literal["least-squares", "circles", "nelder-mead", "axes"]
 
 Objective: TypeAlias = Literal["rms", "max", "pnorm"]
 """What to minimise: root mean square, largest distance, or a p-norm between them."""
@@ -36,9 +33,6 @@ Parallel: TypeAlias = Literal["hayati", "forced"]
 """What becomes of nearly parallel axes: the tilt between them is kept, or they get one direction."""
 
 METHODS: tuple[Method, ...] = get_args(Method)
-ALIASES: dict[str, Method] = {"axes": "circles"}
-"""Other names that are understood as methods."""
-
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 MODELS: tuple[Model, ...] = get_args(Model)
@@ -63,14 +57,3 @@ class Goal:
     def least_squares(self) -> bool:
         """Whether it is the sum of squares."""
         return self.objective == "rms" and self.loss == "linear"
-
-
-def method_of(name: str) -> Method:
-    """The method of a name or alias (``axes``, the first name of ``circles``).
-
-    Raises
-    ------
-    OptionError
-        If there is no such method.
-    """
-    return checked("method", ALIASES.get(name, name), METHODS)

@@ -24,15 +24,14 @@ from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.identification.choices import (
     LEVELS,
     LOSSES,
+    METHODS,
     OBJECTIVES,
     Goal,
     Level,
     Loss,
     Method,
-    MethodOrAlias,
     Objective,
     Parallel,
-    method_of,
 )
 from irbcal.identification.fit_sections import Candidate, LevelChoice, ParameterReport, ParameterState
 from irbcal.identification.initial_guess import MIN_POSES, first_state
@@ -409,7 +408,7 @@ def identify_by(
     arm: Arm,
     points: PointSet,
     level: Level = "34",
-    method: MethodOrAlias = "least-squares",
+    method: Method = "least-squares",
     objective: Objective = "rms",
     power: float = 8.0,
     loss: Loss = "linear",
@@ -428,7 +427,7 @@ def identify_by(
         Error model; with method ``circles`` all geometric errors are taken from the axes whatever the level.
     method : str
         ``least-squares`` (Gauss-Newton, which the other objectives start from), ``circles`` (directly from one-joint
-        moves, section 3.1; also known as ``axes``) or ``nelder-mead`` (as the thesis ran it: objective ``max``,
+        moves, section 3.1) or ``nelder-mead`` (as the thesis ran it: objective ``max``,
         2,000 iterations, from the axes' model where the data have one-joint moves, else from the nominal robot).
     objective : str
         ``rms``, ``max`` (eqs. 3.35 and 3.36, with a certificate) or ``pnorm``.
@@ -449,7 +448,7 @@ def identify_by(
     OptionError
         If an option has no such value or options contradict one another.
     """
-    method = method_of(method)
+    checked("method", method, METHODS)
     _check(level, method, objective, loss)
     if method == "circles":
         if parameters is not None and [p.name for p in parameters] != [p.name for p in level_parameters(level, arm)]:

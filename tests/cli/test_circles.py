@@ -49,11 +49,11 @@ def test_the_model_of_method_circles_is_never_another_one_silently(file):
     path, _ = file
     for model in ("34", "nominal", "best-level"):
         with pytest.raises(OptionError, match="takes all link geometry from the axes") as refused:
-            irbcal.calibrate(path, "irb1600", model, method="axes")
+            irbcal.calibrate(path, "irb1600", model, method="circles")
         assert refused.value.parameter == "model"
     with pytest.raises(OptionError, match="parallel: only method circles"):
         irbcal.calibrate(path, "irb1600", "26", parallel="forced")
-    kept = irbcal.calibrate(path, "irb1600", method="axes")
+    kept = irbcal.calibrate(path, "irb1600", method="circles")
     assert kept.proven.fit.level == "26"
     assert any("Method circles takes all link geometry" in note for note in kept.record.notes)
     assert (

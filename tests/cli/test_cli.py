@@ -284,7 +284,9 @@ def test_parameters_freed_and_held_and_known_targets(data, tmp_path):
 
 
 def test_axes_method_needs_its_groups(data, tmp_path):
-    message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--method", "axes")
+    message = refused(
+        "calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--method", "circles"
+    )
     assert "the method circles needs one-joint moves in the groups axis1 ... axis6; found no groups" in message
 
 

@@ -29,6 +29,7 @@ from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.options import checked
 from irbcal.validation.accuracy import coverage
 
 
@@ -226,7 +227,7 @@ def test_robust_losses_shrug_off_gross_errors(data):
         ({"level": "27"}, "level: expected nominal, 11, 16, 26, 34, 34b, offsets or placement, found '27'"),
         ({"objective": "max", "loss": "huber"}, "loss huber goes with objective rms, not with max"),
         ({"method": "circles", "objective": "pnorm"}, "method circles has its own objective"),
-        ({"method": "axes", "objective": "pnorm"}, "method circles has its own objective"),
+        ({"method": "axes"}, "method: expected least-squares, circles or nelder-mead, found 'axes'"),
         ({"method": "circles", "parameters": ()}, "method circles takes all link geometry from the axes"),
     ],
 )
@@ -234,13 +235,6 @@ def test_options_that_do_not_exist_or_contradict_are_refused(data, options, expe
     with pytest.raises(OptionError, match=expected) as caught:
         identify_by(*data[:2], **{"level": "26", **options})
     assert caught.value.parameter in options
-
-
-def test_the_first_name_of_the_circles_still_works(data):
-    nominal, points, _ = data
-    old, new = (identify_by(nominal, points, "26", method=name) for name in ("axes", "circles"))
-    assert old.method == new.method == "circles"
-    assert old.rms == new.rms
 
 
 def test_unobservable_combinations_are_named_and_never_run_away():
@@ -415,14 +409,10 @@ def test_names_are_those_of_the_code():
     assert choices.METHODS == ("least-squares", "circles", "nelder-mead")
 
 
-def test_an_alias_is_understood():
-    assert choices.method_of("axes") == choices.method_of("circles") == "circles"
-
-
 def test_what_is_not_a_choice_is_refused_with_its_name():
-    assert choices.checked("loss", "huber", choices.LOSSES) == "huber"
+    assert checked("loss", "huber", choices.LOSSES) == "huber"
     with pytest.raises(OptionError, match="loss: expected linear, soft_l1 or huber, found 'l2'") as caught:
-        choices.checked("loss", "l2", choices.LOSSES)
+        checked("loss", "l2", choices.LOSSES)
     assert caught.value.parameter == "loss"
 
 
