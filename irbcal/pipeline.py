@@ -28,7 +28,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses, feature_errors
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.axis_calibration import PARALLELS
-from irbcal.identification.choices import LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, Goal
+from irbcal.identification.choices import LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, Goal, Method
 from irbcal.identification.evidence import MOST_OUTLYING, check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.explanation import explain
@@ -148,7 +148,7 @@ class Options:
     base_link: str | None = None
     tip_link: str | None = None
     coupling: str | None = None
-    method: str = "least-squares"
+    method: Method = "least-squares"
     objective: str = "rms"
     power: float = 8.0
     loss: str = "linear"
