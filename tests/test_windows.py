@@ -66,6 +66,8 @@ def test_the_main_job_and_what_follows_run_without_what_windows_lacks(tmp_path):
         "ENDMODULE\n",
         encoding="utf-8",
     )
+    rows = [f"r{k},{data},irb1600,model=placement" for k in (1, 2)]
+    (tmp_path / "jobs.csv").write_text("\n".join(["id,measurements,robot,options", *rows]) + "\n", encoding="utf-8")
     told = windows(
         ("calibrate", data, "--robot", "irb1600", "--model", "34", "--out", "c"),
         ("evaluate", "c", proof, "--report", "page.html"),
@@ -74,23 +76,17 @@ def test_the_main_job_and_what_follows_run_without_what_windows_lacks(tmp_path):
         ("view", "c", "--html", "v.html"),
         ("report", "c", "--figures", "figures"),
         ("filter", "c", "p/job.mod", "--out", "corrected.mod"),
+        ("fleet", "calibrate", "jobs.csv", "--out", "f", "--jobs", "2"),  # by processes that do not fork
         folder=tmp_path,
     )
     assert "calibration.json" in told
     assert (tmp_path / "corrected.mod").is_file()
+    assert sorted(path.parent.name for path in (tmp_path / "f").glob("*/calibration.json")) == ["r1", "r2"]
 
 
 def test_the_list_of_names_is_read_in_any_encoding():
     """The package lazy_loader opens it in that of the system."""
     assert Path(irbcal.__file__).with_suffix(".pyi").read_bytes().isascii()
-
-
-def test_a_fleet_is_calibrated_by_processes_that_do_not_fork(tmp_path):
-    data = robots.demo_file("demo_identification.csv")
-    rows = [f"r{k},{data},irb1600,model=placement" for k in (1, 2)]
-    (tmp_path / "jobs.csv").write_text("\n".join(["id,measurements,robot,options", *rows]) + "\n", encoding="utf-8")
-    windows(("fleet", "calibrate", "jobs.csv", "--out", "f", "--jobs", "2"), folder=tmp_path)
-    assert sorted(path.parent.name for path in (tmp_path / "f").glob("*/calibration.json")) == ["r1", "r2"]
 
 
 def test_a_rename_waits_for_readers(tmp_path, monkeypatch):
