@@ -14,6 +14,7 @@ import canary
 import pytest
 import yaml
 from lxml import etree, html
+from support import started
 
 import irbcal
 from irbcal.errors import CalibrationError, IrbcalError
@@ -202,8 +203,7 @@ def test_programs(room, tmp_path, text):
     """What stands in a program stays what it was, and nothing of it reaches the terminal."""
     source = MODULE.format(text=text, quoted=text.replace('"', '""')).encode()
     (tmp_path / "job.mod").write_bytes(source)
-    call = [sys.executable, "-m", "irbcal", "filter", room / "calibration", "job.mod", "--out", "true.mod"]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
+    done = started("filter", room / "calibration", "job.mod", "--out", "true.mod", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert_silent(done.stdout + done.stderr)
     before, after = source.splitlines(), (tmp_path / "true.mod").read_bytes().splitlines()

@@ -148,7 +148,7 @@ def complete(*words):
     """What bash is offered after these words."""
     line = " ".join(words)
     more = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1), "_IRBCAL_COMPLETE": "complete_bash"}
-    return subprocess.run(PROGRAM, capture_output=True, text=True, env=environment(**more)).stdout.split()
+    return started(**more).stdout.split()
 
 
 def test_completion():
