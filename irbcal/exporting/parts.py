@@ -15,7 +15,6 @@ import numpy as np
 from irbcal import __version__, literals
 from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import CalibrationError
-from irbcal.modeling.arm import Arm
 from irbcal.modeling.parts import Bend, Chain, Lever, Wave, map_parts
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.direction import WIDTHS
@@ -122,7 +121,6 @@ class Parts(Locked):
     def of(
         robot: Robot,
         *,
-        nominal: Arm | None = None,
         speed: FloatArray | None = None,
         fingerprint: str = "",
         simulated: bool = False,
@@ -133,8 +131,6 @@ class Parts(Locked):
         Parameters
         ----------
         robot : Robot
-        nominal : Arm, optional
-            That of the terms of the joint map, if there are any; else the robot's own unless given.
         speed : ndarray, shape (n,), optional
             Largest joint speeds; infinite unless given.
         fingerprint, simulated, notes

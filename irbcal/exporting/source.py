@@ -19,7 +19,6 @@ from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
 from irbcal.io.urdf_xml import MeshFolders, MeshPaths
-from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
 
 EXACT = 1e-12
@@ -90,9 +89,7 @@ class Source(Locked):
             notes.append(record.frame_terms.in_words)
         robot = loaded(opened.robot, payload, payload_place).replace(frame_terms=None)
         speed = None if opened.urdf_bytes is None else speed_limits(opened.urdf_bytes, robot.arm.joint_names)
-        return Source.of_robot(
-            robot, record, opened.urdf_bytes, opened.folder, nominal=opened.nominal, speed=speed, notes=tuple(notes)
-        )
+        return Source.of_robot(robot, record, opened.urdf_bytes, opened.folder, speed=speed, notes=tuple(notes))
 
     @staticmethod
     def of_robot(
@@ -101,7 +98,6 @@ class Source(Locked):
         urdf: bytes | None = None,
         folder: Path | None = None,
         *,
-        nominal: Arm | None = None,
         speed: FloatArray | None = None,
         notes: tuple[str, ...] = (),
     ) -> Source:
@@ -113,7 +109,7 @@ class Source(Locked):
             If what would be exported does not compute what irbcal computes.
         """
         source = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
-        parts = Parts.of(robot, nominal=nominal, speed=speed, notes=notes, **source)  # type: ignore[arg-type]
+        parts = Parts.of(robot, speed=speed, notes=notes, **source)  # type: ignore[arg-type]
         vectors = vectors_of(robot, parts)
         miss = Plain(**python.constants(parts, vectors)).check()
         if not miss < EXACT:

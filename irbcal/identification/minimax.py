@@ -423,10 +423,8 @@ def nelder_mead(
 
     Parameters
     ----------
-    problem : Problem
-    solution : Solution
-        Gives what the data show and, unless ``start`` is given, the start.
-    start : State, optional
+    problem, solution, start
+        As `solve`.
     iterations : int
         All of them are used: there is no other end.
     simplex : float

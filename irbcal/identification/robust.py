@@ -63,16 +63,10 @@ def solve_p_norm(
 
     Parameters
     ----------
-    problem : VectorProblem
-        All its rows count alike: the uncertainties of the points are not used.
-    solution : Solution
-        Gives the seen directions and, unless ``start`` is given, the start.
+    problem, solution, start, record
+        As `irbcal.identification.minimax.solve`.
     p : float
         At least 2.
-    start : optional
-        State of the problem.
-    record : callable, optional
-        Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
 
     Raises
     ------
