@@ -119,7 +119,9 @@ def test_click_field_list_and_filters(browser, view, saved):
 def test_touch_dark_colours_and_hidden_labels(painting_browser, view, saved):
     from PIL import Image
 
-    page = Opened(painting_browser, saved, width=1100, height=700, has_touch=True, reduced_motion="reduce", color_scheme="dark")
+    page = Opened(
+        painting_browser, saved, width=1100, height=700, has_touch=True, reduced_motion="reduce", color_scheme="dark"
+    )
 
     def pixels():
         return np.asarray(Image.open(io.BytesIO(page.page.screenshot())).convert("RGB")).astype(int)
