@@ -266,7 +266,9 @@ def test_the_error_of_the_part_follows_the_axes(record, robot, touches):
 def test_the_urdf_of_the_cell_by_pinocchio(demo_calibration, record, robot, tmp_path):
     """Tip of the tool in the work object at positions of all joints, by another library."""
     cell = cell_frames(record, touches_of(robot), axes=NOMINAL)
-    (tmp_path / "cell.urdf").write_bytes(with_cell(calibration_folder.read(demo_calibration).urdf, record.arm(), cell))
+    made, again = (with_cell(calibration_folder.read(demo_calibration).urdf, record.arm(), cell) for _ in range(2))
+    assert made == again
+    (tmp_path / "cell.urdf").write_bytes(made)
     model = pinocchio.buildModelFromUrdf(str(tmp_path / "cell.urdf"))
     data = model.createData()
     assert [*model.names][1:] == ["e1", *record.arm().joint_names, "e2", "e3"]

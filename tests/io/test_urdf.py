@@ -226,7 +226,9 @@ def test_measuring_frame_and_targets_as_links():
     found = urdf.from_bytes(RICH, "rich")
     T_world_base = np.eye(4)
     T_world_base[:3, 3] = [3, 4, 5]
-    text = urdf.with_links(urdf.to_bytes(found, found.arm), found.arm, T_world_base, {"smr1": [0.1, 0.2, 0.3]})
+    links = urdf.to_bytes(found, found.arm), found.arm, T_world_base, {"smr1": [0.1, 0.2, 0.3]}
+    text = urdf.with_links(*links)
+    assert urdf.with_links(*links) == text
     model = pin.buildModelFromXML(text.decode())
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
