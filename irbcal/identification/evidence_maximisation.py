@@ -214,7 +214,8 @@ def maximise_evidence(
             x, plain = plain, None
             ways.forget()
             continue
-        step = np.minimum(np.log(moment.up / moment.down), highest) - x
+        # rounding alone makes it negative, where data determine next to nothing
+        step = np.minimum(np.log(np.maximum(moment.up / moment.down, np.finfo(float).tiny)), highest) - x
         gain = 0.5 * float((moment.up * np.exp(-x) - moment.down) @ step)
         if (abs(moment.goal - last) < tolerance and gain < tolerance / 2) or iteration == iterations:
             break
