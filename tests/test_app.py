@@ -177,70 +177,69 @@ def test_bad_files_are_refused_in_a_sentence_and_nothing_is_lost(context, sample
         server.end()
 
 
-def test_columns_that_are_not_recognised_are_corrected_by_click(context, samples, tmp_path):
-    folder = tmp_path / "project"
-    project = Project.open(folder)
+@pytest.fixture(scope="module")
+def with_robot(samples, tmp_path_factory):
+    """The server of a project that has its robot."""
+    project = Project.open(tmp_path_factory.mktemp("robot") / "project")
     project.add("robot", "my_robot.urdf", (samples / "my_robot.urdf").read_bytes())
     project.choose("robot", robot="robot/my_robot.urdf")
+    running = Server(project.folder)
+    yield running, project
+    running.end()
+
+
+def test_columns_that_are_not_recognised_are_corrected_by_click(context, samples, with_robot, tmp_path):
+    server, project = with_robot
     header, _, rows = (samples / "wide.csv").read_text().partition("\n")
     assert header == "J1;J2;J3;J4;J5;J6;X1;Y1;Z1;X2;Y2;Z2;X3;Y3;Z3"
     bad = tmp_path / "bad.csv"
     bad.write_text(f"A;B;C;D;E;F;G;H;I;J;K;L;M;Q;O\n{rows}")
-    server = Server(folder)
-    try:
-        page = server.only_page(context, "data")
-        drop(page, bad)
-        page.get_by_role("alert").filter(has_text="expected columns of points").wait_for()
+    page = server.only_page(context, "data")
+    drop(page, bad)
+    page.get_by_role("alert").filter(has_text="expected columns of points").wait_for()
 
-        def say(column, word):
-            page.get_by_label(f"What column {column} of bad.csv means").click()
-            page.get_by_role("option", name=word, exact=True).click()
+    def say(column, word):
+        page.get_by_label(f"What column {column} of bad.csv means").click()
+        page.get_by_role("option", name=word, exact=True).click()
 
-        say("B", "joint 1")  # the next five follow
-        page.get_by_role("alert").filter(has_text="expected columns of points").wait_for()
-        say("G", "x of smr1")  # a column off: G is joint 6
-        page.get_by_role("alert").filter(has_text="Still missing: joint 6").wait_for()
-        forget = page.get_by_role("button", name="Forget my corrections")
-        forget.click()
-        forget.wait_for(state="hidden")
-        for column, word in (("A", "joint 1"), ("G", "x of smr1"), ("J", "x of smr2"), ("M", "x of smr3")):
-            say(column, word)
-            page.get_by_role("option").first.wait_for(state="detached")
-        page.get_by_text("40 poses, 3 targets move, 0 stand still.").wait_for()
-        page.get_by_text("The command line that does the same").click()
-        page.get_by_text('columns.joints=["A", "B", "C", "D", "E", "F"]').wait_for()
-        assert run(page, "Write the measurement file").startswith("done")
-    finally:
-        server.end()
+    say("B", "joint 1")  # the next five follow
+    page.get_by_role("alert").filter(has_text="expected columns of points").wait_for()
+    say("G", "x of smr1")  # a column off: G is joint 6
+    page.get_by_role("alert").filter(has_text="Still missing: joint 6").wait_for()
+    forget = page.get_by_role("button", name="Forget my corrections")
+    forget.click()
+    forget.wait_for(state="hidden")
+    for column, word in (("A", "joint 1"), ("G", "x of smr1"), ("J", "x of smr2"), ("M", "x of smr3")):
+        say(column, word)
+        page.get_by_role("option").first.wait_for(state="detached")
+    page.get_by_text("40 poses, 3 targets move, 0 stand still.").wait_for()
+    page.get_by_text("The command line that does the same").click()
+    page.get_by_text('columns.joints=["A", "B", "C", "D", "E", "F"]').wait_for()
+    assert run(page, "Write the measurement file").startswith("done")
     right = irbcal.import_measurements(samples / "wide.csv", robot=str(samples / "my_robot.urdf"))
-    assert irbcal.read_measurements(folder / "measured.csv").table["x_mm"].tolist() == right.table["x_mm"].tolist()
+    assert (
+        irbcal.read_measurements(project.folder / "measured.csv").table["x_mm"].tolist() == right.table["x_mm"].tolist()
+    )
 
 
-def test_a_step_is_stopped_once_and_one_at_a_time(context, samples, tmp_path):
-    folder = tmp_path / "project"
-    project = Project.open(folder)
-    project.add("robot", "my_robot.urdf", (samples / "my_robot.urdf").read_bytes())
-    project.choose("robot", robot="robot/my_robot.urdf")
+def test_a_step_is_stopped_once_and_one_at_a_time(context, with_robot):
+    server, project = with_robot
     project.choose("plan", **{"--optimal": "1000", "--criterion": "position"})  # takes a minute
-    server = Server(folder)
-    try:
-        first, second, other = (server.page(context, name) for name in ("plan", "plan", "robot"))
-        first.get_by_role("button", name="Plan the measurement").click()
-        second.get_by_role("button", name="Stop").wait_for()
-        assert second.get_by_role("button", name="Plan the measurement").is_disabled()
-        show = other.get_by_role("button", name="Show the robot").element_handle()
-        show.click()
-        other.get_by_text("Another step is running").wait_for()
-        stop = second.get_by_role("button", name="Stop").element_handle()
-        second.get_by_text(re.compile(r", ([4-9]|\d\d) s$")).wait_for()  # news has come several times
-        stop.click()
-        first.get_by_text("stopped; the files of before are kept").wait_for()
-        # what is clicked has not been drawn anew meanwhile: a click between press and release would be lost
-        assert show.evaluate("node => node.isConnected")
-        assert stop.evaluate("node => node.isConnected")
-        assert not (folder / "plan").exists()
-    finally:
-        server.end()
+    first, second, other = (server.page(context, name) for name in ("plan", "plan", "robot"))
+    first.get_by_role("button", name="Plan the measurement").click()
+    second.get_by_role("button", name="Stop").wait_for()
+    assert second.get_by_role("button", name="Plan the measurement").is_disabled()
+    show = other.get_by_role("button", name="Show the robot").element_handle()
+    show.click()
+    other.get_by_text("Another step is running").wait_for()
+    stop = second.get_by_role("button", name="Stop").element_handle()
+    second.get_by_text(re.compile(r", ([4-9]|\d\d) s$")).wait_for()  # news has come several times
+    stop.click()
+    first.get_by_text("stopped; the files of before are kept").wait_for()
+    # what is clicked has not been drawn anew meanwhile: a click between press and release would be lost
+    assert show.evaluate("node => node.isConnected")
+    assert stop.evaluate("node => node.isConnected")
+    assert not (project.folder / "plan").exists()
 
 
 @pytest.fixture(scope="module")
