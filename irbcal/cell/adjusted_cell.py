@@ -226,7 +226,7 @@ def adjust(
     framed = {frame_name(t.frame, t.name) for t in touches if shows_axes(t)}
     root = external_axes.root(axes)
     rows = rows_of_touches(touches, framed, COVERAGE * sigma, robot.arm, source, root)
-    rows = replace(rows, inputs=robot.joint_map.inputs(len(rows)))
+    rows = replace(rows, inputs=robot.joint_map.motion(rows.q).inputs)
     carried = sorted({frame_name(*t.on_flange) for t in touches} & framed)
     edges = [Edge(FLANGE, name) for name in carried]
     moving = external_axes.edges(axes, np.array([touch.e for touch in touches]))

@@ -65,7 +65,7 @@ def point_derivatives(
     variance : ndarray, shape (n,)
         Both as of `robot_derivatives`.
     """
-    motion = Motion(q, inputs=robot.joint_map.inputs(len(q)))
+    motion = robot.joint_map.motion(q)
     path = robot.walk(motion)
     points = path.tip[3] + np.einsum("acn,na->cn", path.tip[:3], place)
     J, variance = robot_derivatives(certainty, path, points, motion)

@@ -10,8 +10,8 @@ kilograms; joints are those of the URDF, in the order of JOINT_NAMES.
     tip_jacobian(q)    its derivative: linear above angular, in the base
     inverse(T, seed)   commanded joints of poses, from seeds
 
-All take the stop before as ``previous`` (rows with nan: not known), ``payload_kg``, ``payload_place`` in the tip link,
-and ``torques`` that the robot reports.
+All take the stop before as ``previous`` (rows with nan: not known), and by their names ``payload_kg``,
+``payload_place`` in the tip link, and what is read beside the joints (PROPORTIONAL): ``torques``.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ class Batch(SimpleNamespace):
     def _situation(
         self,
         q: ArrayLike,
-        previous: ArrayLike | None,
-        payload_kg: ArrayLike | None,
-        payload_place: ArrayLike | None,
-        torques: ArrayLike | None,
-    ) -> tuple[Array, Array | None, Array, Array, Array | None]:
-        """Joints (n, joints), last moves or None, masses (n,), places (n, 3), torques or None."""
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        **readings: ArrayLike | None,
+    ) -> tuple[Array, Array | None, Array, Array, Array]:
+        """Joints (n, joints), last moves or None, masses (n,), places (n, 3), what readings add to the joints."""
         q = np.atleast_2d(np.asarray(q, dtype=float))
         if q.ndim != 2 or q.shape[1] != self.JOINTS:
             raise ValueError(f"joints need shape (n, {self.JOINTS}), found {q.shape}")
@@ -69,7 +69,16 @@ class Batch(SimpleNamespace):
         payload_at = np.asarray(self.PAYLOAD_PLACE if payload_place is None else payload_place, dtype=float)
         payload_at = np.broadcast_to(payload_at, (len(q), 3))
         payload_at = np.where(np.isfinite(payload_at).all(axis=1, keepdims=True), payload_at, self.PAYLOAD_PLACE)
-        return q, moves, kg, payload_at, None if torques is None else np.nan_to_num(np.asarray(torques, dtype=float))
+        added = np.zeros(q.shape)
+        for name, given in readings.items():
+            if name not in self.PROPORTIONAL:
+                known = ("payload_kg", "payload_place", *self.PROPORTIONAL)
+                raise TypeError(f"unknown input {name!r}: there are {', '.join(known)}")
+            usual, coefficients, of_joints = self.PROPORTIONAL[name]
+            values = np.asarray(usual if given is None else given, dtype=float) - usual
+            values = values if of_joints or not values.ndim else values[:, None]
+            added += np.array(coefficients) * np.nan_to_num(values)
+        return q, moves, kg, payload_at, added
 
     def _walk(self, chain: Mapping[str, Any], q: Array) -> tuple[Array, Array, Array, Array]:
         """Attitudes (joints, n, 3, 3) and origins (joints, n, 3) of the links, and the tip's."""
@@ -90,7 +99,7 @@ class Batch(SimpleNamespace):
         return attitudes, origins, R @ np.array(chain["tip_R"]), o + R @ np.array(chain["tip_p"])
 
     def _shift(
-        self, q: Array, moves: Array | None, kg: Array, payload_at: Array, torques: Array | None, slopes: bool
+        self, q: Array, moves: Array | None, kg: Array, payload_at: Array, added: Array, slopes: bool
     ) -> tuple[Any, Any]:
         """What effective joints are more than commanded ones (n, joints), and its derivative or None."""
         n = len(q)
@@ -126,8 +135,7 @@ class Batch(SimpleNamespace):
                 J[np.ix_(range(n), to, joints)] += coefficient * np.cos(x)[:, None, None]
         if self.LEVERS or any(self.COMPLIANCE):
             self._weights(q, kg, payload_at, f, J)
-        if torques is not None:
-            f += np.array(self.TORQUE) * torques
+        f += added
         if moves is not None:
             self._history(moves, f, J)
         return f, J
@@ -185,45 +193,21 @@ class Batch(SimpleNamespace):
             for j in every:
                 J[rows, j, top] -= self.SHARE[j] * moves[:, j] * np.sign(signed) / size**2
 
-    def effective(
-        self,
-        q: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> Array:
+    def effective(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Effective joints, the joints of calibrated.urdf, for commanded ones, (n, joints)."""
-        situation = self._situation(q, previous, payload_kg, payload_place, torques)
+        situation = self._situation(q, previous, **inputs)
         return situation[0] + self._shift(*situation, False)[0]
 
-    def jacobian(
-        self,
-        q: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> Array:
+    def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Derivative of the effective by the commanded joints, (n, joints, joints)."""
-        return (
-            np.eye(self.JOINTS)
-            + self._shift(*self._situation(q, previous, payload_kg, payload_place, torques), True)[1]
-        )
+        return np.eye(self.JOINTS) + self._shift(*self._situation(q, previous, **inputs), True)[1]
 
-    def commanded(
-        self,
-        theta: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> Array:
+    def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Commanded joints that give effective ones, (n, joints); a ValueError where that does not converge."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         q, change = theta.copy(), inf
         for _ in range(60):
-            miss = theta - self.effective(q, previous, payload_kg, payload_place, torques)
+            miss = theta - self.effective(q, previous, **inputs)
             q = q + miss
             change = np.abs(miss).max(initial=0.0)
             if change < 1e-14:
@@ -236,16 +220,9 @@ class Batch(SimpleNamespace):
         """The tip in the base for joints of calibrated.urdf, (n, 4, 4)."""
         return _poses(*self._walk(self.CHAIN, np.atleast_2d(np.asarray(theta, dtype=float)))[2:])
 
-    def forward(
-        self,
-        q: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> Array:
+    def forward(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """The tip in the base for commanded joints, (n, 4, 4)."""
-        return self.forward_effective(self.effective(q, previous, payload_kg, payload_place, torques))
+        return self.forward_effective(self.effective(q, previous, **inputs))
 
     def forward_nominal(self, q: ArrayLike) -> Array:
         """The tip of the nominal robot, (n, 4, 4): what a program that was written for it wants."""
@@ -257,16 +234,9 @@ class Batch(SimpleNamespace):
         J = np.concatenate([np.where(slides, z, np.cross(z, p - o)), np.where(slides, 0.0, z)], axis=2)
         return tip_R, p, J.transpose(1, 2, 0)
 
-    def tip_jacobian(
-        self,
-        q: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> Array:
+    def tip_jacobian(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Derivative of the tip's place and rotation in the base by the commanded joints, (n, 6, joints)."""
-        situation = self._situation(q, previous, payload_kg, payload_place, torques)
+        situation = self._situation(q, previous, **inputs)
         f, J = self._shift(*situation, True)
         return self._geometric(situation[0] + f)[2] @ (np.eye(self.JOINTS) + J)
 
@@ -275,19 +245,16 @@ class Batch(SimpleNamespace):
         T: ArrayLike,
         seed: ArrayLike,
         previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
         tolerance: float = 1e-12,
+        **inputs: Any,
     ) -> tuple[Array, Array]:
         """Commanded joints of poses (n, 4, 4) from seeds (n, joints), by damped Newton steps.
 
         Returns the joints (n, joints) and whether they converged (n,); limits are not regarded.
         """
         T = np.asarray(T, dtype=float).reshape(-1, 4, 4)
-        situation = (previous, payload_kg, payload_place, torques)
         seed = np.broadcast_to(np.asarray(seed, dtype=float), (len(T), self.JOINTS))
-        theta = self.effective(seed, *situation)
+        theta = self.effective(seed, previous, **inputs)
         best, damping, converged = np.full(len(T), inf), np.full(len(T), 1e-6), np.zeros(len(T), dtype=bool)
         trial, J, e = theta, np.zeros((len(T), 6, self.JOINTS)), np.zeros((len(T), 6))
         weights = np.array([1 / self.REACH] * 3 + [1.0] * 3)
@@ -318,13 +285,12 @@ class Batch(SimpleNamespace):
                 step = np.linalg.solve(A, J.transpose(0, 2, 1) @ e[:, :, None])[..., 0]
             step *= 0.5 / np.maximum(np.abs(step).max(axis=1, keepdims=True), 0.5)
             trial = np.where(converged[:, None], theta, theta + step)
-        return self.commanded(theta, *situation), converged
+        return self.commanded(theta, previous, **inputs), converged
 
     def check(self) -> float:
         """The largest difference from the test vectors, radians or metres."""
-        t = {name: np.array(value) for name, value in self.TESTS.items()}
-        situation = (t["previous"], t["payload_kg"], t["payload_place"], t["torques"])
-        theta, T = self.effective(t["q"], *situation), self.forward(t["q"], *situation)
-        commanded = self.commanded(theta, *situation)
-        misses = (theta - t["effective"], T[:, :3] - t["tip"], commanded - t["q"])
+        q, effective, tip = (np.array(self.TESTS[name]) for name in ("q", "effective", "tip"))
+        inputs = self.TESTS["inputs"]
+        theta, T = self.effective(q, **inputs), self.forward(q, **inputs)
+        misses = (theta - effective, T[:, :3] - tip, self.commanded(theta, **inputs) - q)
         return float(max(np.abs(miss).max() for miss in misses))

@@ -41,6 +41,9 @@ def files(source: Source) -> ExportFiles:
         "constants": python.constants(parts, source.vectors),
         "names": list(by_name),
         "inputs": list(_inputs(parts)),
+        "usual": [
+            [parts.proportional[name][0]] * n for name, n in _inputs(parts).items() if name in parts.proportional
+        ],
     }
     return ExportFiles(out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **values)})
 
@@ -61,9 +64,10 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
     q = ca.SX.sym("q", len(parts.joint_names))
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     moves = ca.vertsplit(symbols["known"] * (q - symbols["previous"])) if parts.has_history else None
-    torques = ca.vertsplit(symbols["torques"]) if "torques" in symbols else None
-    load = symbols["payload_kg"], ca.vertsplit(symbols["payload_place"]), torques
-    theta = q + ca.vertcat(*robot._shift(ca.vertsplit(q), moves, *load))
+    n = len(parts.joint_names)
+    readings = {name: ca.vertsplit(symbols[name]) * (n // sizes[name]) for name in sizes if name in parts.proportional}
+    load = symbols["payload_kg"], ca.vertsplit(symbols["payload_place"])
+    theta = q + ca.vertcat(*robot._shift(ca.vertsplit(q), moves, *load, readings))
     R, p, columns = robot._geometric(ca.vertsplit(theta))
     T = ca.vertcat(ca.horzcat(*(ca.vertcat(*column) for column in (*R, p))), ca.SX([[0, 0, 0, 1]]))
     map_jacobian = ca.jacobian(theta, q)
@@ -88,10 +92,10 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
 
 
 def _inputs(parts: Parts) -> dict[str, int]:
-    """Names and sizes of the inputs beside the joints; torques where the robot's matter."""
+    """Names and sizes of the inputs beside the joints; torques and their like where they matter."""
     n = len(parts.joint_names)
     sizes = {name: n if size is None else size for name, size in SITUATION.items()}
-    return sizes | ({"torques": n} if parts.torque.any() else {})
+    return sizes | {name: n if each else 1 for name, (_, turned, each) in parts.proportional.items() if turned.any()}
 
 
 def _size(moves: list[Any]) -> Any:

@@ -17,7 +17,9 @@ from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import CalibrationError
 from irbcal.modeling.parts import Bend, Chain, Lever, Wave, map_parts
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import bases, inputs
 from irbcal.modeling.terms.direction import WIDTHS
+from irbcal.modeling.terms.term import Proportional
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +75,9 @@ class Parts(Locked):
     payload_kg: float
     payload_place: FloatArray
     """Shape (3,). What is carried where nothing is said: mass, and its centre in the tip link."""
-    torque: FloatArray
-    """Shape (n,). Compliance under the torques that the robot reports, rad/(N m)."""
+    proportional: Mapping[str, tuple[float, FloatArray, bool]]
+    """By the names of inputs: their usual value (SI units), what joints turn on by what is above it, shape (n,), and
+    whether each joint has a value."""
     direction: FloatArray
     width: FloatArray
     move: FloatArray
@@ -97,6 +100,14 @@ class Parts(Locked):
     def has_history(self) -> bool:
         """Whether the last move matters."""
         return bool(self.direction.any() or self.move.any() or self.share.any())
+
+    @property
+    def torque(self) -> FloatArray:
+        """Compliance under reported torques, rad/(N m); a `CalibrationError` where C++ does not know what matters."""
+        others = [name for name, (_, turned, _) in self.proportional.items() if turned.any() and name != "torques"]
+        if others:
+            raise CalibrationError(f"the joint map depends on {', '.join(others)}, which exports in C++ do not know")
+        return self.proportional["torques"][1]
 
     @property
     def stride(self) -> FloatArray:
@@ -156,10 +167,12 @@ class Parts(Locked):
         }
         source = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
         parts = map_parts(robot.joint_map.terms, robot.joint_map.payload_kg)
-        proportional = parts.pop("proportional")
-        parts["torque"] = proportional.pop("torque", np.zeros(n))
-        if proportional:
-            raise CalibrationError(f"the joint map has terms ({', '.join(proportional)}) that exports do not know")
+        proportional = parts["proportional"]
+        parts["proportional"] = {
+            name: (given.usual, proportional.get(name, np.zeros(n)), given.of_joints)
+            for name, given in inputs().items()
+            if any(isinstance(basis, Proportional) and given in basis.inputs for basis in bases().values())
+        }
         return Parts(**(common | parts | source))
 
     def carrying(self, payload_kg: float, payload_at: FloatArray | None = None) -> Parts:
@@ -173,13 +186,8 @@ class Vectors(Locked):
     """Test vectors of an export, n rows each."""
 
     q: FloatArray
-    previous: FloatArray
-    """Shape (n, joints). ``previous`` is NaN where the stop before is not known."""
-    payload_kg: FloatArray
-    """Shape (n,)."""
-    payload_place: FloatArray
-    """Shape (n, 3)."""
-    torques: FloatArray
+    inputs: Mapping[str, FloatArray]
+    """``previous``, NaN where the stop before is not known, ``payload_kg``, …, n rows each."""
     effective: FloatArray
     """Shape (n, joints)."""
     tip: FloatArray
@@ -203,13 +211,14 @@ def vectors_of(robot: Robot, parts: Parts) -> Vectors:
     if several:
         payload_at = payload_at + 0.1 * rng.uniform(-1, 1, payload_at.shape)
     q, previous, load = robot.arm.random_stops(TESTS, parts.payload_kg, several)
-    torques = rng.normal(0.0, 50.0, q.shape) if parts.torque.any() else np.zeros(q.shape)
     previous[::4] = np.nan
     previous[1::4] = q[1::4] - 0.01 * previous[1::4]  # short moves
-    known = {"payload_kg": load, "payload_place": payload_at, "torques": torques}
-    effective = np.array(robot.joint_map.effective(q, previous, **known), dtype=float)
-    tip = robot.replace(frame_terms=None).forward(q, previous, **known)[:, :3]
-    return Vectors(q, previous, load, payload_at, torques, effective, tip)
+    given = {"previous": previous, "payload_kg": load, "payload_place": payload_at}
+    for name, (usual, turned, of_joints) in parts.proportional.items():
+        shape = q.shape if of_joints else q.shape[:1]
+        given[name] = usual + (rng.normal(0.0, 50.0, shape) if turned.any() else np.zeros(shape))
+    effective = np.array(robot.joint_map.effective(q, **given), dtype=float)
+    return Vectors(q, given, effective, robot.replace(frame_terms=None).forward(q, **given)[:, :3])
 
 
 LANGUAGES = {"py": literals.python, "hpp": literals.cpp, "cpp": literals.cpp}

@@ -11,8 +11,8 @@ of JOINT_NAMES.
     tip_jacobian(q)    its derivative: linear above angular, in the base
     inverse(T, seed)   commanded joints of a pose from a seed, or None
 
-All take the stop before as ``previous`` (None: not known), ``payload_kg``, ``payload_place`` in the tip link, and
-``torques`` that the robot reports.
+All take the stop before as ``previous`` (None: not known), and by their names ``payload_kg``, ``payload_place`` in the
+tip link, and what is read beside the joints (PROPORTIONAL): ``torques`` that the robot reports.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Plain(SimpleNamespace):
         moves: Floats | None,
         kg: Any,
         centre: Floats,
-        torques: Floats | None,
+        readings: Mapping[str, Floats],
         size: Any | None = None,
     ) -> list[Any]:
         """What effective joints are more than commanded ones; size: the largest part of the move unless given."""
@@ -131,9 +131,10 @@ class Plain(SimpleNamespace):
                     if compliance:
                         gz = _cross(self.GRAVITY, attitudes[j][2])
                         f[j] += compliance * kg * _dot(_minus(p, origins[j]), gz)
-        if torques is not None:
-            for j, (compliance, torque) in enumerate(zip(self.TORQUE, torques, strict=True)):
-                f[j] += compliance * torque
+        for name, values in readings.items():
+            usual, coefficients, _ = self.PROPORTIONAL[name]
+            for j, (coefficient, value) in enumerate(zip(coefficients, values, strict=True)):
+                f[j] += coefficient * (value - usual)
         if moves is not None:
             size = self._size(moves) if size is None else size
             for j in range(self.JOINTS):
@@ -150,41 +151,36 @@ class Plain(SimpleNamespace):
     def _situation(
         self,
         q: Floats,
-        previous: Floats | None,
-        payload_kg: float | None,
-        payload_place: Floats | None,
-        torques: Floats | None,
-    ) -> tuple[Floats | None, Any, Floats, Floats | None]:
+        previous: Floats | None = None,
+        payload_kg: float | None = None,
+        payload_place: Floats | None = None,
+        **readings: Any,
+    ) -> tuple[Floats | None, Any, Floats, Mapping[str, Floats]]:
         if len(q) != self.JOINTS:
             raise ValueError(f"expected {self.JOINTS} joints, found {len(q)}")
         moves = None
         if previous is not None and self.HAS_HISTORY and all(isfinite(x) for x in previous):
             moves = [a - b for a, b in zip(q, previous, strict=True)]
         kg = self.PAYLOAD_KG if payload_kg is None or not isfinite(payload_kg) else payload_kg
-        return moves, kg, self.PAYLOAD_PLACE if payload_place is None else payload_place, torques
+        for name in readings:
+            if name not in self.PROPORTIONAL:
+                known = ("payload_kg", "payload_place", *self.PROPORTIONAL)
+                raise TypeError(f"unknown input {name!r}: there are {', '.join(known)}")
+        of_joints = {
+            name: value if hasattr(value, "__len__") else [value] * self.JOINTS
+            for name, value in readings.items()
+            if value is not None
+        }
+        return moves, kg, self.PAYLOAD_PLACE if payload_place is None else payload_place, of_joints
 
-    def effective(
-        self,
-        q: Floats,
-        previous: Floats | None = None,
-        payload_kg: float | None = None,
-        payload_place: Floats | None = None,
-        torques: Floats | None = None,
-    ) -> list[float]:
+    def effective(self, q: Floats, previous: Floats | None = None, **inputs: Any) -> list[float]:
         """Effective joints, the joints of calibrated.urdf, for commanded ones."""
-        f = self._shift(q, *self._situation(q, previous, payload_kg, payload_place, torques))
+        f = self._shift(q, *self._situation(q, previous, **inputs))
         return [a + b for a, b in zip(q, f, strict=True)]
 
-    def jacobian(
-        self,
-        q: Floats,
-        previous: Floats | None = None,
-        payload_kg: float | None = None,
-        payload_place: Floats | None = None,
-        torques: Floats | None = None,
-    ) -> list[list[float]]:
+    def jacobian(self, q: Floats, previous: Floats | None = None, **inputs: Any) -> list[list[float]]:
         """Derivative of the effective by the commanded joints, row by row."""
-        moves, kg, centre, _ = self._situation(q, previous, payload_kg, payload_place, torques)
+        moves, kg, centre, _ = self._situation(q, previous, **inputs)
         J = [[(1.0 + self.GAIN[i]) * (i == j) for j in range(self.JOINTS)] for i in range(self.JOINTS)]
         trigonometry = self._trigonometry(q)
         for i, series in enumerate(self.SERIES):
@@ -267,18 +263,12 @@ class Plain(SimpleNamespace):
         return None
 
     def commanded(
-        self,
-        theta: Floats,
-        previous: Floats | None = None,
-        payload_kg: float | None = None,
-        payload_place: Floats | None = None,
-        torques: Floats | None = None,
-        start: Floats | None = None,
+        self, theta: Floats, previous: Floats | None = None, start: Floats | None = None, **inputs: Any
     ) -> list[float] | None:
         """Commanded joints that give effective ones; None where that does not converge."""
 
         def shift(q: Floats) -> Floats:
-            return self._shift(q, *self._situation(q, previous, payload_kg, payload_place, torques))
+            return self._shift(q, *self._situation(q, previous, **inputs))
 
         return self._settle(theta, list(theta if start is None else start), shift)
 
@@ -293,12 +283,10 @@ class Plain(SimpleNamespace):
         theta: Floats,
         moves: Floats,
         start: Floats,
-        payload_kg: float | None = None,
-        payload_place: Floats | None = None,
-        torques: Floats | None = None,
+        **inputs: Any,
     ) -> list[float] | None:
         """Commanded joints on a way, where the arm leans to a side (`lean`); None where that does not converge."""
-        situation = self._situation(start, None, payload_kg, payload_place, torques)[1:]
+        situation = self._situation(start, **inputs)[1:]
         largest = max(abs(a) for a in moves)
         if not self.HAS_HISTORY or largest == 0.0:
             return self._settle(theta, list(start), lambda q: self._shift(q, None, *situation))
@@ -309,16 +297,9 @@ class Plain(SimpleNamespace):
         """The tip in the base for joints of calibrated.urdf."""
         return _rows(*self._tip(self.CHAIN, *self._walk(self.CHAIN, theta, self._trigonometry(theta))))
 
-    def forward(
-        self,
-        q: Floats,
-        previous: Floats | None = None,
-        payload_kg: float | None = None,
-        payload_place: Floats | None = None,
-        torques: Floats | None = None,
-    ) -> list[list[float]]:
+    def forward(self, q: Floats, previous: Floats | None = None, **inputs: Any) -> list[list[float]]:
         """The tip in the base for commanded joints."""
-        return self.forward_effective(self.effective(q, previous, payload_kg, payload_place, torques))
+        return self.forward_effective(self.effective(q, previous, **inputs))
 
     def forward_nominal(self, q: Floats) -> list[list[float]]:
         """The tip of the nominal robot: what a program that was written for it wants."""
@@ -333,17 +314,10 @@ class Plain(SimpleNamespace):
             columns.append((*z, 0.0, 0.0, 0.0) if slides else (*_cross(z, _minus(p, o)), *z))
         return R, p, columns
 
-    def tip_jacobian(
-        self,
-        q: Floats,
-        previous: Floats | None = None,
-        payload_kg: float | None = None,
-        payload_place: Floats | None = None,
-        torques: Floats | None = None,
-    ) -> list[list[float]]:
+    def tip_jacobian(self, q: Floats, previous: Floats | None = None, **inputs: Any) -> list[list[float]]:
         """Derivative of the tip's place and rotation in the base by the commanded joints, six rows."""
-        situation = (previous, payload_kg, payload_place, torques)
-        columns, J = self._geometric(self.effective(q, *situation))[2], self.jacobian(q, *situation)
+        columns = self._geometric(self.effective(q, previous, **inputs))[2]
+        J = self.jacobian(q, previous, **inputs)
         return [
             [sum(columns[k][r] * J[k][j] for k in range(self.JOINTS)) for j in range(self.JOINTS)] for r in range(6)
         ]
@@ -429,26 +403,25 @@ class Plain(SimpleNamespace):
         T: Floats,
         seed: Floats,
         previous: Floats | None = None,
-        payload_kg: float | None = None,
-        payload_place: Floats | None = None,
-        torques: Floats | None = None,
         tolerance: float = 1e-12,
+        **inputs: Any,
     ) -> list[float] | None:
         """Commanded joints of a pose from a seed, or None; limits are not regarded."""
-        situation = (previous, payload_kg, payload_place, torques)
-        begin = self.effective(seed, *situation)
+        begin = self.effective(seed, previous, **inputs)
         theta = self.inverse_effective(T, begin, tolerance)
         if theta is None:
             return None
-        return self.commanded(theta, *situation, start=[a + b - c for a, b, c in zip(seed, theta, begin, strict=True)])
+        start = [a + b - c for a, b, c in zip(seed, theta, begin, strict=True)]
+        return self.commanded(theta, previous, start, **inputs)
 
     def check(self) -> float:
         """The largest difference from the test vectors, radians or metres; infinite where the way back is not found."""
         worst = 0.0
-        for q, previous, kg, centre, torques, theta, tip in zip(*self.TESTS.values(), strict=True):
-            situation = (previous, kg, centre, torques)
-            effective, T = self.effective(q, *situation), self.forward(q, *situation)
-            commanded = self.commanded(effective, *situation)
+        for k, q in enumerate(self.TESTS["q"]):
+            theta, tip = self.TESTS["effective"][k], self.TESTS["tip"][k]
+            inputs = {name: values[k] for name, values in self.TESTS["inputs"].items()}
+            effective, T = self.effective(q, **inputs), self.forward(q, **inputs)
+            commanded = self.commanded(effective, **inputs)
             if commanded is None:
                 return inf
             pairs = [

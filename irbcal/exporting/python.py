@@ -23,7 +23,7 @@ WHAT = "Python: a module on numpy alone, and the same on plain floats"
 NEXT = "python {folder}/{word}_calibrated.py     # are its numbers right here, too?"
 
 ARRAYS = (
-    *("slides", "lower", "upper", "speed", "coupling", "gravity", "gain", "offset", "compliance", "torque"),
+    *("slides", "lower", "upper", "speed", "coupling", "gravity", "gain", "offset", "compliance"),
     *("direction", "width", "move", "share", "stride"),
 )
 """Of `Parts`, taken as they are."""
@@ -88,7 +88,9 @@ def constants(parts: Parts, vectors: Vectors) -> dict[str, Any]:
         "PAYLOAD_KG": parts.payload_kg,
         "PAYLOAD_PLACE": parts.payload_place.tolist(),
         "HAS_HISTORY": parts.has_history,
-        "TESTS": {name: value.tolist() for name, value in vars(vectors).items()},
+        "PROPORTIONAL": {name: (usual, c.tolist(), each) for name, (usual, c, each) in parts.proportional.items()},
+        "TESTS": {name: getattr(vectors, name).tolist() for name in ("q", "effective", "tip")}
+        | {"inputs": {name: values.tolist() for name, values in vectors.inputs.items()}},
     }
 
 

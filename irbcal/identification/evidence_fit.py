@@ -41,7 +41,7 @@ from irbcal.modeling.terms.gear import gear_terms, in_words
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import TermMap, motion_at_use
+from irbcal.modeling.terms.term_map import TermMap
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
@@ -233,14 +233,17 @@ class EvidenceFit(Result):
     history: None = None
 
     @cached_property
+    def joint_map(self) -> JointMap:
+        """The terms about the joints' own axes, of the warm arm with the usual load."""
+        return JointMap(self.term_map().part(False), self.joint_ranges, self.usual_kg)
+
+    @cached_property
     def robot(self) -> Robot:
         """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
-        terms = self.term_map()
-        joint_map = JointMap(terms.part(False), self.joint_ranges, self.usual_kg)
-        frame_terms = terms.part(True)
+        frame_terms = self.term_map().part(True)
         return Robot(
             self.arm,
-            joint_map,
+            self.joint_map,
             self.T_world_base,
             self.targets,
             self.target_rotations,
@@ -264,7 +267,7 @@ class EvidenceFit(Result):
         """
         if all(term.family != "warm_up" for term in self.terms):
             return None
-        at_use = self.motion_at(points.q, points.previous, **points.inputs)
+        at_use = self.joint_map.motion(points.q, points.previous, **points.inputs)
         T = self.term_map(warm=False).forward(self.arm, replace(at_use, elapsed=elapsed))
         away = self.T_world_base @ (T - self.term_map().forward(self.arm, at_use))
         targets = np.array([self.targets[name] for name in points.target_names])[points.target]
@@ -463,20 +466,6 @@ class EvidenceFit(Result):
         by_name = {t.name: c for t, c in zip(self.terms, self.coefficients, strict=True)}
         pair = [by_name[term.name] for term in gear_terms(gear.joint, gear.cycles_per_turn)]
         return float(np.hypot(*pair))
-
-    def motion_at(self, q: FloatArray, previous: FloatArray | None = None, **inputs: FloatArray | None) -> Motion:
-        """The motion that predictions are for: of the warm arm, with the usual load unless told otherwise.
-
-        Parameters
-        ----------
-        q, previous : ndarray, shape (n, joints)
-        **inputs : ndarray
-            ``payload_kg``, …: see `irbcal.modeling.joint_map.JointMap.effective`.
-        """
-        q = np.atleast_2d(np.asarray(q, dtype=float))
-        before = None if previous is None else np.atleast_2d(np.asarray(previous, dtype=float))
-        place = next((t.parameters.get("place") for t in self.terms if t.basis == "payload"), None)
-        return motion_at_use(q, before, inputs, self.usual_kg, place if isinstance(place, tuple) else None)
 
     @cached_property
     def certainty(self) -> Certainty:

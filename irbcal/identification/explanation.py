@@ -65,7 +65,7 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
     terms = [term for _, added, _ in plan for term in added]
     linear = Linearisation(problem, state, stops, terms, fit.readings_projected)
     sums, t = linear.sums(), fit_temper(linear.per_pose)
-    use = found.motion_at(heldout.q, heldout.previous, **heldout.inputs)
+    use = found.joint_map.motion(heldout.q, heldout.previous, **heldout.inputs)
     count, out = 0, []
     for words, added, carried in plan:
         count += len(added)

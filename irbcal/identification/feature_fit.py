@@ -270,7 +270,7 @@ class FeatureFit(EvidenceFit):
         At joints between those of the rows: from the variances that the data gave the terms, and from what is left of
         them. How the arm as a whole stands does not count, nor before the rows where the point is on the tool.
         """
-        motion = self.motion_at(_between(self.problem.rows.q))
+        motion = self.joint_map.motion(_between(self.problem.rows.q))
         path = chain.walk(self.nominal, motion.q)
         sizes = {group.name: group.size for group in self.groups}
         flat = len(self.covariance) - len(self.terms)

@@ -354,7 +354,7 @@ class JointMapSection(Section):
         rng, drawn = np.random.default_rng(3), {"payload_kg": load}
         for given in (given for term in joint_map.terms.terms for given in bases()[term.basis].inputs):
             if given.name not in drawn and not given.told_once:
-                drawn[given.name] = given.usual + rng.normal(0.0, 50.0, given.shape(*q.shape))
+                drawn[given.name] = given.usual + rng.normal(0.0, 50.0, given.shape(q.shape))
         motion = Motion(q, q - q_before, inputs=drawn)
         return JointMapSection(**joint_map.terms.to_json(joint_map.ranges, motion), payload_kg=joint_map.payload_kg)
 

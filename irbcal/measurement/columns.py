@@ -523,15 +523,9 @@ class InputTable:
 def without_gaps(
     told: Mapping[str, FloatArray], joints: int, refuse: Callable[[BoolArray, str, str], None]
 ) -> dict[str, FloatArray]:
-    """Inputs of the error model's terms without gaps: the usual values, or the one mass that is told.
+    """Inputs of the error model's terms (NaN where not told) without gaps: the usual values, or the one mass told.
 
-    Parameters
-    ----------
-    told : dict of str to ndarray, shape (n,) or (n, values)
-        SI units, NaN where not told.
-    joints : int
-    refuse : callable
-        Refuses the first of the marked rows, in which a column should hold something.
+    ``refuse`` refuses the first of marked rows, and says in which column what was expected.
     """
     load = told.get("payload_kg", np.zeros(0))
     gaps = ~np.isfinite(load)
@@ -545,7 +539,9 @@ def without_gaps(
         lost = np.isnan(told["payload_place"]).any(axis=1)
         refuse(lost & (np.where(gaps, masses[0], load) > 0.0), PAYLOAD_CENTRE[0], "the place of the payload")
     usual = {"payload_kg": masses[0]} if len(masses) else {}
-    return {name: inputs()[name].filled(values, len(values), joints, usual.get(name)) for name, values in told.items()}
+    return {
+        name: inputs()[name].filled(values, (len(values), joints), usual.get(name)) for name, values in told.items()
+    }
 
 
 def read_targets(table: TableLike) -> dict[str, FloatArray]:

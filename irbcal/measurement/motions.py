@@ -105,19 +105,7 @@ def usual_load(loads: FloatArray | None) -> float | None:
 
 
 def inputs_of(points: PointSet, source: str) -> dict[str, FloatArray]:
-    """Inputs of the error model's terms at each pose, without gaps.
-
-    Parameters
-    ----------
-    points : PointSet
-    source : str
-        File name for messages.
-
-    Raises
-    ------
-    MeasurementError
-        If several loads were carried and it is not told where which.
-    """
+    """Inputs of the error model's terms at each pose: `without_gaps`; refusals name the file and the pose."""
 
     def refuse(bad: BoolArray, column: str, expected: str) -> None:
         if bad.any():

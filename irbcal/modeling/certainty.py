@@ -8,7 +8,7 @@ were left out of the fit one at a time. The scatter of the parameters alone hold
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -246,13 +246,12 @@ class Certainty(Locked):
     def predict(
         self,
         walk: Callable[[Motion], chain.Walk],
-        q: ArrayLike,
+        motion: Motion,
         previous: ArrayLike | None,
         point: FloatArray,
         target: str | None,
         T_world_base: FloatArray,
         in_order: bool = False,
-        inputs: Mapping[str, FloatArray] | None = None,
     ) -> Prediction:
         """Places of a point of the tool, with what is known of them; see `irbcal.modeling.robot.Robot.predict`.
 
@@ -260,10 +259,10 @@ class Certainty(Locked):
         ----------
         walk : callable
             From a motion to the calibrated arm there.
-        q : array_like, shape (n, joints)
-            Commanded joints, radians (metres for prismatic joints).
+        motion : Motion
+            See `irbcal.modeling.joint_map.JointMap.motion`.
         previous : array_like, shape (n, joints), optional
-            The stop before each; rows with NaN are not known.
+            The stop before each; rows with NaN are not known, and their moves zero in the motion.
         point : ndarray, shape (3,)
             In the tip link, metres.
         target : str or None
@@ -271,8 +270,6 @@ class Certainty(Locked):
         T_world_base : ndarray, shape (4, 4)
         in_order : bool
             Take the residuals of contiguous blocks of poses in place of single ones.
-        inputs : dict, optional
-            Inputs of the terms at each, see `irbcal.modeling.joint_map.JointMap.inputs`.
 
         Raises
         ------
@@ -280,22 +277,21 @@ class Certainty(Locked):
             If leave-one-out residuals are not known or not determined.
         """
         loo = self.determined_left_out(target, in_order)
-        position, covariance, outside = self.positions(walk, q, previous, point, target, T_world_base, inputs)
+        position, covariance, outside = self.positions(walk, motion, previous, point, target, T_world_base)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         return Prediction(position, covariance, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0), outside)
 
     def positions(
         self,
         walk: Callable[[Motion], chain.Walk],
-        q: ArrayLike,
+        motion: Motion,
         previous: ArrayLike | None,
         point: FloatArray,
         target: str | None,
         T_world_base: FloatArray,
-        inputs: Mapping[str, FloatArray] | None = None,
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Positions (n, 3), their covariance (n, 3, 3) and which poses are outside; parameters as `predict`."""
-        motion, has_move = _motion(q, previous, inputs)
+        has_move = known_moves(motion, previous)
         T = np.eye(4) if target is None else T_world_base
         R = T[:3, :3]
         position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
@@ -311,15 +307,14 @@ class Certainty(Locked):
     def moves(
         self,
         walk: Callable[[Motion], chain.Walk],
-        q: ArrayLike,
+        motion: Motion,
         previous: ArrayLike | None,
         point: FloatArray,
         target: str,
-        inputs: Mapping[str, FloatArray],
     ) -> tuple[FloatArray, FloatArray]:
         """Lengths of the ways from each place to the next, and half-widths, shape (n - 1,); parameters as `predict`."""
         loo = self.determined_left_out(target)
-        motion, has_move = _motion(q, previous, inputs)
+        has_move = known_moves(motion, previous)
         count = max(len(motion) - 1, 0)
         length, variance = np.zeros(count), np.zeros(count)
         for start in range(0, count, BLOCK):
@@ -339,12 +334,8 @@ class Certainty(Locked):
         return length, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + 2.0 * loo**2 / 3.0)
 
 
-def _motion(
-    q: ArrayLike, previous: ArrayLike | None, inputs: Mapping[str, FloatArray] | None
-) -> tuple[Motion, BoolArray]:
-    """The motion with its inputs, moves that are not known zero, and where they are known, shape (n,)."""
-    q = np.atleast_2d(np.asarray(q, dtype=float))
-    has_move = np.zeros(len(q), dtype=bool)
-    if previous is not None:
-        has_move[:] = np.isfinite(q - np.asarray(previous, dtype=float)).all(axis=1)
-    return replace(Motion.after(q, previous), inputs=inputs or {}), has_move
+def known_moves(motion: Motion, previous: ArrayLike | None) -> BoolArray:
+    """At which stops the one before is known, shape (n,)."""
+    if previous is None:
+        return np.zeros(len(motion), dtype=bool)
+    return np.asarray(np.isfinite(motion.q - np.asarray(previous, dtype=float)).all(axis=1))

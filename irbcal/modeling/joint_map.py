@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,11 +13,12 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parts import compiled, map_parts, stops
-from irbcal.modeling.terms import bases
+from irbcal.modeling.terms import bases, told
+from irbcal.modeling.terms import inputs as by_name
 from irbcal.modeling.terms.payload import largest_torque
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import TermMap, motion_at_use
+from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.waves import NOTHING, Expansion, Turns
 
 HISTORY = ("direction", "share_of_move", "move")
@@ -215,11 +215,11 @@ class JointMap:
 
     def motion(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> Motion:
         """The motion that the terms are functions of, with what is assumed where nothing is given; see `effective`."""
-        return motion_at_use(q, previous, inputs, self.payload_kg, self.payload_place)
-
-    def inputs(self, n: int, **given: ArrayLike | None) -> Mapping[str, FloatArray]:
-        """Inputs of the terms at n stops, as given or as usual; see `effective`."""
-        return self.motion(np.zeros((n, len(self.terms.arm.joint_names))), **given).inputs
+        q = np.asarray(q, dtype=float)
+        usual: dict[str, Any] = {"payload_kg": self.payload_kg or 0.0, "payload_place": self.payload_place}
+        given: dict[str, ArrayLike] = {"payload_kg": usual["payload_kg"], **told(inputs)}
+        known = {name: by_name()[name].filled(value, q.shape, usual.get(name)) for name, value in given.items()}
+        return replace(Motion.after(q, previous), inputs=known)
 
     def effective(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> FloatArray:
         """Effective joints.

@@ -20,7 +20,7 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import QUARTER, Row
-from irbcal.modeling.terms import bases, told
+from irbcal.modeling.terms import bases, inputs, told
 from irbcal.modeling.terms.own_weight import levers_of
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.term import AXES, Proportional, Term
@@ -158,7 +158,7 @@ def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
                 centres.add(tuple(np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float).tolist()))
             values[simple[term.basis]][term.joint] += coefficient
         elif isinstance(bases()[term.basis], Proportional):
-            proportional.setdefault(term.basis, np.zeros(n))[term.joint] += coefficient
+            proportional.setdefault(bases()[term.basis].inputs[0].name, np.zeros(n))[term.joint] += coefficient
         else:
             raise _unknown(term)
     if len(centres) > 1:
@@ -310,9 +310,8 @@ def stops(
         return None
     added: FloatArray | None = None
     for name, coefficients in parts["proportional"].items() if parts else ():
-        basis = bases()[name]
-        if isinstance(basis, Proportional) and basis.inputs[0].name in known:
-            part = coefficients * basis.above(known[basis.inputs[0].name], *q.shape)
+        if name in known:
+            part = coefficients * inputs()[name].above(known[name], q.shape)
             added = part if added is None else added + part
     load = (known.get("payload_kg"), q.shape[:1]), (known.get("payload_place"), (len(q), 3))
     values = ((previous, q.shape), *load, (added, q.shape))

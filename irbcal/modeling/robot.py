@@ -243,8 +243,8 @@ class Robot:
         """
         certainty, name = self._certain(target)
         q = self.arm.check_joints(q)
-        known, point = self.joint_map.inputs(len(q), **inputs), self.targets[name]
-        return certainty.predict(self.walk, q, previous, point, name, self.T_world_base, in_order, known)
+        motion, point = self.joint_map.motion(q, previous, **inputs), self.targets[name]
+        return certainty.predict(self.walk, motion, previous, point, name, self.T_world_base, in_order)
 
     def predict_moves(
         self,
@@ -259,8 +259,8 @@ class Robot:
         """
         certainty, name = self._certain(target)
         q = self.arm.check_joints(q)
-        known = self.joint_map.inputs(len(q), **inputs)
-        return certainty.moves(self.walk, q, previous, self.targets[name], name, known)
+        motion = self.joint_map.motion(q, previous, **inputs)
+        return certainty.moves(self.walk, motion, previous, self.targets[name], name)
 
     def _certain(self, target: str | None) -> tuple[Certainty, str]:
         """What is known of the robot, and which target is meant."""
@@ -282,8 +282,8 @@ class Robot:
         if self.certainty is None:
             raise RobotError(f"nothing is known of how certain {self.arm.name} is", parameter="certainty")
         q = self.arm.check_joints(q)
-        known = self.joint_map.inputs(len(q))
-        return self.certainty.predict(self.walk, q, previous, np.zeros(3), None, self.T_world_base, inputs=known)
+        motion = self.joint_map.motion(q, previous)
+        return self.certainty.predict(self.walk, motion, previous, np.zeros(3), None, self.T_world_base)
 
     def replace(self, **changes: Any) -> Robot:
         """A copy with some fields changed."""

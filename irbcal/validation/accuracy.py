@@ -403,8 +403,8 @@ def position_std(
     robot = calibration.robot_calibrated() if robot is None else robot
     assert robot.certainty is not None
     position = np.zeros(3) if target is None else robot.targets[target]
-    usual = robot.joint_map.inputs(len(q))
-    _, covariance, _ = robot.certainty.positions(robot.walk, q, None, position, target, robot.T_world_base, usual)
+    motion = robot.joint_map.motion(q)
+    _, covariance, _ = robot.certainty.positions(robot.walk, motion, None, position, target, robot.T_world_base)
     return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
 
 

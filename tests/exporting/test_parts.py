@@ -68,11 +68,10 @@ def test_identifiers():
 def test_vectors_have_known_and_unknown_stops_and_several_loads(sources):
     robot, parts = sources["ur10"].robot, sources["ur10"].parts
     vectors = vectors_of(robot, parts)
-    unknown = np.isnan(vectors.previous).all(axis=1)
+    unknown = np.isnan(vectors.inputs["previous"]).all(axis=1)
     assert 0 < unknown.sum() < len(vectors)
-    assert len(set(vectors.payload_kg)) == 5
-    known = {name: getattr(vectors, name) for name in ("previous", "payload_kg", "payload_place", "torques")}
-    assert np.array_equal(robot.forward(vectors.q, **known)[:, :3], vectors.tip)
+    assert len(set(vectors.inputs["payload_kg"])) == 5
+    assert np.array_equal(robot.forward(vectors.q, **vectors.inputs)[:, :3], vectors.tip)
 
 
 TEXTURED = b'<material name="steel"><texture filename="meshes/steel.png"/></material></robot>'

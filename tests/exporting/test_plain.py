@@ -16,18 +16,18 @@ def test_it_computes_what_irbcal_computes(sources, name):
     robot, batch, plain = source.robot, Batch(**constants), Plain(**constants)
     q, situation = situations(robot, 20, 21)
     theta, T = robot.joint_map.effective(q, **situation), robot.forward(q, **situation)
-    rows = [(x.tolist(), *(part.tolist() for part in rest)) for x, *rest in zip(q, *situation.values(), strict=True)]
+    rows = [(q[k].tolist(), {name: values[k].tolist() for name, values in situation.items()}) for k in range(len(q))]
     for function, wanted in (
         (plain.effective, theta),
         (plain.forward, T[:, :3]),
         (plain.jacobian, batch.jacobian(q, **situation)),
         (plain.tip_jacobian, batch.tip_jacobian(q, **situation)),
     ):
-        assert np.abs(np.array([function(*row) for row in rows]) - wanted).max() < 1e-12
-    for row, wanted in zip(rows, T.tolist(), strict=True):
-        joints = plain.inverse(wanted, [x + 0.02 for x in row[0]], *row[1:])
+        assert np.abs(np.array([function(x, **given) for x, given in rows]) - wanted).max() < 1e-12
+    for (at, given), wanted in zip(rows, T.tolist(), strict=True):
+        joints = plain.inverse(wanted, [x + 0.02 for x in at], **given)
         if joints is not None:
-            assert np.abs(np.array(plain.forward(joints, *row[1:])) - np.array(wanted)[:3]).max() < 5e-12
+            assert np.abs(np.array(plain.forward(joints, **given)) - np.array(wanted)[:3]).max() < 5e-12
 
 
 def test_wrong_shapes_are_refused(sources):

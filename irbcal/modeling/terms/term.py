@@ -172,10 +172,10 @@ class Input:
         """Its columns for an arm with so many joints."""
         return tuple(self.columns[0].format(k) for k in range(1, joints + 1)) if self.of_joints else self.columns
 
-    def shape(self, n: int, joints: int) -> tuple[int, ...]:
-        """Shape of the values at n poses."""
-        width = len(self.names(joints))
-        return (n, width) if self.of_joints or width > 1 else (n,)
+    def shape(self, joints: tuple[int, ...]) -> tuple[int, ...]:
+        """Shape of the values, by that of the joints of their poses, (n, joints)."""
+        width = len(self.names(joints[1]))
+        return (joints[0], width) if self.of_joints or width > 1 else joints[:1]
 
     def from_columns(self, columns: Sequence[Sequence[float | None] | FloatArray] | FloatArray) -> FloatArray:
         """Values in SI units, (n,) or (n, columns), from columns as a measurement file has them."""
@@ -187,14 +187,19 @@ class Input:
         columns = values.reshape(len(values), -1).T / self.kind.unit
         return dict(zip(self.names(len(columns)), columns, strict=True))
 
-    def filled(self, values: ArrayLike, n: int, joints: int, usual: ArrayLike | None = None) -> FloatArray:
-        """Values at n poses where one or n are given, the usual ones where they are not finite."""
-        shape = self.shape(n, joints)
+    def filled(self, values: ArrayLike, joints: tuple[int, ...], usual: ArrayLike | None = None) -> FloatArray:
+        """Values of `shape` where those of one pose or of all are given, the usual ones where they are not finite."""
+        shape = self.shape(joints)
         out = np.broadcast_to(np.asarray(values, dtype=float), shape)
         finite = np.isfinite(out)
         if len(shape) > 1 and not self.of_joints:
             finite = finite.all(axis=1, keepdims=True)
         return np.where(finite, out, self.usual if usual is None else usual)
+
+    def above(self, values: ArrayLike, joints: tuple[int, ...]) -> FloatArray:
+        """By how much values are above the usual at each joint, shape (n, joints)."""
+        above = self.filled(values, joints) - self.usual
+        return np.asarray(np.broadcast_to(above if self.of_joints else above[:, None], joints))
 
 
 class Basis(ABC):
@@ -235,20 +240,13 @@ class Basis(ABC):
 class Proportional(Basis):
     """What is read beside the joints, its one input, above the usual: of the pose or, if all have one, of the joint.
 
-    The compiled kernel computes it as well.
+    The compiled kernel and exports compute it as well.
     """
-
-    def above(self, values: ArrayLike, n: int, joints: int) -> FloatArray:
-        """Of each joint, shape (n, joints); zero where values are not finite."""
-        (given,) = self.inputs
-        filled = given.filled(values, n, joints) - given.usual
-        return np.asarray(np.broadcast_to(filled if given.of_joints else filled[:, None], (n, joints)))
 
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Of the terms' joints, shape (terms, n)."""
-        motion = situation.motion
-        values = motion.inputs.get(self.inputs[0].name, np.nan)
-        return self.above(values, *motion.q.shape).T[[term.joint for term in terms]]
+        (given,), motion = self.inputs, situation.motion
+        return given.above(motion.inputs.get(given.name, np.nan), motion.q.shape).T[[term.joint for term in terms]]
 
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Zeros, shape (terms, n, joints): what would be read elsewhere is not known."""

@@ -7,50 +7,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms import bases, chain, inputs, told
+from irbcal.modeling.terms import bases, chain, inputs
 from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
 from irbcal.modeling.terms.term import AXES, Term, own_axis
 
 BLOCK = 1024
 """Poses whose terms are in memory at a time."""
 SCHEMA = "irbcal-joint-map-1"
-
-
-def motion_at_use(
-    q: ArrayLike,
-    previous: ArrayLike | None,
-    given: Mapping[str, ArrayLike | None],
-    payload_kg: float | None,
-    payload_place: ArrayLike | None,
-) -> Motion:
-    """The motion of a warm arm, with what is usual where nothing is known.
-
-    Parameters
-    ----------
-    q : array_like, shape (n, joints)
-        Commanded joints, radians (metres for prismatic joints).
-    previous : array_like, shape (n, joints) or (joints,), optional
-        The stop before each; rows with NaN are not known: no move.
-    given : dict of str to array_like
-        Inputs of terms by name, for each stop or for all.
-    payload_kg : float or None
-        Mass carried where none is given; zero where it was not told.
-    payload_place : array_like, shape (3,), optional
-        Its centre where a given one is not finite, metres; the tip link's origin unless given.
-    """
-    q = np.asarray(q, dtype=float)
-    usual = {
-        "payload_kg": payload_kg or 0.0,
-        "payload_place": (0.0, 0.0, 0.0) if payload_place is None else payload_place,
-    }
-    values = {"payload_kg": usual["payload_kg"]} | told(given)
-    filled = {name: inputs()[name].filled(value, len(q), q.shape[1], usual.get(name)) for name, value in values.items()}
-    return replace(Motion.after(q, previous), inputs=filled)
 
 
 def basis_values(terms: Sequence[Term], situation: Situation) -> FloatArray:
