@@ -129,12 +129,7 @@ class Sheet:
 
 def sheets(path: str | PathLike[str]) -> list[Sheet]:
     """The tables of a file, of a workbook's sheets, of an archive's files; what is no table is left out."""
-    out = []
-    for part in tables.parts_of(path):
-        sheet = _sheet(part)
-        if sheet is not None:
-            out.append(sheet)
-    return out
+    return [sheet for part in tables.parts_of(path) if (sheet := _sheet(part)) is not None]
 
 
 def _sheet(source: str) -> Sheet | None:
@@ -424,12 +419,8 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
     used = {*joints, *programmed, *(k for three in positions.values() for k in three)}
     labels = {}
     for k, name in enumerate(names):
-        word = _folded(name.text)
-        bare = _folded(name.bare)
-        hint = next(
-            (hint for hint in ("pose", "target", "name") if {word, bare} & _SETS[hint]),
-            "",
-        )
+        words = {_folded(name.text), _folded(name.bare)}
+        hint = next((hint for hint in ("pose", "target", "name") if words & _SETS[hint]), "")
         if k not in used and (hint or not numeric[k]):
             labels[k] = hint
     units = {names[k].unit or table.units.get(k) for k in joints} - {None}
@@ -449,11 +440,7 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
 
 def _numeric(table: TextTable) -> list[bool]:
     """Columns in which numbers stand, or marks of lost points beside them."""
-    out = []
-    for k in range(table.width):
-        values = table.parsed(k)
-        out.append(bool(np.isfinite(values).mean() >= 0.5))
-    return out
+    return [bool(np.isfinite(table.parsed(k)).mean() >= 0.5) for k in range(table.width)]
 
 
 def _declared_units(lines: Sequence[str]) -> dict[str, str]:
@@ -1158,7 +1145,6 @@ def _apart(points: Sequence[_Table], joints: str, joints_table: _Table | None) -
             base["lost"] = {"markers": markers}
     lengths = {table.roles.length_unit for table in points} - {None}
     length_unit = next(iter(lengths)) if len(lengths) == 1 else None
-    make = _Reading
     for labels in _labels(first.sheet, first.roles, None if len(points) > 1 else count):
         values = _put_labels(base, labels) | joint_values
         if len(points) > 1 and "fixed" in labels.keys:  # a file for each target
@@ -1167,7 +1153,7 @@ def _apart(points: Sequence[_Table], joints: str, joints_table: _Table | None) -
         elif None in first.roles.positions and "target" in labels.keys and "pose" not in labels.keys:
             values["pose_by"] = "target"
         for join in _joins(labels.poses, names_of_joints, count):
-            yield make(values | {"join": join}, sources, joints, tuple(points), joints_table, unit, length_unit)
+            yield _Reading(values | {"join": join}, sources, joints, tuple(points), joints_table, unit, length_unit)
 
 
 def _common_layout(points: Sequence[_Table]) -> dict[str, Any]:
