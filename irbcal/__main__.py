@@ -2,7 +2,7 @@
 
 import atexit
 import gc
-import importlib
+import importlib.util
 import os
 import signal
 import sys
@@ -39,7 +39,10 @@ def start() -> None:
         os.environ.update(dict.fromkeys(THREADS, "1"))
     _keep_memory()
     for name in ("pandas", "yaml"):  # many commands need neither
-        sys.modules.setdefault(name, Late(name))
+        if name not in sys.modules:
+            late = Late(name)
+            late.__spec__ = importlib.util.find_spec(name)  # others ask by it whether the package is there
+            sys.modules[name] = late
     plugins = Late("pydantic.plugin._loader")  # it would read the metadata of all packages to find some
     vars(plugins).update(get_plugins=tuple, __path__=[])
     sys.modules.setdefault(plugins.__name__, plugins)
