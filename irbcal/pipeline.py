@@ -552,7 +552,7 @@ def clean(inputs: Inputs) -> CleanInputs:
     """Leave out what cannot be, session by session, and join it with the points of the earlier calibration."""
     options, arm, earlier = inputs.options, inputs.urdf.arm, inputs.earlier
     measurements, check = inputs.measurements, inputs.verification
-    tools.check(measurements, options.model in (None, "auto"), options)
+    _check_loads(measurements, options)
     usual = tools.usual(measurements)
     sentences = tools.in_words(measurements, usual, options.same_tool)
     if not options.same_tool:
@@ -593,6 +593,33 @@ def clean(inputs: Inputs) -> CleanInputs:
         usual_kg=usual,
         notes=tuple(notes),
     )
+
+
+def _check_loads(measurements: MeasurementSet, options: Options) -> None:
+    """Refuse options on the load that the measurements do not allow."""
+    requested = [given for name, given in inputs_of_terms().items() if given.on_request and getattr(options, name)]
+    place_given = options.payload_place is not None
+    for name in (*(["payload_place"] if place_given else []), *(given.name for given in requested)):
+        if options.model not in (None, "auto"):
+            raise OptionError(f"{name}: only model auto knows the load: leave it out", parameter=name)
+    for given in requested:
+        if measurements.input(given.name) is None:
+            raise MeasurementError(
+                f"there are no {given.noun}: expected the columns {given.names(1)[0]} … of all joints",
+                file=measurements.source,
+                parameter=given.name,
+            )
+    if place_given and measurements.input("payload_place") is not None:
+        raise OptionError(
+            "payload_place: the measurements tell the payload's place themselves: leave it out",
+            parameter="payload_place",
+        )
+    if options.as_poses and not options.same_tool and tools.several_loads(measurements):
+        raise OptionError(
+            "as_poses: the poses carry several loads, so that the reflectors may have been mounted anew and are no one "
+            "rigid body: give same_tool if they stayed where they were",
+            parameter="as_poses",
+        )
 
 
 def _of_last_session(heldout: PointSet, points: PointSet) -> PointSet:

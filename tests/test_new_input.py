@@ -2,6 +2,7 @@
 
 import json
 import textwrap
+from dataclasses import replace
 
 import new_family
 import numpy as np
@@ -15,10 +16,13 @@ from irbcal.exporting import python
 from irbcal.exporting.batch import Batch
 from irbcal.exporting.parts import Parts, vectors_of
 from irbcal.exporting.plain import Plain
+from irbcal.measurement import cleaning
+from irbcal.measurement.sessions import joined
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.sessions import joined_motions
 
 ROOM = textwrap.dedent('''
     """Room: joints turn on as the room warms."""
@@ -110,6 +114,9 @@ def test_its_terms_are_identified_from_a_file(folder):
     written = json.loads((folder / "calibration" / "calibration.json").read_text())
     assert "room_c" in written["joint_map"]["inputs"]
     assert len(written["poses"]["inputs"]["room_c"]) == len(written["poses"]["pose"])
+    points, _ = record.used_points(heldout=None)
+    told = pd.read_csv(folder / "measured.csv").groupby("pose")["room_c"].first()
+    assert np.abs(points.inputs["room_c"] - told[points.pose_ids.astype(int)]).max() < 1e-12
 
 
 def test_left_out_poses_are_judged_at_their_temperature(folder):
@@ -166,8 +173,12 @@ def test_repeats_are_averaged_and_sessions_joined(truth):
     rows = measured(truth, 4, 1)
     rows.loc[rows["target"] == "smr2", "room_c"] += 3.0
     assert np.allclose(irbcal.read_measurements(rows).input("room_c"), rows["room_c"][:4] + 1.0, rtol=0, atol=1e-12)
-    motion = Motion(np.zeros((2, 6)), inputs={"room_c": np.array([18.0, 19.0])})
-    assert np.array_equal(motion.select(slice(1, 2)).inputs["room_c"], [19.0])
+    points = cleaning.clean(irbcal.read_measurements(rows)).points
+    both = joined([("a", points), ("b", replace(points, inputs={}))])
+    assert np.array_equal(both.inputs["room_c"], [*points.inputs["room_c"], *[np.nan] * 4], equal_nan=True)
+    motions = [Motion(points.q, inputs=points.inputs), Motion(points.q)]
+    assert joined_motions(motions).inputs == {}  # told for some only
+    assert len(joined_motions(motions[:1] * 2).inputs["room_c"]) == 8
 
 
 def test_exports_compute_it_or_say_that_they_do_not_know_it(folder, truth):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from typing import Protocol
+from collections.abc import Collection
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import MeasurementError
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.table import MeasurementSet
 
@@ -100,67 +99,6 @@ def as_calibrated(
         f"Where the reflectors were with {loads} kg is not known: the calibration has a tool for each load. These "
         "points are left out; --same-tool takes them where they were with its usual load."
     ]
-
-
-class LoadOptions(Protocol):
-    """Options of a calibration on the load."""
-
-    @property
-    def payload_place(self) -> Sequence[float] | None:
-        """Centre of the payload in the tip link."""
-        ...
-
-    @property
-    def same_tool(self) -> bool:
-        """Whether reflectors stayed."""
-        ...
-
-    @property
-    def torques(self) -> bool:
-        """Whether torques shall be used."""
-        ...
-
-    @property
-    def as_poses(self) -> bool:
-        """Whether reflectors are taken as one body."""
-        ...
-
-
-def check(measurements: MeasurementSet, averaged: bool, options: LoadOptions) -> None:
-    """Refuse options on the load that the measurements do not allow.
-
-    Parameters
-    ----------
-    measurements : MeasurementSet
-    averaged : bool
-        Whether the model may be the average, which alone knows the load.
-    options : LoadOptions
-
-    Raises
-    ------
-    IrbcalError
-        The sentence names the option.
-    """
-    for name, is_set in (("payload_place", options.payload_place is not None), ("torques", options.torques)):
-        if is_set and not averaged:
-            raise OptionError(f"{name}: only model auto knows the load: leave it out", parameter=name)
-    if options.torques and measurements.input("torques") is None:
-        raise MeasurementError(
-            "there are no torques: expected the columns tau1_nm … of all joints",
-            file=measurements.source,
-            parameter="torques",
-        )
-    if options.payload_place is not None and measurements.input("payload_place") is not None:
-        raise OptionError(
-            "payload_place: the measurements tell the payload's place themselves: leave it out",
-            parameter="payload_place",
-        )
-    if options.as_poses and not options.same_tool and several_loads(measurements):
-        raise OptionError(
-            "as_poses: the poses carry several loads, so that the reflectors may have been mounted anew and are no one "
-            "rigid body: give same_tool if they stayed where they were",
-            parameter="as_poses",
-        )
 
 
 def in_words(measurements: MeasurementSet, usual_kg: float | None, same_tool: bool) -> list[str]:
