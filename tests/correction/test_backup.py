@@ -195,7 +195,8 @@ def zipped(files, name="b.zip"):
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for member, content in files.items():
-            archive.writestr(zipfile.ZipInfo(member), content, zipfile.ZIP_DEFLATED)  # of no date: tests are named by it
+            # of no date: tests are named by it
+            archive.writestr(zipfile.ZipInfo(member), content, zipfile.ZIP_DEFLATED)
     return data.getvalue()
 
 
