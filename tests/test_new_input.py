@@ -17,6 +17,7 @@ from irbcal.exporting.batch import Batch
 from irbcal.exporting.parts import Parts, vectors_of
 from irbcal.exporting.plain import Plain
 from irbcal.measurement import cleaning
+from irbcal.measurement.columns import InputTable
 from irbcal.measurement.sessions import joined
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
@@ -35,8 +36,8 @@ ROOM = textwrap.dedent('''
         ("room_c",),
         ColumnKind("a temperature in degrees Celsius from -40 to 80", -40.0, 80.0),
         "temperatures",
+        "It takes the temperature of the room, 20 degrees where none is given.",
         usual=20.0,
-        note="It takes the temperature of the room.",
     )
 
 
@@ -110,7 +111,7 @@ def test_its_terms_are_identified_from_a_file(folder):
         row = rows[f"rz{j + 1} room"]
         assert row.unit == "rad/K"
         assert abs(row.value - true) < 4.0 * row.std < 8e-6
-    assert any("It takes the temperature of the room." in note for note in record.notes)
+    assert any("It takes the temperature of the room, 20 degrees" in note for note in record.notes)
     written = json.loads((folder / "calibration" / "calibration.json").read_text())
     assert "room_c" in written["joint_map"]["inputs"]
     assert len(written["poses"]["inputs"]["room_c"]) == len(written["poses"]["pose"])
@@ -173,6 +174,7 @@ def test_repeats_are_averaged_and_sessions_joined(truth):
     rows = measured(truth, 4, 1)
     rows.loc[rows["target"] == "smr2", "room_c"] += 3.0
     assert np.allclose(irbcal.read_measurements(rows).input("room_c"), rows["room_c"][:4] + 1.0, rtol=0, atol=1e-12)
+    assert np.array_equal(InputTable.read(rows).inputs(6)["room_c"], rows["room_c"])  # as rows at features have it
     points = cleaning.clean(irbcal.read_measurements(rows)).points
     both = joined([("a", points), ("b", replace(points, inputs={}))])
     assert np.array_equal(both.inputs["room_c"], [*points.inputs["room_c"], *[np.nan] * 4], equal_nan=True)

@@ -26,6 +26,7 @@ MASS = Input(
     ("payload_kg",),
     ColumnKind(f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg", 0.0, LARGEST_PAYLOAD_KG),
     "payload",
+    "",
     told_once=True,
 )
 CENTRE = Input(
@@ -33,6 +34,7 @@ CENTRE = Input(
     ("payload_x_mm", "payload_y_mm", "payload_z_mm"),
     ColumnKind("a place in the tip link in mm", -1e4, 1e4, MM),
     "payload's place",
+    "",
     told_once=True,
     with_columns=MASS.columns,
 )

@@ -146,6 +146,8 @@ class Input:
     """What such a column holds."""
     noun: str
     """For messages."""
+    note: str
+    """What the user of a calibration with such terms should know of predictions without it; may be empty."""
     told_once: bool = False
     """A pose has one value, or none, and poses with different values are different stops. Else it is read: all rows
     have a value, and the mean of a stop's counts."""
@@ -155,8 +157,6 @@ class Input:
     """Its terms take part only where the option of a calibration that has its name says so."""
     usual: float = 0.0
     """What counts where nothing is told, SI units: there its terms are zero (of the payload, a robot has its own)."""
-    note: str = ""
-    """What the user of a calibration with such terms should know, in sentences."""
 
     @cached_property
     def of_joints(self) -> bool:

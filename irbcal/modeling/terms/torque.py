@@ -15,9 +15,9 @@ TORQUES = Input(
     ("tau{}_nm",),
     ColumnKind("a torque in N m", -1e6, 1e6),
     "torques",
-    on_request=True,
-    note="It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
+    "It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
     "predictions without them miss what the joints give way.",
+    on_request=True,
 )
 
 
