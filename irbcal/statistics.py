@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.units import DEG, MM
 
 _SMALLEST = 1e-300
@@ -141,6 +141,12 @@ def _away(value: float) -> float:
 
 Statistics: TypeAlias = dict[str, float]
 """What `statistics` and `rotation_statistics` return; ``n`` is an int."""
+
+
+def smallest(values: FloatArray, share: float) -> BoolArray:
+    """Which values are at most the quantile ``share`` of all: ``values <= np.quantile(values, share)``, but quicker."""
+    rank = int(share * (len(values) - 1))
+    return np.asarray(values <= np.partition(values, rank)[rank])
 
 
 def consecutive(labels: ArrayLike) -> IntArray:

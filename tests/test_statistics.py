@@ -5,7 +5,7 @@ import pytest
 from scipy import special
 
 from irbcal import statistics as distributions
-from irbcal.statistics import rotation_statistics, statistics, statistics_by
+from irbcal.statistics import rotation_statistics, smallest, statistics, statistics_by
 from irbcal.validation.accuracy import percentiles
 
 
@@ -94,3 +94,11 @@ def test_the_f_distribution_of_many_points(freedom):
     for share in (1e-4, 0.049, 0.051, 0.5):
         value = special.fdtri(*freedom, 1.0 - share)
         assert distributions.f_beyond(value, *freedom) == pytest.approx(share, rel=1e-6)
+
+
+def test_the_smallest_values_are_those_up_to_the_quantile():
+    rng = np.random.default_rng(4)
+    for n in range(1, 120):
+        values = rng.integers(0, n, n) / 7.0  # some are equal
+        for share in (0.0, 0.5, 0.6, 1.0):
+            assert np.array_equal(smallest(values, share), values <= np.quantile(values, share))

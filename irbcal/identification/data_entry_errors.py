@@ -34,6 +34,7 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
+from irbcal.statistics import smallest
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
@@ -409,7 +410,7 @@ def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
         best = state, distance
         if k == ROUNDS // 2 and np.median(distance) > FAR:
             break
-        core = distance <= np.quantile(distance, CORE)
+        core = smallest(distance, CORE)
     return best
 
 

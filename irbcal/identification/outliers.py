@@ -17,6 +17,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, level_parameters
 from irbcal.modeling.robot import Robot
+from irbcal.statistics import smallest
 from irbcal.units import MM
 
 FLOORS = {"nominal": 5 * MM, "offsets": 2 * MM}
@@ -165,7 +166,7 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
         distance = distances(of_all, points)
     robot, core = of_all, None
     for _ in range(STEPS):
-        new = _core(distance)
+        new = smallest(distance, CORE)
         if core is not None and state is not None:
             if (new == core).all():
                 break
@@ -181,10 +182,6 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
         distance = distances(robot, points)
     assert robot is not None
     return robot
-
-
-def _core(distance: FloatArray) -> BoolArray:
-    return np.asarray(distance <= np.quantile(distance, CORE))
 
 
 def _concentrated(arm: Arm, points: PointSet, level: Level, state: State, core: BoolArray) -> tuple[BoolArray, State]:
@@ -203,7 +200,7 @@ def _concentrated(arm: Arm, points: PointSet, level: Level, state: State, core: 
         H += 1e-9 * H.diagonal().max() * np.eye(len(H))  # of what nothing tells, as a target without points
         H[problem.outer :, problem.outer :] += np.diag(np.mean(left * left) / problem.scales**2)
         step = np.linalg.solve(H, taken @ left)
-        before, core = core, _core(np.linalg.norm((r - np.tensordot(step, J, 1))[:, : len(points)], axis=0))
+        before, core = core, smallest(np.linalg.norm((r - np.tensordot(step, J, 1))[:, : len(points)], axis=0), CORE)
     return core, problem.moved(state, step)
 
 
