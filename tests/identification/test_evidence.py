@@ -353,7 +353,7 @@ def test_means_by_a_dictionary_of_stops(stops, seed):
     xyz, u95 = rng.normal(size=(len(seen), 3)), rng.uniform(size=len(seen))
     n = len(stops)
     points = PointSet(q, pose, target, xyz, ("a", "b"), np.arange(n), np.full(n, "", dtype=object), u95=u95)
-    motion = Motion(q, move, np.arange(n, dtype=float), np.full(n, 2.0))
+    motion = Motion(q, move, np.arange(n, dtype=float), {"payload_kg": np.full(n, 2.0)})
     merged, shorter = average_repeats(points, motion)
     order = list(dict.fromkeys(stops))
     assert merged.poses == len(shorter) == len(order)
