@@ -43,9 +43,7 @@ def start() -> None:
             late = Late(name)
             late.__spec__ = importlib.util.find_spec(name)  # others ask by it whether the package is there
             sys.modules[name] = late
-    plugins = Late("pydantic.plugin._loader")  # it would read the metadata of all packages to find some
-    vars(plugins).update(get_plugins=tuple, __path__=[])
-    sys.modules.setdefault(plugins.__name__, plugins)
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it reads the metadata of all packages to find some
     from irbcal.cli.main import main
     from irbcal.cli.streams import forgive, output_lost
 

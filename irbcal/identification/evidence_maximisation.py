@@ -428,8 +428,10 @@ def _linear_algebra() -> tuple[Any, Any]:
     modules = []
     for name in ("_fblas", "_flapack"):
         spec = PathFinder.find_spec(name, [str(Path(folder, "linalg")) for folder in scipy.__path__])
-        assert spec is not None
-        assert spec.loader is not None
+        if spec is None or spec.loader is None:  # scipy keeps them elsewhere
+            from scipy.linalg import blas, lapack
+
+            return blas, lapack
         modules.append(module_from_spec(spec))
         spec.loader.exec_module(modules[-1])
     return modules[0], modules[1]

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from irbcal.errors import IdentificationError
+from irbcal.identification import evidence_maximisation
 from irbcal.identification.evidence_maximisation import (
     EARLY,
     KNOWN_COUNT,
@@ -212,3 +213,12 @@ def test_a_part_is_what_its_columns_give(columns, seed):
     c, left, *_ = np.linalg.lstsq(J[columns].T, y, rcond=None)
     np.testing.assert_allclose(np.linalg.solve(part.H, part.g), c, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(part.yy - c @ part.g, left[0], rtol=1e-6)
+
+
+def test_scipy_laid_out_in_another_way(monkeypatch):
+    A = np.random.default_rng(0).standard_normal((90, 90))
+    A = A @ A.T + np.eye(90)
+    monkeypatch.setattr(evidence_maximisation.PathFinder, "find_spec", lambda name, path=None: None)
+    monkeypatch.setattr(evidence_maximisation, "_linear_algebra", evidence_maximisation._linear_algebra.__wrapped__)
+    W = evidence_maximisation._inverse_factor(np.asfortranarray(A))
+    assert np.abs(W.T @ W @ A - np.eye(90)).max() < 1e-10
