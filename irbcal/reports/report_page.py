@@ -350,6 +350,8 @@ def _worst(calibration: Record, evidence: Evidence) -> list[WorstPose]:
     first = evidence.sets[0]
     if first.points is None:
         number = {name: k for k, name in enumerate(calibration.poses.pose)}
+        if not number.keys() >= {*first.pose_names}:
+            return worst_poses(first)
         joints = np.array(calibration.poses.joints).T
         return worst_poses(first, joints[[number[name] for name in first.pose_names]])
     slides = np.array([kind == "prismatic" for kind in calibration.robot.joint_types])
