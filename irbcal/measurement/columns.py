@@ -800,7 +800,7 @@ def input_columns(given: Input, names: Iterable[str], source: str) -> list[str]:
     if not any(name in given.columns for name in names):
         return []
     needed = [*given.with_columns, *given.columns]
-    return all_or_none(names, needed, source, f"{given.noun}: all of {', '.join(needed)}")[len(given.with_columns) :]
+    return all_or_none(names, needed, source, f"the {given.noun} needs {', '.join(needed)}")[len(given.with_columns) :]
 
 
 def joint_units(columns: Iterable[str]) -> FloatArray:

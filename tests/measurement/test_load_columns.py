@@ -48,7 +48,7 @@ def test_without_columns_or_in_empty_columns_nothing_is_told():
     [
         ({"payload_kg": -1.0}, "row 1, column payload_kg: expected a mass from 0 to 5000 kg or nothing, found -1"),
         ({"payload_kg": 2.0, "payload_x_mm": 1.0}, "missing column payload_y_mm"),
-        (PLACE, "missing column payload_kg"),
+        (PLACE, "missing column payload_kg: the payload's place needs payload_kg, payload_x_mm, "),
         (PLACE | {"payload_kg": 1.0, "payload_z_mm": 8e4}, "column payload_z_mm: expected a place in the tip link"),
         (
             {"tau1_nm": 1.0, "tau2_nm": 1.0},

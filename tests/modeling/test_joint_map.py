@@ -161,6 +161,14 @@ def test_it_carries_what_it_carried_when_it_was_measured_unless_told_otherwise(m
     assert "carrying 7 kg" in joint_map.carrying(7.0).in_words
 
 
+def test_loads_and_joints_of_another_shape_are_refused(model):
+    joint_map, q = loaded_map(model), model.random_joints(4, 1)
+    with pytest.raises(RobotError, match=r"payload_kg: expected numbers of shape \(4,\), found shape \(3,\)"):
+        joint_map.motion(q, payload_kg=[1.0, 2.0, 3.0])
+    with pytest.raises(RobotError, match=r"expected joints of shape \(n, joints\), found shape \(6,\)"):
+        joint_map.motion(q[0], payload_kg=2.0)
+
+
 def test_derivatives_inverse_and_limits_are_those_of_the_load(model):
     joint_map = loaded_map(model).carrying(12.0, [0.1, 0.1, 0.2])
     q, dq = model.random_joints(4, 3), model.random_joints(4, 4)

@@ -174,6 +174,8 @@ class Input:
 
     def shape(self, joints: tuple[int, ...]) -> tuple[int, ...]:
         """Shape of the values, by that of the joints of their poses, (n, joints)."""
+        if len(joints) != 2:
+            raise RobotError(f"expected joints of shape (n, joints), found shape {joints}", parameter="q")
         width = len(self.names(joints[1]))
         return (joints[0], width) if self.of_joints or width > 1 else joints[:1]
 
@@ -189,8 +191,13 @@ class Input:
 
     def filled(self, values: ArrayLike, joints: tuple[int, ...], usual: ArrayLike | None = None) -> FloatArray:
         """Values of `shape` where those of one pose or of all are given, the usual ones where they are not finite."""
-        shape = self.shape(joints)
-        out = np.broadcast_to(np.asarray(values, dtype=float), shape)
+        shape, given = self.shape(joints), np.asarray(values, dtype=float)
+        try:
+            out = np.broadcast_to(given, shape)
+        except ValueError:
+            raise RobotError(
+                f"{self.name}: expected numbers of shape {shape}, found shape {given.shape}", parameter=self.name
+            ) from None
         finite = np.isfinite(out)
         if len(shape) > 1 and not self.of_joints:
             finite = finite.all(axis=1, keepdims=True)
