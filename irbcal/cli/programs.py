@@ -48,7 +48,7 @@ def read_frames(options: dict[str, Any], program: Any) -> None:
     from irbcal.correction.backup import unpacked
     from irbcal.correction.languages import files_of
 
-    given = options.keys() & {"tool", "wobj", "where"}
+    given = [name for name in ("tool", "wobj", "where") if name in options]
     if not given:
         return
     files = program if isinstance(program, list) else [] if program is None else [program]

@@ -5,6 +5,7 @@ import typer
 from typer.testing import CliRunner
 
 from irbcal.cli.main import app
+from irbcal.cli.programs import read_frames
 from irbcal.cli.signature import refusals
 from irbcal.errors import MeasurementError, OptionError
 
@@ -72,3 +73,9 @@ def test_a_wrong_choice_is_refused_with_all_choices_and_the_nearest(words, sente
     assert sentence in said
     assert "Value error" not in said
     assert "what: what:" not in said
+
+
+def test_of_several_wrong_frames_the_first_option_is_refused_whatever_the_order_of_hashes():
+    with pytest.raises(typer.BadParameter) as refusal:
+        read_frames({"where": "x", "wobj": ["x"], "tool": ["x"]}, None)
+    assert refusal.value.param_hint == "--tool"
