@@ -597,17 +597,19 @@ def clean(inputs: Inputs) -> CleanInputs:
 
 def _check_loads(measurements: MeasurementSet, options: Options) -> None:
     """Refuse options on the load that the measurements do not allow."""
-    requested = [given for name, given in inputs_of_terms().items() if given.on_request and getattr(options, name)]
+    requested = [
+        quantity for name, quantity in inputs_of_terms().items() if quantity.on_request and getattr(options, name)
+    ]
     place_given = options.payload_place is not None
-    for name in (*(["payload_place"] if place_given else []), *(given.name for given in requested)):
+    for name in (*(["payload_place"] if place_given else []), *(quantity.name for quantity in requested)):
         if options.model not in (None, "auto"):
             raise OptionError(f"{name}: only model auto knows the load: leave it out", parameter=name)
-    for given in requested:
-        if measurements.input(given.name) is None:
+    for quantity in requested:
+        if measurements.input(quantity.name) is None:
             raise MeasurementError(
-                f"there are no {given.noun}: expected the columns {given.names(1)[0]} … of all joints",
+                f"there are no {quantity.noun}: expected the columns {quantity.names(1)[0]} … of all joints",
                 file=measurements.source,
-                parameter=given.name,
+                parameter=quantity.name,
             )
     if place_given and measurements.input("payload_place") is not None:
         raise OptionError(

@@ -169,9 +169,9 @@ class Parts(Locked):
         parts = map_parts(robot.joint_map.terms, robot.joint_map.payload_kg)
         proportional = parts["proportional"]
         parts["proportional"] = {
-            name: (given.usual, proportional.get(name, np.zeros(n)), given.of_joints)
-            for name, given in inputs().items()
-            if any(isinstance(basis, Proportional) and given in basis.inputs for basis in bases().values())
+            name: (quantity.usual, proportional.get(name, np.zeros(n)), quantity.of_joints)
+            for name, quantity in inputs().items()
+            if any(isinstance(basis, Proportional) and quantity in basis.inputs for basis in bases().values())
         }
         return Parts(**(common | parts | source))
 

@@ -395,7 +395,9 @@ class EvidenceFit(Result):
 
     def _load_sentences(self) -> list[str]:
         """What loads it is valid for."""
-        known = dict.fromkeys(given.note for term in self.terms for given in bases()[term.basis].inputs if given.note)
+        known = dict.fromkeys(
+            quantity.note for term in self.terms for quantity in bases()[term.basis].inputs if quantity.note
+        )
         if not self.loads:
             return [*known]
         if len(self.loads) == 1:

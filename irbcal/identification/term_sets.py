@@ -163,7 +163,7 @@ def superset(
     for name in input_families():
         if name == "payload":
             out += [] if payload is None else Payload(payload).terms(arm)
-        elif all(given.name in inputs for given in families()[name].inputs):
+        elif all(quantity.name in inputs for quantity in families()[name].inputs):
             out += families()[name].terms(arm)
     for tau in taus:
         out += WarmUp(tau, end).terms(arm)

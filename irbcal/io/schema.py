@@ -352,9 +352,9 @@ class JointMapSection(Section):
         """The section of a joint map, with test vectors at random joints of the arm."""
         q, q_before, load = arm.random_stops(TEST_VECTORS, joint_map.payload_kg or 0.0, joint_map.knows_loads)
         rng, drawn = np.random.default_rng(3), {"payload_kg": load}
-        for given in (given for term in joint_map.terms.terms for given in bases()[term.basis].inputs):
-            if given.name not in drawn and not given.told_once:
-                drawn[given.name] = given.usual + rng.normal(0.0, 50.0, given.shape(q.shape))
+        for quantity in (quantity for term in joint_map.terms.terms for quantity in bases()[term.basis].inputs):
+            if quantity.name not in drawn and not quantity.told_once:
+                drawn[quantity.name] = quantity.usual + rng.normal(0.0, 50.0, quantity.shape(q.shape))
         motion = Motion(q, q - q_before, inputs=drawn)
         return JointMapSection(**joint_map.terms.to_json(joint_map.ranges, motion), payload_kg=joint_map.payload_kg)
 
@@ -1178,9 +1178,9 @@ class Record(Section):
             u95,
             np.array(p.previous, dtype=float).T[poses] * units if p.previous else None,
             inputs={
-                given.name: given.from_columns([p.inputs[name] for name in given.names(len(units))])[poses]
-                for given in inputs().values()
-                if given.names(1)[0] in p.inputs
+                quantity.name: quantity.from_columns([p.inputs[name] for name in quantity.names(len(units))])[poses]
+                for quantity in inputs().values()
+                if quantity.names(1)[0] in p.inputs
             },
         )
         codes = np.array([np.frombuffer(column.encode("ascii"), dtype=np.uint8) for column in p.came_from])

@@ -74,14 +74,16 @@ DECLARED: Mapping[str, ColumnKind] = {
 
 def input_of(name: str) -> Input | None:
     """The input of the error model's terms that a column tells; None where it tells none."""
-    return next((given for given in inputs().values() if given.pattern.fullmatch(name)), None)
+    return next((quantity for quantity in inputs().values() if quantity.pattern.fullmatch(name)), None)
 
 
 @cache
 def declared(name: str) -> ColumnKind:
     """What a column holds, by its name."""
-    given = input_of(name)
-    return given.kind if given else next(kind for pattern, kind in DECLARED.items() if re.fullmatch(pattern, name))
+    quantity = input_of(name)
+    return (
+        quantity.kind if quantity else next(kind for pattern, kind in DECLARED.items() if re.fullmatch(pattern, name))
+    )
 
 
 GIVEN = "given_"
@@ -511,11 +513,11 @@ class InputTable:
 
     def inputs(self, joints: int) -> dict[str, FloatArray]:
         """Inputs of the error model's terms at each row, of an arm with so many joints: see `without_gaps`."""
-        names = {given: input_columns(given, self.names, self.source) for given in inputs().values()}
+        names = {quantity: input_columns(quantity, self.names, self.source) for quantity in inputs().values()}
         told = {
-            given.name: given.from_columns([self.numbers(name, given.told_once) for name in names[given]])
-            for given in names
-            if names[given] and not given.on_request
+            quantity.name: quantity.from_columns([self.numbers(name, quantity.told_once) for name in names[quantity]])
+            for quantity in names
+            if names[quantity] and not quantity.on_request
         }
         return without_gaps(told, joints, self.refuse)
 
@@ -792,15 +794,17 @@ def programmed_columns(names: Iterable[str], source: str) -> list[str]:
     return _of_all_joints(names, source, r"c\1_\2", "programmed joints", _PROGRAMMED)
 
 
-def input_columns(given: Input, names: Iterable[str], source: str) -> list[str]:
+def input_columns(quantity: Input, names: Iterable[str], source: str) -> list[str]:
     """Columns of an input of terms among column names, where they are there: `all_or_none`."""
     names = list(names)
-    if given.of_joints:
-        return _of_all_joints(names, source, given.columns[0].format(r"\1"), given.noun, given.pattern)
-    if not any(name in given.columns for name in names):
+    if quantity.of_joints:
+        return _of_all_joints(names, source, quantity.columns[0].format(r"\1"), quantity.noun, quantity.pattern)
+    if not any(name in quantity.columns for name in names):
         return []
-    needed = [*given.with_columns, *given.columns]
-    return all_or_none(names, needed, source, f"the {given.noun} needs {', '.join(needed)}")[len(given.with_columns) :]
+    needed = [*quantity.with_columns, *quantity.columns]
+    return all_or_none(names, needed, source, f"the {quantity.noun} needs {', '.join(needed)}")[
+        len(quantity.with_columns) :
+    ]
 
 
 def joint_units(columns: Iterable[str]) -> FloatArray:

@@ -240,15 +240,15 @@ class MeasurementSet(Result):
 
         Shape (n,) or (n, values), SI units, NaN where it is not told; None where it is told nowhere.
         """
-        given = inputs()[name]
-        names = columns.input_columns(given, self.cells.columns, self.source)
+        quantity = inputs()[name]
+        names = columns.input_columns(quantity, self.cells.columns, self.source)
         if not names:
             return None
-        if given.told_once:
-            values = given.from_columns([self.of_poses(name) for name in names])
+        if quantity.told_once:
+            values = quantity.from_columns([self.of_poses(name) for name in names])
         else:
             means = self.table.groupby("pose_index", sort=True)[names].mean()
-            values = given.from_columns(means.to_numpy(dtype=float).T)
+            values = quantity.from_columns(means.to_numpy(dtype=float).T)
         return values if np.isfinite(values).any() else None
 
     def is_reference(self) -> BoolArray:
@@ -383,8 +383,8 @@ def _checked(rows: InputTable) -> MeasurementSet:
     names, source = rows.names, rows.source
     cells: dict[str, NDArray[Any]] = {"row": rows.rows}
     joints = [*columns.joint_columns(names), *columns.programmed_columns(names, source)]
-    told = {given: columns.input_columns(given, names, source) for given in inputs().values()}
-    for name in [*joints, *(name for given in told if not given.told_once for name in told[given])]:
+    told = {quantity: columns.input_columns(quantity, names, source) for quantity in inputs().values()}
+    for name in [*joints, *(name for quantity in told if not quantity.told_once for name in told[quantity])]:
         cells[name] = rows.numbers(name)
     for name in POSITION:
         cells[name] = rows.numbers(name, lost=True)
@@ -417,10 +417,10 @@ def _pose_index(table: Mapping[str, NDArray[Any]], source: str) -> IntArray:
     for names, kind in ((columns.joint_columns(table), "joints"), (programmed, "programmed joints")):
         if names:
             _check_same(table, names, kind, first[index], source)
-    for given in inputs().values():
-        for name in given.columns if given.told_once else ():
+    for quantity in inputs().values():
+        for name in quantity.columns if quantity.told_once else ():
             if name in table:
-                _check_same(table, [name], given.noun, first[index], source)
+                _check_same(table, [name], quantity.noun, first[index], source)
     return index
 
 

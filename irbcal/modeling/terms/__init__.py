@@ -35,7 +35,7 @@ def bases() -> dict[str, Basis]:
 @cache
 def inputs() -> dict[str, Input]:
     """What terms are functions of beside the joints, by name."""
-    return {given.name: given for family in families().values() for given in family.inputs}
+    return {quantity.name: quantity for family in families().values() for quantity in family.inputs}
 
 
 def told(values: Mapping[str, T | None]) -> dict[str, T]:

@@ -252,8 +252,10 @@ class Proportional(Basis):
 
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Of the terms' joints, shape (terms, n)."""
-        (given,), motion = self.inputs, situation.motion
-        return given.above(motion.inputs.get(given.name, np.nan), motion.q.shape).T[[term.joint for term in terms]]
+        (quantity,), motion = self.inputs, situation.motion
+        return quantity.above(motion.inputs.get(quantity.name, np.nan), motion.q.shape).T[
+            [term.joint for term in terms]
+        ]
 
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Zeros, shape (terms, n, joints): what would be read elsewhere is not known."""
@@ -273,7 +275,7 @@ class Family(ABC):
     @property
     def inputs(self) -> tuple[Input, ...]:
         """What its bases are functions of beside the joints: it takes part where measurements tell all of it."""
-        return tuple(dict.fromkeys(given for basis in self.bases for given in basis.inputs))
+        return tuple(dict.fromkeys(quantity for basis in self.bases for quantity in basis.inputs))
 
 
 def own_axis(arm: Arm, joint: int) -> str:

@@ -211,8 +211,8 @@ class TermMap:
         """
         std = np.full(len(self.terms), np.nan) if self.std is None else self.std
         entries = [t.to_json(c, s) for t, c, s in zip(self.terms, self.coefficients, std, strict=True)]
-        used = {given for name in {term.basis for term in self.terms} for given in bases()[name].inputs}
-        names = [name for name, given in inputs().items() if given in used]
+        used = {quantity for name in {term.basis for term in self.terms} for quantity in bases()[name].inputs}
+        names = [name for name, quantity in inputs().items() if quantity in used]
         out: dict[str, Any] = {"schema": SCHEMA, "inputs": ["q", "previous_q", *names]}
         out |= {"gravity": list(self.gravity), "terms": entries}
         if ranges is not None:
