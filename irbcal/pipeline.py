@@ -92,12 +92,12 @@ from irbcal.measurement.sessions import into_one_frame
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.workspace_coverage import elsewhere
 from irbcal.names import check_names
 from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed

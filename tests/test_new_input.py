@@ -12,9 +12,8 @@ from support import TARGETS, arm, random_robot
 
 import irbcal
 from irbcal.errors import CalibrationError, MeasurementError, RobotError
-from irbcal.exporting import python
 from irbcal.exporting.batch import Batch
-from irbcal.exporting.parts import Parts, vectors_of
+from irbcal.exporting.parts import Parts, constants, vectors_of
 from irbcal.exporting.plain import Plain
 from irbcal.measurement import cleaning
 from irbcal.measurement.columns import InputTable
@@ -186,13 +185,13 @@ def test_repeats_are_averaged_and_sessions_joined(truth):
 def test_exports_compute_it_or_say_that_they_do_not_know_it(folder, truth):
     robot = irbcal.load(folder / "calibration").record.robot_calibrated()
     parts = Parts.of(robot)
-    constants = python.constants(parts, vectors_of(robot, parts))
+    numbers = constants(parts, vectors_of(robot, parts))
     q = truth.arm.random_joints(6, 9)  # as many poses as joints
     celsius = np.array([12.0, 20.0, np.nan, 33.0, 25.0, 18.0])
     T = robot.forward(q, room_c=celsius)
-    assert np.abs(Batch(**constants).forward(q, room_c=celsius) - T).max() < 1e-12
-    assert np.abs(np.array(Plain(**constants).forward(q[3].tolist(), room_c=33.0)) - T[3, :3]).max() < 1e-12
-    for known in (Batch(**constants), Plain(**constants)):
+    assert np.abs(Batch(**numbers).forward(q, room_c=celsius) - T).max() < 1e-12
+    assert np.abs(np.array(Plain(**numbers).forward(q[3].tolist(), room_c=33.0)) - T[3, :3]).max() < 1e-12
+    for known in (Batch(**numbers), Plain(**numbers)):
         assert known.check() < 1e-12
         with pytest.raises(TypeError, match=r"unknown input 'mood': there are payload_kg, .*room_c"):
             known.forward(q[0].tolist(), mood=1.0)

@@ -25,7 +25,7 @@ from irbcal.app.steps import MAKERS, PAGES, Option, Page, Step
 from irbcal.errors import IrbcalError
 from irbcal.io.robots import NamedRobot
 from irbcal.plotting.charts import Chart
-from irbcal.validation.origin import FIELDS
+from irbcal.validation.provenance import FIELDS
 
 STYLE = """
 body { font-family: system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }

@@ -14,7 +14,7 @@ from typing import Any
 
 from irbcal.app.project import CORRECTED, Project
 from irbcal.errors import IrbcalError
-from irbcal.validation.origin import FIELDS
+from irbcal.validation.provenance import FIELDS
 
 ROBOT, DATA, CALIBRATION = "Choose a robot first.", "Understand the measurements first.", "Calibrate first."
 PLAN, MEASURED, FOLDER, CELL = "plan", "measured.csv", "my-robot", "cell.json"

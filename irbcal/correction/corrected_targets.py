@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
-from irbcal.correction.loads import Carried
+from irbcal.correction.loads import Load
 from irbcal.correction.maker import NO_CONFDATA, ConfData, seeds_of
 from irbcal.correction.program import Corrections, Program, Unread, WantedTargets
 from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrames
@@ -22,6 +22,8 @@ from irbcal.modeling.robot import Robot
 TAUGHT = "it is a taught point, right as it is"
 OFFLINE = "it is an offline point, which stands for the true frames already"
 NO_FRAME = "the true place of its tool or work object is not known"
+WORTH_SAYING = 1e-6
+"""Metres off by which a target is that is reached with several loads, to be told."""
 UNCHANGED = frozenset({TAUGHT, OFFLINE})
 """Reasons of targets that are not corrected because nothing is wrong with them."""
 
@@ -53,6 +55,62 @@ class CorrectionModel:
     def computing(self) -> Arm:
         """What the controller computes with."""
         return self.controller or self.nominal
+
+
+@dataclass(frozen=True, eq=False)
+class Carried(Locked):
+    """What the robot carries at the n targets of a batch."""
+
+    mass: FloatArray
+    """Shape (n,). Kg; of several loads the mean."""
+    centre: FloatArray
+    """Shape (n, 3). Its centre in the tip link, metres."""
+    several: tuple[tuple[tuple[float, FloatArray], ...], ...]
+    """Mass and place, shape (3,), of each; length n. Masses and centres where they are several, else empty."""
+    reasons: tuple[str, ...]
+    """Length n. Why it is not known; empty where it is."""
+
+    @classmethod
+    def at(cls, robot: Robot, batch: WantedTargets) -> Carried:
+        """The loads of a program's targets; where it names none the robot's own."""
+        usual, place = robot.joint_map.payload_kg or 0.0, robot.joint_map.payload_place
+        place = np.zeros(3) if place is None else place
+        n = len(batch.names)
+        mass, centre = np.full(n, usual), np.tile(place, (n, 1))
+        several: list[tuple[tuple[float, FloatArray], ...]] = [()] * n
+        reasons = [""] * n
+        rows: dict[tuple[Load | None, ...], list[int]] = {}
+        for k, loads in enumerate(batch.loads):
+            rows.setdefault(loads, []).append(k)
+        for loads, of_loads in rows.items():
+            reason = next((load.why for load in loads if load is not None and load.why), "")
+            masses = np.array([usual if load is None else load.mass_kg for load in loads])
+            centres = np.array([place if load is None or load.centre is None else load.centre for load in loads])
+            if len(loads) and not reason:
+                mass[of_loads] = masses.mean()
+                centre[of_loads] = masses @ centres / masses.sum() if masses.any() else place
+            for k in of_loads:
+                reasons[k] = reason
+                several[k] = tuple(zip(masses.tolist(), centres, strict=True)) if len(loads) > 1 and not reason else ()
+        return cls(mass, centre, tuple(several), tuple(reasons))
+
+    def apart(self, robot: Robot, fake: Corrected) -> list[tuple[int, float]]:
+        """Corrected targets that are reached with several loads, and how far one of them puts the tip off, metres."""
+        out = []
+        for k in (k for k, several in enumerate(self.several) if several and fake.ok[k]):
+            reached = [
+                robot.forward(fake.q[k : k + 1], payload_kg=mass, payload_place=centre)[0, :3, 3]
+                for mass, centre in self.several[k]
+            ]
+            off = max(float(np.linalg.norm(p - fake.T_wanted[k, :3, 3])) for p in reached)
+            out += [(k, off)] if off > WORTH_SAYING else []
+        return out
+
+    def groups(self) -> tuple[list[tuple[float, FloatArray]], IntArray]:
+        """The different loads, and which of them each target has (n,)."""
+        rows = np.column_stack([self.mass, self.centre])
+        different, which = np.unique(rows, axis=0, return_inverse=True)
+        return [(float(row[0]), row[1:]) for row in different], which.reshape(-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.correction.corrected_targets import (
     UNCHANGED,
+    Carried,
     CorrectionModel,
     TargetBatch,
     as_written,
@@ -22,7 +23,6 @@ from irbcal.correction.corrected_targets import (
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.filtered import Filtered
 from irbcal.correction.last_moves import MOST, LastMoves, with_last_moves
-from irbcal.correction.loads import Carried
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.program import Left, Note, Program, WantedTargets, refuse_filtered
 from irbcal.correction.shifted_targets import with_shifts

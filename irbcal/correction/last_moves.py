@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
-from irbcal.correction.corrected_targets import TargetBatch
-from irbcal.correction.loads import Carried
+from irbcal.correction.corrected_targets import Carried, TargetBatch
 from irbcal.correction.program import Note, Stop
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse.closed_form import LIMIT_TOLERANCE

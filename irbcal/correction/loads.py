@@ -7,22 +7,13 @@ out of them. Where ways that lead to a move bring several loads, all of them are
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, Locked
-from irbcal.modeling.robot import Robot
+from irbcal.arrays import FloatArray
 from irbcal.units import LARGEST_PAYLOAD_KG
 
-if TYPE_CHECKING:
-    from irbcal.correction.fake_targets import Corrected
-    from irbcal.correction.program import WantedTargets
-
-
-WORTH_SAYING = 1e-6
-"""Metres off by which a target is that is reached with several loads, to be told."""
 FARTHEST_M = 10.0
 """Metres from the flange beyond which no load is."""
 
@@ -168,62 +159,6 @@ class LoadFlow:
             waiting += behind - met
             met |= behind
         return tuple(sorted(out, key=lambda load: (load is not None, str(load)))) or (None,)
-
-
-@dataclass(frozen=True, eq=False)
-class Carried(Locked):
-    """What the robot carries at the n targets of a batch."""
-
-    mass: FloatArray
-    """Shape (n,). Kg; of several loads the mean."""
-    centre: FloatArray
-    """Shape (n, 3). Its centre in the tip link, metres."""
-    several: tuple[tuple[tuple[float, FloatArray], ...], ...]
-    """Mass and place, shape (3,), of each; length n. Masses and centres where they are several, else empty."""
-    reasons: tuple[str, ...]
-    """Length n. Why it is not known; empty where it is."""
-
-    @classmethod
-    def at(cls, robot: Robot, batch: WantedTargets) -> Carried:
-        """The loads of a program's targets; where it names none the robot's own."""
-        usual, place = robot.joint_map.payload_kg or 0.0, robot.joint_map.payload_place
-        place = np.zeros(3) if place is None else place
-        n = len(batch.names)
-        mass, centre = np.full(n, usual), np.tile(place, (n, 1))
-        several: list[tuple[tuple[float, FloatArray], ...]] = [()] * n
-        reasons = [""] * n
-        rows: dict[tuple[Load | None, ...], list[int]] = {}
-        for k, loads in enumerate(batch.loads):
-            rows.setdefault(loads, []).append(k)
-        for loads, of_loads in rows.items():
-            reason = next((load.why for load in loads if load is not None and load.why), "")
-            masses = np.array([usual if load is None else load.mass_kg for load in loads])
-            centres = np.array([place if load is None or load.centre is None else load.centre for load in loads])
-            if len(loads) and not reason:
-                mass[of_loads] = masses.mean()
-                centre[of_loads] = masses @ centres / masses.sum() if masses.any() else place
-            for k in of_loads:
-                reasons[k] = reason
-                several[k] = tuple(zip(masses.tolist(), centres, strict=True)) if len(loads) > 1 and not reason else ()
-        return cls(mass, centre, tuple(several), tuple(reasons))
-
-    def apart(self, robot: Robot, fake: Corrected) -> list[tuple[int, float]]:
-        """Corrected targets that are reached with several loads, and how far one of them puts the tip off, metres."""
-        out = []
-        for k in (k for k, several in enumerate(self.several) if several and fake.ok[k]):
-            reached = [
-                robot.forward(fake.q[k : k + 1], payload_kg=mass, payload_place=centre)[0, :3, 3]
-                for mass, centre in self.several[k]
-            ]
-            off = max(float(np.linalg.norm(p - fake.T_wanted[k, :3, 3])) for p in reached)
-            out += [(k, off)] if off > WORTH_SAYING else []
-        return out
-
-    def groups(self) -> tuple[list[tuple[float, FloatArray]], IntArray]:
-        """The different loads, and which of them each target has (n,)."""
-        rows = np.column_stack([self.mass, self.centre])
-        different, which = np.unique(rows, axis=0, return_inverse=True)
-        return [(float(row[0]), row[1:]) for row in different], which.reshape(-1)
 
 
 def seen_from(load: Load, T: FloatArray | None) -> Load:

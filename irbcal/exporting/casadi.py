@@ -7,8 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from irbcal import literals
-from irbcal.exporting import python
-from irbcal.exporting.parts import ExportFiles, Parts, Vectors, render
+from irbcal.exporting.parts import ExportFiles, Parts, Vectors, constants, render
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source, needed
 
@@ -38,7 +37,7 @@ def files(source: Source) -> ExportFiles:
             head = f"/* {literals.comment(f'{parts.name}, {parts.version}, calibration {parts.fingerprint}')} */\n"
             out[f"{word}.{ending}"] = head.encode() + Path(folder, f"{word}.{ending}").read_bytes()
     values = {
-        "constants": python.constants(parts, source.vectors),
+        "constants": constants(parts, source.vectors),
         "names": list(by_name),
         "inputs": list(_inputs(parts)),
         "usual": [
@@ -59,7 +58,7 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
         ``effective``, ``effective_jacobian``, ``commanded``, ``tip`` (4 by 4), ``tip_jacobian``.
     """
     ca = needed("casadi", "casadi")
-    robot: Any = Plain(**python.constants(parts, vectors), functions=ca, _size=_size)
+    robot: Any = Plain(**constants(parts, vectors), functions=ca, _size=_size)
     sizes = _inputs(parts)
     q = ca.SX.sym("q", len(parts.joint_names))
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}

@@ -28,9 +28,8 @@ from numpy.typing import ArrayLike
 from irbcal import kernel
 from irbcal.arrays import FloatArray
 from irbcal.errors import OptionError
-from irbcal.exporting import python
 from irbcal.exporting.motion import GAP_S, LimitedMotion
-from irbcal.exporting.parts import Parts
+from irbcal.exporting.parts import Parts, constants
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source
 from irbcal.io.opening import CalibrationLike
@@ -116,7 +115,7 @@ class Live:
             fast = {"nearest_effective": made.nearest, "commanded_moving": made.settled}
             fast |= {"forward_effective": made.tip, "forward_nominal": made.nominal_tip}
             self._new_motion = kernel.Motion
-        self._robot: Any = Plain(**python.constants(parts, source.vectors), **fast)
+        self._robot: Any = Plain(**constants(parts, source.vectors), **fast)
         self.speed: list[float] = known_speed(parts).tolist()
         self.acceleration = [v / to_speed for v in self.speed]
         self.jerk = [a / to_acceleration for a in self.acceleration]

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.exporting import python
-from irbcal.exporting.parts import Parts, Vectors, vectors_of
+from irbcal.exporting.parts import Parts, Vectors, constants, vectors_of
 from irbcal.exporting.plain import Plain
 from irbcal.io import calibration_folder, robots
 from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
@@ -111,7 +110,7 @@ class Source(Locked):
         source = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
         parts = Parts.of(robot, speed=speed, notes=notes, **source)  # type: ignore[arg-type]
         vectors = vectors_of(robot, parts)
-        miss = Plain(**python.constants(parts, vectors)).check()
+        miss = Plain(**constants(parts, vectors)).check()
         if not miss < EXACT:
             raise CalibrationError(f"the export would miss irbcal's own kinematics by {miss:.3g}: nothing is written")
         return Source(robot, parts, vectors, float(miss), record, urdf, folder)

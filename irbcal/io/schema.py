@@ -32,7 +32,6 @@ from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.elsewhere import Elsewhere
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import all_names, parameter, term_of
@@ -41,6 +40,7 @@ from irbcal.modeling.terms import bases, inputs
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import SCHEMA, TermMap
+from irbcal.modeling.workspace_coverage import Elsewhere
 from irbcal.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
 from irbcal.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.units import DEG, MM, UNIT_OUTSIDE

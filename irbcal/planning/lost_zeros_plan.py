@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +17,9 @@ from irbcal.modeling.lost_zeros import MANY, WELL, lost_joints
 from irbcal.modeling.parameters import parameter
 from irbcal.planning.choosing import MOST_REFLECTORS, PlanRequest
 from irbcal.planning.optimal_design import Model
+from irbcal.planning.prediction import PlanPrediction
 from irbcal.planning.scene import Scene
 from irbcal.units import DEG, MM
-
-if TYPE_CHECKING:
-    from irbcal.planning.measuring_plan import PlanPrediction
 
 TRIAL = 12
 """Poses of the first plan that says how many are enough."""

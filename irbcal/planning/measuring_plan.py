@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import safe_files
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.correction import languages
 from irbcal.correction.moves import JointMove, Moves
 from irbcal.errors import MeasurementError, OptionError, ProgramError
-from irbcal.identification.least_squares import HELD, ROUNDING, TIED, information_of
 from irbcal.io.opening import RobotLike
 from irbcal.measurement.columns import joint_columns
 from irbcal.modeling import frames
@@ -46,91 +45,15 @@ from irbcal.planning.choosing import (
 from irbcal.planning.conditions import CONDITIONS, TargetsLike
 from irbcal.planning.lost_zeros_plan import enough_poses, model_of_zeros, zeros_of_plan_in_words
 from irbcal.planning.optimal_design import CRITERIA, IMAGINED_SIZE, NOISE, DesignComparison, Model
+from irbcal.planning.prediction import PlanPrediction, predict
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation.instruments import ACCEPTANCE, FRONT
 from irbcal.simulation.virtual_cell import WAIT_S
 from irbcal.summary import Paragraph, Result, Table
-from irbcal.units import DEG, MM, UNIT_OUTSIDE
+from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """Predicted standard deviation of one error parameter."""
-
-    name: str
-    unit: str
-    std: float | None
-    """In the unit of the surface; None where the poses do not show the parameter by itself."""
-    state: str
-    """``identified``, ``tied`` or ``held``, as in a calibration."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PlanPrediction(Locked):
-    """What a plan promises, from the noise of the points alone: errors that no model describes are not in it."""
-
-    model: Model
-    """With the reflectors that the plan measures."""
-    parameters: tuple[Predicted, ...]
-    covariance: FloatArray
-    """Shape (unknowns, unknowns). Of base, targets and error parameters, SI units; held combinations add nothing."""
-
-    def __repr__(self) -> str:
-        single = sum(parameter.state == "identified" for parameter in self.parameters)
-        return f"<Prediction: {single} of {len(self.parameters)} parameters identified by themselves>"
-
-    def position_std(self, q: FloatArray, target: str) -> FloatArray:
-        """Standard deviations of a reflector's predicted positions: root of the summed variances of x, y and z.
-
-        Parameters
-        ----------
-        q : ndarray, shape (n, joints)
-        target : str
-            One that the plan measures.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Metres.
-        """
-        index = self.model.targets.names.index(target)
-        problem, state = self.model.problem(q, self.model.one(len(q), index))
-        J = problem.jacobian(state)
-        return np.sqrt(np.sum((J @ self.covariance) * J, axis=1).reshape(-1, 3).sum(axis=1))
-
-
-def predict(model: Model, q: FloatArray, visible: BoolArray) -> PlanPrediction:
-    """Standard deviations that a plan promises.
-
-    Parameters
-    ----------
-    model : Model
-    q : ndarray, shape (n, joints)
-    visible : ndarray of bool, shape (n, k)
-        Reflectors measured in each pose; those that no pose has are left out.
-
-    Raises
-    ------
-    IdentificationError
-        If the poses cannot determine base and targets, or are too few.
-    """
-    model, visible = model.measuring(visible)
-    problem, state = model.problem(q, visible)
-    H, _, _ = problem.normal_equations(state)
-    information = information_of(problem, H, model.noise**2)
-    solid = information.eigenvalues > ROUNDING * information.eigenvalues.max(initial=0.0)
-    information = replace(information, sigma=model.noise, seen=solid & (information.eigenvalues > model.noise**2))
-    covariance = information.covariance()
-    std = np.sqrt(np.diag(covariance)[problem.outer :])
-    out: list[Predicted] = []
-    for parameter, value, share in zip(model.parameters, std, information.held_fraction(), strict=True):
-        unit, factor = UNIT_OUTSIDE[parameter.unit]
-        name = "held" if share > HELD else "tied" if share > TIED else "identified"
-        out.append(Predicted(parameter.name, unit, float(value / factor) if name == "identified" else None, name))
-    return PlanPrediction(model, tuple(out), covariance)
 
 
 def _measured(poses: Poses) -> tuple[FloatArray, BoolArray]:

@@ -24,7 +24,7 @@ from irbcal.reports.languages import LANGUAGES, Language, translated
 from irbcal.reports.report_page import as_csv
 from irbcal.units import MM
 from irbcal.validation.evaluation import MODELS, Evaluation
-from irbcal.validation.origin import FIELDS, Origin
+from irbcal.validation.provenance import FIELDS, Origin
 
 __all__ = ["certificate", "render"]
 

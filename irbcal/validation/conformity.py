@@ -22,8 +22,8 @@ from irbcal.arrays import FloatArray, IntArray, Locked, plain
 from irbcal.errors import OptionError
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
-from irbcal.modeling.elsewhere import even_width
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.workspace_coverage import even_width
 from irbcal.options import checked, length
 from irbcal.statistics import consecutive
 from irbcal.summary import Paragraph, Result, values
@@ -367,7 +367,7 @@ class Region(Locked):
     joint_shares: FloatArray | None
     box_shares: FloatArray | None
     """Shapes (joints,) and (3,). Of the calibrated ranges; None where these are not known. That of a joint is the even
-    width, see `irbcal.modeling.elsewhere.even_width`.
+    width, see `irbcal.modeling.workspace_coverage.even_width`.
     """
 
     @property

@@ -17,8 +17,8 @@ from irbcal.identification.fit import Fit, identify
 from irbcal.measurement.moved import SHORTEST, moved_notes
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.parameters import default_level
+from irbcal.modeling.workspace_coverage import elsewhere
 from irbcal.units import MM
 from irbcal.validation.length_scale import length_scale
 

@@ -46,7 +46,7 @@ from irbcal.validation.cleaned_points import (
 )
 from irbcal.validation.conformity import Conformity, Region, Requirement, Rule, conformity, region, requirement
 from irbcal.validation.length_scale import length_scale, scale_in_words
-from irbcal.validation.origin import Origin, checked_info, origin
+from irbcal.validation.provenance import Origin, checked_info, origin
 from irbcal.validation.refit import Refit
 from irbcal.validation.verdict import Verdict, counted
 from irbcal.validation.verdict import verdict as verdict_of_points
@@ -395,7 +395,7 @@ def evaluate(
         calibrated ranges, see `irbcal.validation.conformity`.
     info : dict of str to str, optional
         What a certificate tells besides: ``serial_number``, ``operator`` and others of
-        `irbcal.validation.origin.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
+        `irbcal.validation.provenance.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
     jobs : int, optional
         Threads for large problems, processes for long files; as many as there are cores unless given. The result does
         not depend on it.

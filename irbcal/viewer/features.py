@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import BoolArray, FloatArray, Locked, NameArray
+from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import BASE, TOOL, FeatureProblem, FeatureState, Key
@@ -28,28 +28,13 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
 from irbcal.units import DEG, MM
 from irbcal.viewer import shapes
-from irbcal.viewer.scene import Points
+from irbcal.viewer.scene import Points, ShownFeature
 
 FRAME = "frame"
 """The frame in which a device measured whole poses: rows of kind ``pose`` have no feature."""
 
 BALL, SOCKET, FLAT, LENGTH = shapes.colours("#c98a1b", "#5b6570", "#5d8fbf", "#7a4fa3")
 """Colours of balls and anchors, of what carries them, of planes and lines, and of lengths."""
-
-
-@dataclass(frozen=True, eq=False)
-class ShownFeature(Locked):
-    """A feature as it is drawn."""
-
-    name: str
-    kind: str
-    label: str
-    T_scene: FloatArray
-    """Shape (4, 4). Its place; z is a plane's normal, the direction of a line, or goes from one end of a length to the
-    other.
-    """
-    size: float
-    """Radius of a sphere, half the edge of a plane's patch, half the length of a line, metres."""
 
 
 def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | None = None) -> tuple[ShownFeature, ...]:

@@ -34,11 +34,24 @@ from irbcal.viewer.shapes import Link, Mesh, reach
 if TYPE_CHECKING:
     import pandas as pd
 
-    from irbcal.viewer.features import ShownFeature
-
 
 Mode: TypeAlias = Literal["measured", "plan", "program", "sliders"]
 Model: TypeAlias = Literal["calibrated", "nominal"]
+
+
+@dataclass(frozen=True, eq=False)
+class ShownFeature(Locked):
+    """A feature as it is drawn."""
+
+    name: str
+    kind: str
+    label: str
+    T_scene: FloatArray
+    """Shape (4, 4). Its place; z is a plane's normal, the direction of a line, or goes from one end of a length to the
+    other.
+    """
+    size: float
+    """Radius of a sphere, half the edge of a plane's patch, half the length of a line, metres."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from export_harness import situations
 
-from irbcal.exporting import python
 from irbcal.exporting.batch import Batch
+from irbcal.exporting.parts import constants
 
 
 @pytest.mark.parametrize(
@@ -13,7 +13,7 @@ from irbcal.exporting.batch import Batch
 )
 def test_it_computes_what_irbcal_computes(sources, name, poses):
     source = sources[name]
-    robot, batch = source.robot, Batch(**python.constants(source.parts, source.vectors))
+    robot, batch = source.robot, Batch(**constants(source.parts, source.vectors))
     q, situation = situations(robot, poses, 21)
     theta, T = robot.joint_map.effective(q, **situation), robot.forward(q, **situation)
     assert np.abs(batch.effective(q, **situation) - theta).max() < 1e-12
@@ -36,4 +36,4 @@ def test_it_computes_what_irbcal_computes(sources, name, poses):
 def test_wrong_shapes_are_refused(sources):
     source = sources["level"]
     with pytest.raises(ValueError, match="joints need shape"):
-        Batch(**python.constants(source.parts, source.vectors)).effective([[0.0] * 5])
+        Batch(**constants(source.parts, source.vectors)).effective([[0.0] * 5])

@@ -5,8 +5,8 @@ import pytest
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.exporting import python
 from irbcal.exporting.batch import Batch
+from irbcal.exporting.parts import constants
 from irbcal.exporting.source import EXACT, Source
 
 
@@ -15,7 +15,7 @@ def test_of_a_calibration_folder(folder):
     made = irbcal.load(folder)
     robot = made.robot_calibrated()
     q = robot.arm.random_joints(100, 3)
-    found = Batch(**python.constants(source.parts, source.vectors)).forward(q)
+    found = Batch(**constants(source.parts, source.vectors)).forward(q)
     assert np.abs(found - robot.poses(q)).max() < 1e-12
     assert source.parts.fingerprint == made.record.fingerprint
     assert source.miss < EXACT

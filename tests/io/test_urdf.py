@@ -341,7 +341,7 @@ def test_long_axes_and_limits_that_are_none():
     assert np.isinf(free.upper[0])
 
 
-def test_origins_at_the_end_of_the_world_are_refused():
+def test_provenances_at_the_end_of_the_world_are_refused():
     text = robots.robot_file("irb1600").read_text()
     far = re.sub(r'(<joint.*?<origin xyz=")\S+', r"\g<1>1e300", text, count=1, flags=re.DOTALL)
     with pytest.raises(RobotError, match="expected an origin within 10000 m"):

@@ -10,7 +10,7 @@ from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.io.schema import CertaintySection
-from irbcal.modeling.elsewhere import Elsewhere
+from irbcal.modeling.workspace_coverage import Elsewhere
 from irbcal.reports import report_page
 from irbcal.reports.evidence import limits
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,8 +26,27 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.summary import Paragraph, Result
 
-if TYPE_CHECKING:
-    from irbcal.modeling.inverse.orthoparallel import OrthoParallel
+
+class ClosedForm(Protocol):
+    """An arm whose inverse has branches (`irbcal.modeling.inverse.orthoparallel`)."""
+
+    @property
+    def name(self) -> str:
+        """Of the robot."""
+        ...
+
+    @property
+    def signs(self) -> FloatArray:
+        """Shape (6,). Which way its joints turn."""
+        ...
+
+    def angle(self, joints: FloatArray, joint: int) -> FloatArray:
+        """Angle of an axis, counted as the closed form does, radians."""
+        ...
+
+    def wrist_angle(self, joints: FloatArray) -> FloatArray:
+        """Angle between axes 4 and 6 as lines, radians."""
+        ...
 
 
 _SIGNS = 1.0 - 2.0 * ((np.arange(8) >> np.array([[2], [1], [0]])) & 1)
@@ -57,7 +76,7 @@ class Branches(Result):
     """
     margins: FloatArray
     """Shape (n, 3). `shoulder`, and the two of `reach_margin`, metres."""
-    arm: OrthoParallel
+    arm: ClosedForm
 
     def __len__(self) -> int:
         return len(self.joints)

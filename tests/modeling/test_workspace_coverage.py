@@ -11,8 +11,8 @@ import irbcal
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import certainty_of, identify
 from irbcal.measurement.points import distances
-from irbcal.modeling.elsewhere import Elsewhere, _limits, elsewhere
 from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.workspace_coverage import Elsewhere, _limits, elsewhere
 from irbcal.units import MM
 
 MIDDLE = np.radians([20.0, 20, 0, 30, 40, 10])

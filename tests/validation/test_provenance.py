@@ -9,7 +9,7 @@ import pytest
 import irbcal
 from irbcal.errors import OptionError
 from irbcal.io import robots
-from irbcal.validation.origin import FIELDS, checked_info
+from irbcal.validation.provenance import FIELDS, checked_info
 
 
 @pytest.fixture(scope="module")
