@@ -89,5 +89,5 @@ def test_names_in_the_code_say_what_things_are(monkeypatch, capsys):
     names = runpy.run_path(str(script))
     assert names["main"]() == 0, capsys.readouterr().out
     text = "def fit(points, own):\n    found = own.found + points\n    return found"
-    assert sorted(names["names_in"](text)) == ["found", "found", "own", "own", "points", "points"]
+    assert sorted(names["names_in"](text)) == ["fit", "found", "found", "found", "own", "own", "points", "points"]
     assert {"found", "own"} <= names["VAGUE"]
