@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from irbcal.errors import OptionError
@@ -71,14 +71,30 @@ def number(
         and (not whole or value == int(value))
     ):
         return int(value) if whole else float(value)
-    kind = "a whole number" if whole else "a number"
-    if low is not None and high is not None:
-        kind += f" from {low:.10g} to {high:.10g}"
-    elif low is not None:
-        kind += f" of at least {low:.10g}"
-    elif high is not None:
-        kind += f" of at most {high:.10g}"
-    raise OptionError(f"{parameter}: expected {kind}, found {shown(value)}", parameter=parameter)
+    raise OutOfRange(parameter, value, low, high, whole)
+
+
+class OutOfRange(OptionError):
+    """An option that takes a number has another value."""
+
+    def __init__(self, parameter: str, value: Any, low: float | None, high: float | None, whole: bool) -> None:
+        self.value, self.low, self.high, self.whole = value, low, high, whole
+        super().__init__(f"{parameter}: {self.sentence(lambda number: number)}", parameter=parameter)
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return type(self), (self.parameter, self.value, self.low, self.high, self.whole)
+
+    def sentence(self, typed: Callable[[float], float]) -> str:
+        """What was expected and what was found, numbers as they are ``typed`` by whoever gave them."""
+        low, high = (None if limit is None else f"{typed(limit):.10g}" for limit in (self.low, self.high))
+        kind = "a whole number" if self.whole else "a number"
+        if low is not None and high is not None:
+            kind += f" from {low} to {high}"
+        elif low is not None:
+            kind += f" of at least {low}"
+        elif high is not None:
+            kind += f" of at most {high}"
+        return f"expected {kind}, found {shown(typed(self.value) if _is_number(self.value) else self.value)}"
 
 
 def seed(value: Any, parameter: str = "seed") -> int:

@@ -24,6 +24,7 @@ import typer
 from typer.core import TyperCommand
 
 from irbcal.errors import OptionError, not_among
+from irbcal.options import OutOfRange
 from irbcal.safe_files import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
@@ -411,7 +412,7 @@ def _for_typer(
             source = context.get_parameter_source(name)
             if source is not None and source.name != "DEFAULT":  # else the function's own
                 options[name] = kinds[name].read(value, flags.get(name, item.option))
-        with refusals(arguments, flags):
+        with refusals(arguments, flags, typed):
             function(options, **values)
 
     call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
@@ -484,8 +485,10 @@ def public(name: str) -> Any:
 
 
 @contextmanager
-def refusals(arguments: Sequence[str] = (), flags: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Turn an `OptionError` into a wrong call (exit code 2) that names the option."""
+def refusals(
+    arguments: Sequence[str] = (), flags: Mapping[str, str] | None = None, typed: Mapping[str, Typed] | None = None
+) -> Iterator[None]:
+    """Turn an `OptionError` into a wrong call (exit code 2) that names the option, numbers as typed."""
     try:
         yield
     except OptionError as error:
@@ -493,6 +496,8 @@ def refusals(arguments: Sequence[str] = (), flags: Mapping[str, str] | None = No
         option = f"--{name.rstrip('_').replace('_', '-')}"
         hint = name.upper() if name in arguments else (flags or {}).get(name, option)
         sentence = str(error).removeprefix(f"{name}: ")  # the hint says it
+        if isinstance(error, OutOfRange) and typed and name in typed and typed[name].kind is float:
+            sentence = error.sentence(typed[name].shown)
         raise typer.BadParameter(sentence, param_hint=hint if name else None) from None
 
 

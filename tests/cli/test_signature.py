@@ -1,6 +1,7 @@
 """Options made from a function's source: units, defaults, explanations, and panels for experts."""
 
 import json
+import pickle
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from irbcal.cli import main, show, signature
 from irbcal.cli.main import app
 from irbcal.errors import OptionError
 from irbcal.io import robots
+from irbcal.options import number
 from irbcal.planning import device_plan, measuring_plan
 from irbcal.units import DEG, MM
 
@@ -157,3 +159,14 @@ def test_only_the_command_that_is_called_is_loaded():
     assert "'irbcal.cli.use'" in called
     assert "'irbcal.cli.prepare'" not in called
     assert "'irbcal.cli.use'" not in loaded("summary=True")
+
+
+def test_numbers_out_of_range_are_told_in_the_units_of_the_shell():
+    with (
+        pytest.raises(typer.BadParameter, match=r"expected a number from 0\.001 to 1000, found 5000"),
+        signature.refusals(typed={"path_tolerance": signature.MM}),
+    ):
+        number("path_tolerance", 5.0, 1e-6, 1.0)
+    with pytest.raises(OptionError, match="path_tolerance: expected a number from 1e-06 to 1, found 5") as refused:
+        number("path_tolerance", 5.0, 1e-6, 1.0)
+    assert str(pickle.loads(pickle.dumps(refused.value))) == str(refused.value)  # it comes back from workers
