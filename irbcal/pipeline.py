@@ -97,7 +97,7 @@ from irbcal.modeling.parameters import Parameter, default_level, selected_parame
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.workspace_coverage import elsewhere
+from irbcal.modeling.workspace_coverage import workspace_coverage
 from irbcal.names import check_names
 from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
@@ -1320,7 +1320,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
             certainty,
             None  # the nominal robot promises nothing
             if fit.level == "nominal"
-            else elsewhere(robot, nominal, fitted_points.q, heldout.q),
+            else workspace_coverage(robot, nominal, fitted_points.q, heldout.q),
         ),
         held=fit.held(),
         observability=Observability.of_average(fit) if isinstance(fit, EvidenceFit) else Observability.of(fit),

@@ -40,7 +40,7 @@ from irbcal.modeling.terms import bases, inputs
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import SCHEMA, TermMap
-from irbcal.modeling.workspace_coverage import Elsewhere
+from irbcal.modeling.workspace_coverage import WorkspaceCoverage
 from irbcal.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
 from irbcal.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
@@ -114,10 +114,10 @@ class CertaintySection(Section):
     leave_fifths_out_mm: dict[Name, float | None]
     ranges: list[list[float]] = Field(min_length=2, max_length=2)
     measurement_noise_mm: float = Field(default=0.0, ge=0.0)
-    elsewhere: Elsewhere | None = None
+    elsewhere: WorkspaceCoverage | None = None
 
     @staticmethod
-    def of(certainty: Certainty, coverage: Elsewhere | None) -> CertaintySection:
+    def of(certainty: Certainty, coverage: WorkspaceCoverage | None) -> CertaintySection:
         """The section of what an identification knows."""
         assert certainty.ranges is not None
         return CertaintySection.from_result(certainty, ranges=certainty.ranges.tolist(), elsewhere=coverage)

@@ -35,7 +35,7 @@ show is far larger, but estimates that far off would lie as far from the nominal
 SIMULATED robots erred by at most 1.1 differences."""
 
 
-class Elsewhere(Section):
+class WorkspaceCoverage(Section):
     """Expected errors where a robot was measured and anywhere within its joint limits.
 
     Attributes
@@ -103,7 +103,9 @@ def even_width(q: FloatArray, within: FloatArray) -> FloatArray:
     return np.minimum(np.sqrt(12.0) * q.std(axis=0, ddof=1), np.ptp(q, axis=0))
 
 
-def elsewhere(robot: Robot, nominal: Robot, q: FloatArray, proof: FloatArray | None = None) -> Elsewhere | None:
+def workspace_coverage(
+    robot: Robot, nominal: Robot, q: FloatArray, proof: FloatArray | None = None
+) -> WorkspaceCoverage | None:
     """What is to be expected of a calibrated robot within its joint limits.
 
     Parameters
@@ -119,7 +121,7 @@ def elsewhere(robot: Robot, nominal: Robot, q: FloatArray, proof: FloatArray | N
 
     Returns
     -------
-    Elsewhere or None
+    WorkspaceCoverage or None
         None where nothing is known of the robot's certainty, or the poses of the proof are all over the limits: their
         errors were measured, and need not be expected.
     """
@@ -137,7 +139,7 @@ def elsewhere(robot: Robot, nominal: Robot, q: FloatArray, proof: FloatArray | N
     moved = robot.points(anywhere, target) - nominal.points(anywhere, target)
     expected_here = _expected(robot, q[:: max(1, len(q) // POSES)], target)
     difference = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-    return Elsewhere(
+    return WorkspaceCoverage(
         shares=np.clip(went / (upper - lower), 0.0, 1.0).tolist(),
         here_mm=expected_here / MM,
         there_mm=min(_expected(robot, anywhere, target), expected_here + MOST * difference) / MM,

@@ -18,7 +18,7 @@ from irbcal.measurement.moved import SHORTEST, moved_notes
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level
-from irbcal.modeling.workspace_coverage import elsewhere
+from irbcal.modeling.workspace_coverage import workspace_coverage
 from irbcal.units import MM
 from irbcal.validation.length_scale import length_scale
 
@@ -359,7 +359,7 @@ def doubts(
         )
     out += _slip(nominal, fitted)
     out += _scale(nominal, fitted) or _lengths(nominal.problem.arm, fit.robot.arm)
-    beyond = elsewhere(fit.robot, nominal.robot, fitted.q, None if proof is None else proof.q)
+    beyond = workspace_coverage(fit.robot, nominal.robot, fitted.q, None if proof is None else proof.q)
     return [*out, beyond.in_words()] if beyond is not None and beyond.narrow else out
 
 

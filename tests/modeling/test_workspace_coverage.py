@@ -12,7 +12,7 @@ from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import certainty_of, identify
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.workspace_coverage import Elsewhere, _limits, elsewhere
+from irbcal.modeling.workspace_coverage import WorkspaceCoverage, _limits, workspace_coverage
 from irbcal.units import MM
 
 MIDDLE = np.radians([20.0, 20, 0, 30, 40, 10])
@@ -42,7 +42,7 @@ def case(width, seed, level):
     robot, nominal = fitted(truth.measured(motion, 3e-5), motion, level)
     test = truth.measured(Motion(truth.nominal.random_joints(200, 99)), 0.0)
     errors = [float(np.sqrt(np.mean(distances(item, test) ** 2))) for item in (robot, nominal)]
-    return elsewhere(robot, nominal, motion.q), errors
+    return workspace_coverage(robot, nominal, motion.q), errors
 
 
 @pytest.mark.parametrize(("width", "level"), [(0.1, "34"), (0.2, "auto"), (0.2, "placement")])
@@ -76,7 +76,7 @@ def test_a_plan_leads_to_no_warning(level):
     q = irbcal.plan("irb120").q
     robot = random_robot(arm("irb120"), "34", np.random.default_rng(3), size=0.1)
     points = measured(robot, q, 3e-5, np.random.default_rng(4))
-    found = elsewhere(*fitted(points, Motion.in_order(q), level), q)
+    found = workspace_coverage(*fitted(points, Motion.in_order(q), level), q)
     assert not found.narrow
     assert found.in_words() == ""
     assert found.share > 0.9
@@ -86,7 +86,7 @@ def test_a_robot_measured_in_its_cell_has_none(shared_data):
     seen = irb120(shared_data)
     rows = np.arange(seen.points.poses) < 200
     points, motion = seen.points.select(rows), seen.motion.select(rows)
-    found = elsewhere(*fitted(points, motion, "auto"), motion.q)
+    found = workspace_coverage(*fitted(points, motion, "auto"), motion.q)
     assert not found.narrow
     assert 0.7 < found.share < 0.9
 
@@ -106,11 +106,11 @@ def test_joints_that_turn_for_ever_are_looked_at_for_one_turn():
 
 def test_without_certainty_nothing_is_said():
     robot = random_robot(arm("irb120"), "34", np.random.default_rng(3))
-    assert elsewhere(robot, robot, np.zeros((3, 6))) is None
+    assert workspace_coverage(robot, robot, np.zeros((3, 6))) is None
 
 
 def test_words():
-    wide = Elsewhere(shares=[0.9] * 6, here_mm=0.1, there_mm=0.2, difference_mm=1.0)
+    wide = WorkspaceCoverage(shares=[0.9] * 6, here_mm=0.1, there_mm=0.2, difference_mm=1.0)
     assert wide.in_words() == ""
     grown = wide.model_copy(update={"there_mm": 0.4})
     assert "errors of 0.400 mm (rms) or more must be expected, 4.0 times" in grown.in_words()
@@ -129,10 +129,10 @@ def test_proof_poses_all_over_the_limits_leave_nothing_to_expect():
     fit, nominal = identify(model, points, "26"), identify(model, points, "nominal").robot
     robot = fit.robot.replace(certainty=certainty_of(fit))
     proof = model.random_joints(300, 5)
-    assert elsewhere(robot, nominal, q).narrow
-    assert elsewhere(robot, nominal, q, proof) is None
+    assert workspace_coverage(robot, nominal, q).narrow
+    assert workspace_coverage(robot, nominal, q, proof) is None
     corner = np.vstack([0.3 * proof, model.lower, model.upper])
-    assert elsewhere(robot, nominal, q, corner).narrow, "two poses at the ends are no proof in between"
+    assert workspace_coverage(robot, nominal, q, corner).narrow, "two poses at the ends are no proof in between"
 
 
 def test_what_is_expected_is_bounded_by_the_difference_from_the_nominal_robot():
@@ -141,5 +141,5 @@ def test_what_is_expected_is_bounded_by_the_difference_from_the_nominal_robot():
     motion = Motion(box(truth.nominal, 0.1, 60, 1))
     robot, nominal = fitted(truth.measured(motion, 3e-5), motion, "34")
     vague = replace(robot.certainty, covariance=1e8 * robot.certainty.covariance)
-    found = elsewhere(robot.replace(certainty=vague), nominal, motion.q)
+    found = workspace_coverage(robot.replace(certainty=vague), nominal, motion.q)
     assert found.there_mm <= found.here_mm + 2.0 * found.difference_mm + 1e-9

@@ -10,7 +10,7 @@ from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.io.schema import CertaintySection
-from irbcal.modeling.workspace_coverage import Elsewhere
+from irbcal.modeling.workspace_coverage import WorkspaceCoverage
 from irbcal.reports import report_page
 from irbcal.reports.evidence import limits
 
@@ -98,7 +98,7 @@ def test_nothing_held_out(calibration):
 
 
 def test_a_corner(calibration):
-    corner = Elsewhere(shares=[0.9, 0.2, 0.9, 0.3, 0.3, 0.9], here_mm=0.1, there_mm=0.6, difference_mm=1.0)
+    corner = WorkspaceCoverage(shares=[0.9, 0.2, 0.9, 0.3, 0.3, 0.9], here_mm=0.1, there_mm=0.6, difference_mm=1.0)
     known = CertaintySection(
         leave_one_out_mm={}, leave_fifths_out_mm={}, ranges=[[0.0] * 6, [1.0] * 6], elsewhere=corner
     )
