@@ -35,15 +35,6 @@ SHORTEST_TEXT = 12
 GAP = 2
 """Columns of text between two columns of a table."""
 
-PAGE_STYLE = (
-    "body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#1c2733}"
-    "table{border-collapse:collapse;margin:1.5em 0;font-variant-numeric:tabular-nums;display:block;overflow-x:auto}"
-    "caption{font-weight:bold;padding:.3em 0}th{border-bottom:2px solid #8aa}"
-    "td,th{padding:.25em .8em}td{border-bottom:1px solid #dde}"
-)
-"""Of pages of results: a wide table scrolls, not the page."""
-VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
-
 LONGEST_REPR = 1_500
 """Characters of the text that the interpreter shows."""
 
@@ -284,10 +275,16 @@ class Result(Locked, ABC):
 
 def html_page(title: str, paragraphs: Sequence[Paragraph]) -> str:
     """Paragraphs as one HTML page that loads nothing and runs no script."""
-    head = f'<meta charset="utf-8">{VIEWPORT}<title>{escape(title)}</title><style>{PAGE_STYLE}</style>'
-    content = f"<h1>{escape(title)}</h1>{_html(paragraphs)}"
-    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{content}</body></html>\n'
+    from markupsafe import Markup
+
+    from irbcal.templates import environment
+
+    content = Markup(f"<h1>{escape(title)}</h1>{_html(paragraphs)}")
+    return environment("irbcal.page", "").get_template("frame.html.j2").render(title=title, content=content)
 
 
 def _html(paragraphs: Sequence[Paragraph]) -> str:
-    return "".join(part.html() if isinstance(part, Table) else f"<p>{escape(part)}</p>" for part in paragraphs)
+    return "".join(
+        f'<div class="scroll">{part.html()}</div>' if isinstance(part, Table) else f"<p>{escape(part)}</p>"
+        for part in paragraphs
+    )

@@ -16,6 +16,8 @@ import jinja2
 from jinja2.bccache import Bucket, BytecodeCache
 from markupsafe import Markup
 
+from irbcal import page
+
 
 class Compiled(BytecodeCache):
     """Compiled templates beside the compiled modules of their folder, as Python keeps those, and where it may.
@@ -60,7 +62,7 @@ class Compiled(BytecodeCache):
 def environment(
     package: str, folder: str = "templates", trim: bool = True, literal: Callable[[Any], str] | None = None
 ) -> jinja2.Environment:
-    """Templates of a package, each compiled once a process.
+    """Templates of a package, and the frame of all pages; each is compiled once a process.
 
     Parameters
     ----------
@@ -74,8 +76,8 @@ def environment(
         What every value becomes but `markupsafe.Markup`, see `irbcal.literals`; escaped text of HTML unless given.
     """
     options: dict[str, Any] = {"trim_blocks": trim, "lstrip_blocks": trim}
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader(package, folder),
+    templates = jinja2.Environment(
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package, folder), jinja2.PackageLoader("irbcal.page", "")]),
         autoescape=literal is None,
         finalize=None if literal is None else partial(_literal, literal),
         keep_trailing_newline=literal is not None,
@@ -83,6 +85,8 @@ def environment(
         bytecode_cache=Compiled(),
         **options,
     )
+    templates.globals["page_style"] = page.style
+    return templates
 
 
 def _literal(literal: Callable[[Any], str], value: Any) -> str:

@@ -13,6 +13,7 @@ FLOORS = (
     (
         "literals",
         "options",
+        "page",
         "summary",
         "terminal",
         "names",

@@ -413,7 +413,6 @@ def _write(result: CalibratedFleet) -> None:
 
 def page(fleet: CalibratedFleet) -> str:
     """The page of a list's calibrations."""
-    from irbcal.plotting.charts import page_style
     from irbcal.templates import environment
 
     largest = max([r.nominal_mm or 0.0 for r in fleet.robots] + [r.mean_mm or 0.0 for r in fleet.robots] + [1e-9])
@@ -422,7 +421,6 @@ def page(fleet: CalibratedFleet) -> str:
         .get_template("list.html.j2")
         .render(
             title="Fleet",
-            style=page_style(),
             simulated=any(r.simulated for r in fleet.robots),
             headline=fleet.headline(),
             robots=fleet.robots,

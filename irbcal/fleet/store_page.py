@@ -19,7 +19,7 @@ from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.fleet.comparison import UNITS, Change, called, change, changes
 from irbcal.fleet.store import Dated, Store
-from irbcal.plotting.charts import DASHED, Drawing, LegendEntry, Panel, axis_top, fixed, inline, key, page_style, span
+from irbcal.plotting.charts import DASHED, Drawing, LegendEntry, Panel, axis_top, fixed, inline, key, span
 from irbcal.statistics import normal_quantile
 from irbcal.templates import environment
 from irbcal.units import MM
@@ -275,7 +275,6 @@ def render_store(
         .get_template("store.html.j2")
         .render(
             title="Fleet",
-            style=page_style(),
             simulated=overview.simulated,
             headline=overview.headline(),
             robots=robots,

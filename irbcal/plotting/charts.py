@@ -1,8 +1,8 @@
 """Charts: lists of marks in their own units, as inline SVG that a page colours, and as SVG, PNG and PDF files.
 
 A drawing is a list of marks (lines, dots, boxes, texts; a font of 12 is body text). Nothing runs in it: what a mark is
-stands in its ``<title>``, which browsers show when the pointer rests on it. Colours are roles of `PAINT`; on a page
-they are variables of its style sheet. matplotlib turns the marks into pixels, for PNG, and into PDF.
+stands in its ``<title>``, which browsers show when the pointer rests on it. Colours are roles of `irbcal.page`; on a
+page they are variables of its style sheet. matplotlib turns the marks into pixels, for PNG, and into PDF.
 """
 
 from __future__ import annotations
@@ -23,48 +23,13 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import OptionError
+from irbcal.page import PAINT
 from irbcal.safe_files import write_together
 
 if TYPE_CHECKING:
     from markupsafe import Markup
     from matplotlib.axes import Axes
 
-
-NOMINAL, CALIBRATED = "#dd7d11", "#1f72bd"
-"""The two models; safe for the colour-blind."""
-
-FROM_BELOW, FROM_ABOVE, UNKNOWN = "#1b9e77", "#7b3fa0", "#8a8a8a"
-"""Directions from which a joint was reached; the last: not known."""
-
-MEASURED, ACCENT = "#333333", "#7a5195"
-"""Measured values, and what is computed from them: neither is a model's colour."""
-
-SERIES = (MEASURED, ACCENT, "#2f8f5b", "#a0527a", "#6b7280")
-"""Runs of one kind, in their order."""
-
-TEXT, SOFT, RULE, PAPER = "#1b1f24", "#59636e", "#d5dade", "#ffffff"
-"""Words; smaller words and axes; lines of a grid; the ground."""
-
-ERRORS = ("#2166ac", "#2b9c9c", "#d9a400", "#e8590c", "#9e0b26")
-"""Sizes of errors, from zero to the top of a scale; the view has the same."""
-
-
-PAINT = {
-    "ink": TEXT,
-    "soft": SOFT,
-    "line": RULE,
-    "page": PAPER,
-    "nominal": NOMINAL,
-    "calibrated": CALIBRATED,
-    "below": FROM_BELOW,
-    "above": FROM_ABOVE,
-    "accent": ACCENT,
-    "measured": MEASURED,
-    "unknown": UNKNOWN,
-    **{f"error{k}": colour for k, colour in enumerate(ERRORS)},
-    **{f"series{k}": colour for k, colour in enumerate(SERIES)},
-}
-"""Colours by role; on the page they are variables of the style sheet, so that the dark one can have others."""
 
 FONT = 12.0
 """Size of body text in a drawing."""
@@ -383,16 +348,6 @@ def inline(drawing: Drawing) -> Markup:
     from markupsafe import Markup
 
     return Markup(_svg(drawing, _variable, f'role="img" aria-label="{as_text(drawing.label)}"'))
-
-
-def page_style() -> Markup:
-    """The style sheet of all pages, with the colours of `PAINT` as its variables."""
-    from pathlib import Path
-
-    from markupsafe import Markup
-
-    paint = " ".join(f"--{role}: {colour};" for role, colour in PAINT.items())
-    return Markup(f":root {{ {paint} }}\n{Path(__file__).with_name('page.css').read_text(encoding='utf-8')}")
 
 
 def key(mark: Sign, colour: str) -> Markup:

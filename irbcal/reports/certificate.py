@@ -126,7 +126,6 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
         e=evaluation,
         origin=origin,
         kept=conformity,
-        style=charts.page_style(),
         key_mark=charts.key,
         stated=stated,
         remarks=remarks,

@@ -314,7 +314,6 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
     evidence = gather(calibration) if evidence is None else evidence
     return template("report.html.j2").render(
         c=calibration,
-        style=charts.page_style(),
         key_mark=charts.key,
         verdict=verdict(calibration),
         trusted=verdict_of(calibration).trusted,

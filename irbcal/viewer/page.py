@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import FloatArray
-from irbcal.plotting.charts import ERRORS
+from irbcal.page import DARK, ERRORS, LIGHT, rule
 from irbcal.units import DEG, MM
 from irbcal.viewer import features, shapes
 from irbcal.viewer.scene import Drawn, Model, PageScene, Points
@@ -243,7 +243,7 @@ def render(scene: PageScene) -> str:
             title=scene.title,
             data=escaped_json(data),
             licences=_viewer("main.min.js.LICENSE.txt"),
-            style=_own("overlay.css"),
+            style=rule(":root", "light", LIGHT) + rule(':root[data-theme="dark"]', "dark", DARK) + _own("overlay.css"),
             policy="; ".join(
                 [
                     "default-src 'none'",

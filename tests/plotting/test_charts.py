@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from lxml import etree
 
+from irbcal import page
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.plotting import charts
 from irbcal.plotting.charts import (
-    PAINT,
     Boxes,
     Chart,
     Dots,
@@ -93,7 +93,7 @@ def test_files_carry_caption_and_legend():
     svg = figure().marked(True).svg()
     assert svg.startswith("<?xml")
     assert "SIMULATED data. A caption" in svg
-    assert charts.PAINT["nominal"] in svg
+    assert page.PAINT["nominal"] in svg
     assert "var(" not in svg
 
 
@@ -105,7 +105,7 @@ def test_png_files_are_the_same_each_time_and_on_white():
     with Image.open(io.BytesIO(first)) as image:
         assert image.convert("RGB").getpixel((1, 1)) == (255, 255, 255)
         colours = {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
-    assert tuple(bytes.fromhex(charts.PAINT["calibrated"][1:])) in colours
+    assert tuple(bytes.fromhex(page.PAINT["calibrated"][1:])) in colours
 
 
 def test_drawings_grow_and_keep_their_order():
@@ -185,7 +185,7 @@ def test_the_same_marks_on_axes():
     assert (box.get_x(), box.get_width(), box.get_height(), box.get_alpha()) == (0, 2, 3, 0.3)
     assert box.get_zorder() == 2
     (text,) = axes.texts
-    assert (text.get_text(), text.get_ha(), text.get_color()) == ("words", "right", PAINT["ink"])
+    assert (text.get_text(), text.get_ha(), text.get_color()) == ("words", "right", page.PAINT["ink"])
 
 
 @pytest.fixture
@@ -260,11 +260,11 @@ def test_models_directions_and_words_are_told_apart():
         "SOFT",
         "RULE",
     )
-    values = [getattr(charts, name) for name in (*names, "PAPER")]
-    assert all(re.fullmatch("#[0-9a-f]{6}", value) for value in (*values, *charts.ERRORS, *charts.SERIES))
+    values = [getattr(page, name) for name in (*names, "PAPER")]
+    assert all(re.fullmatch("#[0-9a-f]{6}", value) for value in (*values, *page.ERRORS, *page.SERIES))
     assert len(set(values)) == len(values)
-    assert len(set(charts.ERRORS)) == len(charts.ERRORS)
-    assert not set(charts.SERIES) & {charts.NOMINAL, charts.CALIBRATED}, "a run is no model"
+    assert len(set(page.ERRORS)) == len(page.ERRORS)
+    assert not set(page.SERIES) & {page.NOMINAL, page.CALIBRATED}, "a run is no model"
 
 
 def test_no_minus_stands_before_zero():

@@ -22,7 +22,7 @@ from irbcal.errors import OptionError
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.situation import Motion
-from irbcal.plotting import charts
+from irbcal.page import CALIBRATED, NOMINAL
 from irbcal.reports import report_charts, report_page
 
 
@@ -64,7 +64,7 @@ def test_pictures_show_both_models_on_white(calibration, evidence):
             if figure.name in ("before_and_after", "residual_vectors"):
                 pixels = (255 * imread(io.BytesIO(figure.content("png")))[..., :3]).round().astype(int)
                 assert pixels[0, 0].tolist() == [255, 255, 255]
-                for colour in (charts.NOMINAL, charts.CALIBRATED):
+                for colour in (NOMINAL, CALIBRATED):
                     wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
                     assert (np.abs(pixels - wanted).max(axis=-1) < 30).sum() > 100, (figure.name, colour)
 

@@ -26,8 +26,8 @@ from chapter7.settings import (
 )
 from chapter7.tables import AREA_NAMES, COMPARED, MODEL_NAMES, Cell, Results, Table, chosen, curve_values
 from irbcal import parallel
-from irbcal.plotting import charts
-from irbcal.plotting.charts import CALIBRATED
+from irbcal.page import CALIBRATED
+from irbcal.page import NOMINAL as ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -45,9 +45,9 @@ class Draw(Protocol):
 
 
 GREEN, PURPLE, GREY = "#2f9463", "#9560bd", "#7d868f"
-MODEL_COLOURS = {"nominal": charts.NOMINAL, "11": GREEN, "axes": PURPLE, "34": CALIBRATED}
-ROW_COLOURS = (CALIBRATED, GREEN, charts.NOMINAL, PURPLE, GREY)
-AREA_COLOURS = dict(zip(AREAS, (CALIBRATED, charts.NOMINAL), strict=True))
+MODEL_COLOURS = {"nominal": ORANGE, "11": GREEN, "axes": PURPLE, "34": CALIBRATED}
+ROW_COLOURS = (CALIBRATED, GREEN, ORANGE, PURPLE, GREY)
+AREA_COLOURS = dict(zip(AREAS, (CALIBRATED, ORANGE), strict=True))
 MARKERS = dict(zip(PAYLOADS, "os", strict=True))
 
 OVERVIEW = "Expected against found, and the course of a search"
@@ -293,7 +293,7 @@ def _curve_of(area: str) -> Draw:
     def draw(figure: Canvas, results: Results, series: Series) -> list[Any]:
         axes = figure.add_subplot()
         settings = results.settings
-        methods = [(settings.method, charts.NOMINAL if settings.method == "nelder-mead" else GREEN)]
+        methods = [(settings.method, ORANGE if settings.method == "nelder-mead" else GREEN)]
         if settings.method == "least-squares":
             methods = []
         for method, colour in (*methods, ("least-squares", CALIBRATED)):
@@ -424,7 +424,7 @@ def render(results: Results, tables: Sequence[Table], series: Series) -> str:
             sections=sections,
             tables=tables,
             verdict=verdict(results),
-            calibrated=CALIBRATED,
+            title="Study of calibrations (simulated)",
             is_cell=lambda value: isinstance(value, Cell),
             is_number=lambda value: isinstance(value, (Cell, int)),
         )
