@@ -265,12 +265,14 @@ def pinocchio_pose(data, q):
     return (base.inverse() * tip).homogeneous
 
 
-@pytest.mark.parametrize("arm", [arm for arm in makers.ARMS if arm.joints], ids=lambda arm: arm.folder)
-def test_poses_are_where_the_joints_are(arm):
+@pytest.mark.parametrize(
+    ("arm", "maker"), [pair for pair in makers.arms() if pair[0].joints], ids=lambda value: getattr(value, "folder", "")
+)
+def test_poses_are_where_the_joints_are(arm, maker):
     from irbcal.io import urdf
 
     data = makers.urdf_of(arm)
-    found = makers.stops(arm, data, urdf.from_bytes(data, arm.folder))
+    found = makers.stops(arm, maker, data, urdf.from_bytes(data, arm.folder))
 
     def place(six):
         return np.block(

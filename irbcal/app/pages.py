@@ -21,7 +21,8 @@ from nicegui.events import UploadEventArguments
 from irbcal.app import columns, steps
 from irbcal.app.jobs import Jobs, shown
 from irbcal.app.project import Project
-from irbcal.app.steps import MAKERS, PAGES, Option, Page, Step
+from irbcal.app.steps import PAGES, Option, Page, Step
+from irbcal.correction.known_languages import MAKERS
 from irbcal.errors import IrbcalError
 from irbcal.io.robots import NamedRobot
 from irbcal.plotting.charts import Chart
@@ -508,7 +509,7 @@ def _fields(step: Step, project: Project) -> None:
     with ui.row().classes("items-start gap-4"):
         if step.name == "cell":
             keep = partial(_keep, project, "cell", "maker")
-            makers = {name: name or "none" for name in MAKERS}
+            makers = {"": "none"} | {name: name for name in sorted(MAKERS)}
             ui.select(
                 makers, label="Numbers for the controller of", value=values.get("maker", ""), on_change=keep
             ).classes("w-72")

@@ -19,7 +19,6 @@ from irbcal.validation.provenance import FIELDS
 ROBOT, DATA, CALIBRATION = "Choose a robot first.", "Understand the measurements first.", "Calibrate first."
 PLAN, MEASURED, FOLDER, CELL = "plan", "measured.csv", "my-robot", "cell.json"
 VIEW, STORE, CERTIFICATE = "view.html", "fleet.db", "certificate.html"
-MAKERS = ("", "abb", "fanuc", "kawasaki", "kuka", "staubli", "ur", "yaskawa")
 Values = Mapping[str, Any]
 LABELS = {
     "optimal": "Number of poses, the best ones",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -25,6 +25,7 @@ from irbcal.cli.signature import (
     public,
     scaled,
 )
+from irbcal.correction.known_languages import PLANNED
 from irbcal.safe_files import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
@@ -71,6 +72,7 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
         "approach": MM,
         "prior": MM,
         "pulses": numbers("P1,…,P6", 6),
+        "language": Typed(Literal[PLANNED], f"<{' | '.join(PLANNED)}>"),
         "refit_zeros": LOST_JOINTS,
     },
     panels={

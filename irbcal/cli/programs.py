@@ -10,6 +10,7 @@ import typer
 
 from irbcal.cli import show
 from irbcal.cli.signature import LOST_JOINTS, MM, PLACE, Json, Typed, command, numbers, public
+from irbcal.correction.known_languages import MAKERS
 from irbcal.units import DEG
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def read_frames(options: dict[str, Any], program: Any) -> None:
         return
     files = program if isinstance(program, list) else [] if program is None else [program]
     with unpacked(files) as opened:
-        maker = files_of(opened.programs).language.MAKER if files else None
+        maker = files_of(opened.programs).language.six_numbers if files else None
     for name in given:
         read = where(options[name], maker) if name == "where" else named_frames(options[name], f"--{name}", maker)
         options[name] = read
@@ -215,7 +216,7 @@ def _last_moves(result: Filtered) -> dict[str, Any]:
     }
 
 
-MAKERS = "kuka, abb, fanuc, yaskawa, kawasaki, staubli or ur"
+MAKER_NAMES = f"{', '.join(MAKERS[:-1])} or {MAKERS[-1]}"
 NAMES = "tool", "wobj"
 FOR_PROGRAMS = {"program", "pulses", "where", "controller_model"}
 """Options that say how to read programs."""
@@ -250,7 +251,7 @@ def cell(
         str | None,
         typer.Option(
             "--as",
-            help=f"Write frames as this maker does: {MAKERS}.",
+            help=f"Write frames as this maker does: {MAKER_NAMES}.",
             metavar="MAKER",
         ),
     ] = None,
@@ -289,15 +290,15 @@ def cell(
     from irbcal.cell.cell_file import AS_URDF
     from irbcal.cell.cell_urdf import with_cell
     from irbcal.correction import languages
-    from irbcal.correction.declarations import DECLARATIONS, declared
+    from irbcal.correction.declarations import declared
     from irbcal.io.calibration_folder import read
     from irbcal.io.controller_model import controller_frames
     from irbcal.modeling import frames
     from irbcal.safe_files import refuse_overwriting, write_set
 
     calibration = options.pop("calibration")
-    if as_ is not None and as_ not in DECLARATIONS:
-        raise typer.BadParameter(f"expected {MAKERS}, found {as_!r}", param_hint="--as")
+    if as_ is not None and as_ not in MAKERS:
+        raise typer.BadParameter(f"expected {MAKER_NAMES}, found {as_!r}", param_hint="--as")
     if declare is not None and as_ is None:
         raise typer.BadParameter("for which maker? say it with --as", param_hint="--declare")
     folder = options.get("touches")
@@ -317,8 +318,8 @@ def cell(
     refuse_overwriting(
         {"out": out, "declare": declare, "urdf": urdf, "report": report}, [touches], programs, calibration
     )
-    maker = None if as_ is None else languages.by_name()[DECLARATIONS[as_].language].MAKER
-    program_maker = languages.files_of(programs).language.MAKER if programs else maker
+    maker = None if as_ is None else languages.of_maker(as_).six_numbers
+    program_maker = languages.files_of(programs).language.six_numbers if programs else maker
     tools, work_objects = (named_frames(options.pop(name, None), f"--{name}", program_maker) for name in NAMES)
     saved = read(calibration)
     robot = saved.record.robot
@@ -443,7 +444,7 @@ def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> An
         )
         raise typer.BadParameter(message, param_hint="--touch" if typed else "TOUCHES")
     if file is not None:
-        endings = {ending: one.NAME for one in languages.known() for ending in one.ENDINGS if one.NAME != "CSV"}
+        endings = {ending: one.name for one in languages.known() for ending in one.endings if one.name != "CSV"}
         if (language := endings.get(file.suffix.lower())) is not None:
             message = f"this is {language}: name it with --program, and its points that are touches with --touch"
             raise typer.BadParameter(message, param_hint="TOUCHES")
@@ -461,10 +462,11 @@ def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> An
 def _notation(name: str, ends: ControllerFrames, to_controller: tuple[FloatArray, FloatArray]) -> Notation:
     """How a maker's controllers write frames, and what they count from."""
     from irbcal.cell.cell_file import TOOL, Notation
-    from irbcal.correction import declarations
+    from irbcal.correction import declarations, languages
     from irbcal.units import MM
 
-    maker = declarations.maker_of(name)
+    maker = languages.of_maker(name).maker
+    assert maker is not None, name
 
     def numbers(frame: str, T: FloatArray) -> list[float]:
         return declarations.numbers(maker, to_controller[0 if frame == TOOL else 1] @ T)

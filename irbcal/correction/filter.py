@@ -228,7 +228,7 @@ def correct(
         if tolerance is not None and not all(isinstance(each, (Cuttable, Unread)) for each in programs):
             raise OptionError(
                 "path_tolerance: points are put into moves of RAPID only, where a move can name its point in numbers; "
-                f"this is {opened.files.language.NAME}",
+                f"this is {opened.files.language.name}",
                 parameter="path_tolerance",
             )
         filtered = _with_remarks(

@@ -24,100 +24,6 @@ from irbcal.errors import OptionError
 TO, VIA, TOOL, WRITES, ANY = "to", "via", "tool", "writes", "*"
 POINTS = (TO, VIA, WRITES)
 
-RAPID = r"""
-# joint and straight moves, circles
-rapid MoveJ to speed zone tool
-rapid MoveL to speed zone tool
-rapid MoveAbsJ to speed zone tool
-rapid MoveC via to speed zone tool
-# with an output, with a routine
-rapid MoveJDO to speed zone tool signal value
-rapid MoveJAO to speed zone tool signal value
-rapid MoveJGO to speed zone tool signal *
-rapid MoveLDO to speed zone tool signal value
-rapid MoveLAO to speed zone tool signal value
-rapid MoveLGO to speed zone tool signal *
-rapid MoveCDO via to speed zone tool signal value
-rapid MoveCAO via to speed zone tool signal value
-rapid MoveCGO via to speed zone tool signal *
-rapid MoveJSync to speed zone tool routine
-rapid MoveLSync to speed zone tool routine
-rapid MoveCSync via to speed zone tool routine
-# with events on the path
-rapid TriggJ to speed trigger zone tool
-rapid TriggL to speed trigger zone tool
-rapid TriggAbsJ to speed trigger zone tool
-rapid TriggC via to speed trigger zone tool
-rapid TriggJIOs to speed zone tool
-rapid TriggLIOs to speed zone tool
-# searches end where something is found
-rapid SearchL signal writes to speed tool
-rapid SearchC signal writes via to speed tool
-# arc welding; weave data stand among the others in older versions
-rapid ArcL to speed seam weld * tool
-rapid ArcL1 to speed seam weld * tool
-rapid ArcL2 to speed seam weld * tool
-rapid ArcLStart to speed seam weld * tool
-rapid ArcLEnd to speed seam weld * tool
-rapid ArcC via to speed seam weld * tool
-rapid ArcC1 via to speed seam weld * tool
-rapid ArcC2 via to speed seam weld * tool
-rapid ArcCStart via to speed seam weld * tool
-rapid ArcCEnd via to speed seam weld * tool
-# spot welding, nuts
-rapid SpotL to speed * tool
-rapid SpotJ to speed * tool
-rapid SpotML to speed * tool
-rapid SpotMJ to speed * tool
-rapid NutL to speed * tool
-rapid NutJ to speed * tool
-# dispensing, painting, the continuous application platform
-rapid DispL to speed bead zone tool
-rapid DispC via to speed bead zone tool
-rapid PaintL to speed * zone tool
-rapid PaintC via to speed * zone tool
-rapid CapL to speed cap * zone tool
-rapid CapC via to speed cap * zone tool
-"""
-"""Of ABB's options, as their manuals list the arguments."""
-
-OTHERS = """
-krl PTP to
-krl LIN to
-krl CIRC via to
-krl SPTP to
-krl SLIN to
-krl SCIRC via to
-krl SPL to
-inform MOVJ to *
-inform MOVL to *
-inform MOVC to *
-inform MOVS to *
-inform SMOVJ to *
-inform SMOVL to *
-inform SMOVC to *
-inform SMOVS to *
-inform SVSPOTMOV to *
-kawasaki JMOVE to *
-kawasaki LMOVE to *
-kawasaki HMOVE to *
-kawasaki XMOVE to *
-kawasaki C1MOVE via *
-kawasaki C2MOVE to *
-urscript movej to *
-urscript movel to *
-urscript movep to *
-urscript movec via to *
-val3 movej to tool *
-val3 movel to tool *
-val3 movec via to tool *
-"""
-
-
-LANGUAGES = ("rapid", "krl", "inform", "kawasaki", "urscript", "val3")
-NAME_TOOLS = ("rapid", "val3")
-"""Languages whose moves name their tool; in the others the one that holds counts."""
-
 
 class MotionInstruction(NamedTuple):
     """A motion instruction."""
@@ -150,41 +56,47 @@ Table: TypeAlias = Mapping[str, Mapping[str, MotionInstruction]]
 """Instructions by language and by name in lower case."""
 
 
-def parse(text: str, source: str | None = None) -> dict[str, dict[str, MotionInstruction]]:
-    """Instructions of a text.
+def built_in(text: str) -> dict[str, MotionInstruction]:
+    """Instructions of a language, by name in lower case: lines of names, a colon, and the words that all have."""
+    lines = [line.partition(":") for line in text.split("\n") if ":" in line]
+    pairs = [(name, words.split()) for names, _, words in lines for name in names.split()]
+    return {name.lower(): MotionInstruction(name, tuple(words)) for name, words in pairs}
+
+
+def read(path: str | Path, languages: Mapping[str, bool]) -> dict[str, dict[str, MotionInstruction]]:
+    """Instructions that a user's file teaches.
+
+    Parameters
+    ----------
+    path : str or Path
+    languages : dict of str to bool
+        Names of languages that can be taught, and whether their moves name the tool.
 
     Raises
     ------
     OptionError
         If a line is no such line; names it.
     """
+    text = safe_files.read_bytes(path, OptionError).decode("utf-8-sig", errors="replace")
     out: dict[str, dict[str, MotionInstruction]] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         language, *words = line.split("#", maxsplit=1)[0].split() or [""]
         if not language:
             continue
         fault = ""
-        tools = int(language in NAME_TOOLS)
-        if language not in LANGUAGES:
-            fault = f"expected an instruction of one of the languages {', '.join(LANGUAGES)}, found {language!r}"
+        tools = int(languages.get(language, False))
+        if language not in languages:
+            fault = f"expected an instruction of one of the languages {', '.join(languages)}, found {language!r}"
         elif not words or not re.fullmatch(r"[^\W\d]\w*", words[0]):
             fault = "expected the name of an instruction behind the language"
-        elif words[1:].count(TOOL) != tools or (source is not None and words[1:].count(TO) != 1):
+        elif words[1:].count(TOOL) != tools or words[1:].count(TO) != 1:
             fault = f"expected one 'to' and {'one' if tools else 'no'} 'tool' in {language}"
         elif max(words.count(VIA), words.count(ANY)) > 1:
             fault = "expected at most one 'via' and at most one '*'"
         if fault:
-            raise OptionError(f"line {number}: {fault}", file=source, parameter="instructions")
-        out.setdefault(language, {})[words[0].lower()] = MotionInstruction(
-            words[0], tuple(words[1:]), source is not None
-        )
+            raise OptionError(f"line {number}: {fault}", file=path, parameter="instructions")
+        out.setdefault(language, {})[words[0].lower()] = MotionInstruction(words[0], tuple(words[1:]), taught=True)
     return out
-
-
-def read(path: str | Path) -> dict[str, dict[str, MotionInstruction]]:
-    """Instructions that a user's file teaches; see `parse`."""
-    data = safe_files.read_bytes(path, OptionError)
-    return parse(data.decode("utf-8-sig", errors="replace"), str(path))
 
 
 def teaching(language: str, name: str, words: Sequence[str]) -> str:
@@ -196,6 +108,3 @@ def teaching_routine(language: str, name: str, arguments: Sequence[bool]) -> str
     """How to teach a routine, by which of its arguments are targets; empty where none is."""
     words = [TO if is_target else f"argument{k}" for k, is_target in enumerate(arguments, start=1)]
     return teaching(language, name, words) if words.count(TO) == 1 else ""
-
-
-INSTRUCTIONS: Table = parse(RAPID + OTHERS)

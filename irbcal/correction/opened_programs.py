@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray
 from irbcal.cell.cell_file import frames_by_name
 from irbcal.correction import languages
-from irbcal.correction.backup import of_programs, unpacked
+from irbcal.correction.backup import unpacked
 from irbcal.correction.instructions import read as taught
+from irbcal.correction.language import Language
 from irbcal.correction.maker import BEYOND
 from irbcal.correction.program import ControllerSetup, Note, Program, read_bytes
 from irbcal.errors import OptionError, ProgramError
@@ -82,11 +83,11 @@ def read_programs(
         where=place_pair(where, language),
         start=joints_of_place("start", start, nominal, language),
         posture=joints_of_place("posture", posture, nominal, language),
-        instructions={} if instructions is None else taught(instructions),
+        instructions={} if instructions is None else taught(instructions, languages.taught()),
         harmless=names("harmless", harmless or ()),
         split_points=split_points,
     )
-    backup = of_programs(languages.name_of(language), files.files)
+    backup = language.backup(files.files)
     if backup.accuracy and controller_model is None:
         raise ProgramError(
             f"{backup.accuracy}: fake targets would correct it twice; give what the controller computes with "
@@ -105,9 +106,7 @@ def read_programs(
     return OpenedPrograms(record, nominal, files, programs, setup, model, urdf, notes)
 
 
-def place_pair(
-    where: tuple[ArrayLike, ArrayLike] | None, language: languages.Language
-) -> tuple[FloatArray, FloatArray] | None:
+def place_pair(where: tuple[ArrayLike, ArrayLike] | None, language: Language) -> tuple[FloatArray, FloatArray] | None:
     """Joints and the pose that the controller reports there, from the caller.
 
     Raises
@@ -117,8 +116,8 @@ def place_pair(
     """
     if where is None:
         return None
-    if language.MAKER is None or not language.MAKER.asks_where:
-        raise OptionError(f"where: {language.NAME} programs need no pair of joints and pose", parameter="where")
+    if language.maker is None or not language.maker.asks_where:
+        raise OptionError(f"where: {language.name} programs need no pair of joints and pose", parameter="where")
     try:
         joints, pose = np.array(where[0], dtype=float), np.array(where[1], dtype=float)
     except (TypeError, ValueError, IndexError):
@@ -128,7 +127,7 @@ def place_pair(
     return joints, frames_by_name({"pose": pose}, "where")["pose"]
 
 
-def joints_of_place(name: str, q: ArrayLike | None, nominal: Arm, language: languages.Language) -> FloatArray | None:
+def joints_of_place(name: str, q: ArrayLike | None, nominal: Arm, language: Language) -> FloatArray | None:
     """Joints of the URDF from those of the controller (6,), radians; None where there are none.
 
     Raises
@@ -147,7 +146,7 @@ def joints_of_place(name: str, q: ArrayLike | None, nominal: Arm, language: lang
         raise OptionError(message, parameter=name)
     if joints.shape != (6,):
         raise OptionError(f"{name}: expected six joints, found {shown(q)}", parameter=name)
-    maker = language.MAKER
+    maker = language.maker
     joints = nominal.from_controller(joints[None])[0] if maker is None else maker.of(nominal).joints(joints)
     if not ((joints >= nominal.lower - BEYOND) & (joints <= nominal.upper + BEYOND)).all():
         raise OptionError(f"{name}: the joints are beyond the limits of {nominal.name}", parameter=name)

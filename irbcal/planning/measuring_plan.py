@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.correction import languages
+from irbcal.correction.language import Language
 from irbcal.correction.moves import JointMove, Moves
 from irbcal.errors import MeasurementError, OptionError, ProgramError
 from irbcal.io.opening import RobotLike
@@ -125,19 +126,19 @@ def language_of(arm: Arm, request: PlanRequest) -> tuple[str, str]:
     return ("", f"no robot program was written: {fault}") if fault else (name, "")
 
 
-def _fault(arm: Arm, language: languages.Language, request: PlanRequest) -> str:
+def _fault(arm: Arm, language: Language, request: PlanRequest) -> str:
     """Why a language cannot serve an arm; empty where it can."""
-    if language.NAME == "CSV":
+    if language.name == "CSV":
         return ""
     if language.write_moves is None:
-        return f"{language.NAME} has no moves to write"
+        return f"{language.name} has no moves to write"
     if not arm.six_revolute:
-        return f"{language.NAME} programs are of six revolute joints, {arm.name} has {arm.joints_listed}"
-    if language.MAKER is not None and language.MAKER.pulses and not request.pulses:
-        return f"{language.NAME} holds pulses: give the pulses per degree of the six joints (--pulses)"
+        return f"{language.name} programs are of six revolute joints, {arm.name} has {arm.joints_listed}"
+    if language.maker is not None and language.maker.pulses and not request.pulses:
+        return f"{language.name} holds pulses: give the pulses per degree of the six joints (--pulses)"
     try:
-        if language.MAKER is not None:
-            language.MAKER.check(arm, arm.name)
+        if language.maker is not None:
+            language.maker.check(arm, arm.name)
     except ProgramError as error:
         return str(error)
     return ""
@@ -603,7 +604,7 @@ def plan(
         Size of joint errors that no model describes, against which the criterion ``position`` guards, radians.
     seed : int
         Of the random poses.
-    language : {"rapid", "krl", "fanuc", "urscript", "val3", "inform", "kawasaki", "csv"}, optional
+    language : str, optional
         Of the robot program, ``csv`` for none: that of the robot's maker unless given, as far as its name tells it.
     pulses : sequence of float, optional
         Pulses per degree of the six joints, for Yaskawa jobs.

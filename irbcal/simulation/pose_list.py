@@ -133,13 +133,13 @@ def is_program(poses: object) -> bool:
     path = Path(poses)
     if path.is_dir():
         return True
-    language_name = {ending: language.NAME for language in languages.known() for ending in language.ENDINGS}.get(
+    language_name = {ending: language.name for language in languages.known() for ending in language.endings}.get(
         path.suffix.lower()
     )
     if language_name is not None or path.suffix.lower() in (".txt", ".parquet") or not path.is_file():
         return language_name not in (None, "CSV")
     data = read_bytes(path)
-    return any(language.looks_like(data) for language in languages.known() if language.NAME != "CSV")
+    return any(language.looks_like(data) for language in languages.known() if language.name != "CSV")
 
 
 def given_for(

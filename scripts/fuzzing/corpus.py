@@ -16,6 +16,8 @@ import pandas as pd
 
 import irbcal
 from irbcal.arrays import FloatArray
+from irbcal.correction.known_languages import KNOWN
+from irbcal.correction.language import Language
 from irbcal.correction.languages import known
 from irbcal.fleet.adding import stored
 from irbcal.fleet.store import opened
@@ -77,24 +79,28 @@ def _touches(folder: Path) -> None:
 
 
 @cache
+def languages() -> dict[str, Language]:
+    """Every language that the package knows, by the name of its file."""
+    return {file.name: language for file, language in zip(KNOWN, known(), strict=True)}
+
+
+@cache
 def programs() -> dict[str, list[Path]]:
-    """Sample programs of every language that the package knows, by the name of its file; maybe none of a new one."""
-    names = [language.__name__.rsplit(".", 1)[1] for language in known()]  # type: ignore[attr-defined]
-    return {name: sorted(PROGRAMS.glob(f"{name}.*")) for name in names}
+    """Sample programs of every language, by the name of its file; maybe none of a new one."""
+    return {name: sorted(PROGRAMS.glob(f"{name}.*")) for name in languages()}
 
 
 @cache
 def axes_of(name: str) -> tuple[str, ...]:
     """How the axes of a language's arms point, of a language by its file; empty: any arm."""
-    languages = {language.__name__.rsplit(".", 1)[1]: language for language in known()}  # type: ignore[attr-defined]
-    maker = languages[name].MAKER
+    maker = languages()[name].maker
     return () if maker is None else maker.axes
 
 
 @cache
 def endings() -> dict[str, tuple[str, ...]]:
     """Endings of every language's files, by the name of its file."""
-    return {language.__name__.rsplit(".", 1)[1]: language.ENDINGS for language in known()}  # type: ignore[attr-defined]
+    return {name: language.endings for name, language in languages().items()}
 
 
 @cache
@@ -122,8 +128,7 @@ def _texts(tree: ast.AST) -> Iterator[bytes]:
 def _programs(folder: Path) -> None:
     """Programs, and a calibration of an arm as each language wants it, as ``cal-NAME``; ``cal`` does for most."""
     made: dict[tuple[str, ...], Path] = {}
-    for language in known():
-        name = language.__name__.rsplit(".", 1)[1]  # type: ignore[attr-defined]
+    for name in languages():
         for path in programs()[name]:
             (folder / f"{name}{path.suffix}").write_bytes(path.read_bytes())
             if path.suffix == ".csv":

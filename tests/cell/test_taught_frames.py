@@ -336,7 +336,7 @@ def test_an_edited_file_is_refused(record, rows, tmp_path):
 
 
 def test_axes_are_those_of_the_controller(record, rows):
-    T = krl.MAKER.poses(np.array([[10.0, -28.0, 205.0, 30.0, 40.0, -50.0]]))[0]
+    T = krl.KUKA.poses(np.array([[10.0, -28.0, 205.0, 30.0, 40.0, -50.0]]))[0]
     found = cell_frames(record, table_of(rows), tool={"GRIP": T})
     np.testing.assert_allclose(found.tools["grip"].T_true[:3], np.column_stack([T[:3, :3], TIP]), rtol=0, atol=1e-9)
     plain = cell_frames(record, table_of(rows))
@@ -350,7 +350,7 @@ def test_the_command_writes_as_makers_do(demo_calibration, rows, tmp_path, progr
     call = ["cell", demo_calibration, tmp_path / "touches.csv", "--out", tmp_path / "cell.json"]
     text = program(*call, "--as", "kuka", "--tool", "grip=12,-30,210,0,0,0")
     assert text.startswith("SIMULATED")
-    expected = krl.MAKER.numbers(T_OBJECT[None], np.zeros((1, 6)))[0]
+    expected = krl.KUKA.numbers(T_OBJECT[None], np.zeros((1, 6)))[0]
     row = next(line for line in text.splitlines() if line.strip().startswith("object"))
     numbers = [float(word) for word in re.findall(r"-?\d+\.\d{4}", row)[:6]]
     np.testing.assert_allclose(numbers, expected, rtol=0, atol=6e-5)
@@ -410,7 +410,7 @@ def test_the_example_has_its_check_values(shared_data, tmp_path, program):
         (base.T_nominal, [709.7111, -1078.7046, 502.0156, 25.5484, -0.0349, -0.1042], 0.005),
         (base.T_true, [709.8943, -1077.9177, 500.7108, 25.5356, -0.0014, -0.0042], 0.03),
     ):
-        numbers = krl.MAKER.numbers(T[None], np.zeros((1, 6)))[0]
+        numbers = krl.KUKA.numbers(T[None], np.zeros((1, 6)))[0]
         np.testing.assert_allclose(numbers[:3], expected[:3], rtol=0, atol=tolerance)
         np.testing.assert_allclose(numbers[3:], expected[3:], rtol=0, atol=0.001)
 

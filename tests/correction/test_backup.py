@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from support import arm
 
 from irbcal.correction import backup
-from irbcal.correction.languages import fanuc, inform, krl, rapid
+from irbcal.correction.languages import by_name, fanuc, inform, krl, rapid
 from irbcal.correction.program import ControllerSetup
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames
@@ -49,7 +49,7 @@ def test_kuka_bases_count_from_the_world_in_which_the_robot_stands(tmp_path):
     files = laid(
         tmp_path, {"KRC/R1/Program/job.src": src, "KRC/R1/Mada/$machine.dat": f"DEFDAT $MACHINE\n{ROOT}ENDDAT\n"}
     )
-    found = backup.of_programs("krl", files[:1])
+    found = krl.backup(files[:1])
     np.testing.assert_allclose(found.T_world_base, PLACE, rtol=0, atol=1e-12)
     assert not found.accuracy
     (seen,) = krl.read_for(nominal, files[:1], given(at)._replace(T_world_base=found.T_world_base))
@@ -73,7 +73,7 @@ def test_abb_work_objects_count_from_the_world_in_which_the_robot_stands(tmp_pat
     pose = f"[[{numbers[0]}],[{numbers[1]}],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
     text = f"MODULE M\nPROC main()\nMoveL {pose},v100,fine,tool0;\nENDPROC\nENDMODULE\n"
     files = laid(tmp_path, {"b/RAPID/TASK1/PROGMOD/M.mod": text, "b/SYSPAR/MOC.cfg": MOC})
-    found = backup.of_programs("rapid", files[:1])
+    found = rapid.backup(files[:1])
     np.testing.assert_allclose(found.T_world_base, PLACE, rtol=0, atol=1e-10)
     assert not found.accuracy, "r1_uncalib: switched off"
     setup = ControllerSetup({}, {}, unknown_frames(), T_world_base=found.T_world_base)
@@ -86,15 +86,15 @@ def test_robots_in_different_places_are_refused(tmp_path):
     two = MOC.replace("#\nSINGLE:", '\n      -name "ROB_2" -base_frame_pos_x 2\n#\nSINGLE:')
     files = laid(tmp_path, {"b/RAPID/TASK1/M.mod": "MODULE M\nENDMODULE\n", "b/SYSPAR/moc.cfg": two})
     with pytest.raises(ProgramError, match="robots stand in different places"):
-        backup.of_programs("rapid", files[:1])
+        rapid.backup(files[:1])
     plain = laid(
         tmp_path / "c",
         {"b/RAPID/TASK1/M.mod": "MODULE M\nENDMODULE\n", "b/SYSPAR/MOC.cfg": 'ROBOT:\n\n -name "ROB_1"\n'},
     )
-    assert backup.of_programs("rapid", plain[:1]).T_world_base is None
+    assert rapid.backup(plain[:1]).T_world_base is None
     odd = laid(tmp_path / "d", {"b/RAPID/M.mod": "", "b/SYSPAR/MOC.cfg": MOC.replace("u0 0.707", "u0 0.2")})
     with pytest.raises(ProgramError, match="expected a unit quaternion"):
-        backup.of_programs("rapid", odd[:1])
+        rapid.backup(odd[:1])
 
 
 WAYPOINT = b'<Waypoint><Kinematics status="LINEARIZED" validChecksum="true"><a value="0"/></Kinematics></Waypoint>'
@@ -125,7 +125,7 @@ WAYPOINT = b'<Waypoint><Kinematics status="LINEARIZED" validChecksum="true"><a v
     ],
 )
 def test_controllers_that_correct_their_robot_are_recognised(tmp_path, language, files, words):
-    found = backup.of_programs(language, laid(tmp_path, files)[:1])
+    found = by_name()[language].backup(laid(tmp_path, files)[:1])
     assert (words in found.accuracy) if words else not found.accuracy
 
 
@@ -134,7 +134,7 @@ def test_files_of_a_backup_without_any_entry_say_nothing(tmp_path):
     assert inform.backup_of(tmp_path) == ({}, {}, {})
     laid(tmp_path, {"SYSFRAME.VA": "", "RAPID/a.mod": "\n", "SYSPAR/MOC.cfg": "-name\n"})
     assert fanuc.frames_beside(tmp_path) == ({}, {})
-    assert backup.of_programs("rapid", [tmp_path / "RAPID/a.mod"]).accuracy == ""
+    assert rapid.backup([tmp_path / "RAPID/a.mod"]).accuracy == ""
 
 
 def test_yaskawa_tools_and_user_frames_stand_beside_the_job(tmp_path):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from maker_cases import SCIPY, given, language_tests, poses, robot_of, universal_robot
 
-from irbcal.correction.declarations import DECLARATIONS, declared
+from irbcal.correction.declarations import declared
+from irbcal.correction.known_languages import MAKERS
 from irbcal.correction.languages import fanuc, kawasaki, krl, rapid, urscript, val3
 from irbcal.errors import OptionError
 from irbcal.modeling import frames
@@ -100,7 +101,7 @@ def read_by_the_language(maker, text, tool, work_object):
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("maker", DECLARATIONS)
+@pytest.mark.parametrize("maker", MAKERS)
 def test_what_is_declared_is_read_again(maker, seed):
     tool, work_object = random_frames(2, seed)
     names = NAMES[maker]
@@ -119,7 +120,7 @@ def test_what_is_declared_is_read_again(maker, seed):
 @pytest.mark.parametrize(
     ("maker", "name"),
     [
-        *((maker, bad) for maker in DECLARATIONS for bad in ("a b", "x]:=[", "1e5", "ü", "3\n", "")),
+        *((maker, bad) for maker in MAKERS for bad in ("a b", "x]:=[", "1e5", "ü", "3\n", "")),
         ("kuka", "0"),
         ("abb", "3"),
         ("kawasaki", "a" * 16),

@@ -8,7 +8,7 @@ from maker_cases import corrected, given, language_tests, pose_numbers, robot_of
 from support import assert_same_poses
 
 from irbcal.correction import instructions
-from irbcal.correction.languages import inform, kawasaki, krl, urscript, val3
+from irbcal.correction.languages import inform, kawasaki, krl, taught, urscript, val3
 from irbcal.errors import OptionError
 
 HERE = {"krl": krl, "inform": inform, "kawasaki": kawasaki, "urscript": urscript, "val3": val3}
@@ -57,7 +57,7 @@ class Cell:
             data = "DECL FRAME P1\nP1=" + self.literals()[1]
             return krl.parse(self.nominal, [("job.src", f"{head}}}\n{line}\nEND\n{data}\n".encode())], options)
         if self.language == "inform":
-            elbow = np.atleast_1d(inform.MAKER.postures(self.nominal, self.q)[1])
+            elbow = np.atleast_1d(inform.YASKAWA.postures(self.nominal, self.q)[1])
             positions = ["///TOOL 0", "///POSTYPE BASE", "///RECTAN"]
             for k, row in enumerate(self.rows):
                 flip = 0 if abs(np.degrees(self.q[k, 3])) < 90 else 1
@@ -93,7 +93,7 @@ class Cell:
         assert np.abs(reached - found.q_before[poses][-count:]).max() > 1e-6, "they need a correction"
 
 
-BUILT_IN = [(language, move) for language in HERE for move in instructions.INSTRUCTIONS[language].values()]
+BUILT_IN = [(language, move) for language in HERE for move in HERE[language].MOTIONS.values()]
 
 
 @pytest.mark.parametrize(("language", "move"), BUILT_IN, ids=lambda each: getattr(each, "name", each))
@@ -131,7 +131,7 @@ def test_a_lesson_makes_a_routine_a_move(tmp_path, language):
     if language != "val3":
         assert any(f"--instructions: {lesson})" in left.reason for left in unknown)
     (tmp_path / "taught.txt").write_text(lesson)
-    table = instructions.read(tmp_path / "taught.txt")
+    table = instructions.read(tmp_path / "taught.txt", taught())
     cell.check(cell.program(line, table), 1)
     wrong = cell.program(line.replace("(", "(1, "), table) if "(" in line else None
     if wrong is not None and "*" not in lesson:
@@ -154,5 +154,5 @@ def test_a_lesson_makes_a_routine_a_move(tmp_path, language):
 def test_lines_that_teach_nothing_are_refused(tmp_path, text, fault):
     (tmp_path / "taught.txt").write_text(text)
     with pytest.raises(OptionError, match=re.escape(fault)) as refused:
-        instructions.read(tmp_path / "taught.txt")
+        instructions.read(tmp_path / "taught.txt", taught())
     assert refused.value.parameter == "instructions"

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from support import arm, assert_same_poses, random_robot
 
 from irbcal.correction import languages
-from irbcal.correction.backup import of_programs
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.filter_program import filter_program
 from irbcal.correction.filtered import together
@@ -363,7 +362,7 @@ def yaskawa_backup():
     r = np.radians(q)
     T = np.linalg.inv(at.T_base_world @ t.USER) @ nominal.forward(r) @ t.TOOL
     rows = pose_numbers(T, "xyz")
-    elbow = np.atleast_1d(t.inform.MAKER.postures(nominal, r)[1])
+    elbow = np.atleast_1d(t.inform.YASKAWA.postures(nominal, r)[1])
     files, truth = {}, {}
 
     def head(name, pos, moves, n):
@@ -927,7 +926,7 @@ def filtered(folder, job):
         (folder / name).write_bytes(text.encode("utf-8" if job.language in ("val3", "urscript") else "latin-1"))
     found = languages.files_of([folder])
     assert languages.name_of(found.language) == job.language
-    options = {"T_world_base": of_programs(job.language, found.files).T_world_base} | job.options
+    options = {"T_world_base": found.language.backup(found.files).T_world_base} | job.options
     tools = options.pop("tools", {})
     programs = found.language.read_for(nominal, found.files, ControllerSetup(tools, {}, at, **options))
     return (

@@ -24,19 +24,19 @@ def joints_of(maker, arm, T, postures, near, own=None):
 
 def test_axes(nominal):
     assert maker.axes_of(nominal) == ("-z", "+y", "+y", "-x", "+y", "-x")
-    krl.MAKER.check(nominal, "job.src")
+    krl.KUKA.check(nominal, "job.src")
     with pytest.raises(ProgramError, match="are of six revolute joints"):
-        krl.MAKER.check(urdf.read("panda").arm, "job.src")
+        krl.KUKA.check(urdf.read("panda").arm, "job.src")
 
 
 def test_every_posture_names_its_joints(nominal):
     q = well_inside(nominal, 300)
-    back, bent, negative = krl.MAKER.postures(nominal, q)
+    back, bent, negative = krl.KUKA.postures(nominal, q)
     postures = [
         Posture(b, e, -1 if w else 1, tuple(np.where(p < 0, -np.inf, 0)), tuple(np.where(p < 0, 0, np.inf)))
         for b, e, w, p in zip(back.tolist(), bent.tolist(), negative.tolist(), q, strict=True)
     ]
-    found, reasons = joints_of(krl.MAKER, nominal, nominal.forward(q), postures, np.full((300, 6), np.nan))
+    found, reasons = joints_of(krl.KUKA, nominal, nominal.forward(q), postures, np.full((300, 6), np.nan))
     assert set(reasons) == {""}
     assert np.abs(found - q).max() < 1e-8
     assert len({p[:3] for p in postures}) == 6
@@ -45,14 +45,14 @@ def test_every_posture_names_its_joints(nominal):
 def test_without_a_posture_the_joints_before_tell(nominal):
     q = well_inside(nominal, 20)
     near = q + 0.02
-    found, reasons = joints_of(krl.MAKER, nominal, nominal.forward(q), [Posture()] * 20, near)
+    found, reasons = joints_of(krl.KUKA, nominal, nominal.forward(q), [Posture()] * 20, near)
     assert set(reasons) == {""}
     assert np.abs(found - q).max() < 1e-8
-    found, reasons = joints_of(krl.MAKER, nominal, nominal.forward(q), [Posture()] * 20, np.full((20, 6), np.nan))
+    found, reasons = joints_of(krl.KUKA, nominal, nominal.forward(q), [Posture()] * 20, np.full((20, 6), np.nan))
     assert set(reasons) == {maker.NO_POSTURE}
     far = nominal.forward(q)
     far[:, 0, 3] += 9
-    _, reasons = joints_of(krl.MAKER, nominal, far, [Posture()] * 20, near)
+    _, reasons = joints_of(krl.KUKA, nominal, far, [Posture()] * 20, near)
     assert set(reasons) == {maker.NO_REACH}
 
 
@@ -64,7 +64,7 @@ def test_joints_are_those_of_the_controllers_own_model(name):
     q = well_inside(nominal, 40) if name != "ur10" else 0.4 * nominal.random_joints(40, 3) + [0, -1, 1, 0, 1, 0]
     T = own.forward(q)
     near = q + np.random.default_rng(3).uniform(-0.02, 0.02, q.shape)
-    maker = krl.MAKER if name != "ur10" else urscript.MAKER
+    maker = krl.KUKA if name != "ur10" else urscript.UNIVERSAL_ROBOTS
     found, reasons = joints_of(maker, nominal, T, [Posture()] * 40, near, own)
     assert reasons == [""] * 40
     assert np.abs(found - q).max() < 1e-8

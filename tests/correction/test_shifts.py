@@ -31,7 +31,7 @@ def val3_program(robots, shifted, split=False):
     q = language_tests("val3").in_front(nominal, 1)
     x = pose_numbers(np.linalg.inv(at.T_base_world) @ nominal.forward(q), "XYZ")[0]
     names = ("x", "y", "z", "rx", "ry", "rz")
-    back, bent, negative = (bool(flag[0]) for flag in val3.MAKER.postures(nominal, q))
+    back, bent, negative = (bool(flag[0]) for flag in val3.STAUBLI.postures(nominal, q))
     assert not back
     posture = f'shoulder="lefty" elbow="{"enegative" if bent else "epositive"}" wrist="{"wnegative" if negative else "wpositive"}"'
     value = " ".join(f'{n}="{v:.6f}"' for n, v in zip(names, x, strict=True)) + f' {posture} fatherId="world[0]"'

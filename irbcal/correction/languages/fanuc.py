@@ -19,6 +19,7 @@ from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
+from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, Span, joined_comments, mark_in, up_to_next
 from irbcal.correction.loads import Load, LoadFlow, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
@@ -602,7 +603,47 @@ def _remark(text: str) -> str:
     return note(text, LONGEST, ";:'\"")
 
 
-NAME = "FANUC LS"
-ENDINGS = (".ls",)
-ROBOTS = r"fanuc|(^|_)(m\d+i|lrmate|r\d000i|crx)"
-MAKER = FANUC
+def _frames_listing(lines: list[str]) -> str:
+    """A program of lines, each maybe several, that set frames."""
+    return listing_of("IRBCAL_CELL", "irbcal cell", "\n".join(lines).split("\n"))
+
+
+_SET_REGISTER = "".join(f"PR[100,{k + 1}]={{{k}}}\n" for k in range(6))
+"""By way of the last position register that every controller has; ``PR[100]=LPOS`` before makes it Cartesian."""
+
+LANGUAGE = Language(
+    name="FANUC LS",
+    endings=(".ls",),
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+    maker=FANUC,
+    robots=r"fanuc|(^|_)(m\d+i|lrmate|r\d000i|crx)",
+    write_moves=write_moves,
+    declaration=FrameDeclaration(
+        *TO_99,
+        head="!Overwrites PR[100]\nPR[100]=LPOS",
+        tool=f"{_SET_REGISTER}UTOOL[{{name}}]=PR[100]",
+        work_object=f"{_SET_REGISTER}UFRAME[{{name}}]=PR[100]",
+        negative="({})",
+        whole=_frames_listing,
+    ),
+    sample=SampleArm(
+        folder="fanuc",
+        joints=(
+            ((0, 0, 0.35), "0 0 1"),
+            ((0.06, 0, 0), "0 1 0"),
+            ((0, 0, 0.34), "0 -1 0"),
+            ((0, 0, 0.03), "-1 0 0"),
+            ((0.33, 0, 0), "0 -1 0"),
+            ((0.085, 0, 0), "-1 0 0"),
+        ),
+        flange=(0, 0, 0, np.pi, -np.pi / 2, 0),
+        base=0.35,
+        stops=((10, 5, -10, 20, -40, 30), (-25, 15, 5, -15, -50, -40), (30, -10, -15, 10, -35, 60)),
+        tool=(0, 0, 150, 0, 0, 0),
+        frame=(0, 0, 0, 0, 0, 0),
+        tried={"job.ls": "--out fanuc-job.ls --tool 1=0,0,150,0,0,0"},
+    ),
+    without_text={".tp": (".ls", "a binary FANUC program: have the controller write it as .LS")},
+)

@@ -18,7 +18,8 @@ from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.instructions import INSTRUCTIONS, MotionInstruction, teaching
+from irbcal.correction.instructions import MotionInstruction, built_in, teaching
+from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, joined_comments, mark_in, up_to_next
 from irbcal.correction.loads import load_of
 from irbcal.correction.maker import Maker, Posture
@@ -52,6 +53,12 @@ YASKAWA = Maker(
     pulses=True,
 )
 """At zero joints the wrist is in front, the elbow above and the wrist flipped."""
+
+MOTIONS = built_in(
+    """
+    MOVJ MOVL MOVC MOVS SMOVJ SMOVL SMOVC SMOVS SVSPOTMOV: to *
+    """
+)
 
 HALF = math.pi
 
@@ -256,7 +263,7 @@ class _Job:
         taught: Iterable[MotionInstruction],
     ) -> None:
         self.listing, self.pulses, self.shared, self.backup = listing, pulses, shared, backup
-        moves = [move.name for move in (*INSTRUCTIONS["inform"].values(), *taught)]
+        moves = [move.name for move in (*MOTIONS.values(), *taught)]
         self._move = re.compile(rf"[ \t]*({'|'.join(moves)}|IMOV|REFP)\b[ \t]*(.*)")
         self.flow = ControlFlow(listing)
         self.points: dict[str, Target] = {}
@@ -431,7 +438,39 @@ def write_moves(moves: Moves) -> dict[str, str]:
     return {"PLAN.JBI": "\r\n".join([*head, "///PULSE", *points, *middle, *lines, "END", ""])}
 
 
-NAME = "Yaskawa INFORM"
-ENDINGS = (".jbi",)
-ROBOTS = r"motoman|yaskawa|(^|_)(gp|hc|mh|ma|ms)\d"
-MAKER = YASKAWA
+LANGUAGE = Language(
+    name="Yaskawa INFORM",
+    endings=(".jbi",),
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+    maker=YASKAWA,
+    robots=r"motoman|yaskawa|(^|_)(gp|hc|mh|ma|ms)\d",
+    write_moves=write_moves,
+    motions=MOTIONS,
+    declaration=FrameDeclaration(
+        *TO_99,
+        head="To type in: ROBOT, TOOL and ROBOT, USER COORD (mm, degrees)",
+        tool="TOOL {name}  X {0}  Y {1}  Z {2}  Rx {3}  Ry {4}  Rz {5}",
+        work_object="USER {name}  X {0}  Y {1}  Z {2}  Rx {3}  Ry {4}  Rz {5}",
+    ),
+    sample=SampleArm(
+        folder="yaskawa",
+        joints=(
+            ((0, 0, 0.35), "0 0 1"),
+            ((0.05, 0, 0), "0 1 0"),
+            ((0, 0, 0.36), "0 -1 0"),
+            ((0.35, 0, 0.045), "-1 0 0"),
+            ((0, 0, 0), "0 -1 0"),
+            ((0, 0, 0), "-1 0 0"),
+        ),
+        flange=(0.08, 0, 0, np.pi, -np.pi / 2, 0),
+        base=0.35,
+        stops=((10, 5, -10, 20, -40, 30), (-25, 15, 5, -15, -50, -40), (30, -10, -15, 10, -35, 60)),
+        tool=(0, 0, 150, 0, 0, 0),
+        frame=(0, 0, 0, 0, 0, 0),
+        tried={
+            "JOB.JBI": "--out YASKAWA.JBI --pulses 1341.4,1341.4,1341.4,1000,1000,622 --tool 1=0,0,150,0,0,0",
+        },
+    ),
+)

@@ -19,7 +19,8 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
-from irbcal.correction.instructions import INSTRUCTIONS, POINTS, VIA, WRITES, MotionInstruction, teaching_routine
+from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
+from irbcal.correction.language import FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, mark_in, numbers
 from irbcal.correction.loads import load_of, unknown_load
 from irbcal.correction.maker import Maker
@@ -253,7 +254,13 @@ def split(tokens: Tokens) -> list[Tokens]:
     return [*out, tokens[begin:]]
 
 
-MOVES = INSTRUCTIONS["kawasaki"]
+MOTIONS = built_in(
+    """
+    JMOVE LMOVE HMOVE XMOVE: to *
+    C1MOVE: via *
+    C2MOVE: to *
+    """
+)
 BLOCKS = ("joint", "linear", "linear2", "cir1", "cir2")
 """Steps of teach programs, which end with their joints."""
 RELATIVE = ("jappro", "lappro", "jdepart", "ldepart", "draw", "tdraw", "drive", "align", "home", "home2")
@@ -351,7 +358,7 @@ class _Reader:
         routine = arguments[0] if word == "call" and arguments[1:2] and arguments[1].word == "(" else None
         if routine is not None and routine.word in self.taught:
             self._taught_move(self.taught[routine.word], split(arguments[2:-1]), at)
-        elif word in MOVES:
+        elif word in MOTIONS:
             self._move(word, arguments, at)
         elif word in BLOCKS and any(token.word == "#" for token in arguments):
             first = next(k for k, token in enumerate(arguments) if token.word == "#")
@@ -574,7 +581,7 @@ def _learn(calls: Calls, lines: Sequence[Statement], taught: Collection[str]) ->
         name = line.program or name
         words = {token.word for token in line.tokens if token.kind == "name"}
         may_call = [word for word in ("gosub", "on", "oni") if word in words]
-        moves = not words.isdisjoint((*MOVES, *BLOCKS, *RELATIVE, *POSTURES, *taught))
+        moves = not words.isdisjoint((*MOTIONS, *BLOCKS, *RELATIVE, *POSTURES, *taught))
         called = [*may_call, *(called.word for called in _called(line.tokens) if called.word not in taught)]
         calls.learn(name, called, bool(words & FRAMES), moves, "weight" in words)
 
@@ -595,7 +602,39 @@ def write_moves(moves: Moves) -> dict[str, str]:
     return {"plan.pg": "\r\n".join([*lines, ".END", ".JOINTS", *points, ".END", ""])}
 
 
-NAME = "Kawasaki AS"
-ENDINGS = (".as", ".pg")
-ROBOTS = r"kawasaki|khi|(^|_)rs\d{3}"
-MAKER = KAWASAKI
+LANGUAGE = Language(
+    name="Kawasaki AS",
+    endings=(".as", ".pg"),
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+    maker=KAWASAKI,
+    robots=r"kawasaki|khi|(^|_)rs\d{3}",
+    write_moves=write_moves,
+    motions=MOTIONS,
+    declaration=FrameDeclaration(
+        name=r"[A-Za-z][A-Za-z0-9_.]{0,14}",
+        names="begin with a letter and have at most 15 letters, digits, _ and .",
+        head=".TRANS",
+        tool="{name} {0} {1} {2} {3} {4} {5}",
+        work_object="{name} {0} {1} {2} {3} {4} {5}",
+        foot=".END",
+    ),
+    sample=SampleArm(
+        folder="kawasaki",
+        joints=(
+            ((0, 0, 0.36), "0 0 -1"),
+            ((0, 0, 0), "-1 0 0"),
+            ((0, 0, 0.36), "1 0 0"),
+            ((0, 0, 0.09), "0 0 1"),
+            ((0, 0, 0.28), "1 0 0"),
+            ((0, 0, 0.08), "0 0 1"),
+        ),
+        flange=(0, 0, 0, 0, 0, 0),
+        base=0.36,
+        stops=((20, 30, -80, 15, 60, 10), (10, 20, -70, 15, 50, -30), (-15, 35, -60, -20, 45, 20)),
+        tool=(0, 0, 150, 0, 0, 0),
+        frame=(0, 0, 0, 0, 0, 0),
+        tried={"job.as": "--out kawasaki-job.as --where {where}"},
+    ),
+)

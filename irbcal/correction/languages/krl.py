@@ -19,8 +19,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.backup import Backup, folders_named, placed, text_of
 from irbcal.correction.calls import Calls
-from irbcal.correction.instructions import INSTRUCTIONS, POINTS, VIA, WRITES, MotionInstruction, teaching_routine
+from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
+from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import BOM, Edit, Listing, Number, Span, Token, mark_in
 from irbcal.correction.loads import Load, Ways, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
@@ -439,7 +441,15 @@ class KrlData:
                     variable.changes.append(braces.start)
 
 
-MOVES = INSTRUCTIONS["krl"]
+MOTIONS = built_in(
+    """
+    PTP LIN: to
+    CIRC: via to
+    SPTP SLIN: to
+    SCIRC: via to
+    SPL: to
+    """
+)
 RELATIVE = {name.lower(): name for name in ("PTP_REL", "LIN_REL", "CIRC_REL", "SPTP_REL", "SLIN_REL", "SCIRC_REL")}
 OPEN = ("if", "switch", "spline", "ptp_spline")
 LOOPS = ("for", "while", "repeat", "loop")
@@ -639,7 +649,7 @@ class Statements:
                 self.flow.calls.learn(name)
             else:
                 sets = not {*words}.isdisjoint(SETS_FRAMES) or (words[:1] == ["bas"] and words[2:3] not in QUIET_BAS)
-                moves = words[0] in MOVES or words[0] in RELATIVE or words[0] in self.taught
+                moves = words[0] in MOTIONS or words[0] in RELATIVE or words[0] in self.taught
                 called = [token.word for token in _called(line) if token.word not in self.taught]
                 self.flow.calls.learn(
                     name, called, sets, moves, "$load" in words or (sets and any(self._loads.values()))
@@ -683,8 +693,8 @@ class Statements:
             for routine, bracket in pairwise(line.tokens):
                 if bracket.word == "(":
                     self.flow.call_any_time(routine.word)
-        if word in MOVES:
-            self._move(line, MOVES[word])
+        if word in MOTIONS:
+            self._move(line, MOTIONS[word])
         elif word in ("lin_rel", "slin_rel") and self._relative(line, RELATIVE[word]):
             pass
         elif word in RELATIVE:
@@ -1329,7 +1339,79 @@ def write_moves(moves: Moves) -> dict[str, str]:
     return {"plan.src": "\r\n".join([*lines, "END", ""])}
 
 
-NAME = "KUKA KRL"
-ENDINGS = (".src", ".dat", ".sub")
-ROBOTS = r"kuka|(^|_)k[ru]\d"
-MAKER = KUKA
+_ROBROOT = re.compile(r"^[ \t]*(?:DECL[ \t]+)?(?:FRAME[ \t]+)?\$ROBROOT[ \t]*=[ \t]*\{([^{}\r\n]*)\}", re.I | re.M)
+_ABS_ACCUR = re.compile(r"^[^;\r\n]*\$ABS_ACCUR[ \t]*=[ \t]*(?:TRUE|#ACTIVATED)\b", re.I | re.M)
+_DEACTIVATED = re.compile(
+    r"^[^;\r\n]*\$(?:DEACTIVATE_ABS_ACCUR[ \t]*=[ \t]*TRUE|ABS_ACCUR[ \t]*=[ \t]*FALSE)\b", re.I | re.M
+)
+_OF_ROBOT = ("roboter", "ir_spec", "rdc")
+"""Folders beside ``KRC`` in archives that hold the files of one robot."""
+_COMPONENT = re.compile(r"\b([XYZABC])[ \t]+([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)", re.I)
+
+
+def backup(files: Sequence[Path]) -> Backup:
+    """Where the robot stands (``$ROBROOT``), and whether the controller corrects it itself.
+
+    It does by ``$ABS_ACCUR``, and with the ``.pid`` file of an absolutely accurate robot, which newer controllers use
+    unless ``$DEACTIVATE_ABS_ACCUR``.
+    """
+    out = Backup()
+    for root in folders_named(files, "krc"):
+        folders = [root, *(path for path in root.parent.glob("*") if path.name.lower() in _OF_ROBOT and path.is_dir())]
+        of_robot = sorted(path for folder in folders for path in folder.rglob("*") if path.suffix.lower() == ".pid")
+        deactivated = False
+        for path in sorted(path for path in root.rglob("$*") if path.suffix.lower() == ".dat" and path.is_file()):
+            text = text_of(path)
+            deactivated |= _DEACTIVATED.search(text) is not None
+            if _ABS_ACCUR.search(text):
+                out = out._replace(accuracy=f"the robot is absolutely accurate ($ABS_ACCUR in {path.name})")
+            for match in _ROBROOT.finditer(text):
+                values = {name.upper(): float(value) for name, value in _COMPONENT.findall(match[1])}
+                if len(values) == len(POSE):
+                    out = placed(out, KUKA.frame([values[name.upper()] for name in POSE]), path)
+        if of_robot and not deactivated and not out.accuracy:
+            out = out._replace(accuracy=f"the robot is absolutely accurate ({of_robot[0].name} is in the backup)")
+    for path in files:
+        if path.suffix.lower() in (".src", ".sub") and _ABS_ACCUR.search(text_of(path)):
+            out = out._replace(accuracy=f"{path.name} switches on that the robot is absolutely accurate ($ABS_ACCUR)")
+    return out
+
+
+LANGUAGE = Language(
+    name="KUKA KRL",
+    endings=(".src", ".dat", ".sub"),
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+    maker=KUKA,
+    robots=r"kuka|(^|_)k[ru]\d",
+    write_moves=write_moves,
+    motions=MOTIONS,
+    backup=backup,
+    declaration=FrameDeclaration(
+        *TO_99,
+        head="DEFDAT $CONFIG",
+        tool="TOOL_DATA[{name}]={{X {0},Y {1},Z {2},A {3},B {4},C {5}}}",
+        work_object="BASE_DATA[{name}]={{X {0},Y {1},Z {2},A {3},B {4},C {5}}}",
+        foot="ENDDAT",
+        held_part="TOOL_DATA[{name}]={{X {0},Y {1},Z {2},A {3},B {4},C {5}}}",
+        fixed_tool="BASE_DATA[{name}]={{X {0},Y {1},Z {2},A {3},B {4},C {5}}}",
+    ),
+    sample=SampleArm(
+        folder="kuka",
+        joints=(
+            ((0, 0, 0.4), "0 0 -1"),
+            ((0.025, 0, 0), "0 1 0"),
+            ((0.45, 0, 0), "0 1 0"),
+            ((0.42, 0, 0.035), "-1 0 0"),
+            ((0, 0, 0), "0 1 0"),
+            ((0, 0, 0), "-1 0 0"),
+        ),
+        flange=(0.08, 0, 0, 0, np.pi / 2, 0),
+        base=0.0,
+        stops=((10, -80, 100, 20, 40, 30), (-25, -95, 110, -15, 50, -40), (30, -70, 80, 10, -35, 60)),
+        tool=(0, 0, 150, 0, 0, 0),
+        frame=(400, 0, 200, 0, 0, 0),
+        tried={"job.src": "--out kuka-job --tool 3=0,0,150,0,0,0 --frame 1=400,0,200,0,0,0"},
+    ),
+)

@@ -25,9 +25,11 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, locked
 from irbcal.correction import notation
+from irbcal.correction.backup import Backup, folders_named, placed, text_of
 from irbcal.correction.calls import Calls, may_set_load
-from irbcal.correction.instructions import ANY, INSTRUCTIONS, POINTS, TO, TOOL, VIA, WRITES, MotionInstruction, teaching
-from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
+from irbcal.correction.instructions import ANY, POINTS, TO, TOOL, VIA, WRITES, MotionInstruction, built_in, teaching
+from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
+from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in, up_to_next
 from irbcal.correction.loads import Carrying, Load, LoadFlow, Ways, load_of, unknown_load
 from irbcal.correction.maker import (
     NO_CONFDATA,
@@ -64,11 +66,6 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, own_model
 from irbcal.units import DEG, MM
 
-NAME = "RAPID"
-ENDINGS = (".mod", ".prg", ".sys", ".modx", ".sysx")
-ROBOTS = r"(^|_)(abb|irb_?\d)"
-MAKER = None
-
 ABSENT = 0.9e9
 """From here on a number stands for an axis that is not there (9E9, 1E9), or for no place at all."""
 
@@ -83,6 +80,43 @@ ABB = Maker(
     matrix=np.eye(6),
     largest=ABSENT,
 )
+
+MOTIONS = built_in(
+    """
+    # joint and straight moves, circles
+    MoveJ MoveL MoveAbsJ: to speed zone tool
+    MoveC: via to speed zone tool
+    # with an output, with a routine
+    MoveJDO MoveJAO: to speed zone tool signal value
+    MoveJGO: to speed zone tool signal *
+    MoveLDO MoveLAO: to speed zone tool signal value
+    MoveLGO: to speed zone tool signal *
+    MoveCDO MoveCAO: via to speed zone tool signal value
+    MoveCGO: via to speed zone tool signal *
+    MoveJSync MoveLSync: to speed zone tool routine
+    MoveCSync: via to speed zone tool routine
+    # with events on the path
+    TriggJ TriggL TriggAbsJ: to speed trigger zone tool
+    TriggC: via to speed trigger zone tool
+    TriggJIOs TriggLIOs: to speed zone tool
+    # searches end where something is found
+    SearchL: signal writes to speed tool
+    SearchC: signal writes via to speed tool
+    # arc welding; weave data stand among the others in older versions
+    ArcL ArcL1 ArcL2 ArcLStart ArcLEnd: to speed seam weld * tool
+    ArcC ArcC1 ArcC2 ArcCStart ArcCEnd: via to speed seam weld * tool
+    # spot welding, nuts
+    SpotL SpotJ SpotML SpotMJ NutL NutJ: to speed * tool
+    # dispensing, painting, the continuous application platform
+    DispL: to speed bead zone tool
+    DispC: via to speed bead zone tool
+    PaintL: to speed * zone tool
+    PaintC: via to speed * zone tool
+    CapL: to speed cap * zone tool
+    CapC: via to speed cap * zone tool
+    """
+)
+"""With ABB's options, as their manuals list the arguments."""
 
 _WORDS = (
     "module endmodule proc endproc func endfunc trap endtrap record endrecord alias const pers var local task "
@@ -260,7 +294,7 @@ class Reader:
     What they mean for targets is decided afterwards, see `Literals` and `Uses`.
     """
 
-    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = INSTRUCTIONS["rapid"]) -> None:
+    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = MOTIONS) -> None:
         self.listing, self.text, self.instructions = listing, listing.text, instructions
         """``instructions``: moves that are known, by their names in lower case."""
         self.line, self.error, self.quote = listing.line, listing.error, listing.quote
@@ -753,7 +787,7 @@ _PARTS: dict[Kind, tuple[tuple[int, str], ...]] = {
 class Literals:
     """All targets in numbers of a module, and everything that gives a target another value."""
 
-    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = INSTRUCTIONS["rapid"]) -> None:
+    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = MOTIONS) -> None:
         self.flow, self.reader = ControlFlow(listing), Reader(listing, instructions)
         """``reader``: the module as read. ``flow``: what looks like a target where none can be corrected, and moves to
         targets that cannot, are noted there.
@@ -2001,7 +2035,7 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
 def _instructions(contents: Iterable[bytes], taught: Mapping[str, MotionInstruction]) -> dict[str, MotionInstruction]:
     """Moves that are known; a routine of the program's own goes before a built-in one of its name."""
     own = {name.lower() for data in contents for name in re.findall(rb"(?i)\bPROC[ \t]+(\w+)", data)}
-    built_in = {name: move for name, move in INSTRUCTIONS["rapid"].items() if name.encode() not in own}
+    built_in = {name: move for name, move in MOTIONS.items() if name.encode() not in own}
     return {**built_in, **taught}
 
 
@@ -2131,3 +2165,79 @@ def write_moves(moves: Moves) -> dict[str, str]:
         lines.append(f"    MoveAbsJ [[{','.join(joints)}],[{absent}]]\\NoEOffs,{speed},fine,tool0;")
         lines += [f"    WaitTime {move.wait_s:g};"] if move.wait_s else []
     return {"plan.mod": "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])}
+
+
+_CFG_TYPE = re.compile(r"^([A-Z][A-Z0-9_]*):[ \t]*\r?$", re.M)
+_CFG_VALUE = re.compile(r"-([A-Za-z]\w*)(?:[ \t]+(\"[^\"\r\n]*\"|[-+]?[\d.][\w.+-]*|[A-Za-z]\w*))?")
+
+
+def backup(files: Sequence[Path]) -> Backup:
+    """The base frame in ``MOC.cfg``, and whether the robot has a calibration there."""
+    out = Backup()
+    for root in folders_named(files, "rapid"):
+        settings = [path for path in root.parent.glob("*") if path.name.lower() == "syspar" and path.is_dir()]
+        for path in sorted(path for folder in settings for path in folder.glob("*") if path.name.lower() == "moc.cfg"):
+            for robot in _instances(text_of(path), "ROBOT"):
+                calibration = robot.get("use_robot_calib", "")
+                if calibration and "uncalib" not in calibration.lower():
+                    words = f"the robot has a calibration of its maker (use_robot_calib {calibration} in {path.name})"
+                    out = out._replace(accuracy=words)
+                numbers = [robot.get(f"base_frame_pos_{axis}", "0") for axis in "xyz"]
+                numbers += [robot.get(f"base_frame_orient_u{k}", "1" if k == 0 else "0") for k in range(4)]
+                try:
+                    values = np.array([float(number) for number in numbers])
+                except ValueError:
+                    raise ProgramError(f"the base frame of {robot.get('name')} is not in numbers", file=path) from None
+                if problem := notation.Quaternion().problem(values[3:].tolist()):
+                    raise ProgramError(f"base frame of {robot.get('name', 'a robot')}: {problem}", file=path)
+                T = notation.poses_from_numbers(np.concatenate([values[:3] / MM, values[3:]])[None])[0]
+                out = placed(out, T, path)
+    return out
+
+
+def _instances(text: str, kind: str) -> list[dict[str, str]]:
+    """Instances of one type of a configuration file of ABB, their attributes without quotes."""
+    types = list(_CFG_TYPE.finditer(text))
+    out: list[dict[str, str]] = []
+    for found, end in up_to_next(types, len(text)):
+        if found[1] == kind:
+            for name, value in _CFG_VALUE.findall(text, found.end(), end):
+                out += [{}] if name == "name" or not out else []
+                out[-1][name] = value.strip('"')
+    return out
+
+
+_POSE = "[[{0},{1},{2}],[{3},{4},{5},{6}]]"
+LANGUAGE = Language(
+    name="RAPID",
+    endings=(".mod", ".prg", ".sys", ".modx", ".sysx"),
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+    maker=ABB,
+    robots=r"(^|_)(abb|irb_?\d)",
+    write_moves=write_moves,
+    motions=MOTIONS,
+    moves_name_tools=True,
+    backup=backup,
+    declaration=FrameDeclaration(
+        *ANY_WORD,
+        head="MODULE irbcal_cell\n  ! The loads of tools are not known here: set them in place of mass -1",
+        tool=f"  PERS tooldata {{name}}:=[TRUE,{_POSE},[-1,[0,0,0],[1,0,0,0],0,0,0]];",
+        work_object=f'  PERS wobjdata {{name}}:=[FALSE,TRUE,"",{_POSE},[[0,0,0],[1,0,0,0]]];',
+        foot="ENDMODULE",
+        held_part=f'  PERS wobjdata {{name}}:=[TRUE,TRUE,"",{_POSE},[[0,0,0],[1,0,0,0]]];',
+        fixed_tool=f"  PERS tooldata {{name}}:=[FALSE,{_POSE},[-1,[0,0,0],[1,0,0,0],0,0,0]];",
+    ),
+    sample=SampleArm(
+        folder="abb",
+        joints=(),
+        flange=(),
+        base=0.0,
+        stops=((10, -10, 20, 15, 40, -30), (-20, 15, 5, -30, 35, 60), (35, 25, -30, 10, 50, -80)),
+        tool=(0, 0, 150, 1, 0, 0, 0),
+        frame=(800, 0, 400, 1, 0, 0, 0),
+        tried={"job.mod": "--out job_calibrated.mod", "backup": "--out abb-job"},
+        named="irb1600",
+    ),
+)

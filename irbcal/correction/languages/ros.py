@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 
 from irbcal.arrays import FloatArray, Locked
+from irbcal.correction.language import Language
 from irbcal.correction.listing import Number, Span, mark_in, number_like
 from irbcal.correction.program import ControllerSetup, Corrections, Note, Program, Stop, WantedTargets, read_bytes
 from irbcal.errors import OptionError, ProgramError, RobotError
@@ -340,8 +341,14 @@ def to_yaml(trajectory: Trajectory, frame_id: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-NAME = "ROS JointTrajectory"
 ENDINGS = (".yaml", ".yml")
-MAKER = None
-ROBOTS = ""
-write_moves = None
+
+
+LANGUAGE = Language(
+    name="ROS JointTrajectory",
+    endings=ENDINGS,
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+    shares_endings=True,
+)

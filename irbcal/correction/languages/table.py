@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.correction.language import Language
 from irbcal.correction.notation import (
     DECIMALS,
     QUATERNION_DECIMALS,
@@ -530,8 +531,13 @@ def _check_quaternions(quaternions: FloatArray, lines: Sequence[int], source: st
         raise ProgramError(message, file=source, row=int(lines[k]), column=QUATERNION)
 
 
-NAME = "CSV"
 ENDINGS = (".csv", ".parquet")
-MAKER = None
-ROBOTS = ""
-write_moves = None
+
+
+LANGUAGE = Language(
+    name="CSV",
+    endings=ENDINGS,
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+)

@@ -16,8 +16,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.backup import Backup, text_of, unzipped
 from irbcal.correction.calls import Calls
-from irbcal.correction.instructions import INSTRUCTIONS, TO, VIA, MotionInstruction, teaching_routine
+from irbcal.correction.instructions import TO, VIA, MotionInstruction, built_in, teaching_routine
+from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
 from irbcal.correction.loads import Load, load_of, unknown_load
 from irbcal.correction.maker import Maker
@@ -119,7 +121,12 @@ def arguments(tokens: Tokens) -> list[tuple[str, Tokens]]:
     return out
 
 
-GOALS = INSTRUCTIONS["urscript"]
+MOTIONS = built_in(
+    """
+    movej movel movep: to *
+    movec: via to *
+    """
+)
 OTHER_MOVES = ("servoj", "servoc", "servol", "speedj", "speedl", "movej_joint")
 LOADS = ("set_payload", "set_target_payload", "set_payload_mass", "set_payload_cog")
 """Functions that say what the flange carries: kg and metres."""
@@ -189,7 +196,7 @@ class _Script:
     """Follows the statements."""
 
     def __init__(self, listing: Listing, taught: Mapping[str, MotionInstruction]) -> None:
-        self.listing, self.goals = listing, {**GOALS, **{move.name: move for move in taught.values()}}
+        self.listing, self.goals = listing, {**MOTIONS, **{move.name: move for move in taught.values()}}
         self.flow = ControlFlow(listing, Calls(closed=True))
         self.flow.frame("base")
         self._inside: list[str] = []
@@ -252,7 +259,7 @@ class _Script:
     def _other(self, tokens: list[Token]) -> None:
         first, at = tokens[0].word, tokens[0].start
         words_of_line = [token.word for token in tokens]
-        inside = next((word for word in words_of_line if word in (*GOALS, *OTHER_MOVES)), None)
+        inside = next((word for word in words_of_line if word in (*MOTIONS, *OTHER_MOVES)), None)
         if words_of_line[1:2] == ["("]:
             points = [self._pose(value) is not None for _, value in arguments(tokens[1:])]
             self.flow.teaching[self.listing.line(at)] = teaching_routine("urscript", first, points)
@@ -476,7 +483,48 @@ def write_moves(moves: Moves) -> dict[str, str]:
     return {"plan.script": "\n".join([*lines, "end", ""])}
 
 
-NAME = "URScript"
-ENDINGS = (".script", ".urscript")
-ROBOTS = r"universal_?robot|(^|_)ur\d+e?(_|$)"
-MAKER = UNIVERSAL_ROBOTS
+_LINEARIZED = re.compile(rb"<Kinematics\b[^<>]*\bstatus=\"LINEARIZED\"")
+_STATUS = re.compile(r"^[ \t]*calibration_status[ \t]*=[ \t]*2\b", re.M)
+
+
+def backup(files: Sequence[Path]) -> Backup:
+    """Whether the factory calibration stands in ``calibration.conf`` or in the waypoints of ``.urp`` programs."""
+    for folder in dict.fromkeys(file.parent for file in files):
+        for path in sorted(folder.glob("*")):
+            if path.name.lower() == "calibration.conf" and _STATUS.search(text_of(path)):
+                return Backup(accuracy=f"the controller has the robot's factory calibration ({path.name})")
+            if path.suffix.lower() == ".urp" and _LINEARIZED.search(unzipped(path)):
+                return Backup(accuracy=f"the controller has the robot's factory calibration (waypoints of {path.name})")
+    return Backup()
+
+
+LANGUAGE = Language(
+    name="URScript",
+    endings=(".script", ".urscript"),
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+    maker=UNIVERSAL_ROBOTS,
+    robots=r"universal_?robot|(^|_)ur\d+e?(_|$)",
+    write_moves=write_moves,
+    motions=MOTIONS,
+    backup=backup,
+    declaration=FrameDeclaration(
+        *ANY_WORD,
+        head="# Tools are set as TCP where the program uses them, frames are for pose_trans",
+        tool="set_tcp(p[{0},{1},{2},{3},{4},{5}])  # {name}",
+        work_object="{name} = p[{0},{1},{2},{3},{4},{5}]",
+    ),
+    sample=SampleArm(
+        folder="universal",
+        joints=(),
+        flange=(),
+        base=0.0,
+        stops=((10, -80, 100, -110, -90, 30), (-25, -95, 110, -100, -80, -40), (30, -70, 80, -90, -100, 60)),
+        tool=(0, 0, 0.15, 0, 0, 0),
+        frame=(0, 0, 0, 0, 0, 0),
+        tried={"job.script": "--out ur-job.script --tool active=0,0,0.15,0,0,0"},
+        named="ur10",
+    ),
+    without_text={".urp": (".script", "a compressed PolyScope program: export it as .script")},
+)

@@ -18,7 +18,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
-from irbcal.correction.instructions import INSTRUCTIONS, POINTS, TOOL, MotionInstruction
+from irbcal.correction.instructions import POINTS, TOOL, MotionInstruction, built_in
+from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -42,6 +43,14 @@ STAUBLI = Maker(
     world=True,
 )
 """In the reference the elbow is positive."""
+
+
+MOTIONS = built_in(
+    """
+    movej movel: to tool *
+    movec: via to tool *
+    """
+)
 
 
 def posture_of(attributes: Mapping[str, str]) -> tuple[Posture, str]:
@@ -311,7 +320,7 @@ class _Application:
         self.listing, self.values = listing, values
         self.flow = ControlFlow(listing, split_points=setup.split_points)
         taught = {move.name: move for move in setup.instructions.get("val3", {}).values()}
-        self.moves: dict[str, MotionInstruction] = {**INSTRUCTIONS["val3"], **taught}
+        self.moves: dict[str, MotionInstruction] = {**MOTIONS, **taught}
         self._call = re.compile(rf"\b(?:call\s+)?({'|'.join(self.moves)})\s*\(")
         self._argument_end = 0
         pairs = [(value, target(value)) for value in values]
@@ -543,7 +552,47 @@ def write_moves(moves: Moves) -> dict[str, str]:
     return {name: "\r\n".join([*lines, ""]) for name, lines in files.items()}
 
 
-NAME = "VAL3"
 ENDINGS = (".dtx", ".pgx", ".pjx")
-ROBOTS = r"staubli|(^|_)(rx\d|tx2?_?\d)"
-MAKER = STAUBLI
+
+
+_VALUE = 'x="{0}" y="{1}" z="{2}" rx="{3}" ry="{4}" rz="{5}"'
+LANGUAGE = Language(
+    name="VAL3",
+    endings=ENDINGS,
+    looks_like=looks_like,
+    read_for=read_for,
+    fingerprint=fingerprint,
+    maker=STAUBLI,
+    robots=r"staubli|(^|_)(rx\d|tx2?_?\d)",
+    write_moves=write_moves,
+    motions=MOTIONS,
+    moves_name_tools=True,
+    declaration=FrameDeclaration(
+        name=rf"{ANY_WORD[0]}\[0\]",
+        names="are those of elements, such as tGrip[0]",
+        head='<?xml version="1.0" encoding="utf-8" ?>\n<Database xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
+        'xmlns="http://www.staubli.com/robotics/VAL3/Data/2">\n  <Datas>',
+        tool='    <Data name="{base}" access="public" xsi:type="array" type="tool" size="1">\n'
+        f'      <Value key="0" {_VALUE} fatherId="flange[0]" />\n    </Data>',
+        work_object='    <Data name="{base}" access="public" xsi:type="array" type="frame" size="1">\n'
+        f'      <Value key="0" {_VALUE} fatherId="world[0]" />\n    </Data>',
+        foot="  </Datas>\n</Database>",
+    ),
+    sample=SampleArm(
+        folder="staubli",
+        joints=(
+            ((0, 0, 0.5), "0 0 1"),
+            ((0.14, 0, 0), "0 1 0"),
+            ((0, 0, 0.8), "0 1 0"),
+            ((0, 0, 0), "0 0 1"),
+            ((0, 0, 0.6), "0 1 0"),
+            ((0, 0, 0.1), "0 0 1"),
+        ),
+        flange=(0, 0, 0, 0, 0, 0),
+        base=0.5,
+        stops=((10, 20, 80, 20, 40, 30), (-25, 10, 95, -15, 50, -40), (30, 30, 70, 10, 35, 60)),
+        tool=(0, 0, 150, 0, 0, 0),
+        frame=(0, 0, 0, 0, 0, 0),
+        tried={"application": "--out staubli-job"},
+    ),
+)

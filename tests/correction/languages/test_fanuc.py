@@ -77,7 +77,7 @@ def listing(lines, points, newline="\n"):
 def in_front(nominal, n):
     """Joints with the wrist in front and the elbow up."""
     q = well_inside(nominal, 6 * n)
-    back, bent, _ = fanuc.MAKER.postures(nominal, q)
+    back, bent, _ = fanuc.FANUC.postures(nominal, q)
     return q[~back & ~bent][:n]
 
 
@@ -278,7 +278,7 @@ def test_a_controller_report(robots):
         Rotation.from_matrix(R).as_euler("xyz", degrees=True), [-139.75, 0.99, -98.93], rtol=0, atol=0.03
     )
     np.testing.assert_allclose(
-        fanuc.MAKER.joints(np.radians([0, -10, 40, 5, -90, -95]))[2], j3 + j2, rtol=0, atol=1e-12
+        fanuc.FANUC.joints(np.radians([0, -10, 40, 5, -90, -95]))[2], j3 + j2, rtol=0, atol=1e-12
     )
 
 

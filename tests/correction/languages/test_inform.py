@@ -50,7 +50,7 @@ def robots():
 def in_front(nominal, n):
     """Wrist in front, turns below 180 degrees, away from where flip changes."""
     q = well_inside(nominal, 20 * n)
-    back, _, _ = inform.MAKER.postures(nominal, q)
+    back, _, _ = inform.YASKAWA.postures(nominal, q)
     inside = (np.abs(q[:, [0, 3, 5]]) < 3.0).all(axis=1) & (np.abs(np.cos(q[:, 3])) > 0.05)
     return q[~back & inside][:n]
 
@@ -78,7 +78,7 @@ def job(positions, moves, newline="\r\n"):
 def program(robots, q, **more):
     nominal, _, at = robots
     T = frames.inverse(at.T_base_world @ USER) @ nominal.forward(q) @ TOOL
-    elbow = np.atleast_1d(inform.MAKER.postures(nominal, q)[1])
+    elbow = np.atleast_1d(inform.YASKAWA.postures(nominal, q)[1])
     positions, moves = ["///TOOL 1", "///POSTYPE PULSE", "///PULSE"], []
     for k, row in enumerate(np.rint(np.degrees(q) * PULSES).astype(int)):
         positions.append(f"C{2 * k:05d}=" + ",".join(map(str, row)))

@@ -290,7 +290,7 @@ def test_the_check_pair_of_a_posted_controller_line(robots):
 def test_other_arms_are_refused(robots):
     other = robot_of("m20ia")
     with pytest.raises(ProgramError, match=r"point along -z \+y \+y -x \+y -x at zero joints"):
-        krl.MAKER.check(other[0], "job.src")
+        krl.KUKA.check(other[0], "job.src")
 
 
 NUMBER = st.floats(-150, 150).map(lambda v: f"{v:.4f}")

@@ -3,34 +3,35 @@
 import pytest
 
 from irbcal.correction import languages
-from irbcal.correction.languages import krl, rapid, table
+from irbcal.correction.known_languages import KNOWN
+from irbcal.correction.languages import by_name
 from irbcal.errors import ProgramError
 
 
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("a.mod", rapid),
-        ("A.MOD", rapid),
-        ("a.prg", rapid),
-        ("a.sys", rapid),
-        ("a.modx", rapid),
-        ("a.csv", table),
-        ("a.SRC", krl),
+        ("a.mod", "rapid"),
+        ("A.MOD", "rapid"),
+        ("a.prg", "rapid"),
+        ("a.sys", "rapid"),
+        ("a.modx", "rapid"),
+        ("a.csv", "csv"),
+        ("a.SRC", "krl"),
     ],
 )
 def test_files_go_by_their_ending(name, expected):
-    assert languages.of(name) is expected
+    assert languages.of(name) is by_name()[expected]
 
 
 def test_other_files_go_by_what_they_look_like(tmp_path):
     for text, expected in (
-        ("&ACCESS RVP\nDEF job()\n", krl),
-        ("%%%\n  VERSION:1\n%%%\nMODULE M\nENDMODULE\n", rapid),
-        ("q1_deg,q2_deg\n1,2\n", table),
+        ("&ACCESS RVP\nDEF job()\n", "krl"),
+        ("%%%\n  VERSION:1\n%%%\nMODULE M\nENDMODULE\n", "rapid"),
+        ("q1_deg,q2_deg\n1,2\n", "csv"),
     ):
         (tmp_path / "job.txt").write_text(text)
-        assert languages.of(tmp_path / "job.txt") is expected
+        assert languages.of(tmp_path / "job.txt") is by_name()[expected]
 
 
 @pytest.mark.parametrize(
@@ -61,7 +62,7 @@ def test_folders_and_several_files(tmp_path):
         languages.files_of([tmp_path])
     for name in ("b.mod", "a.mod", "notes.txt"):
         (tmp_path / name).write_text("MODULE M\nENDMODULE\n")
-    assert languages.files_of([tmp_path])[:2] == (rapid, [tmp_path / "a.mod", tmp_path / "b.mod"])
+    assert languages.files_of([tmp_path])[:2] == (by_name()["rapid"], [tmp_path / "a.mod", tmp_path / "b.mod"])
     (tmp_path / "c.csv").write_text("q1_deg,q2_deg\n1,2\n")
     with pytest.raises(ProgramError, match=r"this is CSV, but a\.mod is RAPID"):
         languages.files_of([tmp_path / "a.mod", tmp_path / "c.csv"])
@@ -82,7 +83,7 @@ def test_a_folder_is_searched_to_its_end_and_what_is_passed_over_is_listed(tmp_p
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
     found = languages.files_of([tmp_path])
-    assert found.language is rapid
+    assert found.language is by_name()["rapid"]
     assert [place.as_posix() for place in found.relative.values()] == [*texts][:2]
     assert {path.name: reason.partition(",")[0].partition(":")[0] for path, reason in found.skipped} == {
         "encoded.sys": "it does not look like RAPID",
@@ -94,13 +95,19 @@ def test_a_folder_is_searched_to_its_end_and_what_is_passed_over_is_listed(tmp_p
         languages.files_of([tmp_path / name for name in [*texts][:2]])
 
 
+def test_the_list_of_known_languages_says_what_they_declare():
+    for file, language in zip(KNOWN, languages.known(), strict=True):
+        assert (file.maker != "") == (language.declaration is not None), file
+        assert file.plans == (language.write_moves is not None or language.name == "CSV"), file
+
+
 def test_languages_offer_what_they_must():
-    endings = [ending for language in languages.known() for ending in language.ENDINGS]
+    endings = [ending for language in languages.known() for ending in language.endings]
     assert len(set(endings)) == len(endings)
     assert all(ending == ending.lower() and ending.startswith(".") for ending in endings)
     for language in languages.known():
         assert callable(language.read_for)
-        assert language.NAME
+        assert language.name
         assert not language.looks_like(b"")
         with pytest.raises(ProgramError, match=r"^job: "):
             language.fingerprint(b"\x00\x01", "job")

@@ -571,17 +571,19 @@ def test_a_move_that_is_not_known_says_the_line_that_teaches_it(tmp_path, line, 
     (tmp_path / "taught.txt").write_text(f"# of our cell\n{lesson}  # so\n")
     (tmp_path / "m.mod").write_bytes(content)
     tools = {"Grip": np.eye(4)}
-    setup = ControllerSetup(tools, {}, unknown_frames(), instructions=instructions.read(tmp_path / "taught.txt"))
+    setup = ControllerSetup(
+        tools, {}, unknown_frames(), instructions=instructions.read(tmp_path / "taught.txt", {"rapid": True})
+    )
     (again,) = rapid.read_for(arm(), [tmp_path / "m.mod"], setup)
     assert again.left() == []
     assert all(target.uses[0].tool in ("ta", "grip") for target in again.targets)
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.sampled_from(sorted(instructions.INSTRUCTIONS["rapid"])), st.integers(0, 3), NUMBERS)
+@given(st.sampled_from(sorted(rapid.MOTIONS)), st.integers(0, 3), NUMBERS)
 def test_any_target_of_any_instruction_of_the_table(name, more, numbers):
     """A literal in the place of the target is corrected, and no other byte changes."""
-    move = instructions.INSTRUCTIONS["rapid"][name]
+    move = rapid.MOTIONS[name]
     if "AbsJ" in move.name:
         return
     words = [word for known in move.words for word in ([known] if known != "*" else ["x"] * more)]

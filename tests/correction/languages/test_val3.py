@@ -88,7 +88,7 @@ def datum(name, kind, *values):
 
 def in_front(nominal, n):
     q = well_inside(nominal, 8 * n)
-    back, _, _ = val3.MAKER.postures(nominal, q)
+    back, _, _ = val3.STAUBLI.postures(nominal, q)
     return q[~back][:n]
 
 
