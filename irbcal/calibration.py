@@ -8,23 +8,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from irbcal.arrays import FloatArray
+from irbcal.calibration_options import CalibrationOptions, Progress
+from irbcal.declared_options import takes_fields_of
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.identification.fit_sections import ParameterReport, groups_table, models_table
-from irbcal.identification.term_sets import TypePrior
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
-from irbcal.io.measured_files import MeasurementFiles
-from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Errors, EvidenceChoice, Record
 from irbcal.io.urdf_xml import MeshPaths
 from irbcal.measurement.cleaning import left_out
-from irbcal.measurement.columns import TableLike
-from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
-from irbcal.pipeline import Options, Progress, Proven, run
+from irbcal.pipeline import Proven, run
 from irbcal.reports.languages import Language
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark, values
 from irbcal.validation.evaluation import orientation_line, statistics_table
@@ -317,127 +313,16 @@ class Calibration(Result):
 
 
 @on_workers
-def calibrate(
-    measurements: MeasurementFiles,
-    robot: str | Path | None = None,
-    model: str | int | None = None,
-    *,
-    terms: Literal["joint-map", "all"] = "joint-map",
-    holdout: float | None = None,
-    split: Literal["random", "last"] = "random",
-    seed: int = 0,
-    verify: MeasurementsLike | None = None,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    coupling: str | None = None,
-    method: str = "least-squares",
-    objective: str = "rms",
-    power: float = 8.0,
-    loss: str = "linear",
-    free: Sequence[str] = (),
-    hold: Sequence[str] = (),
-    targets: str | Path | Mapping[str, FloatArray] | None = None,
-    frame: Sequence[str] | None = None,
-    as_poses: bool = False,
-    session_by: str | None = None,
-    with_: CalibrationLike | None = None,
-    payload_place: Sequence[float] | None = None,
-    same_tool: bool = False,
-    torques: bool = False,
-    parallel: Literal["hayati", "forced"] = "hayati",
-    features: TableLike | None = None,
-    leave_out: str | None = None,
-    prior: str | Path | TypePrior | None = None,
-    package_dirs: Sequence[str | Path] = (),
-    jobs: int | None = None,
-    progress: Progress | None = None,
-) -> Calibration:
+@takes_fields_of(CalibrationOptions)
+def calibrate(options: CalibrationOptions) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
-
-    Parameters
-    ----------
-    measurements : str, Path, DataFrame, MeasurementSet, a result that holds one, or a list of files
-        In irbcal's own format, or as other programs write them: these are recognised, as `irbcal.import_measurements`
-        does, and a note says what was understood. Several files hold points and joints together.
-    robot : str or Path
-        URDF file, a robot's name (`irbcal.robots`), or a calibration, as for ``with_``. Left out only with ``with_``.
-    model : {"auto", "best-level", "nominal", "11", "16", "26", "34", "34b", "offsets", "placement"}, optional
-        ``auto``, the default: the average of many error models by their evidence, docs/calibration-auto.md. A level:
-        ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement`` (any
-        serial arm). ``best-level``: the level that cross-validation over the poses of the fit chooses. Where no model
-        is named, options of a level (``method``, ``objective``, ``loss``, ``free``, ``hold``) and fewer than ten poses
-        lead to ``34``, or ``placement`` for arms that are not built for it; a note says so.
-    terms : {"joint-map", "all"}
-        What model ``auto`` may consist of. ``joint-map``: URDF and joint map are the whole truth, for every program.
-        ``all``: frame terms, too (bending, wobble), which only irbcal's own kinematics knows.
-    holdout : float or int
-        Fraction or number of poses that the fit does not see: 0.25 unless given; not with ``verify``.
-    split : {"random", "last"}
-        Which poses are held out: drawn at random, or the last of the file.
-    seed : int
-        Of the random split.
-    verify : str, Path, DataFrame or MeasurementSet, optional
-        A file of its own for the held-out poses, measured with the same tool, registered to the first's references.
-    base_link, tip_link : str, optional
-        Link names, see `irbcal.read_urdf`.
-    coupling : str, optional
-        How the controller counts joints, such as ``3+2``; see `irbcal.io.urdf.declared_coupling`.
-    package_dirs : sequence of str or Path
-        Folders in which packages of the robot's description are looked up first: of a xacro file, and of meshes, whose
-        folders the calibration remembers.
-    method : {"least-squares", "circles", "nelder-mead"}
-        How to identify, see `irbcal.identification.fit.identify_by`. With ``circles`` the fit sees the one-joint
-        moves (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
-    objective : {"rms", "max", "pnorm"}
-        What to minimise: the root mean square, the largest error, or a norm between them.
-    power : float
-        Power of ``pnorm``, 2 or more.
-    loss : {"linear", "soft_l1", "huber"}
-        What an error counts in the root mean square: ``soft_l1`` and ``huber`` bend less to gross errors.
-    free : sequence of str
-        Error parameters added to the level, by name or pattern, such as ``gain*``.
-    hold : sequence of str
-        Error parameters that stay at nominal, likewise.
-    targets : str, Path or dict, optional
-        Targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm, or places in metres.
-    frame : sequence of three str, optional
-        Reference points that define the measuring frame, see `irbcal.measurement.poses.in_frame_of`.
-    as_poses : bool
-        Turn the points of each pose into one full pose first, see `irbcal.measurement.poses.as_poses`.
-    session_by : str, optional
-        Column that names the session of each row, with a base and a tool of its own (docs/sessions.md). By default
-        ``session`` where there is one, and ``group`` where groups differ grossly; ``none`` for one session.
-    with_ : str, Path or Calibration, optional
-        An earlier calibration: its points are fitted together with the new measurements, as sessions before them. Robot
-        and model are its own unless given; held out are new poses only.
-    payload_place : sequence of three float, optional
-        Centre of the payloads (column ``payload_kg``) in the tip link where the measurements do not tell it, metres.
-    same_tool : bool
-        The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
-    torques : bool
-        Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
-    parallel : {"hayati", "forced"}
-        Method ``circles``: keep the tilt of nearly parallel axes, or give them one direction.
-    features : str, Path or DataFrame, optional
-        What is known of features that were touched, see `irbcal.measurement.features`: no tracker is needed.
-    leave_out : str, optional
-        Column of the places that are left out in turn, see `irbcal.validation.feature_proof.prove`.
-    prior : str, Path or TypePrior, optional
-        What calibrated robots of the same type show (`irbcal.fleet_prior`), for model ``auto``: fewer poses do. A robot
-        that is not like its sisters is identified without, and said to stand out.
-    jobs : int, optional
-        Threads for large problems, see `irbcal.parallel.using`.
-    progress : callable, optional
-        Called with a short text at each step.
 
     Raises
     ------
     IrbcalError
         If an input or an option is refused.
     """
-    arguments = dict(locals())
-    options = Options(**{name: value for name, value in arguments.items() if name in Options.__dataclass_fields__})
-    record, urdf, proven = run(measurements, robot, options, progress)
+    record, urdf, proven = run(options)
     return Calibration(record, urdf, None, proven)
 
 

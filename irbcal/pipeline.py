@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
@@ -17,18 +17,18 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from irbcal import __version__
 from irbcal.arrays import BoolArray, FloatArray, Locked, locked
+from irbcal.calibration_options import SPLITS, CalibrationOptions, Progress
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses, feature_errors
 from irbcal.identification.axes import GROUPS
-from irbcal.identification.axis_calibration import PARALLELS
-from irbcal.identification.choices import LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, Goal, Method
+from irbcal.identification.choices import LEVELS
 from irbcal.identification.evidence import MOST_OUTLYING, check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.explanation import explain
@@ -48,8 +48,8 @@ from irbcal.identification.problem import session_names
 from irbcal.identification.term_sets import TypePrior
 from irbcal.io import integrity, prior_file, robots, urdf, urdf_check, urdf_xml
 from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
-from irbcal.io.measured_files import MeasurementFiles, measurements_of
-from irbcal.io.opening import CalibrationLike, calibration_at, open_nominal
+from irbcal.io.measured_files import measurements_of
+from irbcal.io.opening import calibration_at, open_nominal
 from irbcal.io.schema import (
     CertaintySection,
     CovarianceSection,
@@ -81,7 +81,7 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.measurement import cleaning, recordings, repeats, tools
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.cleaning import Exclusion
-from irbcal.measurement.columns import TableLike, read_targets
+from irbcal.measurement.columns import read_targets
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.motions import last_moves, motion_of, times_of, with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
@@ -89,7 +89,7 @@ from irbcal.measurement.poses import as_poses
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups, repeat_notes
 from irbcal.measurement.sessions import into_one_frame
-from irbcal.measurement.table import MeasurementSet, MeasurementsLike
+from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.levels import Level
@@ -99,8 +99,7 @@ from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.workspace_coverage import workspace_coverage
 from irbcal.names import check_names
-from irbcal.options import checked, names, number, place
-from irbcal.options import seed as check_seed
+from irbcal.options import checked
 from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_gross_errors
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words
@@ -109,9 +108,6 @@ from irbcal.validation.feature_proof import FeatureProof
 from irbcal.validation.feature_proof import prove as prove_places
 from irbcal.validation.verdict import verdict_of
 
-SPLITS = ("random", "last")
-HOLDOUT = 0.25
-"""Share of the poses that are held out unless another is asked for."""
 LARGEST_TURN = 3 * DEG
 """Median angle from the nominal robot above which measured orientations are refused, radians."""
 OPEN = 0.5
@@ -123,147 +119,14 @@ LENGTH_ERROR = 0.1 * MM
 LENGTHS_WORSE, LENGTHS_OPEN = 2.0, 3.0
 """How many times the nominal robot's error, and what the rows leave open of the tool's place, lengths must miss while
 their places are left out: a fit without a place knows less about it, too."""
-LINKS = ("base_link", "tip_link", "coupling")
-FEATURE_OPTIONS = (
-    *("model", "free", "hold", "terms", "seed", "objective", "power", "loss"),
-    *(*LINKS, "features", "leave_out", "payload_place"),
-)
-"""Options that rows at features take."""
-
-Progress: TypeAlias = Callable[[str], Any]
-"""Called with a short text at each step."""
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, eq=False)
-class Options:
-    """How to calibrate; see `irbcal.calibrate` for what each option means."""
-
-    model: str | int | None = None
-    terms: str = "joint-map"
-    holdout: float | None = None
-    split: str = "random"
-    seed: int = 0
-    verify: MeasurementsLike | None = None
-    base_link: str | None = None
-    tip_link: str | None = None
-    coupling: str | None = None
-    method: Method = "least-squares"
-    objective: str = "rms"
-    power: float = 8.0
-    loss: str = "linear"
-    free: Sequence[str] = ()
-    hold: Sequence[str] = ()
-    targets: str | Path | Mapping[str, FloatArray] | None = None
-    frame: Sequence[str] | None = None
-    as_poses: bool = False
-    session_by: str | None = None
-    with_: CalibrationLike | None = None
-    payload_place: Sequence[float] | None = None
-    same_tool: bool = False
-    torques: bool = False
-    parallel: str = "hayati"
-    features: TableLike | None = None
-    leave_out: str | None = None
-    prior: str | Path | TypePrior | None = None
-    package_dirs: Sequence[str | Path] = ()
-
-    def __post_init__(self) -> None:
-        if isinstance(self.model, int):
-            object.__setattr__(self, "model", str(self.model))
-        for name, value, choices in (
-            ("model", self.model, (None, *MODELS)),
-            ("terms", self.terms, TERMS),
-            ("split", self.split, SPLITS),
-            ("method", self.method, METHODS),
-            ("objective", self.objective, OBJECTIVES),
-            ("loss", self.loss, LOSSES),
-            ("parallel", self.parallel, PARALLELS),
-        ):
-            if value not in choices:
-                raise OptionError.unknown(name, value, [choice for choice in choices if choice is not None])
-        if self.model == "auto":
-            for option in self.of_a_level:
-                raise OptionError(
-                    f"{option}: model auto averages error models by their evidence and takes no {option}: choose "
-                    "a level, such as 34, for that",
-                    parameter=option,
-                )
-        if self.method == "circles" and self.model not in (None, "26"):
-            raise OptionError(
-                f"model: method circles takes all link geometry from the axes (model 26): leave out model {self.model}"
-                " or the method",
-                parameter="model",
-            )
-        if self.parallel != PARALLELS[0] and self.method != "circles":
-            raise OptionError("parallel: only method circles forces parallel axes", parameter="parallel")
-        if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
-            level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
-            raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
-        if self.payload_place is not None:
-            place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
-        self._check_holdout()
-        conflict = f"model {self.model}" if self.model not in (None, "auto") else next(iter(self.of_a_level), None)
-        conflict = conflict if self.terms == TERMS[0] else f"terms {self.terms}"
-        if self.prior is not None and conflict is not None:
-            raise OptionError(
-                f"prior: it is for model auto of terms joint-map: leave out {conflict}", parameter="prior"
-            )
-        check_seed(self.seed)
-        if self.leave_out is not None and self.features is None:
-            raise OptionError("leave_out: only rows at features have places: name --features", parameter="leave_out")
-        number("power", self.power, 2.0)
-        twice = set(names("free", self.free)) & set(names("hold", self.hold))
-        if twice:
-            raise OptionError(f"hold: {min(twice)} is to be freed, too: choose one", parameter="hold")
-        if self.frame is not None and len(names("frame", self.frame)) != 3:
-            raise OptionError(
-                f"frame: expected the names of three reference points, found {len(self.frame)}", parameter="frame"
-            )
-
-    def _check_holdout(self) -> None:
-        share = self.share
-        if self.holdout is not None and self.verify is not None:
-            raise OptionError(
-                "holdout: the measurements of verify are the proof, none are held out: leave one out",
-                parameter="holdout",
-            )
-        try:
-            if number("holdout", share, 0, 1e9) >= 1:
-                number("holdout", share, whole=True)
-        except OptionError:
-            raise OptionError(
-                f"holdout: expected a fraction below 1 or a whole number, found {share!r}", parameter="holdout"
-            ) from None
-
-    @property
-    def of_a_level(self) -> tuple[str, ...]:
-        """Names of the given options that only a level of the error model takes."""
-        choices = (
-            ("method", self.method, "least-squares"),
-            ("objective", self.objective, "rms"),
-            ("loss", self.loss, "linear"),
-            ("free", tuple(self.free), ()),
-            ("hold", tuple(self.hold), ()),
-        )
-        return tuple(option for option, value, default in choices if value != default)
-
-    @property
-    def goal(self) -> Goal:
-        """What a fit of rows at features makes small."""
-        return Goal(checked("objective", self.objective, OBJECTIVES), self.power, checked("loss", self.loss, LOSSES))
-
-    @property
-    def share(self) -> float:
-        """Share or number of the poses to hold out: `HOLDOUT` unless given."""
-        return HOLDOUT if self.holdout is None else self.holdout
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Inputs(Locked):
     """What is read."""
 
-    options: Options
+    options: CalibrationOptions
     """As given; what is left open is as in the earlier calibration, where there is one."""
     urdf: UrdfArm
     """The nominal robot."""
@@ -368,10 +231,8 @@ def _next(kind: type[T], inputs: Inputs, **changes: Any) -> T:
     return kind(**vars(inputs) | changes)
 
 
-def run(
-    measurements: MeasurementFiles, robot: str | Path | None, options: Options, progress: Progress | None = None
-) -> tuple[Record, bytes, Proven]:
-    """All steps; parameters and errors as `irbcal.calibrate`.
+def run(options: CalibrationOptions) -> tuple[Record, bytes, Proven]:
+    """All steps; errors as `irbcal.calibrate`.
 
     Returns
     -------
@@ -381,8 +242,8 @@ def run(
     proven : Proven
     """
     started = time.perf_counter()
-    say: Progress = progress or (lambda text: None)
-    inputs = read(measurements, robot, options, say)
+    say: Progress = options.progress or (lambda text: None)
+    inputs = read(replace(options, progress=None), say)
     check_names(
         [Path(file.source).name for file in (inputs.measurements, inputs.verification) if file is not None],
         MeasurementError,
@@ -395,10 +256,11 @@ def run(
     return *record(proven, started), proven
 
 
-def read(measurements: MeasurementFiles, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
+def read(options: CalibrationOptions, say: Progress) -> Inputs:
     """Open robot and measurements, with targets, prior, features and the earlier calibration that options name."""
     if options.features is not None:
-        return _read_features(measurements, robot, options, say)
+        return _read_features(options, say)
+    robot = options.robot
     saved = calibration_at(robot)
     if saved is not None and options.with_ is None:
         options = replace(options, with_=saved.folder)
@@ -413,7 +275,7 @@ def read(measurements: MeasurementFiles, robot: str | Path | None, options: Opti
         earlier.check(nominal.arm)
     targets = read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
-    points = measurements_of(measurements, nominal.arm).of_arm(nominal.arm)
+    points = measurements_of(options.measurements, nominal.arm).of_arm(nominal.arm)
     file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
     source = (
         _source(robot, options.package_dirs)
@@ -436,7 +298,7 @@ def read(measurements: MeasurementFiles, robot: str | Path | None, options: Opti
     )
 
 
-def _as_earlier(options: Options, record: Record) -> Options:
+def _as_earlier(options: CalibrationOptions, record: Record) -> CalibrationOptions:
     """The options of a calibration that adds to an earlier one: what is not given is as it was there."""
     changes: dict[str, Any] = {
         "base_link": record.robot.base_link,
@@ -595,23 +457,16 @@ def clean(inputs: Inputs) -> CleanInputs:
     )
 
 
-def _check_loads(measurements: MeasurementSet, options: Options) -> None:
+def _check_loads(measurements: MeasurementSet, options: CalibrationOptions) -> None:
     """Refuse options on the load that the measurements do not allow."""
-    requested = [
-        quantity for name, quantity in inputs_of_terms().items() if quantity.on_request and getattr(options, name)
-    ]
-    place_given = options.payload_place is not None
-    for name in (*(["payload_place"] if place_given else []), *(quantity.name for quantity in requested)):
-        if options.model not in (None, "auto"):
-            raise OptionError(f"{name}: only model auto knows the load: leave it out", parameter=name)
-    for quantity in requested:
-        if measurements.input(quantity.name) is None:
+    for name, quantity in inputs_of_terms().items():
+        if quantity.on_request and getattr(options, name) and measurements.input(quantity.name) is None:
             raise MeasurementError(
                 f"there are no {quantity.noun}: expected the columns {quantity.names(1)[0]} … of all joints",
                 file=measurements.source,
                 parameter=quantity.name,
             )
-    if place_given and measurements.input("payload_place") is not None:
+    if options.payload_place is not None and measurements.input("payload_place") is not None:
         raise OptionError(
             "payload_place: the measurements tell the payload's place themselves: leave it out",
             parameter="payload_place",
@@ -780,11 +635,11 @@ def _refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
         )
 
 
-def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
+def _model(options: CalibrationOptions, arm: Arm, poses: int) -> tuple[str, list[str]]:
     """The model that is asked for, or ``auto``; where that cannot serve the level for this arm, and a note why."""
     if options.model is not None:
         return str(options.model), []
-    level, of_level = default_level(arm), options.of_a_level
+    level, of_level = default_level(arm), options.of_levels
     if options.method == "circles":
         if not arm.six_revolute:
             raise OptionError(
@@ -837,13 +692,13 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
         points,
         checked("model", model, LEVELS),
         options.method,
-        checked("objective", options.objective, OBJECTIVES),
+        options.objective,
         options.power,
-        checked("loss", options.loss, LOSSES),
+        options.loss,
         known_targets=inputs.known_targets,
         parameters=selected_parameters(model, options.free, options.hold, arm),
         watched=watched,
-        parallel=checked("parallel", options.parallel, PARALLELS),
+        parallel=options.parallel,
     )
     return replace(identified, robot=identified.robot.replace(certainty=certainty_of(identified)))
 
@@ -936,15 +791,9 @@ def prove(done: Doubted) -> Proven:
     return _next(Proven, done, errors=PointErrors(*map(locked, errors)))
 
 
-def _read_features(measurements: MeasurementFiles, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
-    """Rows at features and their nominal robot; options that such rows do not take are refused."""
-    for name, value in vars(options).items():
-        if name not in FEATURE_OPTIONS and value != getattr(Options(), name):
-            raise OptionError(f"{name.rstrip('_')}: rows at features do not take it, leave it out", parameter=name)
-    if options.model in ("best-level", "nominal"):
-        raise OptionError(
-            f"model: rows at features take auto or a level of error parameters, not {options.model}", parameter="model"
-        )
+def _read_features(options: CalibrationOptions, say: Progress) -> Inputs:
+    """Rows at features and their nominal robot."""
+    measurements, robot = options.measurements, options.robot
     if robot is None or calibration_at(robot) is not None:
         raise OptionError(
             "robot: rows at features start from a URDF or a robot's name, not from a calibration", parameter="robot"
@@ -996,9 +845,11 @@ def _read_features(measurements: MeasurementFiles, robot: str | Path | None, opt
     )
 
 
-def _feature_terms(options: Options, arm: Arm) -> tuple[Level | Literal["auto"], str | tuple[Parameter, ...]]:
+def _feature_terms(
+    options: CalibrationOptions, arm: Arm
+) -> tuple[Level | Literal["auto"], str | tuple[Parameter, ...]]:
     """The model for rows at features, and its terms: those that are averaged, or the error parameters of a level."""
-    if options.model in (None, "auto") and not options.of_a_level:
+    if options.model in (None, "auto") and not options.of_levels:
         return "auto", options.terms
     level = default_level(arm) if options.model is None else checked("model", str(options.model), LEVELS)
     chosen = selected_parameters(level, options.free, options.hold, arm)

@@ -12,6 +12,7 @@ FLOORS = (
     ("errors", "units", "arrays", "kernel", "statistics"),
     (
         "literals",
+        "declared_options",
         "options",
         "page",
         "summary",
@@ -31,7 +32,7 @@ FLOORS = (
     ("validation", "joint_analysis", "simulation"),
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer"),
-    ("calibration", "pipeline", "sessions"),
+    ("calibration", "calibration_options", "pipeline", "sessions"),
     ("fleet",),
     ("examples",),
     ("cli", "app"),

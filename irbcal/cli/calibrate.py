@@ -42,11 +42,7 @@ STEPS = 6
         "leave_out": Typed(str, "COLUMN"),
         "payload_place": PLACE,
     },
-    panels={
-        "Everyday": ("robot", "model", "holdout", "verify", "with_", "prior", "force", "verbose", "json"),
-        "Measurements": ("features", "targets", "frame", "as_poses", "session_by", "payload_place", "same_tool"),
-        "URDF": ("base_link", "tip_link", "coupling", "world_link", "target_links", "mesh_paths", "package_dirs"),
-    },
+    panels={"Everyday": ("force", "verbose", "json"), "URDF": ("world_link", "target_links", "mesh_paths")},
 )
 def calibrate(
     options: dict[str, Any],

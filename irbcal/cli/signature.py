@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,13 +22,13 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperCommand
 
+from irbcal.declared_options import REQUIRED, DeclaredOption, options_of, source_of
 from irbcal.errors import OptionError, not_among
 from irbcal.options import OutOfRange
 from irbcal.safe_files import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 
-REQUIRED = inspect.Parameter.empty
 EXPERT = "Expert"
 """Panel that only --help-all shows."""
 HELP_ALL_KEY = "irbcal.help-all"
@@ -114,143 +113,15 @@ def _joints(text: str, option: str) -> list[int]:
 LOST_JOINTS = Typed(str, "JOINT,JOINT,…", _joints)
 
 
-@dataclass(frozen=True)
-class ApiParameter:
-    """A parameter as the source declares it."""
-
-    name: str
-    annotation: str
-    default: Any
-    text: str
-    choices: tuple[str, ...]
-
-    @property
-    def option(self) -> str:
-        """Its name in a shell."""
-        return f"--{self.name.rstrip('_').replace('_', '-')}"
+def option_of(name: str) -> str:
+    """The name of a function's option in a shell."""
+    return f"--{name.rstrip('_').replace('_', '-')}"
 
 
-@functools.cache
-def source_of(name: str) -> tuple[str, str]:
-    """Module and name of a public function, by the front door's list."""
-    stub = ast.parse((Path(__file__).parents[1] / "__init__.pyi").read_text(encoding="utf-8"))
-    for node in stub.body:
-        if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
-            for alias in node.names:
-                if alias.asname == name:
-                    return f"irbcal.{node.module}", alias.name
-    raise LookupError(name)
-
-
-@functools.cache
-def parameters_of(name: str) -> tuple[str, tuple[ApiParameter, ...]]:
-    """First paragraphs of a public function's docstring, and its parameters."""
-    module, function = source_of(name)
-    tree = _tree(module)
-    node = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == function)
-    docstring = ast.get_docstring(node) or ""
-    texts = dict(_texts(docstring))
-    every = [*node.args.posonlyargs, *node.args.args]
-    defaults: list[ast.expr | None] = [None] * (len(every) - len(node.args.defaults))
-    pairs = [*zip(every, [*defaults, *node.args.defaults], strict=True)]
-    pairs += zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True)
-    if node.args.vararg is not None:
-        node.args.vararg.annotation = ast.Name("list[Path]")
-        pairs.insert(0, (node.args.vararg, None))
-    names = [argument.arg for argument, _ in pairs]
-    out = []
-    for argument, default in pairs:
-        kind, text = texts.get(argument.arg, ("", ""))
-        braces = re.search(r"\{(.*?)\}", kind)
-        out.append(
-            ApiParameter(
-                argument.arg,
-                _annotation(module, argument.annotation),
-                REQUIRED if default is None else _value(module, default),
-                SHARED.get(argument.arg)
-                or (NAMELESS.get(argument.arg, "") if not text else "")
-                or _explained_elsewhere(argument.arg, text)
-                or for_shells(text, names),
-                tuple(choice.strip(" \"'") for choice in braces[1].split(",")) if braces else (),
-            )
-        )
-    return docstring.split("\nParameters\n")[0].strip(), tuple(out)
-
-
-@functools.cache
-def _tree(module: str) -> ast.Module:
-    """The source of a module, which is not imported."""
-    spec = find_spec(module)
-    assert spec is not None
-    assert spec.origin is not None
-    return ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-
-
-def _annotation(module: str, node: ast.expr | None) -> str:
-    """An annotation as text; a name that stands for choices, by these."""
-    text = "" if node is None else ast.unparse(node)
-    first = text.split(" | ")[0]
-    if not first.isidentifier():
-        return text
-    for statement in _tree(module).body:
-        if (
-            isinstance(statement, ast.AnnAssign)
-            and isinstance(statement.target, ast.Name)
-            and statement.target.id == first
-        ):
-            choices = ast.unparse(statement.value) if statement.value is not None else ""
-            return choices if choices.startswith("Literal[") else text
-        if isinstance(statement, ast.ImportFrom) and statement.module and statement.module.startswith("irbcal"):
-            for alias in statement.names:
-                if first == (alias.asname or alias.name):
-                    alias_text = _annotation(statement.module, ast.Name(alias.name))
-                    return alias_text if alias_text.startswith("Literal[") else text
-    return text
-
-
-def _value(module: str, node: ast.expr) -> Any:
-    """Value of a default: literals, and constants of this and of other modules."""
-    try:
-        names = {leaf.id: _constant(module, leaf.id) for leaf in ast.walk(node) if isinstance(leaf, ast.Name)}
-    except LookupError:
-        return None
-    return eval(compile(ast.Expression(node), module, "eval"), {"__builtins__": {}}, names)
-
-
-def _constant(module: str, name: str) -> Any:
-    for statement in _tree(module).body:
-        if isinstance(statement, (ast.Assign, ast.AnnAssign)) and statement.value is not None:
-            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
-            if any(isinstance(target, ast.Name) and target.id == name for target in targets):
-                return _value(module, statement.value)
-        if isinstance(statement, ast.ImportFrom) and statement.module:
-            for alias in statement.names:
-                if name == (alias.asname or alias.name):
-                    return getattr(import_module(statement.module), alias.name)  # a value, of a light module
-    raise LookupError(f"{module}: {name}")
-
-
-def _explained_elsewhere(parameter: str, text: str) -> str:
-    """The explanation of another function's parameter of this name, where a text only names that function."""
-    reference = re.fullmatch(r"(?:As|See) `irbcal\.(?:\w+\.)*(\w+)`\.?", text)
-    if reference is None:
-        return ""
-    try:
-        return next((candidate.text for candidate in parameters_of(reference[1])[1] if candidate.name == parameter), "")
-    except LookupError:
-        return ""
-
-
-def _texts(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
-    """Names of parameters, each with the words after the colon and its explanation."""
-    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
-    for entry in re.finditer(
-        r"^(\S[^\n]*?)(?: : ([^\n]*))?\n((?:(?:[ \t]+[^\n]*)?\n)*)",
-        (section[1] if section else "") + "\n",
-        re.MULTILINE,
-    ):
-        for name in entry[1].split(","):
-            yield name.strip(" *"), (entry[2] or "", " ".join(entry[3].split()))
+def explained(option: DeclaredOption, names: Sequence[str]) -> str:
+    """What an option means, in words of a shell."""
+    nameless = NAMELESS.get(option.name, "") if not option.text else ""
+    return SHARED.get(option.name) or nameless or for_shells(" ".join(option.text.split()), names)
 
 
 def for_shells(text: str, names: Sequence[str]) -> str:
@@ -258,16 +129,15 @@ def for_shells(text: str, names: Sequence[str]) -> str:
     text = re.sub(r"[,;:]? ?\(?\bsee `[^`]*`\)?", "", text, flags=re.IGNORECASE)
     text = re.sub(r"`irbcal\.(?:\w+\.)*(\w+)`", r"\1", text)
     for name in names:
-        text = text.replace(f"``{name}``", f"--{name.rstrip('_').replace('_', '-')}")
+        text = text.replace(f"``{name}``", option_of(name))
     return text.replace("``", "").strip()
 
 
-def _typed(parameter: ApiParameter) -> Typed:
-    """How a parameter is typed by its annotation."""
-    kind = parameter.annotation
-    if parameter.choices or "Literal[" in kind:
-        choices = parameter.choices or tuple(ast.literal_eval(f"({kind.split('Literal[')[1].split(']')[0]},)"))
-        return Typed(Literal[choices], f"<{' | '.join(choices)}>")
+def _typed(option: DeclaredOption) -> Typed:
+    """How an option is typed by its annotation."""
+    kind = option.annotation
+    if option.choices:
+        return Typed(Literal[option.choices], f"<{' | '.join(option.choices)}>")
     if "Sequence[str]" in kind:
         return Typed(list[str], "NAME")
     if kind == "list[Path]":
@@ -275,7 +145,7 @@ def _typed(parameter: ApiParameter) -> Typed:
     for plain in (bool, int, float):
         if re.match(rf"{plain.__name__}\b", kind):
             return Typed(plain, None if plain is not bool else "")
-    return Typed(Path if re.search(r"Path|Like|DataFrame", kind) else str, None)
+    return Typed(Path if option.is_file else str, None)
 
 
 def command(
@@ -353,14 +223,16 @@ def _for_typer(
     texts: Mapping[str, str],
 ) -> Callable[..., None]:
     first = ""
-    panel_of = {name: panel for panel, names in panels.items() for name in names}
-    parameters: dict[str, ApiParameter] = {}
+    parameters: dict[str, DeclaredOption] = {}
+    help_of: dict[str, str] = {}
     for name in api.split():
-        text, parameters_read = parameters_of(name)
+        text, declared = options_of(name)
         first = first or text
-        parameters |= {
-            item.name: item for item in parameters_read if item.name not in (*LEFT_OUT, *without, *parameters)
-        }
+        new = {item.name: item for item in declared if item.name not in (*LEFT_OUT, *without, *parameters)}
+        help_of |= {item.name: explained(item, [other.name for other in declared]) for item in new.values()}
+        parameters |= new
+    panel_of = {name: item.panel for name, item in parameters.items() if item.panel is not None}
+    panel_of |= {name: panel for panel, names in panels.items() for name in names}
 
     hints = inspect.signature(function, eval_str=True).parameters
     kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
@@ -370,13 +242,13 @@ def _for_typer(
         kind = kinds[name]
         needed = item.default is REQUIRED and name not in optional
         default = None if item.default in (REQUIRED, None, (), False) else kind.shown(item.default)
-        text = escape(texts.get(name) or _in_units(item.text, kind))
-        panel = panel_of.get(name, EXPERT if panels else None)
+        text = escape(texts.get(name) or _in_units(help_of[name], kind))
+        panel = panel_of.get(name, EXPERT if panel_of else None)
         if name in arguments:
             info: Any = typer.Argument(help=text, show_default=default is not None, metavar=None)
         else:
             info = typer.Option(
-                *flags.get(name, item.option).split(),
+                *flags.get(name, option_of(name)).split(),
                 help=text,
                 show_default=default is not None,
                 metavar=kind.metavar,
@@ -394,11 +266,8 @@ def _for_typer(
                 annotation=annotation,
             )
         )
-    more = [
-        item.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=_in_panel(item, panel_of, bool(panels)))
-        for item in hinted
-    ]
-    if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panels:
+    more = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=_in_panel(item, panel_of)) for item in hinted]
+    if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panel_of:
         more.append(inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HELP_ALL))
     more.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
     order = {name: k for k, name in enumerate([*arguments, *panel_of])}
@@ -407,11 +276,11 @@ def _for_typer(
     @functools.wraps(function)
     def call(context: typer.Context, **values: Any) -> None:
         options, _ = {}, values.pop("help_all", None)
-        for name, item in parameters.items():
+        for name in parameters:
             value = values.pop(name)
             source = context.get_parameter_source(name)
             if source is not None and source.name != "DEFAULT":  # else the function's own
-                options[name] = kinds[name].read(value, flags.get(name, item.option))
+                options[name] = kinds[name].read(value, flags.get(name, option_of(name)))
         with refusals(arguments, flags, typed):
             function(options, **values)
 
@@ -439,12 +308,12 @@ HELP_ALL = Annotated[
 ]
 
 
-def _in_panel(item: inspect.Parameter, panel_of: Mapping[str, str], panels: bool) -> Any:
+def _in_panel(item: inspect.Parameter, panel_of: Mapping[str, str]) -> Any:
     """The annotation of a command's own option, in its panel."""
     import copy
 
     info = copy.copy(item.annotation.__metadata__[0])
-    if isinstance(info, typer.models.OptionInfo) and panels and item.default is not REQUIRED:
+    if isinstance(info, typer.models.OptionInfo) and panel_of and item.default is not REQUIRED:
         info.rich_help_panel = panel_of.get(item.name, EXPERT)
     return Annotated[item.annotation.__origin__, info]
 
@@ -472,7 +341,7 @@ def for_function(api: str, options: Mapping[str, Any], words: str) -> None:
     OptionError
         If there is one.
     """
-    known = {item.name for item in parameters_of(api)[1]}
+    known = {item.name for item in options_of(api)[1]}
     for name in options:
         if name not in known:
             raise OptionError(words, parameter=name)
@@ -493,8 +362,7 @@ def refusals(
         yield
     except OptionError as error:
         name = error.parameter or ""
-        option = f"--{name.rstrip('_').replace('_', '-')}"
-        hint = name.upper() if name in arguments else (flags or {}).get(name, option)
+        hint = name.upper() if name in arguments else (flags or {}).get(name, option_of(name))
         sentence = str(error).removeprefix(f"{name}: ")  # the hint says it
         if isinstance(error, OutOfRange) and typed and name in typed and typed[name].kind is float:
             sentence = error.sentence(typed[name].shown)

@@ -7,17 +7,18 @@ import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 from irbcal import parallel
+from irbcal.calibration_options import CalibrationOptions
+from irbcal.declared_options import fields_of
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.columns import InputTable
 from irbcal.names import check_names
-from irbcal.pipeline import Options
 from irbcal.safe_files import check_writable, read_bytes, write_together
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.validation.verdict import verdict_of
@@ -39,17 +40,21 @@ def _yes(text: str) -> bool:
     return text == "yes"
 
 
-KINDS: dict[str, Callable[[str], Any]] = {
-    **dict.fromkeys(("model", "terms", "split", "base_link", "tip_link", "coupling", "method", "objective"), str),
-    **dict.fromkeys(("loss", "session_by", "parallel", "verify", "targets", "prior"), str),
-    **dict.fromkeys(("power", "holdout"), float),
-    **dict.fromkeys(("as_poses", "same_tool", "torques"), _yes),
-    **dict.fromkeys(("free", "hold", "frame"), _words),
-    "seed": int,
+READERS: Mapping[str, Callable[[str], Any]] = {
+    "str": str,
+    "float": float,
+    "int": int,
+    "bool": _yes,
+    "Sequence[str]": _words,
 }
-"""Options of `irbcal.calibrate` that a row may have, and how they are read."""
-FILE_OPTIONS = ("verify", "targets", "prior")
-"""Those that name files."""
+"""How an option is read from a list, by its type."""
+OPTIONS = {
+    option.name.rstrip("_"): (option, READERS["str" if option.choices or option.is_file else kind])
+    for option in fields_of(CalibrationOptions)
+    if (kind := option.annotation.removesuffix(" | None")) in READERS or option.choices or option.is_file
+    if option.name not in (*NEEDED, "jobs")
+}
+"""Options of `irbcal.calibrate` that a row may have, and how they are read: all that can be written in a word."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +86,13 @@ class Entry:
         MeasurementError
             If one cannot be read.
         """
-        options = {name: value for name, value in self.options.items() if name not in FILE_OPTIONS}
+        files = {name: str(value) for name, value in self.options.items() if OPTIONS[name.rstrip("_")][0].is_file}
+        options = {name: value for name, value in self.options.items() if name not in files}
         row = [self.id, self.serial, self.date, Path(self.robot).name, options]
         digest = hashlib.sha256(json.dumps(row, sort_keys=True).encode())
-        files = [self.robot, *(str(self.options[name]) for name in FILE_OPTIONS if name in self.options)]
-        for path in (self.measurements, *(path for path in files if Path(path).is_file())):
+        paths = [Path(path) for path in (self.robot, *files.values())]
+        paths = [path / "calibration.json" if path.is_dir() else path for path in paths]
+        for path in (Path(self.measurements), *(path for path in paths if path.is_file())):
             digest.update(hashlib.sha256(read_bytes(path, MeasurementError)).digest())
         return digest.hexdigest()
 
@@ -132,38 +139,30 @@ def _entry(table: InputTable, row: int, folder: Path) -> Entry:
         except ValueError:
             raise wrong("date", f"expected a date such as 2026-03-17, found {day!r}") from None
     options = dict(_option(text, wrong) for text in cells.get("options", "").split())
-    for option in FILE_OPTIONS:
-        if option in options:
-            options[option] = str(folder / options[option])
+    for option, _ in OPTIONS.values():
+        if option.is_file and option.name in options:
+            options[option.name] = str(folder / options[option.name])
+    measurements, robot = str(folder / cells["measurements"]), cells["robot"]
+    beside = folder / robot
+    robot = str(beside) if beside.exists() else robot
     try:
-        Options(**options)
+        CalibrationOptions(measurements, robot, **options)
     except IrbcalError as error:
         raise wrong("options", str(error)) from None
-    robot = cells["robot"]
-    beside = folder / robot
-    return Entry(
-        name,
-        cells.get("serial") or name,
-        str(folder / cells["measurements"]),
-        str(beside) if beside.exists() else robot,
-        day,
-        options,
-    )
+    return Entry(name, cells.get("serial") or name, measurements, robot, day, options)
 
 
 def _option(text: str, wrong: Callable[[str, str], MeasurementError]) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     key = key.replace("-", "_")
-    if not equals or key not in KINDS:
-        raise wrong("options", f"expected OPTION=VALUE with one of {', '.join(KINDS)}, found {text!r}")
+    if not equals or key not in OPTIONS:
+        raise wrong("options", f"expected OPTION=VALUE with one of {', '.join(OPTIONS)}, found {text!r}")
+    option, read = OPTIONS[key]
     try:
-        return key, KINDS[key](value)
+        return option.name, read(value)
     except ValueError:
-        kind = {float: "a number", int: "a whole number"}.get(KINDS[key], "yes or no")  # type: ignore[call-overload]
+        kind = {float: "a number", int: "a whole number"}.get(read, "yes or no")  # type: ignore[call-overload]
         raise wrong("options", f"{key}: expected {kind}, found {value!r}") from None
-
-
-assert set(KINDS) <= {field.name for field in fields(Options)}
 
 
 MARK = "fleet.json"

@@ -23,7 +23,7 @@ Loss: TypeAlias = Literal["linear", "soft_l1", "huber"]
 
 RobustLoss: TypeAlias = Literal["soft_l1", "huber"]
 
-Model: TypeAlias = Literal["nominal", "11", "16", "26", "34", "34b", "offsets", "placement", "auto", "best-level"]
+Model: TypeAlias = Literal["auto", "best-level", "nominal", "11", "16", "26", "34", "34b", "offsets", "placement"]
 """A level; the average of error models by their evidence (``auto``); or the level that cross-validation chooses."""
 
 Terms: TypeAlias = Literal["joint-map", "all"]

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main, show, signature
 from irbcal.cli.main import app
+from irbcal.declared_options import options_of
 from irbcal.errors import OptionError
 from irbcal.io import robots
 from irbcal.options import number
@@ -39,9 +40,10 @@ def test_values_are_read_in_the_units_of_a_shell_and_defaults_shown_so():
 
 
 def test_an_explanation_comes_from_the_docstring_even_where_that_names_another_function():
-    _, parameters = signature.parameters_of("compare")
-    texts = {item.name: item.text for item in signature.parameters_of("evaluate")[1]}
-    compared = {item.name: item.text for item in parameters}
+    texts, compared = (
+        {item.name: signature.explained(item, [other.name for other in options]) for item in options}
+        for _, options in map(options_of, ("evaluate", "compare"))
+    )
     assert compared["refit_from"] == texts["refit_from"]
     assert "--refit-tool" in texts["refit_from"]
     assert "`" not in "".join(texts.values())

@@ -1,0 +1,324 @@
+"""Options as the source declares them: name, type, default, meaning, and marks such as bounds.
+
+A public function declares its options in its signature and numpydoc docstring. Or it works on an object whose class
+declares them (`takes_fields_of`): each field is an option, and the text below it says what it means. Both are read from
+the source, nothing is imported for it: the command line makes its options from them, and its help loads no numpy.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import re
+from collections.abc import Callable, Iterable, Iterator, Sized
+from dataclasses import MISSING, dataclass, fields, replace
+from importlib import import_module
+from importlib.util import find_spec
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+from irbcal.options import checked, names, number
+
+P = ParamSpec("P")
+Options = TypeVar("Options")
+Result = TypeVar("Result")
+
+REQUIRED = inspect.Parameter.empty
+
+
+class HelpPanel(str):
+    """Mark of an option: the panel of the help where it stands; without, it is for experts."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Mark of an option that is a number: the smallest and the largest that make sense."""
+
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class DeclaredOption:
+    """An option as the source declares it."""
+
+    name: str
+    annotation: str
+    """Without marks; a name that stands for choices is replaced by these."""
+    default: Any
+    """`REQUIRED` where there is none, None where only Python knows it."""
+    text: str
+    """What it means."""
+    choices: tuple[str, ...] = ()
+    marks: tuple[Any, ...] = ()
+    """What else `typing.Annotated` says."""
+
+    @property
+    def panel(self) -> str | None:
+        """Where the help shows it."""
+        return next((str(mark) for mark in self.marks if isinstance(mark, HelpPanel)), None)
+
+    @property
+    def is_file(self) -> bool:
+        """Whether a path may be given."""
+        kind = self.annotation
+        return not kind.startswith("Sequence") and re.search(r"\bPath\b|Like\b|Files\b|DataFrame", kind) is not None
+
+    def check(self, value: Any) -> None:
+        """Refuse a value that is none of the choices, beyond the bounds, or no sequence of names.
+
+        Raises
+        ------
+        OptionError
+            In one sentence, which says what was expected.
+        """
+        if value is None and self.default is None:
+            return
+        if self.choices:
+            checked(self.name, value, self.choices)
+        elif self.annotation.startswith("Sequence[str]"):
+            names(self.name, value)
+        for mark in self.marks:
+            if isinstance(mark, Bounds):
+                number(self.name, value, mark.low, mark.high, whole=self.annotation.startswith("int"))
+
+
+# --- of an object's class -------------------------------------------------------------------------------------
+
+
+def takes_fields_of(options: Callable[P, Options]) -> Callable[[Callable[[Options], Result]], Callable[P, Result]]:
+    """Make a function of an object one of the object's fields: its signature and docstring list these.
+
+    Parameters
+    ----------
+    options : type
+        A dataclass with a text below each field.
+
+    Returns
+    -------
+    callable
+        Decorates a function of one argument, an instance of that class.
+    """
+
+    def decorate(function: Callable[[Options], Result]) -> Callable[P, Result]:
+        @functools.wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> Result:
+            return function(options(*args, **kwargs))
+
+        declared = fields_of(options)
+        hints = {option.name: option.annotation for option in declared} | {"return": function.__annotations__["return"]}
+        signature = inspect.signature(options)
+        parameters = [item.replace(annotation=hints[name]) for name, item in signature.parameters.items()]
+        call.__signature__ = signature.replace(  # type: ignore[attr-defined]  # what help() shows
+            parameters=parameters, return_annotation=hints["return"]
+        )
+        call.__annotations__ = hints
+        call.__doc__ = _with_parameters(inspect.getdoc(function) or "", declared)
+        return call
+
+    return decorate
+
+
+def fields_of(options: Any) -> tuple[DeclaredOption, ...]:
+    """Fields of a class of options, as its source declares them."""
+    return _fields(options.__module__, options.__qualname__)
+
+
+def check_fields(options: Any) -> None:
+    """Refuse the first field whose value is not as declared, see `DeclaredOption.check`."""
+    for option in fields_of(type(options)):
+        option.check(getattr(options, option.name))
+
+
+def given(options: Any, mark: str | None = None) -> list[str]:
+    """Names of the fields whose values are others than their defaults; on request only of those with a mark."""
+    marked = {option.name for option in fields_of(type(options)) if mark is None or mark in option.marks}
+    return [
+        field.name
+        for field in fields(options)
+        if field.name in marked and _differs(getattr(options, field.name), field.default)
+    ]
+
+
+def _differs(value: Any, default: Any) -> bool:
+    if default is MISSING:
+        return True
+    if value is default or (default == () and isinstance(value, Sized) and not len(value)):
+        return False
+    try:
+        return bool(value != default)
+    except ValueError:  # of arrays and tables, which are no default
+        return True
+
+
+def _with_parameters(docstring: str, options: Iterable[DeclaredOption]) -> str:
+    """A docstring with a section of the parameters, before what it says of errors."""
+    lines = ["Parameters", "----------"]
+    for option in options:
+        kind = re.sub(r"Literal\[(.*?)\]", r"{\1}", option.annotation)
+        lines += [f"{option.name} : {kind}", *(f"    {line}" for line in option.text.splitlines())]
+    begin, raises, end = docstring.partition("Raises\n------\n")
+    return "\n".join([begin.rstrip(), "", *lines, "", raises + end])
+
+
+# --- from the source ------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def source_of(name: str) -> tuple[str, str]:
+    """Module and name of a public function, by the front door's list."""
+    stub = ast.parse((Path(__file__).parent / "__init__.pyi").read_text(encoding="utf-8"))
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
+            for alias in node.names:
+                if alias.asname == name:
+                    return f"irbcal.{node.module}", alias.name
+    raise LookupError(name)
+
+
+@functools.cache
+def options_of(name: str) -> tuple[str, tuple[DeclaredOption, ...]]:
+    """First paragraphs of a public function's docstring, and its options."""
+    module, function = source_of(name)
+    nodes = (node for node in _tree(module).body if isinstance(node, ast.FunctionDef) and node.name == function)
+    node = next(nodes, None)
+    if node is None:
+        raise LookupError(f"irbcal.{name} is no function")
+    docstring = ast.get_docstring(node) or ""
+    first = re.split(r"\n(?:Parameters|Returns|Raises)\n", docstring)[0].strip()
+    for decorator in node.decorator_list:
+        if isinstance(decorator, ast.Call) and ast.unparse(decorator.func) == takes_fields_of.__name__:
+            return first, _fields(*_origin(module, ast.unparse(decorator.args[0])))
+    texts = dict(_texts(docstring))
+    every = [*node.args.posonlyargs, *node.args.args]
+    defaults: list[ast.expr | None] = [None] * (len(every) - len(node.args.defaults))
+    pairs = [*zip(every, [*defaults, *node.args.defaults], strict=True)]
+    pairs += zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True)
+    if node.args.vararg is not None:
+        node.args.vararg.annotation = ast.Name("list[Path]")
+        pairs.insert(0, (node.args.vararg, None))
+    out = []
+    for argument, default in pairs:
+        kind, text = texts.get(argument.arg, ("", ""))
+        braces = re.search(r"\{(.*?)\}", kind)
+        choices = tuple(choice.strip(" \"'") for choice in braces[1].split(",")) if braces else ()
+        option = _option(module, argument.arg, argument.annotation, default, text)
+        out.append(replace(option, choices=choices or option.choices))
+    return first, tuple(out)
+
+
+@functools.cache
+def _fields(module: str, name: str) -> tuple[DeclaredOption, ...]:
+    """Fields of a class with the texts below them."""
+    node = next(node for node in _tree(module).body if isinstance(node, ast.ClassDef) and node.name == name)
+    out = []
+    for field, below in pairwise([*node.body, ast.Pass()]):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and field.target.id != "_":
+            told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+            text = inspect.cleandoc(str(ast.literal_eval(below.value))) if told and isinstance(below, ast.Expr) else ""
+            out.append(_option(module, field.target.id, field.annotation, field.value, text))
+    return tuple(out)
+
+
+def _option(module: str, name: str, annotation: ast.expr | None, default: ast.expr | None, text: str) -> DeclaredOption:
+    """An option by its annotation, which may have marks."""
+    marks: list[ast.expr] = []
+    if isinstance(annotation, ast.Subscript) and ast.unparse(annotation.value) == "Annotated":
+        assert isinstance(annotation.slice, ast.Tuple)
+        annotation, *marks = annotation.slice.elts
+    kind = _annotation(module, annotation)
+    choices = re.match(r"Literal\[(.*?)\]", kind)
+    return DeclaredOption(
+        name,
+        kind,
+        REQUIRED if default is None else _value(module, default),
+        _explained_elsewhere(name, text) or text,
+        tuple(ast.literal_eval(f"({choices[1]},)")) if choices else (),
+        tuple(_value(module, mark) for mark in marks),
+    )
+
+
+@functools.cache
+def _tree(module: str) -> ast.Module:
+    """The source of a module, which is not imported."""
+    spec = find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    return ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+
+
+def _origin(module: str, name: str) -> tuple[str, str]:
+    """Module and name of what a module calls so: its own, or imported."""
+    for statement in _tree(module).body:
+        if isinstance(statement, ast.ImportFrom) and statement.module:
+            for alias in statement.names:
+                if name == (alias.asname or alias.name):
+                    return statement.module, alias.name
+    return module, name
+
+
+def _annotation(module: str, node: ast.expr | None) -> str:
+    """An annotation as text; a name that stands for choices, by these."""
+    text = "" if node is None else ast.unparse(node)
+    first, bar, others = text.partition(" | ")
+    return f"{_choices(module, first) or first}{bar}{others}"
+
+
+def _choices(module: str, name: str) -> str:
+    """The choices that a name stands for, as text; empty where it stands for none."""
+    origin, known = _origin(module, name)
+    if origin != module:
+        return _choices(origin, known) if origin.startswith("irbcal") else ""
+    for statement in _tree(module).body:
+        if isinstance(statement, ast.AnnAssign) and ast.unparse(statement.target) == name and statement.value:
+            choices = ast.unparse(statement.value)
+            return choices if choices.startswith("Literal[") else ""
+    return ""
+
+
+def _value(module: str, node: ast.expr) -> Any:
+    """Value of a default: literals, and constants of this and of other modules."""
+    try:
+        known = {leaf.id: _constant(module, leaf.id) for leaf in ast.walk(node) if isinstance(leaf, ast.Name)}
+    except LookupError:
+        return None
+    return eval(compile(ast.Expression(node), module, "eval"), {"__builtins__": {}}, known)
+
+
+def _constant(module: str, name: str) -> Any:
+    for statement in _tree(module).body:
+        if isinstance(statement, (ast.Assign, ast.AnnAssign)) and statement.value is not None:
+            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+            if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+                return _value(module, statement.value)
+    origin, known = _origin(module, name)
+    if origin == module:
+        raise LookupError(f"{module}: {name}")
+    return getattr(import_module(origin), known)  # a value, of a light module
+
+
+def _explained_elsewhere(option: str, text: str) -> str:
+    """The explanation of another function's option of this name, where a text only names that function."""
+    reference = re.fullmatch(r"(?:As|See) `irbcal\.(?:\w+\.)*(\w+)`\.?", text)
+    if reference is None:
+        return ""
+    try:
+        return next((candidate.text for candidate in options_of(reference[1])[1] if candidate.name == option), "")
+    except LookupError:
+        return ""
+
+
+def _texts(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Names of parameters, each with the words after the colon and its explanation."""
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
+    for entry in re.finditer(
+        r"^(\S[^\n]*?)(?: : ([^\n]*))?\n((?:(?:[ \t]+[^\n]*)?\n)*)",
+        (section[1] if section else "") + "\n",
+        re.MULTILINE,
+    ):
+        for name in entry[1].split(","):
+            yield name.strip(" *"), (entry[2] or "", " ".join(entry[3].split()))

@@ -1,0 +1,146 @@
+"""Options of the main job: what is refused, and that one declaration makes the option wherever it appears."""
+
+import inspect
+import json
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import irbcal
+from irbcal.calibration_options import AT_FEATURES, OF_AUTO, OF_LEVELS, CalibrationOptions
+from irbcal.declared_options import fields_of, given
+from irbcal.errors import OptionError
+
+PACKAGE = Path(irbcal.__file__).parent
+NEW = '''
+    grease: Annotated[float | None, HelpPanel("Measurements"), Bounds(0.0, 5.0), OF_AUTO] = None
+    """Grammes of grease in the wrist, not with ``same_tool``."""
+'''
+ASK = """
+import inspect, json, irbcal
+from typer.testing import CliRunner
+from irbcal.cli.main import application
+from irbcal.fleet.batch import read_manifest
+
+def said(call, *arguments, **options):
+    try:
+        return call(*arguments, **options)
+    except irbcal.IrbcalError as error:
+        return str(error)
+
+line = ["calibrate", "m.csv", "--robot", "irb120", "--out", "new"]
+runner = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1"})
+print(json.dumps({
+    "signature": str(inspect.signature(irbcal.calibrate).parameters["grease"]),
+    "docstring": inspect.getdoc(irbcal.calibrate),
+    "help": runner.invoke(application(["calibrate"]), ["calibrate", "--help"]).output,
+    "bounds": said(irbcal.calibrate, "m.csv", "irb120", grease=6),
+    "typed": runner.invoke(application(["calibrate"]), [*line, "--grease", "6"]).output,
+    "level": said(irbcal.calibrate, "m.csv", "irb120", 34, grease=1.5),
+    "features": said(irbcal.calibrate, "m.csv", "irb120", features="f.csv", grease=1.5),
+    "listed": [entry.options for entry in read_manifest("robots.csv")],
+    "refused": said(read_manifest, "wrong.csv"),
+}))
+"""
+
+
+def test_a_new_option_is_declared_in_one_place(tmp_path):
+    """A field and the text below it: signature, docstring, help, bounds, refusals, lists of robots follow."""
+    copy = tmp_path / "irbcal"
+    copy.mkdir()
+    for part in PACKAGE.iterdir():
+        (copy / part.name).symlink_to(part)
+    (copy / "calibration_options.py").unlink()
+    source = (PACKAGE / "calibration_options.py").read_text()
+    changed = source.replace(
+        "    jobs: Annotated", textwrap.indent(textwrap.dedent(NEW), "    ") + "    jobs: Annotated"
+    )
+    assert changed != source
+    (copy / "calibration_options.py").write_text(changed)
+    for name, grease in (("robots.csv", "1.5"), ("wrong.csv", "much")):
+        (tmp_path / name).write_text(f"id,measurements,robot,options\na,m.csv,irb120,grease={grease}\n")
+    done = subprocess.run([sys.executable, "-c", ASK], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["signature"] == "grease: 'float | None' = None"
+    assert "grease : float | None\n    Grammes of grease in the wrist, not with ``same_tool``.\n" in told["docstring"]
+    (row,) = [line for line in told["help"].splitlines() if "--grease" in line]
+    assert "Grammes of grease in the wrist, not with --same-tool." in row
+    assert told["help"].index("Measurements ─") < told["help"].index("--grease") < told["help"].index("URDF ─")
+    assert told["bounds"] == "grease: expected a number from 0 to 5, found 6"
+    assert "Invalid value for --grease" in told["typed"]
+    assert "expected a number from 0 to 5, found 6" in told["typed"]
+    assert told["level"] == "grease: only model auto takes it, leave out model 34 or grease"
+    assert told["features"] == "grease: rows at features do not take it, leave it out"
+    assert told["listed"] == [{"grease": 1.5}]
+    assert "grease: expected a number, found 'much'" in told["refused"]
+
+
+def test_every_option_is_explained_and_has_a_type():
+    options = fields_of(CalibrationOptions)
+    assert [option.name for option in options] == list(inspect.signature(irbcal.calibrate).parameters)
+    assert all(option.text.endswith(".") and option.annotation for option in options)
+    assert {mark for option in options for mark in option.marks} >= {AT_FEATURES, OF_AUTO, OF_LEVELS}
+    assert irbcal.calibrate.__doc__.index("Parameters\n---") < irbcal.calibrate.__doc__.index("Raises\n---")
+
+
+def test_what_is_given_is_what_differs_from_the_defaults():
+    table = pd.DataFrame({"pose": [1, 2]})
+    options = CalibrationOptions(table, free=[], hold=["gain1"], verify=table, seed=0, frame=None)
+    assert given(options) == ["measurements", "verify", "hold"]
+    assert given(options, OF_LEVELS) == ["hold"]
+
+
+@pytest.mark.parametrize(
+    ("options", "parameter"),
+    [
+        ({"split": "first"}, "split"),
+        ({"holdout": 2.5}, "holdout"),
+        ({"holdout": float("inf")}, "holdout"),
+        ({"free": "gain*"}, "free"),
+        ({"model": "99"}, "model"),
+    ],
+)
+def test_wrong_options_are_named(options, parameter):
+    with pytest.raises(OptionError) as refused:
+        CalibrationOptions("m.csv", **options)
+    assert refused.value.parameter == parameter
+
+
+@pytest.mark.parametrize(
+    ("options", "parameter", "words"),
+    [
+        ({"holdout": "abc"}, "holdout", "holdout: expected a fraction below 1 or a whole number, found 'abc'"),
+        ({"holdout": -1}, "holdout", "holdout: expected a fraction below 1 or a whole number, found -1"),
+        ({"seed": -1}, "seed", "seed: expected a whole number of at least 0, found -1"),
+        ({"power": "8"}, "power", "power: expected a number of at least 2, found '8'"),
+        ({"frame": "ref1,ref2,ref3"}, "frame", "one text: give ['ref1', 'ref2', 'ref3']"),
+        ({"frame": ("ref1", "ref2")}, "frame", "three reference points, found 2"),
+        ({"hold": "gain*"}, "hold", "hold: expected a sequence of names"),
+        ({"free": ["gain1", "gain2"], "hold": ["gain2"]}, "hold", "hold: gain2 is to be freed, too"),
+        ({"verify": "v.csv", "holdout": 0.25}, "holdout", "leave one out"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused_in_one_sentence(options, parameter, words):
+    with pytest.raises(OptionError) as refused:
+        CalibrationOptions("m.csv", **options)
+    assert words in str(refused.value)
+    assert refused.value.parameter == parameter
+
+
+def test_the_share_held_out_is_a_quarter_unless_given():
+    assert [CalibrationOptions("m.csv", **options).share for options in ({}, {"holdout": 5}, {"verify": "v.csv"})] == [
+        0.25,
+        5,
+        0.25,
+    ]
+
+
+def test_a_level_may_be_given_as_a_number():
+    assert CalibrationOptions("m.csv", model=34).model == "34"
+    with pytest.raises(OptionError, match="found '35'"):
+        CalibrationOptions("m.csv", model=35)
