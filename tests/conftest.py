@@ -138,13 +138,12 @@ def fits_once(shared_folder):
     """Calibrations from the same content with the same options are computed once a run of the tests."""
     compute = calibration.run
 
-    def run(measurements, robot, options, progress=None):
-        chosen = {name: _content(value) for name, value in vars(options).items()}
-        key = pickle.dumps([_content(measurements), _content(robot), sorted(chosen.items())])
+    def run(options):
+        key = pickle.dumps(sorted((name, _content(value)) for name, value in vars(options).items() if name != "progress"))
         path = shared_folder / f"fit-{hashlib.sha256(key).hexdigest()}"
         if not path.exists():
             part = path.with_suffix(f".{os.getpid()}")
-            part.write_bytes(pickle.dumps(compute(measurements, robot, options, progress)))
+            part.write_bytes(pickle.dumps(compute(options)))
             part.replace(path)
         return pickle.loads(path.read_bytes())
 
