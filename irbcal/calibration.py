@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from irbcal.calibration_options import CalibrationOptions, Progress
+from irbcal.calibration_record import recorded
 from irbcal.declared_options import takes_fields_of
 from irbcal.errors import CalibrationError, OptionError
+from irbcal.feature_calibration import fit_rows, prove_rows, read_rows
 from irbcal.identification.fit_sections import ParameterReport, groups_table, models_table
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
@@ -20,7 +23,7 @@ from irbcal.measurement.cleaning import left_out
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
-from irbcal.pipeline import Proven, run
+from irbcal.pipeline import Proven, clean, doubt, fit, prove, read, split, with_commands
 from irbcal.reports.languages import Language
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark, values
 from irbcal.validation.evaluation import orientation_line, statistics_table
@@ -322,7 +325,14 @@ def calibrate(options: CalibrationOptions) -> Calibration:
     IrbcalError
         If an input or an option is refused.
     """
-    record, urdf, proven = run(options)
+    started = time.perf_counter()
+    say: Progress = options.progress or (lambda text: None)
+    options = replace(options, progress=None)
+    if options.features is not None:
+        proven = prove_rows(fit_rows(read_rows(options, say), say), say)
+    else:
+        proven = prove(doubt(fit(split(clean(with_commands(read(options, say), say))), say)))
+    record, urdf = recorded(proven, started)
     return Calibration(record, urdf, None, proven)
 
 

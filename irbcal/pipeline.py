@@ -1,89 +1,43 @@
-"""From measurements to a proven calibration: read, clean, split, fit, doubt, prove, record.
+"""From measurements to a proven robot: read, clean, split, fit, doubt, prove.
 
-Each step is a function from one frozen dataclass to the next, which has all that the one before had, and what the step
-adds. Rows at features go the same way; they are fitted and proved by their own two functions.
+Each step is a function from one frozen dataclass to the next. The next stands above the function: it has all that the
+one before had, and what the step adds. `irbcal.calibrate` calls them in this order and records the result
+(`irbcal.calibration_record`). Rows at features have steps of their own (`irbcal.feature_calibration`).
 """
 
 from __future__ import annotations
 
 import hashlib
-import platform
-import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
-from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import pandas as pd
 
-from irbcal import __version__
 from irbcal.arrays import BoolArray, FloatArray, Locked, locked
 from irbcal.calibration_options import SPLITS, CalibrationOptions, Progress
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification import commanded_poses, feature_errors
+from irbcal.identification import commanded_poses
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import LEVELS
 from irbcal.identification.evidence import MOST_OUTLYING, check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
-from irbcal.identification.explanation import explain
-from irbcal.identification.feature_fit import (
-    FeatureFit,
-    as_points,
-    frames_of,
-    identify_without_gross_errors,
-    shape_only,
-)
-from irbcal.identification.feature_problem import FeatureProblem, Key
 from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
 from irbcal.identification.fit_sections import LevelChoice
-from irbcal.identification.images import numbered_alike
-from irbcal.identification.observation_kind import SHOWN
 from irbcal.identification.problem import session_names
 from irbcal.identification.term_sets import TypePrior
-from irbcal.io import integrity, prior_file, robots, urdf, urdf_check, urdf_xml
-from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
+from irbcal.io import prior_file, robots, urdf
+from irbcal.io.calibration_folder import URDF_NAME, Saved
 from irbcal.io.measured_files import measurements_of
 from irbcal.io.opening import calibration_at, open_nominal
-from irbcal.io.schema import (
-    CertaintySection,
-    CovarianceSection,
-    DataFile,
-    Errors,
-    EvidenceChoice,
-    EvidenceSection,
-    FeatureRow,
-    FeaturesSection,
-    FrameTermsSection,
-    JointMapSection,
-    JointOrigin,
-    LengthRow,
-    Objective,
-    Observability,
-    OriginSection,
-    Placement,
-    PlaceRow,
-    PointTable,
-    PoseSection,
-    PoseTable,
-    Record,
-    RobotSection,
-    SessionSection,
-    in_mm,
-    texts,
-)
+from irbcal.io.schema import FeaturesSection, FrameTermsSection, Record
 from irbcal.io.urdf import UrdfArm
-from irbcal.measurement import cleaning, recordings, repeats, tools
-from irbcal.measurement import features as feature_files
+from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.columns import read_targets
 from irbcal.measurement.features import FeatureSet
-from irbcal.measurement.motions import last_moves, motion_of, times_of, with_last_moves
+from irbcal.measurement.motions import motion_of, times_of, with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses
 from irbcal.measurement.reading_lag import mixed_use
@@ -92,34 +46,26 @@ from irbcal.measurement.sessions import into_one_frame
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.levels import Level
-from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
+from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.workspace_coverage import workspace_coverage
 from irbcal.names import check_names
 from irbcal.options import checked
 from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_gross_errors
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
-from irbcal.validation.feature_proof import FeatureProof
-from irbcal.validation.feature_proof import prove as prove_places
-from irbcal.validation.verdict import verdict_of
 
-LARGEST_TURN = 3 * DEG
-"""Median angle from the nominal robot above which measured orientations are refused, radians."""
-OPEN = 0.5
-"""Share of what was not known of the tool's position that rows at features may leave open without a doubt."""
-NEARLY_PARALLEL = 1e-6
-"""Radians between two axes below which the nominal arm has them parallel."""
-LENGTH_ERROR = 0.1 * MM
-"""Error of known lengths below which it is no doubt, metres."""
-LENGTHS_WORSE, LENGTHS_OPEN = 2.0, 3.0
-"""How many times the nominal robot's error, and what the rows leave open of the tool's place, lengths must miss while
-their places are left out: a fit without a place knows less about it, too."""
 T = TypeVar("T")
+
+
+def next_step(kind: type[T], inputs: Inputs, **changes: Any) -> T:
+    """The dataclass of the next step."""
+    return kind(**vars(inputs) | changes)
+
+
+# --- read -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,120 +92,14 @@ class Inputs(Locked):
     notes: tuple[str, ...] = ()
     """What the user should know; each step adds to it."""
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CleanInputs(Inputs):
-    """Cleaned points of all sessions, each in its own measuring frame."""
-
-    points: PointSet
-    motion: Motion
-    """Of the points' poses."""
-    proof: tuple[PointSet, Motion] | None = None
-    """Those of ``verification``."""
-    excluded: tuple[Exclusion, ...] = ()
-    references: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Positions of the reference points of the last session, metres; empty without references."""
-    tool_shape: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Positions of the reflectors on the tool where they were turned into poses, metres; else empty."""
-    poses_measured: int = 0
-    """Before cleaning, those of the earlier calibration included."""
-    usual_kg: float | None = None
-    """The payload of most poses."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SplitInputs(CleanInputs):
-    """Points to fit, and points to prove with, which may be none."""
-
-    fit_points: PointSet
-    heldout_points: PointSet
-    fit_motion: Motion
-    heldout_motion: Motion
-    """Of their poses; ``elapsed`` is the number of each pose in its session."""
-    whole: tuple[PointSet, ...] = ()
-    """Each file's in the order of measuring."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Fitted(SplitInputs):
-    """The identified robot. From here on all points are in the measuring frame of the last session."""
-
-    fit: Fit | EvidenceFit
-    """The level asked for, or model ``auto``."""
-    nominal_robot: Robot
-    """The nominal robot with base and tool from the same points."""
-    nominal_fit: Fit | None = None
-    """Base and tool alone; None where these come from no fit of points."""
-    choice: LevelChoice | None = None
-    """The comparison of levels, where the level was chosen by it."""
-    sessions: tuple[str, ...] = ()
-    """Names of all sessions, the last one last; empty where there is one only."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Doubted(Fitted):
-    """What speaks against the result, whatever its errors say."""
-
-    doubts: tuple[str, ...] = ()
-    """These stand among the notes, too."""
-
-
-class PointErrors(NamedTuple):
-    """Distances of points from the robot, or of rows from their features, metres, shape (points,) each."""
-
-    fit: FloatArray
-    fit_nominal: FloatArray
-    heldout: FloatArray
-    heldout_nominal: FloatArray
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Proven(Doubted):
-    """Everything that comes out of a calibration, ready to be recorded."""
-
-    errors: PointErrors
-    features: FeaturesSection | None = None
-    """Where features were touched."""
-
-    def __repr__(self) -> str:
-        poses = f"{self.fit_points.poses} fitted and {self.heldout_points.poses} held-out poses"
-        return f"<Proven {self.robot_file.name}, model {self.fit.level}: {poses}>"
-
-
-def _next(kind: type[T], inputs: Inputs, **changes: Any) -> T:
-    """The dataclass of the next step."""
-    return kind(**vars(inputs) | changes)
-
-
-def run(options: CalibrationOptions) -> tuple[Record, bytes, Proven]:
-    """All steps; errors as `irbcal.calibrate`.
-
-    Returns
-    -------
-    record : Record
-    urdf : bytes
-        The corrected URDF.
-    proven : Proven
-    """
-    started = time.perf_counter()
-    say: Progress = options.progress or (lambda text: None)
-    inputs = read(replace(options, progress=None), say)
-    check_names(
-        [Path(file.source).name for file in (inputs.measurements, inputs.verification) if file is not None],
-        MeasurementError,
-        parameter="measurements",
-    )
-    if inputs.feature_rows is not None:
-        proven = prove_features(fit_features(inputs, say), say)
-    else:
-        proven = prove(doubt(fit(split(clean(with_commands(inputs, say))), say)))
-    return *record(proven, started), proven
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        files = [Path(file.source).name for file in (self.measurements, self.verification) if file is not None]
+        check_names(files, MeasurementError, parameter="measurements")
 
 
 def read(options: CalibrationOptions, say: Progress) -> Inputs:
-    """Open robot and measurements, with targets, prior, features and the earlier calibration that options name."""
-    if options.features is not None:
-        return _read_features(options, say)
+    """Open robot and measurements, with targets, prior and the earlier calibration that options name."""
     robot = options.robot
     saved = calibration_at(robot)
     if saved is not None and options.with_ is None:
@@ -278,7 +118,7 @@ def read(options: CalibrationOptions, say: Progress) -> Inputs:
     points = measurements_of(options.measurements, nominal.arm).of_arm(nominal.arm)
     file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
     source = (
-        _source(robot, options.package_dirs)
+        source_of(robot, options.package_dirs)
         if saved is None
         else (saved.record.robot.urdf, saved.record.robot.urdf_sha256)
     )
@@ -294,7 +134,7 @@ def read(options: CalibrationOptions, say: Progress) -> Inputs:
         earlier=earlier,
         known_targets=targets,
         prior=prior_file.of_robot(options.prior, nominal.arm.name, source[1], points.simulated),
-        notes=tuple(_robot_notes(file, saved, nominal.arm)),
+        notes=tuple(robot_notes(file, saved, nominal.arm)),
     )
 
 
@@ -316,12 +156,12 @@ def _as_earlier(options: CalibrationOptions, record: Record) -> CalibrationOptio
     return replace(options, **changes)
 
 
-def _source(robot: str | Path, package_dirs: Sequence[str | Path]) -> tuple[str, str]:
+def source_of(robot: str | Path, package_dirs: Sequence[str | Path]) -> tuple[str, str]:
     """Name of a nominal robot's file, and SHA-256 of its URDF."""
     return robots.robot_file(robot).name, hashlib.sha256(urdf.source_bytes(robot, package_dirs)).hexdigest()
 
 
-def _robot_notes(file: Path, saved: Saved | None, arm: Arm) -> list[str]:
+def robot_notes(file: Path, saved: Saved | None, arm: Arm) -> list[str]:
     """Notes on a base link that moves, and on a robot that is of a calibration, or a URDF that a calibration wrote."""
     notes = []
     if arm.joints_up:
@@ -347,67 +187,27 @@ def _robot_notes(file: Path, saved: Saved | None, arm: Arm) -> list[str]:
     ]
 
 
-def with_commands(inputs: Inputs, say: Progress) -> Inputs:
-    """Programmed joints from the poses that the controller was sent to, as far as the evidence is for them.
+# --- clean ----------------------------------------------------------------------------------------------------
 
-    Readings, commands, or a share of both: the share is chosen on the poses that are fitted.
-    """
-    measurements, arm, check = inputs.measurements, inputs.urdf.arm, inputs.verification
-    goal = None if measurements.programmed else commanded_poses.goals(measurements)
-    if goal is None:
-        return inputs
-    if inputs.earlier is not None:
-        return replace(
-            inputs, notes=(*inputs.notes, "Commanded poses are not taken where an earlier calibration is added to.")
-        )
-    q = measurements.joints()
-    commands = commanded_poses.commands(arm, q, goal)
-    if commands is None or commands.misfit > commanded_poses.LARGEST_MISFIT:
-        size = "" if commands is None else f": the median is {commands.misfit / MM:.3g} mm from the readings' poses"
-        return replace(inputs, notes=(*inputs.notes, f"Commanded poses do not belong to these joints{size}."))
-    say("comparing readings and commanded poses")
 
-    def sets(share: float) -> Inputs:
-        changed = check
-        goal_of_check = None if check is None or check.programmed else commanded_poses.goals(check)
-        if check is not None and goal_of_check is not None:
-            others = commanded_poses.commands(arm, check.joints(), goal_of_check, commands)
-            assert others is not None
-            changed = check.with_programmed(check.joints() + share * others.difference)
-        programmed = measurements.with_programmed(q + share * commands.difference)
-        return replace(inputs, measurements=programmed, verification=changed)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CleanInputs(Inputs):
+    """Cleaned points of all sessions, each in its own measuring frame."""
 
-    fitted_poses = set(split(clean(inputs)).fit_points.pose_ids.astype(str))
-    evidence = []
-    for share in commanded_poses.SHARES:
-        cleaned = clean(sets(share))
-        keep = np.isin(cleaned.points.pose_ids.astype(str), list(fitted_poses))
-        points, motion = cleaned.points.select(keep), cleaned.motion.select(keep)
-        model, targets = _model(inputs.options, arm, points.poses)[0], cleaned.known_targets
-        if model == "auto":
-            options, usual = inputs.options, cleaned.usual_kg
-            evidence.append(
-                log_evidence(arm, points, motion, options.terms, targets, options.payload_place, usual, options.seed)
-            )
-        else:
-            level = default_level(arm) if model == "best-level" else checked("model", model, LEVELS)
-            evidence.append(-3.0 * len(points) * float(np.log(identify(arm, points, level, known_targets=targets).rms)))
-    best = commanded_poses.best_share(np.array(evidence))
-    difference = np.abs(commands.difference[commands.solved]) / arm.joint_units
-    about = (
-        f"{int(commands.solved.sum())} of {len(q)} commanded poses give programmed joints, "
-        f"{np.median(difference):.2g} degrees or mm from the readings in the median"
-    )
-    gain = max(evidence) - evidence[0]
-    if best < commanded_poses.LEAST or gain < commanded_poses.LEAST_GAIN:
-        return replace(inputs, notes=(*inputs.notes, f"{about}; the evidence is not for them: the readings are taken."))
-    return replace(
-        sets(best),
-        notes=(
-            *inputs.notes,
-            f"{about}; the model takes {best:.0%} of the way from readings to commands (log evidence +{gain:.0f}).",
-        ),
-    )
+    points: PointSet
+    motion: Motion
+    """Of the points' poses."""
+    proof: tuple[PointSet, Motion] | None = None
+    """Those of ``verification``."""
+    excluded: tuple[Exclusion, ...] = ()
+    references: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Positions of the reference points of the last session, metres; empty without references."""
+    tool_shape: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Positions of the reflectors on the tool where they were turned into poses, metres; else empty."""
+    poses_measured: int = 0
+    """Before cleaning, those of the earlier calibration included."""
+    usual_kg: float | None = None
+    """The payload of most poses."""
 
 
 def clean(inputs: Inputs) -> CleanInputs:
@@ -440,7 +240,7 @@ def clean(inputs: Inputs) -> CleanInputs:
         notes += [f"{Path(check.source).name}: {note}" for note in [*mixed_up, *check_points.notes, *fitted_too]]
         notes += mixed_use(measurements.programmed, check.programmed, check.source)
         proof, excluded = (_of_last_session(heldout, cleaned.points), motion_of(check, heldout)), (*excluded, *left_out)
-    return _next(
+    return next_step(
         CleanInputs,
         inputs,
         measurements=measurements,
@@ -507,6 +307,22 @@ def _not_fitted(heldout: PointSet, points: PointSet, prismatic: BoolArray, sourc
     ]
 
 
+# --- split ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SplitInputs(CleanInputs):
+    """Points to fit, and points to prove with, which may be none."""
+
+    fit_points: PointSet
+    heldout_points: PointSet
+    fit_motion: Motion
+    heldout_motion: Motion
+    """Of their poses; ``elapsed`` is the number of each pose in its session."""
+    whole: tuple[PointSet, ...] = ()
+    """Each file's in the order of measuring."""
+
+
 def split(cleaned: CleanInputs) -> SplitInputs:
     """Hold poses out, unless they come from a file of their own; of an addition those at places of new poses."""
     options, points, motion = cleaned.options, cleaned.points, cleaned.motion
@@ -522,7 +338,7 @@ def split(cleaned: CleanInputs) -> SplitInputs:
             position = repeat_groups(points)
             fit = ~np.isin(position, position[new][of_new])
         heldout, heldout_motion = points.select(~fit), motion.select(~fit)
-    return _next(
+    return next_step(
         SplitInputs,
         cleaned,
         fit_points=points.select(fit),
@@ -572,6 +388,91 @@ def held_out(points: PointSet, holdout: float, order: str = "random", seed: int 
     return mask[position]
 
 
+# --- programmed joints, before points are cleaned -------------------------------------------------------------
+
+
+def with_commands(inputs: Inputs, say: Progress) -> Inputs:
+    """Programmed joints from the poses that the controller was sent to, as far as the evidence is for them.
+
+    Readings, commands, or a share of both: the share is chosen on the poses that are fitted.
+    """
+    measurements, arm, check = inputs.measurements, inputs.urdf.arm, inputs.verification
+    goal = None if measurements.programmed else commanded_poses.goals(measurements)
+    if goal is None:
+        return inputs
+    if inputs.earlier is not None:
+        return replace(
+            inputs, notes=(*inputs.notes, "Commanded poses are not taken where an earlier calibration is added to.")
+        )
+    q = measurements.joints()
+    commands = commanded_poses.commands(arm, q, goal)
+    if commands is None or commands.misfit > commanded_poses.LARGEST_MISFIT:
+        size = "" if commands is None else f": the median is {commands.misfit / MM:.3g} mm from the readings' poses"
+        return replace(inputs, notes=(*inputs.notes, f"Commanded poses do not belong to these joints{size}."))
+    say("comparing readings and commanded poses")
+
+    def sets(share: float) -> Inputs:
+        changed = check
+        goal_of_check = None if check is None or check.programmed else commanded_poses.goals(check)
+        if check is not None and goal_of_check is not None:
+            others = commanded_poses.commands(arm, check.joints(), goal_of_check, commands)
+            assert others is not None
+            changed = check.with_programmed(check.joints() + share * others.difference)
+        programmed = measurements.with_programmed(q + share * commands.difference)
+        return replace(inputs, measurements=programmed, verification=changed)
+
+    fitted_poses = set(split(clean(inputs)).fit_points.pose_ids.astype(str))
+    evidence = []
+    for share in commanded_poses.SHARES:
+        cleaned = clean(sets(share))
+        keep = np.isin(cleaned.points.pose_ids.astype(str), list(fitted_poses))
+        points, motion = cleaned.points.select(keep), cleaned.motion.select(keep)
+        model, targets = _model(inputs.options, arm, points.poses)[0], cleaned.known_targets
+        if model == "auto":
+            options, usual = inputs.options, cleaned.usual_kg
+            evidence.append(
+                log_evidence(arm, points, motion, options.terms, targets, options.payload_place, usual, options.seed)
+            )
+        else:
+            level = default_level(arm) if model == "best-level" else checked("model", model, LEVELS)
+            evidence.append(-3.0 * len(points) * float(np.log(identify(arm, points, level, known_targets=targets).rms)))
+    best = commanded_poses.best_share(np.array(evidence))
+    difference = np.abs(commands.difference[commands.solved]) / arm.joint_units
+    about = (
+        f"{int(commands.solved.sum())} of {len(q)} commanded poses give programmed joints, "
+        f"{np.median(difference):.2g} degrees or mm from the readings in the median"
+    )
+    gain = max(evidence) - evidence[0]
+    if best < commanded_poses.LEAST or gain < commanded_poses.LEAST_GAIN:
+        return replace(inputs, notes=(*inputs.notes, f"{about}; the evidence is not for them: the readings are taken."))
+    return replace(
+        sets(best),
+        notes=(
+            *inputs.notes,
+            f"{about}; the model takes {best:.0%} of the way from readings to commands (log evidence +{gain:.0f}).",
+        ),
+    )
+
+
+# --- fit ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fitted(SplitInputs):
+    """The identified robot. From here on all points are in the measuring frame of the last session."""
+
+    fit: Fit | EvidenceFit
+    """The level asked for, or model ``auto``."""
+    nominal_robot: Robot
+    """The nominal robot with base and tool from the same points."""
+    nominal_fit: Fit | None = None
+    """Base and tool alone; None where these come from no fit of points."""
+    choice: LevelChoice | None = None
+    """The comparison of levels, where the level was chosen by it."""
+    sessions: tuple[str, ...] = ()
+    """Names of all sessions, the last one last; empty where there is one only."""
+
+
 def fit(inputs: SplitInputs, say: Progress) -> Fitted:
     """Identify base and tool with the nominal arm, then the error model that is asked for."""
     options, arm, source = inputs.options, inputs.urdf.arm, inputs.measurements.source
@@ -607,7 +508,7 @@ def fit(inputs: SplitInputs, say: Progress) -> Fitted:
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
     heldout, moves = with_last_moves(identified.robot, heldout)
-    return _next(
+    return next_step(
         Fitted,
         inputs,
         fit_points=points,
@@ -620,6 +521,10 @@ def fit(inputs: SplitInputs, say: Progress) -> Fitted:
         sessions=sessions,
         notes=(*inputs.notes, *moves, *notes),
     )
+
+
+LARGEST_TURN = 3 * DEG
+"""Median angle from the nominal robot above which measured orientations are refused, radians."""
 
 
 def _refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
@@ -746,6 +651,17 @@ def _screened(
     return replace(inputs, excluded=(*inputs.excluded, *excluded), notes=(*inputs.notes, note)), identified
 
 
+# --- doubt ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Doubted(Fitted):
+    """What speaks against the result, whatever its errors say."""
+
+    doubts: tuple[str, ...] = ()
+    """These stand among the notes, too."""
+
+
 def doubt(done: Fitted) -> Doubted:
     """Look for what speaks against the result, and what to know of it."""
     assert done.nominal_fit is not None
@@ -753,7 +669,7 @@ def doubt(done: Fitted) -> Doubted:
     times = times_of(done.whole, timed if done.verification is None else timed[:1])
     against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times, done.heldout_points)
     notes = (*against, *done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done))
-    return _next(Doubted, done, doubts=tuple(against), notes=notes)
+    return next_step(Doubted, done, doubts=tuple(against), notes=notes)
 
 
 def _worth_knowing(done: Fitted) -> list[str]:
@@ -780,6 +696,31 @@ def _worth_knowing(done: Fitted) -> list[str]:
     return [*notes, note]
 
 
+# --- prove ----------------------------------------------------------------------------------------------------
+
+
+class PointErrors(NamedTuple):
+    """Distances of points from the robot, or of rows from their features, metres, shape (points,) each."""
+
+    fit: FloatArray
+    fit_nominal: FloatArray
+    heldout: FloatArray
+    heldout_nominal: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Proven(Doubted):
+    """Everything that comes out of a calibration, ready to be recorded."""
+
+    errors: PointErrors
+    features: FeaturesSection | None = None
+    """Where features were touched."""
+
+    def __repr__(self) -> str:
+        poses = f"{self.fit_points.poses} fitted and {self.heldout_points.poses} held-out poses"
+        return f"<Proven {self.robot_file.name}, model {self.fit.level}: {poses}>"
+
+
 def prove(done: Doubted) -> Proven:
     """Compute the errors of fitted and of held-out points, of the calibrated robot and of the nominal one."""
     robots = done.fit.robot, done.nominal_robot
@@ -788,490 +729,4 @@ def prove(done: Doubted) -> Proven:
         for points in (done.fit_points, done.heldout_points)
         for robot in robots
     ]
-    return _next(Proven, done, errors=PointErrors(*map(locked, errors)))
-
-
-def _read_features(options: CalibrationOptions, say: Progress) -> Inputs:
-    """Rows at features and their nominal robot."""
-    measurements, robot = options.measurements, options.robot
-    if robot is None or calibration_at(robot) is not None:
-        raise OptionError(
-            "robot: rows at features start from a URDF or a robot's name, not from a calibration", parameter="robot"
-        )
-    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling, options.package_dirs)
-    say("reading the measurements")
-    if isinstance(measurements, (list, tuple)):
-        raise MeasurementError(
-            f"expected one file of rows at features, found {len(measurements)}", parameter="measurements"
-        )
-    if not isinstance(measurements, (str, PathLike, pd.DataFrame)):
-        if not isinstance(measurements, MeasurementSet):
-            measurements = measurements.measurements()
-        measurements = measurements.to_frame()
-    assert options.features is not None
-    rows = feature_files.read(*recordings.corner_rows(measurements, options.features, nominal.arm), nominal.arm)
-    if isinstance(measurements, (str, PathLike)):
-        rows = replace(rows, source=str(measurements))
-    rows = numbered_alike(rows, nominal.arm.forward(rows.q)[:, :3, :3])
-    if options.payload_place is not None:
-        if "payload_kg" not in rows.inputs or "payload_place" in rows.inputs:
-            there = "payload_kg" in rows.inputs
-            reason = "the rows tell the payload's place" if there else "there is no column payload_kg"
-            raise OptionError(f"payload_place: {reason}: leave it out", parameter="payload_place")
-        centre = np.asarray(options.payload_place, dtype=float)
-        rows = replace(rows, inputs={**rows.inputs, "payload_place": np.tile(centre, (len(rows), 1))})
-    if shape_only(rows):
-        raise IdentificationError(
-            "these rows only say that points lie in planes or on lines whose places are unknown: a fit makes them "
-            "flatter and may make the robot worse (on a real one tracker errors grew 2.4 times); add a ball or a "
-            "socket at several places, a known length, a ballbar or a string",
-            file=rows.source,
-        )
-    file = robots.robot_file(robot)
-    notes = _robot_notes(file, None, nominal.arm)
-    if options.model in ("11", "16", "26", "34") and abs(np.sin(nominal.arm.table.alpha[2])) < NEARLY_PARALLEL:
-        notes.append(
-            f"Model {options.model} has no tilt between the parallel axes 2 and 3: intervals from rows at features are "
-            "too narrow with it. Where they count, take auto, 34b or placement."
-        )
-    return Inputs(
-        options=options,
-        urdf=nominal,
-        robot_file=file,
-        nominal_source=_source(robot, options.package_dirs),
-        measurements=rows.as_measurements(),
-        feature_rows=rows,
-        notes=tuple(notes),
-    )
-
-
-def _feature_terms(
-    options: CalibrationOptions, arm: Arm
-) -> tuple[Level | Literal["auto"], str | tuple[Parameter, ...]]:
-    """The model for rows at features, and its terms: those that are averaged, or the error parameters of a level."""
-    if options.model in (None, "auto") and not options.of_levels:
-        return "auto", options.terms
-    level = default_level(arm) if options.model is None else checked("model", str(options.model), LEVELS)
-    chosen = selected_parameters(level, options.free, options.hold, arm)
-    if not any(item.name.startswith("delta_") for item in chosen):
-        raise OptionError(
-            f"model {level} at features needs a constant of the geometry (delta_…), and none is left: hold fewer",
-            parameter="hold",
-        )
-    return level, chosen
-
-
-def fit_features(inputs: Inputs, say: Progress) -> Doubted:
-    """Identify from all rows at features but for gross errors; `prove_features` leaves places out."""
-    rows, arm = inputs.feature_rows, inputs.urdf.arm
-    assert rows is not None
-    level, terms = _feature_terms(inputs.options, arm)
-    goal = inputs.options.goal
-    try:
-        feature_fit, left_out, doubt = identify_without_gross_errors(arm, rows, terms, progress=say, goal=goal)
-    except IdentificationError as error:
-        reading = feature_errors.other_reading(arm, rows)
-        if reading is None:
-            raise
-        raise IdentificationError(
-            f"{error}; the rows look like {reading.words}: read so, they are met within {reading.rms / MM:.3g} mm "
-            "(root mean square)",
-            file=rows.source,
-        ) from error
-    feature_fit = replace(feature_fit, level=level)
-    remaining = feature_fit.problem.rows
-    points = as_points(remaining)
-    motion = Motion(points.q)
-    nobody = np.zeros(points.poses, dtype=bool)
-    elsewhere = feature_errors.at_another_feature(feature_fit, rows, left_out)
-    return _next(
-        Doubted,
-        inputs,
-        feature_rows=remaining,
-        points=points,
-        motion=motion,
-        excluded=tuple(
-            Exclusion(
-                pose=str(rows.pose[k]),
-                target=str(rows.target[k]),
-                reason=f"row {row} ({rows.feature[k] or rows.kind[k]}) is {left_out[row] / MM:.2f} mm "
-                "beside what all other rows say" + (f": it is at {there}" if (there := elsewhere.get(row)) else ""),
-            )
-            for k, row in enumerate(rows.row.tolist())
-            if row in left_out
-        ),
-        doubts=(*((doubt,) if doubt else ()), *feature_errors.doubts(feature_fit)),
-        fit_points=points,
-        fit_motion=motion,
-        heldout_points=points.select(nobody),
-        heldout_motion=motion.select(nobody),
-        poses_measured=rows.poses,
-        fit=feature_fit,
-        nominal_robot=feature_fit.nominal_robot,
-    )
-
-
-def prove_features(done: Doubted, say: Progress) -> Proven:
-    """Leave each place out in turn, and look for what speaks against the result."""
-    options, rows, fit, points = done.options, done.feature_rows, done.fit, done.fit_points
-    assert rows is not None
-    assert isinstance(fit, FeatureFit)
-    terms = _feature_terms(options, done.urdf.arm)[1]
-    try:
-        proof = prove_places(done.urdf.arm, rows, options.leave_out, terms, options.seed, say, options.goal)
-    except IdentificationError as error:
-        raise IdentificationError(" ".join((f"{error}.", *done.doubts)) if done.doubts else str(error)) from None
-    section = _features_section(fit, proof)
-    against = (*done.doubts, *_feature_doubts(section), *fit.doubts())
-    order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")
-    calibrated, nominal = (fit.problem.distances(state)[order] for state in (fit.state, fit.nominal_state))
-    heldout, left_out = done.heldout_points, (np.zeros(0), np.zeros(0))
-    if proof is not None:
-        missed = [proof.of_rows(len(rows), calibrated)[order] for calibrated in (True, False)]
-        tested = np.isfinite(missed[0])
-        left_out = missed[0][tested], missed[1][tested]
-        heldout = points if tested.all() else points.take(tested).without_empty_poses() if tested.any() else heldout
-    return _next(
-        Proven,
-        done,
-        heldout_points=heldout,
-        errors=PointErrors(*map(locked, (calibrated, nominal, *left_out))),
-        features=section,
-        doubts=against,
-        notes=(*against, *done.notes, *_feature_notes(section), *fit.sentences()),
-    )
-
-
-def _feature_doubts(section: FeaturesSection) -> list[str]:
-    """What speaks against it, whatever the rows say of each other."""
-    doubts = (
-        []
-        if section.scale_measured
-        else [
-            "No length was measured that tells the size of the arm: a robot whose links are all 0.3 % longer than "
-            "nominal fits these rows as well, and would be calibrated worse than it is. Add a known length between two "
-            "features (a bar), or rows that a tracker measured."
-        ]
-    )
-    pairs = [(e.nominal_mm, e.heldout_mm) for e in section.lengths if None not in (e.nominal_mm, e.heldout_mm)]
-    if pairs:
-        nominal, heldout = np.sqrt(np.mean(np.array(pairs, dtype=float) ** 2, axis=0))
-        if heldout > max(LENGTHS_WORSE * nominal, LENGTHS_OPEN * section.open_mm, LENGTH_ERROR / MM):
-            doubts.append(
-                f"Known lengths come out {heldout:.3f} mm wrong (root mean square) while their places are left out, "
-                f"with the nominal robot {nominal:.3f} mm: a length is wrong, features moved, or rows are at others "
-                "than they say."
-            )
-    if section.open_mm <= OPEN * section.before_mm:
-        return doubts
-    return [
-        *doubts,
-        f"These rows leave {section.open_mm:.3f} mm of the {section.before_mm:.3f} mm open that the tool's place is "
-        "uncertain by (root mean square, at joints like these): they agree with each other, but tell too little of the "
-        "arm. Measure at more places, or add known lengths.",
-    ]
-
-
-def _feature_notes(section: FeaturesSection) -> list[str]:
-    """What a user should know of it."""
-    notes = [f"{section.scale[0].upper()}{section.scale[1:]}."] if section.scale else []
-    if not section.framed:
-        notes.append(
-            "Nothing ties the features to a measuring frame: the base is the nominal one, and places are those of the "
-            "base link."
-        )
-    notes.append(
-        f"At joints like these the tool's place is known within {section.open_mm:.3f} mm (root mean square, predicted; "
-        f"{section.before_mm:.3f} mm before these rows): no tracker has seen it."
-    )
-    return notes
-
-
-def _features_section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
-    """What is known of the features, of each place while it was left out, and of lengths."""
-    problem, rows = fit.problem, fit.problem.rows
-    before_mm, std_after = fit.left_open()
-    lengths = {} if proof is None else proof.lengths
-    return FeaturesSection(
-        kinds=rows.kinds(),
-        framed=problem.framed,
-        scale_measured=fit.scale_measured,
-        left_out=None if proof is None else proof.by,
-        before_mm=before_mm / MM,
-        open_mm=std_after / MM,
-        features=_feature_rows(fit),
-        places=[
-            PlaceRow(
-                name=proof_of_place.name,
-                rows=len(proof_of_place.rows),
-                nominal_mean_mm=float(proof_of_place.nominal.mean()) / MM,
-                nominal_max_mm=float(proof_of_place.nominal.max()) / MM,
-                mean_mm=float(proof_of_place.calibrated.mean()) / MM,
-                rms_mm=float(np.sqrt(np.mean(proof_of_place.calibrated**2))) / MM,
-                max_mm=float(proof_of_place.calibrated.max()) / MM,
-            )
-            for proof_of_place in (() if proof is None else proof.places)
-        ],
-        lengths=[
-            LengthRow(
-                name=length.name,
-                first=length.first,
-                second=length.second,
-                length_mm=length.length / MM,
-                fitted_mm=float(error) / MM,
-                nominal_mm=lengths[length.name][0] / MM if length.name in lengths else None,
-                heldout_mm=lengths[length.name][1] / MM if length.name in lengths else None,
-            )
-            for length, error in zip(rows.lengths, problem.length_errors(fit.state), strict=True)
-        ],
-        named=rows.named,
-        scale_from=fit.scale_from,
-    )
-
-
-def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
-    problem, rows = feature_fit.problem, feature_fit.problem.rows
-    labels = rows.places("place") if "place" in rows.cells.columns else rows.places()
-    residuals = [problem.distances(state) for state in (feature_fit.nominal_state, feature_fit.state)]
-    tool = np.zeros((len(rows), 3))
-    stated: dict[str, dict[str, list[float]]] = {}
-    in_base: dict[Key, FloatArray] = {}
-    for miss in problem.group_residuals(feature_fit.state):
-        tool[miss.group.rows] = miss.p
-        unknown, given = miss.group.keys(), stated.setdefault(miss.group.feature.name, {})
-        for name, value in miss.in_base.items():
-            if name in unknown:
-                in_base[unknown[name]] = value
-            if name not in unknown:
-                given[name] = (np.ravel(value) / SHOWN[miss.group.kind.unknowns[name].unit]).tolist()
-    out = []
-    for name, feature in rows.features.items():
-        of_feature = rows.feature == name
-        nominal, fitted_rms = (float(np.sqrt(np.mean(each[of_feature] ** 2))) / MM for each in residuals)
-        values: dict[str, list[float]] = {}
-        std: dict[str, list[float]] = {}
-        for key, unit in _unknowns(problem, name).items():
-            shape = problem.layout[key][0]
-            value, deviation = in_base[key], feature_fit.std_of(key)
-            if shape in ("axis", "line"):
-                values[key[0]] = value[:, 2].tolist()
-                if shape == "line":
-                    values["through"] = (value[:, 3] / MM).tolist()
-                    deviation = deviation[:2]
-            else:
-                values[key[0]] = ((frames_of(value) if shape == "turn" else value) / unit).tolist()
-            std[key[0]] = (deviation / unit).tolist()
-        out.append(
-            FeatureRow(
-                name=name,
-                kind=feature.kind,
-                target=feature.target,
-                rows=int(of_feature.sum()),
-                place=str(labels[np.flatnonzero(of_feature)[0]]),
-                rms_mm=fitted_rms,
-                nominal_rms_mm=nominal,
-                found=values,
-                std=std,
-                known=stated[name],
-                middle_mm=(tool[of_feature].mean(axis=0) / MM).tolist(),
-                spread_mm=float(np.sqrt(tool[of_feature].var(axis=0).sum())) / MM,
-                imaging={} if feature.imaging is None else feature.imaging.columns(),
-            )
-        )
-    return out
-
-
-def _unknowns(problem: FeatureProblem, feature: str) -> dict[Key, float]:
-    """What was unknown of a feature, and numbers of what looked at it, with the units they are shown in."""
-    owns = {
-        key: group.kind.unknowns[name]
-        for group in problem.groups
-        if group.feature.name == feature
-        for name, key in group.keys().items()
-    }
-    return {
-        key: SHOWN[owns[key].unit]
-        for key in problem.layout
-        if key in owns and (owns[key].of == "feature" or owns[key].shape == "number")
-    }
-
-
-def record(done: Proven, started: float) -> tuple[Record, bytes]:
-    """Content of a calibration folder, checked against Pinocchio and yourdfpy.
-
-    Parameters
-    ----------
-    done : Proven
-    started : float
-        When the first step began, as `time.perf_counter` counts.
-
-    Raises
-    ------
-    CalibrationError
-        If one of them disagrees with the URDF by more than 1e-9.
-    """
-    fit, robot, arm = done.fit, done.fit.robot, done.urdf.arm
-    certainty = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
-    fitted_points, heldout, features = done.fit_points, done.heldout_points, done.features
-    added_to = [] if done.earlier is None else [done.earlier.record]
-    files = [file for file in (done.measurements, done.verification) if file is not None]
-    data = [DataFile(file=Path(file.source).name, sha256=file.sha256, programmed=file.programmed) for file in files]
-    data += [file for earlier in added_to for file in earlier.data if file not in data]
-    created = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    nominal_origins, origins = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
-    frame_terms = FrameTermsSection.of_robot(robot)
-    moving: dict[str, Any] = {
-        "simulated": any([*(file.simulated for file in files), *(item.simulated for item in added_to)]),
-        "robot": RobotSection.of(arm, robot.table, *done.nominal_source),
-        "joint_origins": [
-            JointOrigin(
-                joint=name,
-                link=link,
-                nominal=OriginSection.of(nominal_origins[name]),
-                calibrated=OriginSection.of(origins[name]),
-            )
-            for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
-        ],
-        "joint_map": JointMapSection.of(robot.joint_map, robot.arm),
-        "frame_terms": frame_terms,
-        "placement": Placement.of(robot),
-        "data": data,
-    }
-    fingerprint = integrity.fingerprint(moving)
-    listed = " and ".join(f"{file.file} (SHA-256 {file.sha256[:12]}...)" for file in data)
-    kind = "SIMULATED measurements" if moving["simulated"] else "measurements"
-    comment = (
-        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {done.nominal_source[0]} were "
-        f"corrected, model {fit.level}, from {kind} {listed}. Comments below that call this robot nominal are "
-        "those of that file. The joint map is in calibration.json."
-        + ("" if frame_terms is None else f" {frame_terms.in_words}")
-    )
-    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=comment)
-    nominal, errors = done.nominal_robot, done.errors
-    content = Record(
-        schema_name=SCHEMA,
-        created=created,
-        fingerprint=fingerprint,
-        **moving,
-        calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
-        model=fit.level,
-        method=fit.method,
-        objective=Objective(
-            name=fit.objective,
-            value_mm=(fit.rms if fit.value is None else fit.value) / MM,
-            lower_bound_mm=None if fit.lower_bound is None else fit.lower_bound / MM,
-        ),
-        choice=EvidenceChoice.of(fit) if isinstance(fit, EvidenceFit) else done.choice,
-        evidence=_evidence(done),
-        rank=fit.rank,
-        parameter_count=fit.parameter_count,
-        parameters=fit.parameters(),
-        covariance=CovarianceSection.of(certainty.covariance),
-        certainty=CertaintySection.of(
-            certainty,
-            None  # the nominal robot promises nothing
-            if fit.level == "nominal"
-            else workspace_coverage(robot, nominal, fitted_points.q, heldout.q),
-        ),
-        held=fit.held(),
-        observability=Observability.of_average(fit) if isinstance(fit, EvidenceFit) else Observability.of(fit),
-        history={} if fit.history is None else fit.history.columns(),
-        placement_nominal=Placement.of(nominal),
-        tool_shape_mm=in_mm(done.tool_shape),
-        sessions=[
-            SessionSection(name=name, base=PoseSection.of(T))
-            for name, T in zip(done.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
-        ],
-        earlier=added_to[0].fingerprint if added_to else None,
-        references_mm=in_mm(done.references),
-        fit=Errors.of(robot, fitted_points, errors.fit),
-        fit_nominal=Errors.of(nominal, fitted_points, errors.fit_nominal),
-        heldout=Errors.of(robot, heldout, errors.heldout),
-        heldout_nominal=Errors.of(nominal, heldout, errors.heldout_nominal),
-        heldout_least_squares=_least_squares_errors(done),
-        poses_fit=fitted_points.poses,
-        poses_heldout=heldout.poses,
-        poses_excluded=done.poses_measured
-        - fitted_points.poses
-        - (0 if features else heldout.poses),  # poses at features are fitted, and left out in turn,
-        features=features,
-        points=PointTable.of(fitted_points, heldout, errors, placed=features is None),
-        poses=_pose_table(done),
-        excluded=list(done.excluded),
-        notes=list(done.notes),
-        doubts=list(done.doubts),
-        mesh_folders=_mesh_folders(done, added_to) or None,
-        urdf_witnesses=urdf_check.check(urdf_bytes, robot.arm),
-        largest_link_shift_mm=urdf.largest_link_shift(done.urdf, robot.arm) / MM,
-        software=dict(software()),
-        seconds=time.perf_counter() - started,
-    )
-    return content.model_copy(update={"doubts": list(verdict_of(content).doubts)}), urdf_bytes
-
-
-def _mesh_folders(done: Proven, added_to: Sequence[Record]) -> list[str]:
-    """Where the meshes of the robot's URDF lie, unless every reader looks there."""
-    folders = [*done.options.package_dirs, *(folder for record in added_to for folder in record.mesh_folders or ())]
-    finder = urdf_xml.MeshFolders(done.robot_file.parent, robots.package_dirs(*folders))
-    return urdf_xml.mesh_folders(done.urdf.tree.getroot(), finder, robots.package_dirs())
-
-
-def _evidence(done: Proven) -> EvidenceSection | None:
-    """Of an average, with what each family of terms explains on the held-out poses."""
-    if not isinstance(done.fit, EvidenceFit):
-        return None
-    if done.features is not None:
-        return EvidenceSection.of(done.fit)
-    # poses of another file were not measured while the arm warmed up as in the fit
-    elapsed = done.heldout_motion.elapsed if done.verification is None else None
-    return EvidenceSection.of(done.fit, explain(done.fit, done.heldout_points, elapsed))
-
-
-def _least_squares_errors(done: Proven) -> Errors | None:
-    """Held-out errors of the fit by least squares, where another objective was asked for."""
-    least_squares, points = done.fit.least_squares, done.heldout_points
-    return (
-        None
-        if least_squares is None
-        else Errors.of(least_squares.robot, points, distances(least_squares.robot, points))
-    )
-
-
-def _pose_table(done: Proven) -> PoseTable:
-    """All poses, with the directions from which their joints were reached."""
-    sets, motions = (done.fit_points, done.heldout_points), (done.fit_motion, done.heldout_motion)
-    if done.verification is None:
-        sides = _came_from(done.measurements, sets)
-    else:
-        sides = [*_came_from(done.measurements, sets[:1]), *_came_from(done.verification, sets[1:])]
-    elapsed = [motion.elapsed for motion in motions if motion.elapsed is not None]
-    number = np.concatenate(elapsed) if elapsed else np.zeros(0)
-    return PoseTable.of(*sets, done.urdf.arm, np.concatenate(sides), number)
-
-
-def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:
-    """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints), of each set."""
-    names = measurements.of_poses("pose")
-    groups = measurements.of_poses("group") if "group" in measurements.cells.columns else None
-    q = measurements.joints()
-    sign = np.sign(np.nan_to_num(last_moves(q, groups)))
-    rows, *numbers = repeats.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))
-    size = 1 + max(numbers_.max(initial=-1) for numbers_ in (rows, *numbers))
-    # of poses with the same name and joints it is not known which one this is
-    has_sign, sign_of = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))
-    has_sign[rows], sign_of[rows] = True, sign
-    unlike = (sign_of[rows] != sign).astype(float)
-    sign_of[np.column_stack([np.bincount(rows, column, minlength=size) for column in unlike.T]) > 0] = 0.0
-    # those of an earlier calibration are not in the file
-    pairs = zip(numbers, sets, strict=True)
-    return [np.where(has_sign[number, None], sign_of[number], np.sign(points.moves())) for number, points in pairs]
-
-
-@cache
-def software() -> Mapping[str, str]:
-    """Versions of what a result depends on."""
-    packages = {}
-    for name in ("numpy", "scipy", "pandas", "pin", "yourdfpy"):
-        with suppress(PackageNotFoundError):  # pin has no wheels for some systems
-            packages[name] = version(name)
-    return {"python": platform.python_version(), "irbcal": __version__, **packages}
+    return next_step(Proven, done, errors=PointErrors(*map(locked, errors)))

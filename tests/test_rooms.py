@@ -32,7 +32,7 @@ FLOORS = (
     ("validation", "joint_analysis", "simulation"),
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer"),
-    ("calibration", "calibration_options", "pipeline", "sessions"),
+    ("calibration", "calibration_options", "calibration_record", "feature_calibration", "pipeline", "sessions"),
     ("fleet",),
     ("examples",),
     ("cli", "app"),

@@ -1,0 +1,236 @@
+"""The record of a calibration: what ``calibration.json`` says of a proven one, and the corrected URDF."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from datetime import datetime, timezone
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from irbcal import __version__
+from irbcal.arrays import FloatArray
+from irbcal.identification.evidence_fit import EvidenceFit
+from irbcal.identification.explanation import explain
+from irbcal.identification.fit import certainty_of
+from irbcal.io import integrity, robots, urdf, urdf_check, urdf_xml
+from irbcal.io.calibration_folder import SCHEMA
+from irbcal.io.schema import (
+    CertaintySection,
+    CovarianceSection,
+    DataFile,
+    Errors,
+    EvidenceChoice,
+    EvidenceSection,
+    FrameTermsSection,
+    JointMapSection,
+    JointOrigin,
+    Objective,
+    Observability,
+    OriginSection,
+    Placement,
+    PointTable,
+    PoseSection,
+    PoseTable,
+    Record,
+    RobotSection,
+    SessionSection,
+    in_mm,
+    texts,
+)
+from irbcal.measurement import repeats
+from irbcal.measurement.motions import last_moves
+from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling.workspace_coverage import workspace_coverage
+from irbcal.pipeline import Proven
+from irbcal.units import MM
+from irbcal.validation.verdict import verdict_of
+
+
+def recorded(done: Proven, started: float) -> tuple[Record, bytes]:
+    """Content of a calibration folder, checked against Pinocchio and yourdfpy.
+
+    Parameters
+    ----------
+    done : Proven
+    started : float
+        When the first step began, as `time.perf_counter` counts.
+
+    Raises
+    ------
+    CalibrationError
+        If one of them disagrees with the URDF by more than 1e-9.
+    """
+    fit, robot, arm = done.fit, done.fit.robot, done.urdf.arm
+    certainty = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
+    fitted_points, heldout, features = done.fit_points, done.heldout_points, done.features
+    added_to = [] if done.earlier is None else [done.earlier.record]
+    files = [file for file in (done.measurements, done.verification) if file is not None]
+    data = [DataFile(file=Path(file.source).name, sha256=file.sha256, programmed=file.programmed) for file in files]
+    data += [file for earlier in added_to for file in earlier.data if file not in data]
+    created = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    nominal_origins, origins = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
+    frame_terms = FrameTermsSection.of_robot(robot)
+    moving: dict[str, Any] = {
+        "simulated": any([*(file.simulated for file in files), *(item.simulated for item in added_to)]),
+        "robot": RobotSection.of(arm, robot.table, *done.nominal_source),
+        "joint_origins": [
+            JointOrigin(
+                joint=name,
+                link=link,
+                nominal=OriginSection.of(nominal_origins[name]),
+                calibrated=OriginSection.of(origins[name]),
+            )
+            for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
+        ],
+        "joint_map": JointMapSection.of(robot.joint_map, robot.arm),
+        "frame_terms": frame_terms,
+        "placement": Placement.of(robot),
+        "data": data,
+    }
+    fingerprint = integrity.fingerprint(moving)
+    listed = " and ".join(f"{file.file} (SHA-256 {file.sha256[:12]}...)" for file in data)
+    kind = "SIMULATED measurements" if moving["simulated"] else "measurements"
+    comment = (
+        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {done.nominal_source[0]} were "
+        f"corrected, model {fit.level}, from {kind} {listed}. Comments below that call this robot nominal are "
+        "those of that file. The joint map is in calibration.json."
+        + ("" if frame_terms is None else f" {frame_terms.in_words}")
+    )
+    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=comment)
+    nominal, errors = done.nominal_robot, done.errors
+    content = Record(
+        schema_name=SCHEMA,
+        created=created,
+        fingerprint=fingerprint,
+        **moving,
+        calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
+        model=fit.level,
+        method=fit.method,
+        objective=Objective(
+            name=fit.objective,
+            value_mm=(fit.rms if fit.value is None else fit.value) / MM,
+            lower_bound_mm=None if fit.lower_bound is None else fit.lower_bound / MM,
+        ),
+        choice=EvidenceChoice.of(fit) if isinstance(fit, EvidenceFit) else done.choice,
+        evidence=_evidence(done),
+        rank=fit.rank,
+        parameter_count=fit.parameter_count,
+        parameters=fit.parameters(),
+        covariance=CovarianceSection.of(certainty.covariance),
+        certainty=CertaintySection.of(
+            certainty,
+            None  # the nominal robot promises nothing
+            if fit.level == "nominal"
+            else workspace_coverage(robot, nominal, fitted_points.q, heldout.q),
+        ),
+        held=fit.held(),
+        observability=Observability.of_average(fit) if isinstance(fit, EvidenceFit) else Observability.of(fit),
+        history={} if fit.history is None else fit.history.columns(),
+        placement_nominal=Placement.of(nominal),
+        tool_shape_mm=in_mm(done.tool_shape),
+        sessions=[
+            SessionSection(name=name, base=PoseSection.of(T))
+            for name, T in zip(done.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
+        ],
+        earlier=added_to[0].fingerprint if added_to else None,
+        references_mm=in_mm(done.references),
+        fit=Errors.of(robot, fitted_points, errors.fit),
+        fit_nominal=Errors.of(nominal, fitted_points, errors.fit_nominal),
+        heldout=Errors.of(robot, heldout, errors.heldout),
+        heldout_nominal=Errors.of(nominal, heldout, errors.heldout_nominal),
+        heldout_least_squares=_least_squares_errors(done),
+        poses_fit=fitted_points.poses,
+        poses_heldout=heldout.poses,
+        poses_excluded=done.poses_measured
+        - fitted_points.poses
+        - (0 if features else heldout.poses),  # poses at features are fitted, and left out in turn,
+        features=features,
+        points=PointTable.of(fitted_points, heldout, errors, placed=features is None),
+        poses=_pose_table(done),
+        excluded=list(done.excluded),
+        notes=list(done.notes),
+        doubts=list(done.doubts),
+        mesh_folders=_mesh_folders(done, added_to) or None,
+        urdf_witnesses=urdf_check.check(urdf_bytes, robot.arm),
+        largest_link_shift_mm=urdf.largest_link_shift(done.urdf, robot.arm) / MM,
+        software=dict(software()),
+        seconds=time.perf_counter() - started,
+    )
+    return content.model_copy(update={"doubts": list(verdict_of(content).doubts)}), urdf_bytes
+
+
+def _mesh_folders(done: Proven, added_to: Sequence[Record]) -> list[str]:
+    """Where the meshes of the robot's URDF lie, unless every reader looks there."""
+    folders = [*done.options.package_dirs, *(folder for record in added_to for folder in record.mesh_folders or ())]
+    finder = urdf_xml.MeshFolders(done.robot_file.parent, robots.package_dirs(*folders))
+    return urdf_xml.mesh_folders(done.urdf.tree.getroot(), finder, robots.package_dirs())
+
+
+def _evidence(done: Proven) -> EvidenceSection | None:
+    """Of an average, with what each family of terms explains on the held-out poses."""
+    if not isinstance(done.fit, EvidenceFit):
+        return None
+    if done.features is not None:
+        return EvidenceSection.of(done.fit)
+    # poses of another file were not measured while the arm warmed up as in the fit
+    elapsed = done.heldout_motion.elapsed if done.verification is None else None
+    return EvidenceSection.of(done.fit, explain(done.fit, done.heldout_points, elapsed))
+
+
+def _least_squares_errors(done: Proven) -> Errors | None:
+    """Held-out errors of the fit by least squares, where another objective was asked for."""
+    least_squares, points = done.fit.least_squares, done.heldout_points
+    return (
+        None
+        if least_squares is None
+        else Errors.of(least_squares.robot, points, distances(least_squares.robot, points))
+    )
+
+
+def _pose_table(done: Proven) -> PoseTable:
+    """All poses, with the directions from which their joints were reached."""
+    sets, motions = (done.fit_points, done.heldout_points), (done.fit_motion, done.heldout_motion)
+    if done.verification is None:
+        sides = _came_from(done.measurements, sets)
+    else:
+        sides = [*_came_from(done.measurements, sets[:1]), *_came_from(done.verification, sets[1:])]
+    elapsed = [motion.elapsed for motion in motions if motion.elapsed is not None]
+    number = np.concatenate(elapsed) if elapsed else np.zeros(0)
+    return PoseTable.of(*sets, done.urdf.arm, np.concatenate(sides), number)
+
+
+def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:
+    """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints), of each set."""
+    names = measurements.of_poses("pose")
+    groups = measurements.of_poses("group") if "group" in measurements.cells.columns else None
+    q = measurements.joints()
+    sign = np.sign(np.nan_to_num(last_moves(q, groups)))
+    rows, *numbers = repeats.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))
+    size = 1 + max(numbers_.max(initial=-1) for numbers_ in (rows, *numbers))
+    # of poses with the same name and joints it is not known which one this is
+    has_sign, sign_of = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))
+    has_sign[rows], sign_of[rows] = True, sign
+    unlike = (sign_of[rows] != sign).astype(float)
+    sign_of[np.column_stack([np.bincount(rows, column, minlength=size) for column in unlike.T]) > 0] = 0.0
+    # those of an earlier calibration are not in the file
+    pairs = zip(numbers, sets, strict=True)
+    return [np.where(has_sign[number, None], sign_of[number], np.sign(points.moves())) for number, points in pairs]
+
+
+@cache
+def software() -> Mapping[str, str]:
+    """Versions of what a result depends on."""
+    packages = {}
+    for name in ("numpy", "scipy", "pandas", "pin", "yourdfpy"):
+        with suppress(PackageNotFoundError):  # pin has no wheels for some systems
+            packages[name] = version(name)
+    return {"python": platform.python_version(), "irbcal": __version__, **packages}

@@ -1,0 +1,359 @@
+"""Calibration from rows at features, without a tracker: read, fit, prove.
+
+The steps give what those of `irbcal.pipeline` give. All rows but gross errors are fitted; the proof leaves each place
+out in turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from os import PathLike
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import FloatArray, locked
+from irbcal.calibration_options import CalibrationOptions, Progress
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.identification import feature_errors
+from irbcal.identification.choices import LEVELS
+from irbcal.identification.feature_fit import (
+    FeatureFit,
+    as_points,
+    frames_of,
+    identify_without_gross_errors,
+    shape_only,
+)
+from irbcal.identification.feature_problem import FeatureProblem, Key
+from irbcal.identification.images import numbered_alike
+from irbcal.identification.observation_kind import SHOWN
+from irbcal.io import robots
+from irbcal.io.opening import calibration_at, open_nominal
+from irbcal.io.schema import FeatureRow, FeaturesSection, LengthRow, PlaceRow
+from irbcal.measurement import features as feature_files
+from irbcal.measurement import recordings
+from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.levels import Level
+from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
+from irbcal.modeling.terms.situation import Motion
+from irbcal.options import checked
+from irbcal.pipeline import Doubted, Inputs, PointErrors, Proven, next_step, robot_notes, source_of
+from irbcal.units import MM
+from irbcal.validation.feature_proof import FeatureProof
+from irbcal.validation.feature_proof import prove as prove_places
+
+NEARLY_PARALLEL = 1e-6
+"""Radians between two axes below which the nominal arm has them parallel."""
+OPEN = 0.5
+"""Share of what was not known of the tool's position that rows at features may leave open without a doubt."""
+LENGTH_ERROR = 0.1 * MM
+"""Error of known lengths below which it is no doubt, metres."""
+LENGTHS_WORSE, LENGTHS_OPEN = 2.0, 3.0
+"""How many times the nominal robot's error, and what the rows leave open of the tool's place, lengths must miss while
+their places are left out: a fit without a place knows less about it, too."""
+
+
+def read_rows(options: CalibrationOptions, say: Progress) -> Inputs:
+    """Rows at features and their nominal robot."""
+    measurements, robot = options.measurements, options.robot
+    if robot is None or calibration_at(robot) is not None:
+        raise OptionError(
+            "robot: rows at features start from a URDF or a robot's name, not from a calibration", parameter="robot"
+        )
+    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling, options.package_dirs)
+    say("reading the measurements")
+    if isinstance(measurements, (list, tuple)):
+        raise MeasurementError(
+            f"expected one file of rows at features, found {len(measurements)}", parameter="measurements"
+        )
+    if not isinstance(measurements, (str, PathLike, pd.DataFrame)):
+        if not isinstance(measurements, MeasurementSet):
+            measurements = measurements.measurements()
+        measurements = measurements.to_frame()
+    assert options.features is not None
+    rows = feature_files.read(*recordings.corner_rows(measurements, options.features, nominal.arm), nominal.arm)
+    if isinstance(measurements, (str, PathLike)):
+        rows = replace(rows, source=str(measurements))
+    rows = numbered_alike(rows, nominal.arm.forward(rows.q)[:, :3, :3])
+    if options.payload_place is not None:
+        if "payload_kg" not in rows.inputs or "payload_place" in rows.inputs:
+            there = "payload_kg" in rows.inputs
+            reason = "the rows tell the payload's place" if there else "there is no column payload_kg"
+            raise OptionError(f"payload_place: {reason}: leave it out", parameter="payload_place")
+        centre = np.asarray(options.payload_place, dtype=float)
+        rows = replace(rows, inputs={**rows.inputs, "payload_place": np.tile(centre, (len(rows), 1))})
+    if shape_only(rows):
+        raise IdentificationError(
+            "these rows only say that points lie in planes or on lines whose places are unknown: a fit makes them "
+            "flatter and may make the robot worse (on a real one tracker errors grew 2.4 times); add a ball or a "
+            "socket at several places, a known length, a ballbar or a string",
+            file=rows.source,
+        )
+    file = robots.robot_file(robot)
+    notes = robot_notes(file, None, nominal.arm)
+    if options.model in ("11", "16", "26", "34") and abs(np.sin(nominal.arm.table.alpha[2])) < NEARLY_PARALLEL:
+        notes.append(
+            f"Model {options.model} has no tilt between the parallel axes 2 and 3: intervals from rows at features are "
+            "too narrow with it. Where they count, take auto, 34b or placement."
+        )
+    return Inputs(
+        options=options,
+        urdf=nominal,
+        robot_file=file,
+        nominal_source=source_of(robot, options.package_dirs),
+        measurements=rows.as_measurements(),
+        feature_rows=rows,
+        notes=tuple(notes),
+    )
+
+
+def fit_rows(inputs: Inputs, say: Progress) -> Doubted:
+    """Identify from all rows at features but for gross errors; `prove_rows` leaves places out."""
+    rows, arm = inputs.feature_rows, inputs.urdf.arm
+    assert rows is not None
+    level, terms = _terms(inputs.options, arm)
+    goal = inputs.options.goal
+    try:
+        feature_fit, left_out, doubt = identify_without_gross_errors(arm, rows, terms, progress=say, goal=goal)
+    except IdentificationError as error:
+        reading = feature_errors.other_reading(arm, rows)
+        if reading is None:
+            raise
+        raise IdentificationError(
+            f"{error}; the rows look like {reading.words}: read so, they are met within {reading.rms / MM:.3g} mm "
+            "(root mean square)",
+            file=rows.source,
+        ) from error
+    feature_fit = replace(feature_fit, level=level)
+    remaining = feature_fit.problem.rows
+    points = as_points(remaining)
+    motion = Motion(points.q)
+    nobody = np.zeros(points.poses, dtype=bool)
+    elsewhere = feature_errors.at_another_feature(feature_fit, rows, left_out)
+    return next_step(
+        Doubted,
+        inputs,
+        feature_rows=remaining,
+        points=points,
+        motion=motion,
+        excluded=tuple(
+            Exclusion(
+                pose=str(rows.pose[k]),
+                target=str(rows.target[k]),
+                reason=f"row {row} ({rows.feature[k] or rows.kind[k]}) is {left_out[row] / MM:.2f} mm "
+                "beside what all other rows say" + (f": it is at {there}" if (there := elsewhere.get(row)) else ""),
+            )
+            for k, row in enumerate(rows.row.tolist())
+            if row in left_out
+        ),
+        doubts=(*((doubt,) if doubt else ()), *feature_errors.doubts(feature_fit)),
+        fit_points=points,
+        fit_motion=motion,
+        heldout_points=points.select(nobody),
+        heldout_motion=motion.select(nobody),
+        poses_measured=rows.poses,
+        fit=feature_fit,
+        nominal_robot=feature_fit.nominal_robot,
+    )
+
+
+def _terms(options: CalibrationOptions, arm: Arm) -> tuple[Level | Literal["auto"], str | tuple[Parameter, ...]]:
+    """The model for rows at features, and its terms: those that are averaged, or the error parameters of a level."""
+    if options.model in (None, "auto") and not options.of_levels:
+        return "auto", options.terms
+    level = default_level(arm) if options.model is None else checked("model", str(options.model), LEVELS)
+    chosen = selected_parameters(level, options.free, options.hold, arm)
+    if not any(item.name.startswith("delta_") for item in chosen):
+        raise OptionError(
+            f"model {level} at features needs a constant of the geometry (delta_…), and none is left: hold fewer",
+            parameter="hold",
+        )
+    return level, chosen
+
+
+def prove_rows(done: Doubted, say: Progress) -> Proven:
+    """Leave each place out in turn, and look for what speaks against the result."""
+    options, rows, fit, points = done.options, done.feature_rows, done.fit, done.fit_points
+    assert rows is not None
+    assert isinstance(fit, FeatureFit)
+    terms = _terms(options, done.urdf.arm)[1]
+    try:
+        proof = prove_places(done.urdf.arm, rows, options.leave_out, terms, options.seed, say, options.goal)
+    except IdentificationError as error:
+        raise IdentificationError(" ".join((f"{error}.", *done.doubts)) if done.doubts else str(error)) from None
+    section = _section(fit, proof)
+    against = (*done.doubts, *doubts_of(section), *fit.doubts())
+    order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")
+    calibrated, nominal = (fit.problem.distances(state)[order] for state in (fit.state, fit.nominal_state))
+    heldout, left_out = done.heldout_points, (np.zeros(0), np.zeros(0))
+    if proof is not None:
+        missed = [proof.of_rows(len(rows), calibrated)[order] for calibrated in (True, False)]
+        tested = np.isfinite(missed[0])
+        left_out = missed[0][tested], missed[1][tested]
+        heldout = points if tested.all() else points.take(tested).without_empty_poses() if tested.any() else heldout
+    return next_step(
+        Proven,
+        done,
+        heldout_points=heldout,
+        errors=PointErrors(*map(locked, (calibrated, nominal, *left_out))),
+        features=section,
+        doubts=against,
+        notes=(*against, *done.notes, *_notes(section), *fit.sentences()),
+    )
+
+
+def doubts_of(section: FeaturesSection) -> list[str]:
+    """What speaks against it, whatever the rows say of each other."""
+    doubts = (
+        []
+        if section.scale_measured
+        else [
+            "No length was measured that tells the size of the arm: a robot whose links are all 0.3 % longer than "
+            "nominal fits these rows as well, and would be calibrated worse than it is. Add a known length between two "
+            "features (a bar), or rows that a tracker measured."
+        ]
+    )
+    pairs = [(e.nominal_mm, e.heldout_mm) for e in section.lengths if None not in (e.nominal_mm, e.heldout_mm)]
+    if pairs:
+        nominal, heldout = np.sqrt(np.mean(np.array(pairs, dtype=float) ** 2, axis=0))
+        if heldout > max(LENGTHS_WORSE * nominal, LENGTHS_OPEN * section.open_mm, LENGTH_ERROR / MM):
+            doubts.append(
+                f"Known lengths come out {heldout:.3f} mm wrong (root mean square) while their places are left out, "
+                f"with the nominal robot {nominal:.3f} mm: a length is wrong, features moved, or rows are at others "
+                "than they say."
+            )
+    if section.open_mm <= OPEN * section.before_mm:
+        return doubts
+    return [
+        *doubts,
+        f"These rows leave {section.open_mm:.3f} mm of the {section.before_mm:.3f} mm open that the tool's place is "
+        "uncertain by (root mean square, at joints like these): they agree with each other, but tell too little of the "
+        "arm. Measure at more places, or add known lengths.",
+    ]
+
+
+def _notes(section: FeaturesSection) -> list[str]:
+    """What a user should know of it."""
+    notes = [f"{section.scale[0].upper()}{section.scale[1:]}."] if section.scale else []
+    if not section.framed:
+        notes.append(
+            "Nothing ties the features to a measuring frame: the base is the nominal one, and places are those of the "
+            "base link."
+        )
+    notes.append(
+        f"At joints like these the tool's place is known within {section.open_mm:.3f} mm (root mean square, predicted; "
+        f"{section.before_mm:.3f} mm before these rows): no tracker has seen it."
+    )
+    return notes
+
+
+def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
+    """What is known of the features, of each place while it was left out, and of lengths."""
+    problem, rows = fit.problem, fit.problem.rows
+    before_mm, std_after = fit.left_open()
+    lengths = {} if proof is None else proof.lengths
+    return FeaturesSection(
+        kinds=rows.kinds(),
+        framed=problem.framed,
+        scale_measured=fit.scale_measured,
+        left_out=None if proof is None else proof.by,
+        before_mm=before_mm / MM,
+        open_mm=std_after / MM,
+        features=_feature_rows(fit),
+        places=[
+            PlaceRow(
+                name=proof_of_place.name,
+                rows=len(proof_of_place.rows),
+                nominal_mean_mm=float(proof_of_place.nominal.mean()) / MM,
+                nominal_max_mm=float(proof_of_place.nominal.max()) / MM,
+                mean_mm=float(proof_of_place.calibrated.mean()) / MM,
+                rms_mm=float(np.sqrt(np.mean(proof_of_place.calibrated**2))) / MM,
+                max_mm=float(proof_of_place.calibrated.max()) / MM,
+            )
+            for proof_of_place in (() if proof is None else proof.places)
+        ],
+        lengths=[
+            LengthRow(
+                name=length.name,
+                first=length.first,
+                second=length.second,
+                length_mm=length.length / MM,
+                fitted_mm=float(error) / MM,
+                nominal_mm=lengths[length.name][0] / MM if length.name in lengths else None,
+                heldout_mm=lengths[length.name][1] / MM if length.name in lengths else None,
+            )
+            for length, error in zip(rows.lengths, problem.length_errors(fit.state), strict=True)
+        ],
+        named=rows.named,
+        scale_from=fit.scale_from,
+    )
+
+
+def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
+    problem, rows = feature_fit.problem, feature_fit.problem.rows
+    labels = rows.places("place") if "place" in rows.cells.columns else rows.places()
+    residuals = [problem.distances(state) for state in (feature_fit.nominal_state, feature_fit.state)]
+    tool = np.zeros((len(rows), 3))
+    stated: dict[str, dict[str, list[float]]] = {}
+    in_base: dict[Key, FloatArray] = {}
+    for miss in problem.group_residuals(feature_fit.state):
+        tool[miss.group.rows] = miss.p
+        unknown, given = miss.group.keys(), stated.setdefault(miss.group.feature.name, {})
+        for name, value in miss.in_base.items():
+            if name in unknown:
+                in_base[unknown[name]] = value
+            if name not in unknown:
+                given[name] = (np.ravel(value) / SHOWN[miss.group.kind.unknowns[name].unit]).tolist()
+    out = []
+    for name, feature in rows.features.items():
+        of_feature = rows.feature == name
+        nominal, fitted_rms = (float(np.sqrt(np.mean(each[of_feature] ** 2))) / MM for each in residuals)
+        values: dict[str, list[float]] = {}
+        std: dict[str, list[float]] = {}
+        for key, unit in _unknowns(problem, name).items():
+            shape = problem.layout[key][0]
+            value, deviation = in_base[key], feature_fit.std_of(key)
+            if shape in ("axis", "line"):
+                values[key[0]] = value[:, 2].tolist()
+                if shape == "line":
+                    values["through"] = (value[:, 3] / MM).tolist()
+                    deviation = deviation[:2]
+            else:
+                values[key[0]] = ((frames_of(value) if shape == "turn" else value) / unit).tolist()
+            std[key[0]] = (deviation / unit).tolist()
+        out.append(
+            FeatureRow(
+                name=name,
+                kind=feature.kind,
+                target=feature.target,
+                rows=int(of_feature.sum()),
+                place=str(labels[np.flatnonzero(of_feature)[0]]),
+                rms_mm=fitted_rms,
+                nominal_rms_mm=nominal,
+                found=values,
+                std=std,
+                known=stated[name],
+                middle_mm=(tool[of_feature].mean(axis=0) / MM).tolist(),
+                spread_mm=float(np.sqrt(tool[of_feature].var(axis=0).sum())) / MM,
+                imaging={} if feature.imaging is None else feature.imaging.columns(),
+            )
+        )
+    return out
+
+
+def _unknowns(problem: FeatureProblem, feature: str) -> dict[Key, float]:
+    """What was unknown of a feature, and numbers of what looked at it, with the units they are shown in."""
+    owns = {
+        key: group.kind.unknowns[name]
+        for group in problem.groups
+        if group.feature.name == feature
+        for name, key in group.keys().items()
+    }
+    return {
+        key: SHOWN[owns[key].unit]
+        for key in problem.layout
+        if key in owns and (owns[key].of == "feature" or owns[key].shape == "number")
+    }
