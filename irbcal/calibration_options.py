@@ -12,7 +12,7 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
-from irbcal.declared_options import Bounds, HelpPanel, check_fields, given
+from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields, given
 from irbcal.errors import OptionError
 from irbcal.identification.choices import Goal, Loss, Method, Model, Objective, Parallel, Terms
 from irbcal.options import names, number, place
@@ -33,8 +33,6 @@ HOLDOUT = 0.25
 Progress: TypeAlias = Callable[[str], Any]
 """Called with a short text at each step."""
 
-EVERYDAY = HelpPanel("Everyday")
-MEASUREMENTS = HelpPanel("Measurements")
 URDF = HelpPanel("URDF")
 AT_FEATURES = "rows at features take it"
 OF_LEVELS = "levels of the error model take it, model auto does not"

@@ -34,6 +34,10 @@ class HelpPanel(str):
     __slots__ = ()
 
 
+EVERYDAY = HelpPanel("Everyday")
+MEASUREMENTS = HelpPanel("Measurements")
+
+
 @dataclass(frozen=True)
 class Bounds:
     """Mark of an option that is a number: the smallest and the largest that make sense."""

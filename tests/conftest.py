@@ -139,7 +139,9 @@ def fits_once(shared_folder):
     compute = calibration.run
 
     def run(options):
-        key = pickle.dumps(sorted((name, _content(value)) for name, value in vars(options).items() if name != "progress"))
+        key = pickle.dumps(
+            sorted((name, _content(value)) for name, value in vars(options).items() if name != "progress")
+        )
         path = shared_folder / f"fit-{hashlib.sha256(key).hexdigest()}"
         if not path.exists():
             part = path.with_suffix(f".{os.getpid()}")

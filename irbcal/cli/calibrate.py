@@ -174,11 +174,7 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
         "frame_points": Typed(str, "POSE/TARGET,…", _frame_points),
     },
     flags={"tracker_u95": "--tracker-u95-mm"},
-    panels={
-        "Everyday": ("tolerance", "report", "intervals", "refit_base", "refit_tool", "refit_zeros", "verbose", "json"),
-        "Measurements": ("payload", "same_tool", "include_fitted", "sphere", "tracker_u95"),
-        "Certificate": ("info", "language", "figures", "data", "rule", "region_only"),
-    },
+    panels={"Everyday": ("report", "verbose", "json"), "Certificate": ("language", "figures", "data")},
 )
 def evaluate(
     options: dict[str, Any],

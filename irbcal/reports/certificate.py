@@ -23,7 +23,8 @@ from irbcal.reports import report_page
 from irbcal.reports.languages import LANGUAGES, Language, translated
 from irbcal.reports.report_page import as_csv
 from irbcal.units import MM
-from irbcal.validation.evaluation import MODELS, Evaluation
+from irbcal.validation.evaluation import Evaluation
+from irbcal.validation.judged_points import MODELS
 from irbcal.validation.provenance import FIELDS, Origin
 
 __all__ = ["certificate", "render"]

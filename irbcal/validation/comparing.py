@@ -30,7 +30,7 @@ from irbcal.summary import Cell, Paragraph, Result, Table, rows, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
-from irbcal.validation.evaluation import carrying, in_frame_of_calibration
+from irbcal.validation.frame_of_calibration import carrying, in_frame_of_calibration
 from irbcal.validation.refit import Refit
 
 if TYPE_CHECKING:

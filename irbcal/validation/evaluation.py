@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from irbcal import parallel
-from irbcal.arrays import BoolArray, FloatArray, NameArray, coded
-from irbcal.errors import MeasurementError, OptionError
-from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.arrays import FloatArray
+from irbcal.errors import MeasurementError
+from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Record
 from irbcal.measurement import pieces, table
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import PAYLOAD, with_extra_columns
-from irbcal.measurement.motions import with_last_moves
-from irbcal.measurement.points import PointSet, distances, rotation_distances
-from irbcal.measurement.reading_lag import mixed_use
-from irbcal.measurement.repeats import repeat_groups
+from irbcal.measurement.columns import with_extra_columns
+from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.home import line_at_home
-from irbcal.modeling.lost_zeros import lost_joints
 from irbcal.modeling.robot import Robot
-from irbcal.options import checked, number, place
-from irbcal.options import seed as check_seed
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_errors import ModelErrors, PoseErrorPlots, PoseErrors
 from irbcal.statistics import rotation_statistics, statistics
@@ -38,32 +30,36 @@ from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.cleaned_points import (
     CleanedPoints,
-    doubts_of,
-    lost_row,
     prepare,
     refuse_far_points,
-    without_fitted,
 )
-from irbcal.validation.conformity import Conformity, Region, Requirement, Rule, conformity, region, requirement
+from irbcal.validation.conformity import Conformity, Region, conformity, region
 from irbcal.validation.length_scale import length_scale, scale_in_words
-from irbcal.validation.provenance import Origin, checked_info, origin
+from irbcal.validation.provenance import Origin, origin
 from irbcal.validation.refit import Refit
 from irbcal.validation.verdict import Verdict, counted
 from irbcal.validation.verdict import verdict as verdict_of_points
 
 if TYPE_CHECKING:
     import pandas as pd
+from irbcal.declared_options import takes_fields_of
+from irbcal.validation.evaluation_options import EvaluationOptions
+from irbcal.validation.frame_of_calibration import carrying
+from irbcal.validation.judged_points import (
+    MODELS,
+    PARTS,
+    Asked,
+    ByModel,
+    JudgedPoints,
+    PreparedPoints,
+    Statistics,
+    joined_pieces,
+    known,
+    prepared,
+)
 
-
-PARTS = ("per_target", "per_group", "per_payload", "per_group_payload")
-MODELS = ("nominal", "calibrated")
 KEYS = ("n", "mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm", "rms_mm")
 FOUR = ("mean", "sigma", "max", "mean_plus_3sigma")
-
-Statistics: TypeAlias = Mapping[str, Any]
-"""STATS: n, mean_mm, sigma_mm, max_mm, mean_plus_3sigma_mm, rms_mm."""
-ByModel: TypeAlias = Mapping[str, Statistics]
-"""Statistics of the models ``nominal`` and ``calibrated``."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -304,42 +300,9 @@ def orientation_line(model: str, values: Mapping[str, Any]) -> str:
     )
 
 
-RELATIVE = ("virtual", "three-points")
-
-NOTHING = Refit()
-"""Base and tool stay where the calibration has them."""
-
-T = TypeVar("T")
-EVERY = slice(None)
-
-
 @on_workers
-def evaluate(
-    calibration: CalibrationLike,
-    measurements: table.MeasurementsLike,
-    *,
-    refit_base: bool = False,
-    refit_tool: bool = False,
-    refit_from: int | None = None,
-    refit_zeros: Sequence[int] = (),
-    intervals: bool = False,
-    include_fitted: bool = False,
-    relative: Literal["virtual", "three-points"] | None = None,
-    frame_points: Sequence[tuple[str, str]] | None = None,
-    sphere: Sequence[float] | None = None,
-    flange: bool = False,
-    verified: table.MeasurementsLike | None = None,
-    seed: int = 0,
-    payload: float | None = None,
-    same_tool: bool = False,
-    tolerance: float | None = None,
-    rule: Rule | None = None,
-    tracker_u95: float | None = None,
-    region_only: bool = False,
-    info: Mapping[str, str] | None = None,
-    jobs: int | None = None,
-    progress: Callable[[str], Any] | None = None,
-) -> Evaluation:
+@takes_fields_of(EvaluationOptions)
+def evaluate(options: EvaluationOptions) -> Evaluation:
     """Errors of a calibration and of its nominal robot on other measurements.
 
     Files of a million rows and more (CSV or Parquet) are judged in pieces, in memory that hardly grows with them: all
@@ -347,275 +310,38 @@ def evaluate(
     pose are looked for within a piece. What needs all points at once is not done so: ``refit_base``, ``refit_tool``,
     ``relative``, ``flange``, ``verified``, ``sphere``, reference points, sessions.
 
-    Parameters
-    ----------
-    calibration : str, Path or a loaded calibration
-    measurements : str, Path, DataFrame or MeasurementSet
-        Registered to the calibration's reference points where both have them.
-    refit_base : bool
-        Place the base anew for each model (for measurements from another tracker station without references).
-    refit_tool : bool
-        Place the targets anew for each model, because reflectors were mounted anew; their names may be others.
-    refit_from : int, optional
-        Poses from which base and tool are placed anew; they are not judged. By default half of them with
-        ``refit_tool``; with ``refit_base`` alone all poses, which are judged, too.
-    refit_zeros : sequence of int
-        Joints, from 1, whose zeros were lost (a crash, another motor): they are found with what is placed anew, all
-        else of the robot stays, and a note tells them with their intervals.
-    intervals : bool
-        Add bootstrap intervals, see `irbcal.validation.accuracy`, and by target how many measured coordinates lie
-        within the predicted 95 % intervals, see `irbcal.modeling.robot.Robot.predict`.
-    include_fitted : bool
-        Keep poses that the calibration was fitted to; they are counted out otherwise.
-    relative : {"virtual", "three-points"}, optional
-        Add relative errors, see `irbcal.validation.accuracy`.
-    frame_points : sequence of three (pose, target), optional
-        The points of the frame for ``three-points``.
-    sphere : sequence of four float, optional
-        Centre in the base link and diameter, metres: regard only points measured inside.
-    flange : bool
-        Add position and orientation errors of the tip from three targets or measured orientations.
-    verified : str, Path, DataFrame or MeasurementSet, optional
-        Measurements of the same poses (by name) run with this calibration's fake targets.
-    seed : int
-        Of the bootstrap and of the poses for ``refit_from``.
-    payload : float, optional
-        Mass carried, kg, where the measurements do not tell it (column ``payload_kg``).
-    same_tool : bool
-        With a load that the calibration does not know the reflectors are where they were with its usual load.
-    tolerance : float, optional
-        What the calibrated robot is judged by, metres, see `irbcal.validation.conformity`.
-    rule : {"mean3sigma", "max", "percentile"}, optional
-        What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th.
-    tracker_u95 : float, optional
-        Expanded uncertainty (95 %) of a measured position, metres, which is added to the upper bound of that figure; by
-        default the largest ``u95_mm`` of the measurements, else `irbcal.validation.conformity.ASSUMED_U95`.
-    region_only : bool
-        Judge the tolerance for the region of these poses only, which the certificate states; else they must cover the
-        calibrated ranges, see `irbcal.validation.conformity`.
-    info : dict of str to str, optional
-        What a certificate tells besides: ``serial_number``, ``operator`` and others of
-        `irbcal.validation.provenance.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
-    jobs : int, optional
-        Threads for large problems, processes for long files; as many as there are cores unless given. The result does
-        not depend on it.
-    progress : callable, optional
-        Called with a short text after each piece of a long file.
-
     Raises
     ------
     IrbcalError
         If an input is refused.
     """
-    check_seed(seed)
-    if sphere is not None:
-        place("sphere", sphere, "x, y, z of the centre and the diameter in metres", (4,))
-    if relative is not None:
-        checked("relative", relative, RELATIVE)
-    if frame_points is not None and relative != "three-points":
-        raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
-    record = open_calibration(calibration)
-    request = _Request(
-        record=record,
-        required=requirement(tolerance, rule, tracker_u95, region_only),
-        info=checked_info(info),
-        refit=Refit(refit_base, refit_tool, refit_from, seed, lost_joints(refit_zeros, record.arm(calibrated=False))),
-        intervals=intervals,
-        include_fitted=include_fitted,
-        relative=relative,
-        frame_points=frame_points,
-        sphere=sphere,
-        flange=flange,
-        verified=verified,
-        seed=seed,
-        payload=payload,
-        same_tool=same_tool,
-    )
-    file = None if request.needs_all_points else pieces.long_file(measurements)
+    asked = Asked.of(options)
+    file = None if asked.needs_all_points else pieces.long_file(options.measurements)
     if file is not None and not pieces.read(file.pieces[0]).is_reference().any():
-        return _of_long_file(calibration, request, file, progress)
-    prepared = _prepared(request, carrying(table.read(measurements), payload))
-    judged = prepared.judged()
-    return _evaluation(calibration, request, prepared, judged, judged)
-
-
-@dataclass(frozen=True, eq=False)
-class _Request:
-    """What `evaluate` was asked, checked."""
-
-    record: Record
-    required: Requirement | None
-    info: dict[str, str]
-    refit: Refit
-    intervals: bool
-    include_fitted: bool
-    relative: Literal["virtual", "three-points"] | None
-    frame_points: Sequence[tuple[str, str]] | None
-    sphere: Sequence[float] | None
-    flange: bool
-    verified: table.MeasurementsLike | None
-    seed: int
-    payload: float | None
-    same_tool: bool
-
-    @property
-    def needs_all_points(self) -> bool:
-        """Whether something is asked for that all points give together, so that a file is not judged in pieces."""
-        wanted = self.refit or self.relative or self.flange or self.verified is not None or self.sphere is not None
-        return bool(wanted)
-
-
-@dataclass(frozen=True, eq=False)
-class _PointErrors:
-    """Errors of m points under both models, and what divides the points."""
-
-    distance: Mapping[str, NDArray[Any]]
-    turn: Mapping[str, NDArray[Any]]
-    """Distances (m,), metres, and angles where orientations were measured, radians, by model."""
-    pose: NDArray[Any]
-    """Whole numbers, shape (m,)."""
-    place: NDArray[Any] | None
-    """Whole numbers, shape (m,). Place of each point, which repeats of a pose share; None where each pose has its own.
-    """
-    labels: Mapping[str, tuple[NDArray[Any], list[str]]]
-    """Numbers, shape (m,), and the labels that they count. Of each of `PARTS`: number of each point's label, and the
-    labels; points with an empty one belong to no part.
-    """
-
-    @property
-    def places(self) -> NDArray[Any]:
-        """Place of each point."""
-        return self.pose if self.place is None else self.place
-
-    def statistics(self, points: Any = EVERY) -> ByModel:
-        """Statistics of the points of a mask."""
-        return {name: _known(statistics(distance[points])) for name, distance in self.distance.items()}
-
-    def percentiles(self) -> ByModel:
-        """Percentiles of all points."""
-        return {name: _known(accuracy.percentiles(distance)) for name, distance in self.distance.items()}
-
-    def orientation(self) -> ByModel | None:
-        """Statistics of the angles; None where no orientation was measured."""
-        turns = {name: rotation_statistics(turn) for name, turn in self.turn.items()}
-        return None if turns["nominal"] is None else {name: _known(turn) for name, turn in turns.items()}
-
-    def intervals(self, seed: int) -> dict[str, Any]:
-        """Bootstrap intervals of all points and of parts; repeats of a place are drawn together."""
-
-        def by_model(points: Any = EVERY) -> dict[str, Any]:
-            return {
-                name: accuracy.intervals(distance[points], self.places[points], seed=seed)
-                for name, distance in self.distance.items()
-            }
-
-        settings = {"level": accuracy.LEVEL, "resamples": accuracy.RESAMPLES, "seed": seed}
-        return {**settings, **by_model(), **self.by_label(by_model)}
-
-    def by_label(self, compute: Callable[[BoolArray], T]) -> dict[str, dict[str, T]]:
-        """``compute(mask)`` for each label of each of `PARTS`, in the order of the alphabet."""
-        out = {}
-        for kind, (codes, names) in self.labels.items():
-            ordered = sorted((name, code) for code, name in enumerate(names) if name)
-            out[kind] = {name: compute(codes == code) for name, code in ordered}
-        return out
-
-    def small(self) -> _PointErrors:
-        """In four bytes a number, and less for labels: a worker sends them, and there may be a hundred million."""
-
-        def in_bytes(codes: NDArray[Any], names: list[str]) -> tuple[NDArray[Any], list[str]]:
-            return codes.astype(np.min_scalar_type(len(names)))[: None if len(names) > 1 else 1], names
-
-        return _PointErrors(
-            {name: distance.astype(np.float32) for name, distance in self.distance.items()},
-            {name: turn.astype(np.float32) for name, turn in self.turn.items()},
-            self.pose.astype(np.int32),
-            None if self.place is None else self.place.astype(np.int32),
-            {kind: in_bytes(*coded) for kind, coded in self.labels.items()},
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """Errors of measurements, and what is known of these: of a file, or of a piece of a long one."""
-
-    errors: _PointErrors
-    poses: int
-    fitted: int | None
-    """``fitted`` are at joints that were fitted; None where that is not known."""
-    counted_out: int
-    excluded: tuple[Exclusion, ...]
-    proven: bool
-    basis: str
-    """See `irbcal.validation.cleaned_points.CleanedPoints`."""
-    against: tuple[str, ...]
-    notes: tuple[str, ...]
-    u95: float
-    """The largest uncertainty that is declared, metres; not a number where none is."""
-    simulated: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """Measurements that are ready to be judged, the robots that predict them, and what speaks against their errors."""
-
-    record: Record
-    cleaned: CleanedPoints
-    robots: Mapping[str, Robot]
-    against: tuple[str, ...]
-
-    def judged(self) -> _Judged:
-        """Their errors."""
-        cleaned, points = self.cleaned, self.cleaned.points
-        place = repeat_groups(points)
-        alone = len(np.unique(place)) == points.poses
-        errors = _PointErrors(
-            {name: distances(robot, points) for name, robot in self.robots.items()},
-            {name: rotation_distances(robot, points) for name, robot in self.robots.items()},
-            points.pose,
-            None if alone else place[points.pose],
-            {kind: coded(labels) for kind, labels in _parts(cleaned).items()},
-        )
-        return _Judged(
-            errors=errors,
-            poses=points.poses,
-            fitted=None if cleaned.at_fitted is None else int(cleaned.at_fitted.sum()),
-            counted_out=cleaned.counted_out,
-            excluded=tuple(cleaned.excluded),
-            proven=cleaned.proven,
-            basis=cleaned.basis,
-            against=self.against,
-            notes=_notes(cleaned, self.record),
-            u95=np.nan if points.u95 is None or not np.isfinite(points.u95).any() else float(np.nanmax(points.u95)),
-            simulated=cleaned.measurements.simulated,
-        )
-
-
-def _prepared(request: _Request, measurements: table.MeasurementSet) -> _Prepared:
-    """Clean measurements without fitted poses, and what speaks against them before a sphere is cut out."""
-    record = request.record
-    cleaned, robots = in_frame_of_calibration(record, measurements, request.refit, request.same_tool)
-    cleaned = without_fitted(cleaned.without_copies(), record, request.include_fitted)
-    against = tuple(doubts_of(cleaned.points, robots["calibrated"], record))
-    return _Prepared(record, _inside(cleaned, robots["calibrated"], request.sphere), robots, against)
+        judged, drawn = joined_pieces(asked, file, options.progress)
+        some = prepared(asked, replace(table.read(drawn), source=file.path, sha256=file.sha256))
+        return _evaluation(options.calibration, asked, some, some.judged(), judged)
+    some = prepared(asked, carrying(table.read(options.measurements), options.payload))
+    judged = some.judged()
+    return _evaluation(options.calibration, asked, some, judged, judged)
 
 
 def _evaluation(
-    calibration: CalibrationLike, request: _Request, some: _Prepared, errors_of_some: _Judged, judged: _Judged
+    calibration: CalibrationLike, asked: Asked, some: PreparedPoints, errors_of_some: JudgedPoints, judged: JudgedPoints
 ) -> Evaluation:
     """The evaluation of what was judged; ``some`` are all of its points, or those drawn from a long file.
 
     Figures, coverage and the region are those of ``some``.
     """
-    record, required, refit, errors = request.record, request.required, request.refit, judged.errors
+    record, options, refit, errors = asked.record, asked.options, asked.refit, judged.errors
     robots, points, source = some.robots, some.cleaned.points, some.cleaned.measurements.source
     calibrated = robots["calibrated"]
     fit = record.used_points(heldout=False)
     covered = region(calibrated, points, None if fit is None else fit[0])
     link_lengths = length_scale(record.arm(calibrated=False), record.arm())
     scope = (
-        *_scope(refit, request.sphere, some.cleaned),
-        scale_in_words(link_lengths, points.xyz, request.info.get("scale_bar", "")),
+        *_scope(refit, options.sphere, some.cleaned),
+        scale_in_words(link_lengths, points.xyz, asked.info.get("scale_bar", "")),
         *_open_ends(calibrated.certainty),
     )
     overall, percentiles = errors.statistics(), errors.percentiles()
@@ -630,9 +356,9 @@ def _evaluation(
         basis=judged.basis,
     )
     kept = None
-    if required is not None:
+    if asked.required is not None:
         kept = conformity(
-            required,
+            asked.required,
             {**overall["calibrated"], **percentiles["calibrated"]},
             errors.distance["calibrated"],
             errors.places,
@@ -641,9 +367,9 @@ def _evaluation(
             declared_u95=[judged.u95],
             region=covered,
             simulated=simulated,
-            seed=request.seed,
+            seed=options.seed,
         )
-    of_some = origin(calibration, record, some.cleaned, request.info, scope)
+    of_some = origin(calibration, record, some.cleaned, asked.info, scope)
     of_parts: dict[str, Any] = errors.by_label(errors.statistics)
     return Evaluation(
         **overall,
@@ -651,13 +377,13 @@ def _evaluation(
         percentiles=percentiles,
         largest_covers=accuracy.largest_covers(len(np.unique(errors.places))),
         orientation=errors.orientation(),
-        intervals=errors.intervals(request.seed) if request.intervals else None,
+        intervals=errors.intervals(options.seed) if options.intervals else None,
         coverage=coverage(calibrated, points, moves=refit.base),
         relative=None
-        if request.relative is None
-        else _relative(robots, points, request.relative, request.frame_points, source),
-        flange=_flange(robots, points, source) if request.flange else None,
-        verified=None if request.verified is None else _verified(record, calibrated, points, request.verified),
+        if options.relative is None
+        else _relative(robots, points, options.relative, options.frame_points, source),
+        flange=_flange(robots, points, source) if options.flange else None,
+        verified=None if options.verified is None else _verified(record, calibrated, points, options.verified),
         excluded=judged.excluded,
         verdict=outcome,
         notes=(*judged.against, *judged.notes),
@@ -670,157 +396,6 @@ def _evaluation(
         region=covered,
         conformity=kept,
     )
-
-
-# --- files of millions of rows ----------------------------------------------------------------------------
-
-MOST_POSES = 20_000
-"""Poses of a long file that figures, coverage and the region come from."""
-PIECE_S = 1.0
-"""Seconds that a piece of a long file takes, about."""
-
-
-def _of_long_file(
-    calibration: CalibrationLike, request: _Request, file: pieces.LongFile, progress: Callable[[str], Any] | None
-) -> Evaluation:
-    """The evaluation of a long file, its pieces judged side by side."""
-    judged, drawn = _joined_pieces(request, file, progress)
-    some = _prepared(request, replace(table.read(drawn), source=file.path, sha256=file.sha256))
-    return _evaluation(calibration, request, some, some.judged(), judged)
-
-
-def _joined_pieces(
-    request: _Request, file: pieces.LongFile, progress: Callable[[str], Any] | None
-) -> tuple[_Judged, pd.DataFrame]:
-    """What the pieces of a long file say together, and rows of poses drawn from it.
-
-    After Ctrl-C these are the pieces that were judged before, and a note of that.
-    """
-    import pandas as pd
-
-    shared = request, file.sha256, -(-MOST_POSES // len(file.pieces))
-    done: dict[int, tuple[_Judged, pd.DataFrame]] = {}
-    stopped: tuple[str, ...] = ()
-    try:
-        for index, piece in parallel.each(_judged_piece, shared, file.pieces, seconds=PIECE_S):
-            done[index] = piece
-            if progress is not None:
-                progress(f"{len(done)} of {len(file.pieces)} pieces")
-    except KeyboardInterrupt:
-        if not done:
-            raise
-        stopped = (f"Stopped after {len(done)} of {len(file.pieces)} pieces of the file: the rest was not judged.",)
-    parts, rows = zip(*(done[index] for index in sorted(done)), strict=True)
-    errors = _joined_errors([part.errors for part in parts], [part.poses for part in parts])
-    text = f"A file of {len(parts)} pieces: errors are of all {len(errors.pose):,} points, figures of poses drawn at"
-    fitted = [part.fitted for part in parts]
-    judged = _Judged(
-        errors=errors,
-        poses=sum(part.poses for part in parts),
-        fitted=None if None in fitted else sum(filter(None, fitted)),
-        counted_out=sum(part.counted_out for part in parts),
-        excluded=tuple(exclusion for part in parts for exclusion in part.excluded),
-        proven=all(part.proven for part in parts),
-        basis=next((part.basis for part in parts if part.basis), ""),
-        against=(*pieces.once((text for part in parts for text in part.against), len(parts)), *stopped),
-        notes=(f"{text} random.", *pieces.once((text for part in parts for text in part.notes), len(parts))),
-        u95=float(np.nanmax([-np.inf, *(part.u95 for part in parts)])),
-        simulated=any(part.simulated for part in parts),
-    )
-    return judged, pd.concat(rows, ignore_index=True)
-
-
-def _judged_piece(shared: tuple[_Request, str, int], piece: pieces.Piece) -> tuple[_Judged, pd.DataFrame]:
-    """In a worker: read and judge a piece of a long file, and draw rows of some of its poses."""
-    request, sha256, most = shared
-    measurements = carrying(pieces.read(piece, sha256), request.payload)
-    prepared = _prepared(request, measurements)
-    judged = prepared.judged()
-    drawn = np.random.default_rng([request.seed, piece.row]).permutation(prepared.cleaned.number)[:most]
-    rows = np.isin(measurements.cells["pose_index"], drawn)
-    return replace(judged, errors=judged.errors.small()), measurements.to_frame()[rows]
-
-
-def _joined_errors(parts: Sequence[_PointErrors], poses: Sequence[int]) -> _PointErrors:
-    """Errors of all pieces, whose poses and places are told apart."""
-    begin = np.cumsum([0, *poses[:-1]], dtype=np.int32)
-
-    def joined(name: str) -> dict[str, NDArray[Any]]:
-        return {model: np.concatenate([getattr(part, name)[model] for part in parts]) for model in MODELS}
-
-    repeated = any(part.place is not None for part in parts)
-    return _PointErrors(
-        joined("distance"),
-        joined("turn"),
-        np.concatenate([part.pose + first for part, first in zip(parts, begin, strict=True)]),
-        np.concatenate([part.places + first for part, first in zip(parts, begin, strict=True)]) if repeated else None,
-        {kind: _same_codes([(*part.labels[kind], len(part.pose)) for part in parts]) for kind in PARTS},
-    )
-
-
-def _same_codes(parts: Sequence[tuple[NDArray[Any], list[str], int]]) -> tuple[NDArray[Any], list[str]]:
-    """Labels of all pieces with the same numbers; parts are codes, names and how many points there are."""
-    number = {name: k for k, name in enumerate(dict.fromkeys(name for _, names, _ in parts for name in names))}
-    code = np.min_scalar_type(len(number))
-    if len(number) == 1:
-        return np.broadcast_to(np.zeros(1, dtype=code), sum(count for _, _, count in parts)), list(number)
-    codes = [
-        np.broadcast_to(np.array([number[name] for name in names], dtype=code)[codes], count)
-        for codes, names, count in parts
-    ]
-    return np.concatenate(codes), list(number)
-
-
-# --- measurements in the frame of a calibration -----------------------------------------------------------
-
-
-def in_frame_of_calibration(
-    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NOTHING, same_tool: bool = False
-) -> tuple[CleanedPoints, dict[str, Robot]]:
-    """Clean measurements in the frame of a calibration, and its robots.
-
-    Parameters
-    ----------
-    calibration : str, Path or a loaded calibration
-    measurements : str, Path, DataFrame or MeasurementSet
-    refit : Refit
-        What to place anew; the poses that do it are not in the result, except where they are judged, too.
-    same_tool : bool
-        As `evaluate`.
-
-    Returns
-    -------
-    points : CleanedPoints
-    robots : dict of str to Robot
-        ``nominal`` and ``calibrated``.
-
-    Raises
-    ------
-    IrbcalError
-        If the measurements are refused, or are nowhere near what the calibrated robot predicts.
-    """
-    record = open_calibration(calibration)
-    measured = table.read(measurements).of_arm(record.arm())
-    cleaned = prepare(measured, record, any_target=refit.tool, same_tool=same_tool)
-    before = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
-    chosen, to_judge = refit.chosen(cleaned.points, measured.source)
-    placing, cleaned = cleaned.points.select(chosen), cleaned.select(to_judge)
-
-    def placed() -> dict[str, Robot]:
-        return {name: refit.placed(robot, placing, measured.source) for name, robot in before.items()}
-
-    robots = placed()
-    points, notes = with_last_moves(robots["calibrated"], cleaned.points)
-    if placing.previous is not None and points.previous is None:
-        placing = replace(placing, previous=None)
-        robots = placed()
-    zeros = refit.zeros_in_words(before["calibrated"], robots["calibrated"], placing)
-    if not to_judge[chosen].any():
-        notes.append(refit.sentence(placing.poses, points.poses))
-    error = distances(robots["calibrated"], points)
-    refuse_far_points(robots["calibrated"], points, error, measured, bool(refit))
-    lost = lost_row(robots["calibrated"], points, error, measured)
-    return replace(cleaned, points=points, notes=(*zeros, *cleaned.notes, *notes, *lost)), robots
 
 
 def _scope(refit: Refit, sphere: Sequence[float] | None, cleaned: CleanedPoints) -> tuple[str, ...]:
@@ -844,67 +419,13 @@ def _open_ends(certainty: Certainty | None) -> tuple[str, ...]:
     return (text,) if size else ()
 
 
-def _inside(cleaned: CleanedPoints, robot: Robot, sphere: Sequence[float] | None) -> CleanedPoints:
-    if sphere is None:
-        return cleaned
-    inside = accuracy.within_sphere(robot, cleaned.points, sphere[:3], sphere[3])
-    if not inside.any():
-        raise MeasurementError("no point was measured inside the sphere", file=cleaned.measurements.source)
-    return cleaned.keep(inside)
-
-
-def _notes(cleaned: CleanedPoints, record: Record) -> tuple[str, ...]:
-    measured = cleaned.measurements
-    certainty = record.robot_calibrated().certainty
-    outside = "" if certainty is None else certainty.outside_in_words(cleaned.points.q)
-    return (
-        *cleaned.notes,
-        *mixed_use(record.programmed, measured.programmed, measured.source),
-        *_other_loads(cleaned.points, record),
-        *([outside] if outside else []),
-    )
-
-
-def carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
-    """Measurements with a load where they do not tell it."""
-    if payload is None:
-        return measurements
-    if measurements.input("payload_kg") is not None:
-        raise OptionError(
-            "payload: the measurements tell it themselves (payload_kg): leave it out", parameter="payload"
-        )
-    load = number("payload", payload, 0.0)
-    return measurements.changed({PAYLOAD: np.full(len(measurements), load)})
-
-
-def _other_loads(points: PointSet, record: Record) -> list[str]:
-    """That a joint map of one load is judged at others."""
-    usual, loads = record.usual_load, points.inputs.get("payload_kg")
-    joint_map = record.robot_calibrated().joint_map
-    if usual is None or loads is None or joint_map.knows_loads:
-        return []
-    others = np.unique(loads[np.isfinite(loads) & (loads != usual)])
-    if not len(others):
-        return []
-    return [
-        f"Poses with {', '.join(f'{load:g}' for load in others)} kg are judged by a calibration that was measured with "
-        f"{usual:g} kg only: what the joints give way under another load is in their errors."
-    ]
-
-
-def _known(values: Statistics | None) -> Statistics:
-    """Statistics of points that are there."""
-    assert values is not None
-    return values
-
-
 def _pose_errors(robots: Mapping[str, Robot], cleaned: CleanedPoints, errors: Mapping[str, FloatArray]) -> PoseErrors:
     points = cleaned.points
     T_base_world = frames.inverse(robots["nominal"].T_world_base)
     count = np.bincount(points.pose, minlength=points.poses)
     models = {
         name: ModelErrors(
-            SimpleNamespace(**_known(statistics(errors[name]))),
+            SimpleNamespace(**known(statistics(errors[name]))),
             errors[name],
             np.bincount(points.pose, errors[name], points.poses) / count,
             None,
@@ -924,22 +445,6 @@ def _pose_errors(robots: Mapping[str, Robot], cleaned: CleanedPoints, errors: Ma
         arm=line_at_home(robots["nominal"].arm),
         extra=cleaned.extra(),
     )
-
-
-def _parts(cleaned: CleanedPoints) -> dict[str, NameArray]:
-    """Label of each point in each way of dividing the points; an empty label belongs to no part."""
-    points = cleaned.points
-    loads = cleaned.labels("payload_kg")
-    payload = np.array([f"{load} kg" if load else "" for load in loads], dtype=object)
-    combined = np.array(
-        [f"{g}, {p}" if g and p else "" for g, p in zip(points.groups, payload, strict=True)], dtype=object
-    )
-    return {
-        "per_target": points.names(),
-        "per_group": points.groups[points.pose],
-        "per_payload": payload[points.pose],
-        "per_group_payload": combined[points.pose],
-    }
 
 
 def _relative(
@@ -972,7 +477,7 @@ def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[
     out = {}
     for name, robot in robots.items():
         errors = accuracy.tip_errors(robot, points, source)
-        turned = dict(_known(rotation_statistics(errors.rotation)))
+        turned = dict(known(rotation_statistics(errors.rotation)))
         turned["mean_plus_3sigma_deg"] = turned["mean_deg"] + 3 * turned["sigma_deg"]
         out[name] = {"position": statistics(errors.position), "orientation": turned}
     return out

@@ -27,7 +27,7 @@ from irbcal.modeling.terms.term_map import TermMap
 from irbcal.safe_files import read_bytes
 from irbcal.validation.accuracy import predictions
 from irbcal.validation.cleaned_points import without_fitted
-from irbcal.validation.evaluation import in_frame_of_calibration
+from irbcal.validation.frame_of_calibration import in_frame_of_calibration
 from irbcal.validation.refit import Refit
 from irbcal.viewer.shapes import Link, Mesh, reach
 

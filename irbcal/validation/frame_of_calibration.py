@@ -1,0 +1,91 @@
+"""Measurements in the frame of a calibration: cleaned, with base and tool placed anew where asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from irbcal.errors import OptionError
+from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.measurement import table
+from irbcal.measurement.columns import PAYLOAD
+from irbcal.measurement.motions import with_last_moves
+from irbcal.measurement.points import distances
+from irbcal.modeling.robot import Robot
+from irbcal.options import number
+from irbcal.validation.cleaned_points import (
+    CleanedPoints,
+    lost_row,
+    prepare,
+    refuse_far_points,
+)
+from irbcal.validation.refit import Refit
+
+if TYPE_CHECKING:
+    pass
+
+NOTHING = Refit()
+"""Base and tool stay where the calibration has them."""
+
+
+def in_frame_of_calibration(
+    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NOTHING, same_tool: bool = False
+) -> tuple[CleanedPoints, dict[str, Robot]]:
+    """Clean measurements in the frame of a calibration, and its robots.
+
+    Parameters
+    ----------
+    calibration : str, Path or a loaded calibration
+    measurements : str, Path, DataFrame or MeasurementSet
+    refit : Refit
+        What to place anew; the poses that do it are not in the result, except where they are judged, too.
+    same_tool : bool
+        As `evaluate`.
+
+    Returns
+    -------
+    points : CleanedPoints
+    robots : dict of str to Robot
+        ``nominal`` and ``calibrated``.
+
+    Raises
+    ------
+    IrbcalError
+        If the measurements are refused, or are nowhere near what the calibrated robot predicts.
+    """
+    record = open_calibration(calibration)
+    measured = table.read(measurements).of_arm(record.arm())
+    cleaned = prepare(measured, record, any_target=refit.tool, same_tool=same_tool)
+    before = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
+    chosen, to_judge = refit.chosen(cleaned.points, measured.source)
+    placing, cleaned = cleaned.points.select(chosen), cleaned.select(to_judge)
+
+    def placed() -> dict[str, Robot]:
+        return {name: refit.placed(robot, placing, measured.source) for name, robot in before.items()}
+
+    robots = placed()
+    points, notes = with_last_moves(robots["calibrated"], cleaned.points)
+    if placing.previous is not None and points.previous is None:
+        placing = replace(placing, previous=None)
+        robots = placed()
+    zeros = refit.zeros_in_words(before["calibrated"], robots["calibrated"], placing)
+    if not to_judge[chosen].any():
+        notes.append(refit.sentence(placing.poses, points.poses))
+    error = distances(robots["calibrated"], points)
+    refuse_far_points(robots["calibrated"], points, error, measured, bool(refit))
+    lost = lost_row(robots["calibrated"], points, error, measured)
+    return replace(cleaned, points=points, notes=(*zeros, *cleaned.notes, *notes, *lost)), robots
+
+
+def carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
+    """Measurements with a load where they do not tell it."""
+    if payload is None:
+        return measurements
+    if measurements.input("payload_kg") is not None:
+        raise OptionError(
+            "payload: the measurements tell it themselves (payload_kg): leave it out", parameter="payload"
+        )
+    load = number("payload", payload, 0.0)
+    return measurements.changed({PAYLOAD: np.full(len(measurements), load)})
