@@ -333,10 +333,13 @@ class ControlFlow:
         self.names_loads.append(at)
         self.loads.take(load)
 
-    def restart(self, routine: str = "") -> None:
-        """A routine begins: with the tool and frame of its calls, and the first where the program begins."""
+    def restart(self, routine: str = "", load: Load | None = None) -> None:
+        """A routine begins: with the tool and frame of its calls, and the first where the program begins.
+
+        A start of the program from there sets a ``load``.
+        """
         self.loads.end()
-        self.loads.begin(routine)
+        self.loads.begin(routine, load)
         begin = f"{UNSET}{_IN}{routine}" if routine else UNSET
         self.state, self._blocks = FrameState(begin, begin), []
         self._routine += 1

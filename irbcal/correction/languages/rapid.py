@@ -30,7 +30,7 @@ from irbcal.correction.calls import Calls, may_set_load
 from irbcal.correction.instructions import ANY, POINTS, TO, TOOL, VIA, WRITES, MotionInstruction, built_in, teaching
 from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in, up_to_next
-from irbcal.correction.loads import Carrying, Load, LoadFlow, Ways, load_of, unknown_load
+from irbcal.correction.loads import Carrying, Load, LoadFlow, load_of, unknown_load
 from irbcal.correction.maker import (
     NO_CONFDATA,
     NO_POSTURE,
@@ -351,6 +351,11 @@ class Reader:
     def branches(self) -> list[int]:
         """Places of the words that begin, split or end a branch, a loop or a routine."""
         return [token.start for token in self.tokens if token.kind == "name" and token.word in BRANCHES]
+
+    @functools.cached_property
+    def grips(self) -> bool:
+        """Whether the module says what the robot carries."""
+        return any(token.word == "gripload" for token in self.tokens)
 
     def lookup(self, scope: Scope | None, name: str) -> RapidData | None:
         """What a name stands for in a routine or in the module; None if it is not declared here."""
@@ -1083,7 +1088,7 @@ class Uses:
     other_modules : OtherModules, optional
     calls : Calls, optional
         The routines of all modules; those of this module unless given.
-    loads : Loads, optional
+    loads : LoadFlow, optional
         What the robot carries in all modules; in this module unless given.
     split_points : bool
         Whether shifted targets become targets of their own.
@@ -1095,17 +1100,19 @@ class Uses:
         frames_given: Mapping[str, Mapping[str, FloatArray]],
         other_modules: OtherModules | None = None,
         calls: Calls | None = None,
-        loads: Loads | None = None,
+        loads: LoadFlow | None = None,
         split_points: bool = False,
     ) -> None:
-        literals.flow.split_points = split_points
         self.others = other_modules or OtherModules(literals)
-        self.calls = calls or calls_of([literals])
-        self.loads = loads or Loads([literals], self.calls)
-        self.literals, self.reader, self.given = literals, literals.reader, frames_given
-        self.goals: list[tuple[MoveInstruction, list[tuple[list[Literal], bool]]]] = []
-        """For each move and each of its points the literals that it may stand for, and whether it may be another place.
-        """
+        self.literals, self.reader, self.given, self.flow = literals, literals.reader, frames_given, literals.flow
+        self.flow.split_points, self.flow.first_begins = split_points, True
+        self.flow.calls, self.flow.loads = calls or calls_of([literals]), loads or LoadFlow()
+        readers = [module.reader for module in self.others.modules]
+        self._grips = any(reader.grips for reader in readers)
+        totals = (_total_load(move) for reader in readers for move in reader.moves)
+        self.flow.loads.names_any |= self._grips or any(total is not None for total in totals)
+        self.in_order: list[InOrder] = []
+        """The moves as they stand in the text."""
         self._shifted: dict[tuple[int, str], Literal | None] = {}
 
     def gather(self) -> None:
@@ -1115,9 +1122,61 @@ class Uses:
         """
         self._shifts()
         self.others.gather()
-        for move in self.reader.moves:
-            self._move(move)
+        self._follow()
         self._mentions()
+
+    def _follow(self) -> None:
+        """Take the moves in the order of the text, with the branches, calls and loads between them."""
+        reader, flow = self.reader, self.flow
+        flow.previous = None
+        routines = {start: (name, scope) for name, scope, start in reader.routines}
+        waiting = list(reversed(reader.moves))
+        scope: Scope | None = None
+        for i, step in steps(reader):
+            _, word, start, _ = reader.tokens[i]
+            while waiting and waiting[-1].start <= start:
+                self._move(waiting.pop())
+            if step == "name in a text":
+                flow.forget()
+                flow.loads.call("%", True, may_set_load("a routine by its name in a text", reader.line(start)))
+            elif step == "end of IF":  # the move behind it may not have been made
+                flow.close(start)
+                flow.forget()
+            elif step == "label" or word in _JUMPS:
+                flow.forget()
+                flow.loads.label()
+            elif word == "gripload":
+                flow.carry(self._load_named(scope, i + 1), start)
+            elif step == "call":
+                flow.call(word, reader.text[start : start + len(word)], start)
+            elif word in _OPENING:
+                flow.open(word in ("for", "while"))
+            elif word in _CLOSING:
+                flow.close(start)
+            elif word in ("elseif", "else", "case", "default"):
+                flow.alternative()
+            elif start in routines:
+                name, scope = routines[start]
+                flow.restart(name, Load(0.0) if name == "main" else None)  # a start from main sets load0
+                flow.previous = START if len(self._first) == 1 and self._first[0] is scope else None
+            elif step == "branch":
+                flow.previous = None
+                if word == "return":
+                    flow.loads.returns()
+                elif word in ("endproc", "endfunc", "endtrap"):
+                    flow.loads.end()
+                    scope = None
+            elif not self.in_order or self.in_order[-1].move.start != start:  # a move with other arguments than known
+                flow.forget()
+        for move in reversed(waiting):
+            self._move(move)
+
+    @functools.cached_property
+    def _first(self) -> list[Scope | None]:
+        """Data of the routine with which the program begins, ``main`` or the only one that moves; of several: all."""
+        readers = [module.reader for module in self.others.modules]
+        mains = [scope for reader in readers for name, scope, _ in reader.routines if name == "main"]
+        return [*mains] or [*{id(move.scope): move.scope for reader in readers for move in reader.moves}.values()]
 
     def _shifts(self) -> None:
         """Note moves that shift a target of this module; other shifts are uses in another way."""
@@ -1135,7 +1194,7 @@ class Uses:
             left, right = (np.eye(4), T) if shift.in_tool else (T, np.eye(4))
             known = shift.numbers is not None
             arg = next(arg for _, arg in move.points if arg.start <= shift.start < arg.end)
-            own = self.literals.flow.shift(
+            own = self.flow.shift(
                 [Shift(each, move.start, move.name, arg.text, left, right, known, tool, wobj) for each in literals],
                 (arg.start, arg.end),
             )
@@ -1152,9 +1211,9 @@ class Uses:
         tool, wobj, held, unclear = self._frames(move)
         use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj, held=held)
         unknown = unclear if kind == "pose" else ""
-        carried = self.loads.carrying(self.literals.source, move, tool, held)
+        carried = self._carrying(move, tool, held)
         points: list[tuple[list[Literal], bool]] = []
-        self.goals.append((move, points))
+        """For each point the literals that it may stand for, and whether it may be another place."""
         monitored = self._monitored(move) if kind == "pose" else True
         for role, arg in move.points:
             if role == WRITES:
@@ -1171,13 +1230,69 @@ class Uses:
             if own is None and (move.start, arg.text) in self._shifted and not unknown:
                 continue
             if reason or unknown:
-                self.literals.flow.leave(move.start, move.name, arg.text, reason or unknown)
+                self.flow.leave(move.start, move.name, arg.text, reason or unknown)
             for literal in literals:
                 literal.monitored.add(monitored)
                 literal.inverted |= held and kind == "pose"
                 literal.uses.append(replace(use, role=as_role))
                 literal.carried.append(carried)
                 literal.conflicts.extend(text for text in (reason, unknown) if text)
+        self._stops(move, points)
+
+    def _stops(self, move: MoveInstruction, points: Sequence[tuple[list[Literal], bool]]) -> None:
+        """Note the stops of a move at its points, and the move before where the arm comes from there."""
+        flow = self.flow
+        ends = [literals[0] if len(literals) == 1 and not computed else None for literals, computed in points]
+        before = flow.previous if self.in_order and flow.previous is not START else None
+        self.in_order.append(InOrder(move, ends, None if before is None else (self.in_order[-1].move, before)))
+        for (literals, _), end in zip(points, ends, strict=True):
+            before = None if end is None else flow.previous
+            for literal in literals or (None,):
+                flow.previous = before
+                flow.stop(literal, move.start)
+            flow.previous = end
+        if move.name.startswith("Search"):  # it ends where something was found
+            flow.forget()
+
+    def _carrying(self, move: MoveInstruction, tool: str | None, held: bool) -> Carrying:
+        """What the robot carries in a move: the part, and by itself the tool (its ``tload``)."""
+        ways = self.flow.loads.now if self._grips else frozenset([None])
+        if not self.flow.loads.names_any:
+            return Carrying(ways)
+        total = _total_load(move)
+        if total is not None:
+            self.flow.names_loads.append(move.start)
+            ways = frozenset([unknown_load(f"\\TLoad:={total.text} says the load of the move alone")])
+        data = next((m.reader.data[tool] for m in self.others.modules if tool in m.reader.data), None)
+        of_tool = unknown_load(f"the tool {tool} has no load in numbers in these modules")
+        if tool == "tool0":
+            of_tool = Load(0.0)
+        elif data is not None and data.node is not None and len(data.node.items or ()) == 3 and not data.changes:
+            of_tool = _load((data.node.items or [])[2])
+        return Carrying(ways, of_tool, "" if held or tool is None else tool)
+
+    def _load_named(self, scope: Scope | None, i: int) -> Load:
+        """The load that an argument is."""
+        reader = self.reader
+        token = reader.tokens[i]
+        if token.word == "load0":
+            return Load(0.0)
+        if token.word == "[":
+            return _load(reader._list(i)[0])
+        data = reader.lookup(scope, token.word)
+        readers = [module.reader for module in self.others.modules]
+        if data is None:
+            others = [other.data[token.word] for other in readers if token.word in other.data]
+            data = others[0] if len(others) == 1 else None
+        changed = data is not None and (
+            data.changes or any(change.name == token.word for other in readers for change in other.assignments)
+        )
+        if data is None or data.node is None or data.type != "loaddata" or changed:
+            text = reader.text[token.start : token.end]
+            return unknown_load(
+                f"the load {text} of GripLoad in line {reader.line(token.start)} is not in numbers that stay"
+            )
+        return _load(data.node)
 
     def _monitored(self, move: MoveInstruction) -> bool | None:
         """Whether the configuration of a pose counts in a move; None where that depends on who calls the routine."""
@@ -1233,9 +1348,7 @@ class Uses:
             literal.monitored.add(monitored)
             literal.conflicts.extend(against)
         if against or not literals:
-            self.literals.flow.leave(
-                move.start, move.name, arg.text, "; ".join(against) or "it has no value in numbers"
-            )
+            self.flow.leave(move.start, move.name, arg.text, "; ".join(against) or "it has no value in numbers")
         return True
 
     def _goals(self, move: MoveInstruction, arg: Arg, kind: Kind, line: int) -> tuple[list[Literal], str]:
@@ -1319,7 +1432,7 @@ class Uses:
     def module(self, arm: Arm | None = None, controller: ControllerSetup | None = None) -> Module:
         """The module, once the uses of all modules are gathered."""
         reader, literals, listing = self.reader, self.literals.targets, self.reader.listing
-        self.literals.flow.settle()
+        self.flow.settle()
         complete(literals, listing, ABB)
         for literal in literals:
             if literal.kind == "pose" and literal.uses and not literal.configuration and literal.monitored != {False}:
@@ -1338,7 +1451,6 @@ class Uses:
         setup = setup._replace(T_world_base=None if controller is None else controller.T_world_base)
         tools, work_objects = needed_frames(literals, setup, declared["tooldata"], declared["wobjdata"])
         targets = tuple(sorted(literals, key=lambda literal: literal.start))
-        in_order = self._in_order(breaks(reader, self.calls))
         header = reader.tokens[reader.header() - 1].end
         reader.tokens.clear()  # nothing below asks for them, and the module keeps the reader
         return Module(
@@ -1348,8 +1460,8 @@ class Uses:
             targets=targets,
             tools=tools,
             work_objects=work_objects,
-            order=self.literals.flow.order(targets),
-            moves_left=tuple(sorted(self.literals.flow.moves_left, key=lambda move: move.line)),
+            order=self.flow.order(targets),
+            moves_left=tuple(sorted(self.flow.moves_left, key=lambda move: move.line)),
             notes=_notes(reader, literals),
             fingerprint=_mark_of(reader),
             mark_at=header,
@@ -1357,11 +1469,11 @@ class Uses:
             own_model=controller.own_model if controller else None,
             start=controller.start if controller else None,
             assumed=controller.posture if controller else None,
-            shifts=tuple(self.literals.flow.shifts),
-            loads=self.loads.flow,
-            names_loads=tuple(self.loads.places[self.literals.source]),
+            shifts=tuple(self.flow.shifts),
+            loads=self.flow.loads,
+            names_loads=tuple(self.flow.names_loads),
             T_tip_flange=np.eye(4),
-            moves=functools.cache(lambda: paths(reader, in_order, targets, tools)),
+            moves=functools.cache(lambda: paths(reader, self.in_order, targets, tools)),
         )
 
     def _declared_frames(self) -> dict[str, dict[str, FloatArray]]:
@@ -1381,46 +1493,6 @@ class Uses:
                     except ValueError as problem:
                         literal.conflicts += [str(problem)] if literal.kind == "pose" else []
         return out
-
-    def _in_order(self, starts_of_breaks: Sequence[int]) -> list[InOrder]:
-        """The moves as they stand in the text, each with the one before where that is known; notes their stops."""
-        out: list[InOrder] = []
-        flow, last = self.literals.flow, 0
-        entry = self._entry(starts_of_breaks)
-        flow.forget()
-        previous_move: tuple[MoveInstruction, Target] | None = None
-        for move, points in sorted(self.goals, key=lambda goal: goal[0].start):
-            if bisect.bisect_left(starts_of_breaks, move.start) > bisect.bisect_left(starts_of_breaks, last):
-                flow.forget()
-                previous_move = None
-            last = move.start
-            flow.previous = START if move is entry else flow.previous
-            ends = [literals[0] if len(literals) == 1 and not computed else None for literals, computed in points]
-            out.append(InOrder(move, ends, previous_move))
-            for (literals, _), end in zip(points, ends, strict=True):
-                before_it = None if end is None else flow.previous
-                flow.stops += [(move.start, literal, before_it) for literal in literals or (None,)]
-                flow.previous = end
-            if move.name.startswith("Search"):  # it ends where something was found
-                flow.forget()
-            previous_move = None if flow.previous is None else (move, flow.previous)
-        return out
-
-    def _entry(self, starts_of_breaks: Sequence[int]) -> MoveInstruction | None:
-        """The move with which the program begins: the first of ``main``, or of the only routine that moves."""
-        if not self.reader.moves:
-            return None
-        routines = [(scope, start) for name, scope, start in self.reader.routines if name == "main"]
-        mains = sum(name == "main" for module in self.others.modules for name, _, _ in module.reader.routines)
-        moving = {id(move.scope) for module in self.others.modules for move in module.reader.moves}
-        if not mains and len(moving) == 1:
-            routines = [(s, start) for _, s, start in self.reader.routines if s is self.reader.moves[0].scope]
-        elif mains != 1 or not routines:
-            return None
-        ((scope, start),) = routines
-        entry = next((move for move in self.reader.moves if move.scope is scope), None)
-        at = bisect.bisect_right(starts_of_breaks, start)
-        return None if entry is None or bisect.bisect_left(starts_of_breaks, entry.start) > at else entry
 
 
 def read_frame(reader: Reader, data: RapidData) -> FloatArray:
@@ -1503,8 +1575,9 @@ _OPENING, _CLOSING = frozenset(["if", "for", "while", "test"]), frozenset(["endi
 _ROUTINES = frozenset(["proc", "func", "trap"])
 _DECLARING = frozenset(["const", "pers", "var", "local", "task"])
 _JUMPS = frozenset(["goto", "error", "undo", "backward", "raise", "retry", "trynext", "connect"])
-_BEFORE_STATEMENT = frozenset([";", ")", ":", "then", "else", "do", "error", ""])
-_BEFORE = frozenset(["then", "else", "do", "default", "error"])
+_BEFORE = _CLOSING | {"then", "else", "do", "default", "error", "undo", "backward"}
+"""Words that a statement may follow without a semicolon."""
+_BEFORE_STATEMENT = _BEFORE | {";", ")", ":", ""}
 BRANCHES = frozenset(_BRANCHES.split())
 HARMLESS = frozenset(_HARMLESS.split())
 """Instructions that do not move the robot; any other name may be a routine that does."""
@@ -1516,52 +1589,37 @@ def steps(reader: Reader) -> Iterator[tuple[int, str]]:
     It is a ``branch`` (any of `BRANCHES`), the ``end of IF`` without THEN, or begins a statement: a ``move``, a
     ``label``, a ``name in a text`` (of a routine), or a ``call``, which may be any other instruction as well.
     """
-    begin, compact, head = True, False, False
+    begin, compact, condition, head = True, False, False, False
     for i, (kind, word, _, _) in enumerate(reader.tokens[:-1]):
+        if condition and (kind == "name" or word == "%") and _behind_value(reader, i):
+            begin, condition = True, False  # the statement of an IF without THEN
         if kind == "name":
             if word in BRANCHES and not reader._is_member(i):
-                compact = compact or (word == "if" and not _has_then(reader, i))
+                condition = word == "if" and not _has_then(reader, i)
+                compact = compact or condition
                 head = word in _ROUTINES
                 yield i, "branch"
             elif begin and word in reader.instructions:
                 yield i, "move"
             elif begin and word not in _DECLARING and not reader._is_assignment(i):
                 yield i, "label" if reader.tokens[i + 1].word == ":" else "call"
-            begin = word in _BEFORE
+            begin = word in _BEFORE or reader.tokens[i - 1].word == "trap"
             continue
         if begin and word == "%":
             yield i, "name in a text"
         if word == ";" and compact:
             yield i, "end of IF"
-            compact = False
+            compact = condition = False
         begin = word in (";", ":") or (head and word == ")")
         head = head and word != ")"
 
 
-def breaks(reader: Reader, calls: Calls) -> list[int]:
-    """Places in the text behind which the stop before is not known, in order; ``calls`` knows the routines."""
-    positions: list[int] = []
-    opened: list[int] = []  # how many places there were where a branch or loop began; a place is lasting that is more
-    lasting = -1
-    for i, step in steps(reader):
-        _, word, start, _ = reader.tokens[i]
-        if step == "branch":
-            if word in _OPENING:
-                opened.append(len(positions))
-            positions.append(start)
-            if word in _CLOSING and opened and lasting <= opened[-1]:
-                del positions[opened[-1] :]  # nothing in it moves the robot
-            opened = opened[:-1] if word in _CLOSING else [] if word in _ROUTINES else opened
-            lasting = len(positions) if word in _JUMPS else lasting
-        elif step == "move":
-            lasting = len(positions)
-        elif step == "end of IF":  # the move behind it may not have been made
-            positions.append(start)
-            lasting, opened = len(positions), opened[:-1]
-        elif step != "call" or calls.effect(word).moves:
-            lasting = len(positions)
-            positions.append(start)
-    return positions
+def _behind_value(reader: Reader, i: int) -> bool:
+    """Whether a token stands where an operator would have to, behind a whole value."""
+    before, word = reader.tokens[i - 1], reader.tokens[i].word
+    if word in OPERATORS or reader._is_member(i):
+        return False
+    return before.word in (")", "}", "]") or (before.kind != "symbol" and before.word not in (*OPERATORS, "if"))
 
 
 def learn(reader: Reader, calls: Calls) -> None:
@@ -1576,108 +1634,6 @@ def learn(reader: Reader, calls: Calls) -> None:
             calls.learn(name, moves=True, sets_loads=True)
         elif step in ("move", "call") and name:
             calls.learn(name, [word] if step == "call" else [], moves=step == "move", sets_loads=word == "gripload")
-
-
-class Loads:
-    """What the robot carries in the moves of a task's modules (``GripLoad``).
-
-    Parameters
-    ----------
-    modules : sequence of Literals
-    calls : Calls
-        Their routines.
-    """
-
-    def __init__(self, modules: Sequence[Literals], calls: Calls) -> None:
-        self.flow, self.calls, self.modules = LoadFlow(), calls, modules
-        self.places: dict[str, list[int]] = {module.source: [] for module in modules}
-        """Where each file says what it is."""
-        self._ways: dict[tuple[str, int], Ways] = {}
-        if any(token.word == "gripload" for module in modules for token in module.reader.tokens):
-            for module in modules:
-                self._follow(module)
-        for module in modules:
-            total = [move.start for move in module.reader.moves if _total_load(move) is not None]
-            self.places[module.source] += total
-            self.flow.names_any |= bool(total)
-
-    def carrying(self, source: str, move: MoveInstruction, tool: str | None, held: bool) -> Carrying:
-        """What the robot carries in a move: the part, and by itself the tool (its ``tload``)."""
-        ways = self._ways.get((source, move.start), frozenset([None]))
-        if not self.flow.names_any:
-            return Carrying(ways)
-        total = _total_load(move)
-        if total is not None:
-            ways = frozenset([unknown_load(f"\\TLoad:={total.text} says the load of the move alone")])
-        data = next((m.reader.data[tool] for m in self.modules if tool is not None and tool in m.reader.data), None)
-        of_tool = unknown_load(f"the tool {tool} has no load in numbers in these modules")
-        if tool == "tool0":
-            of_tool = Load(0.0)
-        elif data is not None and data.node is not None and len(data.node.items or ()) == 3 and not data.changes:
-            of_tool = _load((data.node.items or [])[2])
-        return Carrying(ways, of_tool, "" if held or tool is None else tool)
-
-    def _follow(self, module: Literals) -> None:
-        """The statements of a module that name loads, move, call or branch."""
-        reader, flow = module.reader, self.flow
-        scope: Scope | None = None
-        scopes = iter(reader.scopes)
-        for i, step in steps(reader):
-            _, word, start, _ = reader.tokens[i]
-            if step == "move":
-                self._ways[module.source, start] = flow.now
-            elif step == "label":
-                flow.label()
-            elif step == "end of IF":
-                flow.close()
-            elif step == "name in a text":
-                flow.call("%", True, may_set_load("a routine by its name in a text", reader.line(start)))
-            elif word == "gripload":
-                self.places[module.source].append(start)
-                flow.take(self._named(module, scope, i + 1))
-            elif step == "call":
-                sets = self.calls.effect(word).sets_loads
-                shown = reader.text[start : start + len(word)]
-                missing = may_set_load(shown, reader.line(start)) if sets and not self.calls.knows(word) else ""
-                flow.call(word, sets, missing)
-            elif word in _ROUTINES:
-                name, scope = reader.tokens[i + (2 if word == "func" else 1)].word, next(scopes)
-                flow.begin(name, Load(0.0) if name == "main" else None)  # a start from main sets load0
-            elif word in ("endproc", "endfunc", "endtrap"):
-                flow.end()
-                scope = None
-            elif word in _OPENING:
-                flow.open(word in ("for", "while"))
-            elif word in _CLOSING:
-                flow.close()
-            elif word in ("elseif", "else", "case", "default"):
-                flow.alternative()
-            elif word == "return":
-                flow.returns()
-            elif word in _JUMPS:
-                flow.label()
-
-    def _named(self, module: Literals, scope: Scope | None, i: int) -> Load:
-        """The load that an argument is."""
-        reader = module.reader
-        token = reader.tokens[i]
-        if token.word == "load0":
-            return Load(0.0)
-        if token.word == "[":
-            return _load(reader._list(i)[0])
-        data = reader.lookup(scope, token.word)
-        if data is None:
-            others = [m.reader.data[token.word] for m in self.modules if token.word in m.reader.data]
-            data = others[0] if len(others) == 1 else None
-        changed = data is not None and (
-            data.changes or any(a.name == token.word for m in self.modules for a in m.reader.assignments)
-        )
-        if data is None or data.node is None or data.type != "loaddata" or changed:
-            text = reader.text[token.start : token.end]
-            return unknown_load(
-                f"the load {text} of GripLoad in line {reader.line(token.start)} is not in numbers that stay"
-            )
-        return _load(data.node)
 
 
 def _total_load(move: MoveInstruction) -> Arg | None:
@@ -2051,7 +2007,7 @@ def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> l
     numbers = {module.source: frames_in_numbers(module.reader) for module in modules} if len(modules) > 1 else {}
     everywhere = _with_null(setup.tools, setup.work_objects)
     calls = calls_of(modules, setup.harmless)
-    loads = Loads(modules, calls)
+    loads = LoadFlow()
     gathered = []
     for module in modules:
         module_frames = numbers.get(module.source, {"tooldata": {}, "wobjdata": {}})
