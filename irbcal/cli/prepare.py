@@ -120,12 +120,12 @@ def plan(
         files = made.save(out)
     else:
         for_function("plan", options, "is for --device and --compare-devices")
-        made, files = _made(out, json, options)
+        made, files = _write_plan(out, json, options)
     names = [path.name for path in files]
     show.result(made, json, f"Written to {out}: {', '.join(names)}", out=str(out), files=names)
 
 
-def _made(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tuple[Path, ...]]:
+def _write_plan(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tuple[Path, ...]]:
     """A plan and its files; a folder that had to be made for it goes where there is none."""
     from irbcal.safe_files import made_folders
     from irbcal.viewer import view

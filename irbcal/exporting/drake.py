@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
-from irbcal.exporting.urdf_with_meshes import beside, in_words, urdf_with_meshes
+from irbcal.exporting.urdf_with_meshes import description, joint_map_module, urdf_with_meshes
 from irbcal.io import urdf_xml
 from irbcal.io.meshes import as_obj
 
@@ -32,6 +32,6 @@ def files(source: Source) -> ExportFiles:
     root = found.in_package(name)
     for element in list(root.iter(*UNREAD)):
         element.getparent().remove(element)
-    package = PACKAGE.format(name=name, what=escape(in_words(source))).encode()
+    package = PACKAGE.format(name=name, what=escape(description(source))).encode()
     made = {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(found.tree)}
-    return ExportFiles(made | found.meshes | beside(source), found.notes)
+    return ExportFiles(made | found.meshes | joint_map_module(source), found.notes)

@@ -160,10 +160,10 @@ class Live:
             self.held += 1
             said |= {"joints": self._brake(), "held": True, "why": str(refused)}
         else:
-            said |= {"joints": self._shown(self._command), "held": False, **error}
+            said |= {"joints": self._in_units_of_user(self._command), "held": False, **error}
         return json.dumps(said)
 
-    def _shown(self, q: Sequence[float]) -> list[float]:
+    def _in_units_of_user(self, q: Sequence[float]) -> list[float]:
         if self._coupling is not None:
             q = np.linalg.solve(self._coupling, q).tolist()
         return [a / b for a, b in zip(q, self._units, strict=True)]
@@ -303,7 +303,7 @@ class Live:
             self._resting = [min(max(x, lower), upper) for x, lower, upper in end]
         assert self._time is not None
         self._command = self._motion.follow(self._time, self._resting, False)
-        return self._shown(self._command)
+        return self._in_units_of_user(self._command)
 
     def _effective(self, kind: str, values: list[float]) -> tuple[list[list[float]], list[float]]:
         """The wanted tip, and the joints of calibrated.urdf that come as near to it as they safely can."""

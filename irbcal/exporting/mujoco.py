@@ -15,7 +15,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
-from irbcal.exporting.urdf_with_meshes import UrdfWithMeshes, beside, urdf_with_meshes
+from irbcal.exporting.urdf_with_meshes import UrdfWithMeshes, joint_map_module, urdf_with_meshes
 from irbcal.io.meshes import as_obj
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
@@ -34,7 +34,7 @@ def files(source: Source) -> ExportFiles:
         source, lambda path: (".stl", path.read_bytes()) if path.suffix.lower() == ".stl" else as_obj(path)
     )
     made = {f"{source.parts.identifier}.xml": mjcf(source, package)}
-    return ExportFiles(made | package.meshes | beside(source), package.notes)
+    return ExportFiles(made | package.meshes | joint_map_module(source), package.notes)
 
 
 def mjcf(source: Source, package: UrdfWithMeshes) -> bytes:

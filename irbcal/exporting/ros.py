@@ -14,7 +14,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
-from irbcal.exporting.urdf_with_meshes import beside, in_words, urdf_with_meshes
+from irbcal.exporting.urdf_with_meshes import description, joint_map_module, urdf_with_meshes
 from irbcal.io import joint_origins, urdf_xml
 from irbcal.io.schema import Record
 from irbcal.literals import xacro, xml_comment
@@ -95,7 +95,7 @@ def files(source: Source) -> ExportFiles:
         if device not in links:
             urdf_xml.add_joint(root, parent, device, T)
             links.add(device)
-    said = in_words(source)
+    said = description(source)
     values = {"name": name, "what": escape(said), "comment": xml_comment(xacro(said)), "xacro": XACRO}
     made = {f"urdf/{name}.urdf": urdf_xml.serialised(package.tree)}
     for element in list(root.iter()):
@@ -121,4 +121,4 @@ def files(source: Source) -> ExportFiles:
     }
     if source.record is not None:
         made["config/joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
-    return ExportFiles(made | package.meshes | beside(source), package.notes)
+    return ExportFiles(made | package.meshes | joint_map_module(source), package.notes)

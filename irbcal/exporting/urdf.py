@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
-from irbcal.exporting.urdf_with_meshes import beside, missing, urdf_of, urdf_with_meshes
+from irbcal.exporting.urdf_with_meshes import joint_map_module, missing, urdf_of, urdf_with_meshes
 from irbcal.io import joint_origins, urdf_xml
 from irbcal.io.urdf_xml import with_mesh_paths
 
@@ -25,4 +25,4 @@ def files(source: Source) -> ExportFiles:
     made = {name: data}
     if source.record is not None:
         made["joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
-    return ExportFiles(made | beside(source), (*notes, *missing(left_out)))
+    return ExportFiles(made | joint_map_module(source), (*notes, *missing(left_out)))

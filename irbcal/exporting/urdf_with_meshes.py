@@ -142,14 +142,14 @@ def urdf_of(source: Source) -> bytes:
     return source.urdf
 
 
-def in_words(source: Source) -> str:
+def description(source: Source) -> str:
     """What an export is of, for descriptions and comments."""
     parts = source.parts
     simulated = " from SIMULATED measurements" if parts.simulated else ""
     return f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
 
 
-def beside(source: Source) -> dict[str, bytes]:
+def joint_map_module(source: Source) -> dict[str, bytes]:
     """The joint map for those who have the URDF only: the Python module on numpy."""
     text = python.text(source.parts, source.vectors)
     return {f"{source.parts.identifier}_calibrated.py": text}

@@ -175,7 +175,7 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
         corrected = _ControllerModel(arm, np.eye(4), np.eye(4)).moved(
             np.array(names_chosen, dtype=object)[of_arm], values[of_arm]
         )
-        row = start.moved(*_some(names_chosen, values, base)).arm
+        row = start.moved(*_selected(names_chosen, values, base)).arm
         shift = row.T_base_0 @ row.table.step(0) @ np.linalg.inv(arm.T_base_0 @ arm.table.step(0))
         model = _ControllerModel(corrected.arm, start.T_base @ shift, model.T_tool)
         names_chosen, values, std = tuple(names_chosen[k] for k in of_arm), values[of_arm], std[of_arm]
@@ -197,7 +197,7 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
     )
 
 
-def _some(names: tuple[str, ...], values: FloatArray, selection: set[str]) -> tuple[NameArray, FloatArray]:
+def _selected(names: tuple[str, ...], values: FloatArray, selection: set[str]) -> tuple[NameArray, FloatArray]:
     keep = [k for k, name in enumerate(names) if name in selection]
     return np.array([names[k] for k in keep], dtype=object), values[keep]
 
@@ -263,7 +263,7 @@ def _solve(J: FloatArray, r: FloatArray, chosen: list[int], core: IntArray) -> F
     return np.asarray(np.linalg.lstsq(columns, r[core].ravel(), rcond=1e-7)[0])
 
 
-def _left(J: FloatArray, r: FloatArray, chosen: list[int], core: IntArray) -> FloatArray:
+def _remaining_sizes(J: FloatArray, r: FloatArray, chosen: list[int], core: IntArray) -> FloatArray:
     """Size of what is left of each row, shape (n,)."""
     residual = r - J[:, :, chosen] @ _solve(J, r, chosen, core) if chosen else r
     return np.asarray(np.linalg.norm(residual, axis=1))
@@ -273,13 +273,13 @@ def _core(J: FloatArray, r: FloatArray, chosen: list[int]) -> IntArray:
     """Rows that take part: those that are not much farther than the median."""
     core = np.arange(len(r))
     for _ in range(5):
-        size = _left(J, r, chosen, core)
+        size = _remaining_sizes(J, r, chosen, core)
         core = np.flatnonzero(size <= max(CORE * float(np.median(size)), EXACT))
     return core
 
 
 def _rms(J: FloatArray, r: FloatArray, chosen: list[int], core: IntArray) -> float:
-    size = _left(J, r, chosen, core)[core]
+    size = _remaining_sizes(J, r, chosen, core)[core]
     return float(np.sqrt(np.mean(size**2)))
 
 

@@ -36,7 +36,7 @@ from irbcal.identification.fit_sections import FamilyShown, GearSpectrum, GroupR
 from irbcal.identification.independence import independent
 from irbcal.identification.linear_model import Linearisation, LinearModel
 from irbcal.identification.problem import Problem, State
-from irbcal.identification.term_sets import WIDE, TermSet, TypePrior, chi_square_of_type, like_type, taken
+from irbcal.identification.term_sets import WIDE, TermSet, TypePrior, chi_square_of_type, is_compared, like_type
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.sessions import into_one_frame
@@ -759,7 +759,7 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     t = evidence_temper(linearised.linear.per_pose)
     posterior = maximise_evidence(sums, flat, choice.group, choice.caps, t)
     terms = [superset[k] for k in choice.terms]
-    of_type = np.array([taken(term) for term in terms], dtype=bool)
+    of_type = np.array([is_compared(term) for term in terms], dtype=bool)
     prior = np.where(of_type, WIDE**-2.0, 1.0 / posterior.variances[choice.group])
     A = (t / posterior.s2) * sums.H + np.diag(np.concatenate([np.zeros(flat), prior]))
     of_type_columns = np.concatenate([np.zeros(flat, dtype=bool), of_type])

@@ -561,7 +561,7 @@ def certainty_of(fit: Fit) -> Certainty:
     """Covariance, leave-one-out errors and joint ranges of a fit."""
     problem, points = fit.problem, fit.problem.points
     covariance = fit.solution.information.covariance()
-    u = left_out(fit, covariance)
+    u = leave_one_out_residuals(fit, covariance)
     names = points.target_names
     return Certainty(
         nominal=problem.arm,
@@ -576,7 +576,7 @@ def certainty_of(fit: Fit) -> Certainty:
     )
 
 
-def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, PointSet]:
+def leave_one_out_residuals(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, PointSet]:
     """Leave-one-pose-out and leave-a-fifth-out residuals, both of shape (points, 3), metres, and whose they are.
 
     Repeats of one pose (`irbcal.measurement.repeats.repeat_groups`) are left out together. Infinite where what is left

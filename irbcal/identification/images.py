@@ -321,7 +321,7 @@ class Image(Kind):
             lens[k] = values[name][0]
         is_seen = np.isfinite(corners[:, :, 2])
         x = np.where(is_seen[..., None], places(corners), 0.0)
-        by_p, by_turn, uv, by_lens = self._seen(obs, values, x, lens)
+        by_p, by_turn, uv, by_lens = self._corner_derivatives(obs, values, x, lens)
         m, n = is_seen.shape
         count = is_seen.sum(axis=1)
         pixel = per_pixel(corners)
@@ -370,7 +370,7 @@ class Image(Kind):
             "cy k1."
         )
 
-    def _seen(
+    def _corner_derivatives(
         self, obs: Observed, values: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Derivatives of corners (m, n, 2, 3) by the tool's point and its turn, where they are, and by the lens."""
@@ -421,7 +421,7 @@ class ImageOnTool(Image):
         for name, item in Image.unknowns.items()
     }
 
-    def _seen(
+    def _corner_derivatives(
         self, obs: Observed, values: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         m, n = x.shape[:2]

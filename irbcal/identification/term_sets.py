@@ -300,7 +300,7 @@ def name_of(term: Term) -> str:
     return term.name
 
 
-def taken(term: Term) -> bool:
+def is_compared(term: Term) -> bool:
     """Whether a term is one of those that sisters are compared by."""
     if term.family == "harmonics":
         return order(term) <= TYPE_ORDERS
@@ -332,7 +332,7 @@ class TypePrior:
 
     def knows(self, term: Term) -> bool:
         """Whether it says something of a term."""
-        return taken(term) and name_of(term) in self.place
+        return is_compared(term) and name_of(term) in self.place
 
     def expected(self, terms: Sequence[Term]) -> CoefficientPrior:
         """What it says of terms, in their natural sizes."""

@@ -359,12 +359,12 @@ class FeatureSet(Result):
             **arrays,
             row=self.row[rows],
             cells=self.cells[rows],
-            corners=_some(self.corners, rows),
+            corners=_some_rows(self.corners, rows),
             inputs=at_rows(self.inputs, rows),
             frame=None if self.frame is None else self.frame[rows],
             carrier=None if self.carrier is None else self.carrier[rows],
-            point=_some(self.point, rows),
-            flange=_some(self.flange, rows),
+            point=_some_rows(self.point, rows),
+            flange=_some_rows(self.flange, rows),
             features={name: feature for name, feature in self.features.items() if name in names},
             lengths=tuple(length for length in self.lengths if length.first in names and length.second in names),
         )
@@ -542,7 +542,7 @@ def _with_images(rows: FeatureSet, features: Mapping[str, Feature]) -> FeatureSe
     )
 
 
-def _some(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
+def _some_rows(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
     return None if values is None else values[rows]
 
 

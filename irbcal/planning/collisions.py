@@ -71,7 +71,7 @@ class CollisionModel:
         self.arm = arm
         self._made_from = urdf_bytes, arm, tuple(str(folder) for folder in package_dirs)
         self._obstacles: list[tuple[FloatArray, tuple[float, ...]]] = []
-        text = _with_found_meshes(urdf_bytes, [Path(folder).resolve() for folder in package_dirs])
+        text = _with_mesh_files(urdf_bytes, [Path(folder).resolve() for folder in package_dirs])
         try:
             with libraries_silent():
                 self.model = pin.buildModelFromXML(text)
@@ -95,7 +95,7 @@ class CollisionModel:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # what Pinocchio and coal hold cannot be pickled: the model is made again from the files
-        return _made_again, (*self._made_from, self._obstacles)
+        return _rebuilt, (*self._made_from, self._obstacles)
 
     def add_obstacle(self, centre: ArrayLike, radius: float) -> None:
         """A ball that stands still, such as the tracker; the moving links are checked against it from now on.
@@ -252,7 +252,7 @@ class CollisionModel:
         return out
 
 
-def _made_again(
+def _rebuilt(
     urdf_bytes: bytes, arm: Arm, package_dirs: Sequence[str], obstacles: Sequence[tuple[FloatArray, tuple[float, ...]]]
 ) -> CollisionModel:
     model = CollisionModel(urdf_bytes, arm, package_dirs=package_dirs)
@@ -277,7 +277,7 @@ def _make_convex(solid: Any) -> None:
         solid.geometry = solid.geometry.convex
 
 
-def _with_found_meshes(urdf_bytes: bytes, folders: Sequence[Path]) -> str:
+def _with_mesh_files(urdf_bytes: bytes, folders: Sequence[Path]) -> str:
     """The URDF's text without visuals, each collision mesh named by its file.
 
     Raises

@@ -87,7 +87,7 @@ class Rated(Locked):
     aim: Aim
     """Mean squared error of positions over the whole range, m^2; known lengths are given."""
 
-    def left(self, rows: IntArray | None = None) -> float:
+    def remaining(self, rows: IntArray | None = None) -> float:
         """Root mean square error of positions that some poses (all unless given) leave, metres."""
         those = slice(None) if rows is None else rows
         return float(np.sqrt(self.aim.value(self.poses.rows[those], self.poses.errors[those])))
@@ -376,7 +376,7 @@ class DevicePlan(Result):
     approach : ndarray, shape (n, joints), or None
         Joints before the last part of the way, of devices that are touched.
     notes : tuple of str
-    left_by_all : float
+    remaining_by_all : float
         Predicted error that all candidates together would leave, metres.
     """
 
@@ -391,7 +391,7 @@ class DevicePlan(Result):
     tally: dict[str, int]
     approach: FloatArray | None
     notes: tuple[str, ...]
-    left_by_all: float
+    remaining_by_all: float
 
     def to_frame(self) -> pd.DataFrame:
         """The poses as the first file of ``irbcal calibrate --features``; values are to be filled in."""
@@ -406,12 +406,12 @@ class DevicePlan(Result):
         return {name: np.round(point / MM, 1).tolist() for name, point in self.found.middle.items()}
 
     @property
-    def left(self) -> float:
+    def remaining(self) -> float:
         """Predicted root mean square error of positions over the whole range after these poses, metres."""
         return float(np.sqrt(self.comparison.optimal))
 
     @property
-    def left_by_random(self) -> float:
+    def remaining_by_random(self) -> float:
         """The same after as many random poses that meet the same conditions, metres."""
         return float(np.sqrt(self.comparison.random[len(self.q)]))
 
@@ -422,8 +422,8 @@ class DevicePlan(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON has it: ``CONTENT``, the bar's length (None without one) and predicted errors."""
-        predicted = {"before": self.before / MM, "left": self.left / MM, "random": self.left_by_random / MM}
-        predicted |= {"all_candidates": self.left_by_all / MM}
+        predicted = {"before": self.before / MM, "left": self.remaining / MM, "random": self.remaining_by_random / MM}
+        predicted |= {"all_candidates": self.remaining_by_all / MM}
         return {**super().to_dict(), "bar_mm": self.found.bar / MM or None, "predicted_mm": predicted}
 
     def report(self) -> Sequence[Paragraph]:
@@ -443,19 +443,19 @@ class DevicePlan(Result):
         good = self.comparison.as_good_as
         equal = f"{good} random ones would be as good" if good else f"{largest} random ones would not be as good"
         lines.append(
-            f"Predicted position error: {self.before / MM:.2f} mm before, {self.left / MM:.3f} mm after these poses, "
-            f"{self.left_by_random / MM:.3f} mm after as many random ones that meet the same ({equal}); root mean "
-            "square over the whole range, calculated, joints err beyond the geometry"
+            f"Predicted position error: {self.before / MM:.2f} mm before, {self.remaining / MM:.3f} mm after these "
+            f"poses, {self.remaining_by_random / MM:.3f} mm after as many random ones that meet the same ({equal}); "
+            "root mean square over the whole range, calculated, joints err beyond the geometry"
         )
         advice = "Put features elsewhere, too, or take a device that moves the arm farther"
         if device.tilts:
             advice = (
                 "An inclinometer sees no length and nothing of joint 1: measure with a device that sees places, too"
             )
-        if self.left_by_all > FLOOR * self.left:
+        if self.remaining_by_all > FLOOR * self.remaining:
             lines.append(
                 f"All {sum(self.candidates.values())} poses that they were chosen from would leave "
-                f"{self.left_by_all / MM:.3f} mm: what is left is what no pose at these features tells. {advice} "
+                f"{self.remaining_by_all / MM:.3f} mm: what is left is what no pose at these features tells. {advice} "
                 "(irbcal plan --compare-devices)"
             )
         removed = ", ".join(f"{count} by {name}" for name, count in self.tally.items() if count)
@@ -545,10 +545,10 @@ def device_plan(
         tip_link=tip_link,
         coupling=coupling,
     )
-    return _made(scene, chosen_device, count, max(pool, count), cone, length, size, check_seed(seed), step)
+    return _choose_poses(scene, chosen_device, count, max(pool, count), cone, length, size, check_seed(seed), step)
 
 
-def _made(
+def _choose_poses(
     scene: Scene,
     device: Device,
     count: int,
@@ -572,7 +572,7 @@ def _made(
     step(f"{count} poses of {len(q)} candidates")
     rows = _chosen(rated, which, count, len(device.spots))
     step("random plans to compare with")
-    value = rated.left(rows) ** 2
+    value = rated.remaining(rows) ** 2
     comparison = compare(rated.poses, Chosen(rows, value, value, 0), rated.aim, seed)
     rows = _in_order(scene, q, which, rows)
     notes = [note for note in scene.notes if "reflector" not in note and "tracker" not in note]
@@ -590,7 +590,7 @@ def _made(
         tally,
         access.retreated(q[rows])[0] if access.touched else None,
         tuple(notes),
-        rated.left(),
+        rated.remaining(),
     )
 
 
@@ -635,16 +635,16 @@ def _chosen(rated: Rated, which: IntArray, count: int, features: int) -> IntArra
     aim, first = rated.aim, np.zeros(0, dtype=int)
     for k in range(features):
         rows_of_feature = np.flatnonzero(which == k)
-        rated_here = _some(rated.poses, rows_of_feature)
+        rated_here = _picked(rated.poses, rows_of_feature)
         first = np.append(first, rows_of_feature[exchange(rated_here, fewest, aim).rows])
-        aim = aim.with_given(_some(rated.poses, first[-fewest:]))
+        aim = aim.with_given(_picked(rated.poses, first[-fewest:]))
     others_of = np.setdiff1d(np.arange(len(which)), first)
     if count > len(first):
-        first = np.append(first, others_of[exchange(_some(rated.poses, others_of), count - len(first), aim).rows])
+        first = np.append(first, others_of[exchange(_picked(rated.poses, others_of), count - len(first), aim).rows])
     return np.sort(first)
 
 
-def _some(poses: Candidates, rows: IntArray) -> Candidates:
+def _picked(poses: Candidates, rows: IntArray) -> Candidates:
     return Candidates(poses.rows[rows], poses.errors[rows])
 
 
@@ -672,8 +672,8 @@ class RemainingError:
     words: str
     poses: int
     noise: float
-    left: float
-    left_with_joints: float
+    after: float
+    after_with_joints: float
     """Standard deviation of a coordinate, and root mean square error of positions that is left where the geometry is
     all that errs, and where the joints err beyond it, metres.
     """
@@ -704,8 +704,8 @@ class DeviceComparison(Result):
         """A row for each device, a column for each number of poses."""
         counts = sorted({row.poses for row in self.rows})
         devices = list(dict.fromkeys((row.device, row.words, row.noise) for row in self.rows))
-        remaining = {(row.device, row.poses): row.left / MM for row in self.rows}
-        last = {row.device: row.left_with_joints / MM for row in self.rows if row.poses == counts[-1]}
+        remaining = {(row.device, row.poses): row.after / MM for row in self.rows}
+        last = {row.device: row.after_with_joints / MM for row in self.rows if row.poses == counts[-1]}
         cells = tuple(
             (device, label, noise / MM, *(remaining.get((device, count)) for count in counts), last.get(device))
             for device, label, noise in devices
@@ -730,7 +730,7 @@ class DeviceComparison(Result):
         ]
 
     CONTENT = "robot before_mm before_with_joints_mm devices=to_frame notes=missing"
-    ROWS, COLUMNS = "rows", "device words poses noise_mm left_mm left_with_joints_mm"
+    ROWS, COLUMNS = "rows", "device words poses noise_mm after_mm after_with_joints_mm"
 
 
 def compare_devices(
@@ -787,20 +787,20 @@ def compare_devices(
             spread = TRACKER_NOISE if name == TRACKER else DEVICES[name].noise
             spread = spread if noise is None else number("noise", noise, 1e-7, 0.01)
             try:
-                errors = [_left(model, name, count, spread) for model in models]
+                errors = [_remaining_after_random(model, name, count, spread) for model in models]
             except IdentificationError as error:
                 missing.append(str(error))
                 continue
             label = "laser tracker, one reflector" if name == TRACKER else DEVICES[name].words
             rows.append(RemainingError(name, label, count, spread, *errors))
-    with_joints = {row.device: row.left_with_joints for row in rows}
+    with_joints = {row.device: row.after_with_joints for row in rows}
     rows.sort(key=lambda row: with_joints[row.device])
     return DeviceComparison(arm.name, models[0].before, models[1].before, tuple(rows), tuple(missing))
 
 
-def _left(model: DeviceModel, name: str, count: int, noise: float) -> float:
+def _remaining_after_random(model: DeviceModel, name: str, count: int, noise: float) -> float:
     """What random poses leave."""
     if name == TRACKER:
-        return model.tracked(count, noise).left()
+        return model.tracked(count, noise).remaining()
     features = placed(model.arm, DEVICES[name])
-    return model.at(features, *device_poses(model.arm, features, count, model.seed), noise).left()
+    return model.at(features, *device_poses(model.arm, features, count, model.seed), noise).remaining()

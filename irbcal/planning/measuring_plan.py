@@ -388,7 +388,7 @@ class Plan(Result):
             "  These are standard deviations from scatter alone; what the model does not describe is not in them."
         )
         if compared:
-            lines += _beside_random(compared)
+            lines += _compare_with_random(compared)
         return lines + [f"Note: {note}" for note in self.notes]
 
     def _counts(self) -> Table:
@@ -480,7 +480,7 @@ class Plan(Result):
         return tuple(Path(folder) / name for name in contents)
 
 
-def _beside_random(compared: dict[str, Any]) -> list[str]:
+def _compare_with_random(compared: dict[str, Any]) -> list[str]:
     """What the choice promises beside as many random poses: with errors that no model describes, and without."""
     criterion, scatter = CRITERIA[compared["criterion"]], compared["scatter_alone"]
     comparisons = {criterion.WORDS: compared}

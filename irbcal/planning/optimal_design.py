@@ -173,7 +173,7 @@ class Model:
         return Model(self.arm, targets, self.level, self.noise, self.parameters), visible[:, used]
 
 
-def flat(blocks: FloatArray) -> FloatArray:
+def stacked_rows(blocks: FloatArray) -> FloatArray:
     """The rows of all poses one below the other, (n r, p) of (n, r, p)."""
     n, r, p = blocks.shape
     return blocks.reshape(n * r, p)
@@ -286,7 +286,7 @@ class MeanSquaredError(Locked, Criterion):
     def of(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
         """Samples are the poses q (n, joints), seen by one reflector."""
         candidates = model.candidates(q, model.one(len(q), target), imagined)
-        J, E = (flat(array) * model.noise for array in (candidates.rows, candidates.errors))
+        J, E = (stacked_rows(array) * model.noise for array in (candidates.rows, candidates.errors))
         n = len(q)
         return cls(J.T @ J / n, J.T @ E / n, float(np.sum(E**2)) / n)
 
@@ -325,7 +325,7 @@ class MeanSquaredError(Locked, Criterion):
         """V W Z' + Z W V' - V (W U'GU W) V' = V T' + T V' with T = Z W - V (W U'GU W) / 2."""
         V, W, U = full
         T = ratings.flat @ (C @ (self.G @ U)) @ W - V @ (0.5 * W @ (U.T @ self.G @ U) @ W)
-        cross = ratings.outer(V, T)
+        cross = ratings.block_products(V, T)
         blocks = ratings.blocks
         blocks -= cross
         blocks -= cross.transpose(0, 2, 1)
@@ -344,12 +344,12 @@ class Aim(Locked):
 
     def with_given(self, poses: Candidates) -> Aim:
         """The same with what some poses (Candidates) show taken as there."""
-        X, E = flat(poses.rows), flat(poses.errors)
+        X, E = stacked_rows(poses.rows), stacked_rows(poses.errors)
         return replace(self, given=(self.given[0] + X.T @ X, self.given[1] + X.T @ E))
 
     def sums(self, rows: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Information with prior (p, p) and ``J^T E`` (p, h) of poses."""
-        X, E = flat(rows), flat(errors)
+        X, E = stacked_rows(rows), stacked_rows(errors)
         return np.eye(X.shape[1]) + self.given[0] + X.T @ X, self.given[1] + X.T @ E
 
     def value(self, rows: FloatArray, errors: FloatArray) -> float:
@@ -556,10 +556,10 @@ class Ratings:
         U = C @ X.T
         W = _inverse(sign * np.eye(len(X)) + X @ U)
         V = self.flat[:, block] @ U
-        blocks -= self.outer(V @ W, V)
+        blocks -= self.block_products(V @ W, V)
         return V, W, U
 
-    def outer(self, A: FloatArray, B: FloatArray) -> FloatArray:
+    def block_products(self, A: FloatArray, B: FloatArray) -> FloatArray:
         """``A B^T`` of each candidate for (N r, r) arrays, shape (N, r, r)."""
         n, r, _ = self.rows.shape
         return A.reshape(n, r, r) @ B.reshape(n, r, r).transpose(0, 2, 1)

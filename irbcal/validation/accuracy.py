@@ -336,7 +336,8 @@ def coverage(robot: Robot, points: PointSet, moves: bool = False) -> dict[str, A
         if not ways:
             return None
         inside, width = (
-            np.concatenate(each)[:, None] for each in zip(*(_of_ways(robot, points, w) for w in ways), strict=True)
+            np.concatenate(each)[:, None]
+            for each in zip(*(_moves_within_intervals(robot, points, w) for w in ways), strict=True)
         )
         outside = np.concatenate([outside[rows[1:]] | outside[rows[:-1]] for rows in ways])
         target = np.concatenate([target[rows[1:]] for rows in ways])
@@ -354,7 +355,7 @@ def coverage(robot: Robot, points: PointSet, moves: bool = False) -> dict[str, A
     return {"expected": EXPECTED, "of": "lengths of moves" if moves else "coordinates", "parts": shares}
 
 
-def _of_ways(robot: Robot, points: PointSet, rows: IntArray) -> tuple[BoolArray, FloatArray]:
+def _moves_within_intervals(robot: Robot, points: PointSet, rows: IntArray) -> tuple[BoolArray, FloatArray]:
     """Whether measured lengths of a target's ways from row to row lie within their intervals, and half-widths, m."""
     pose = points.pose[rows]
     known = at_rows(points.inputs, pose)
@@ -545,7 +546,7 @@ def intervals(
     if n < FEWEST_POSES_FOR_INTERVALS:
         return None
     if n > MOST_DRAWN:
-        drawn = _some(n, seed)[row]
+        drawn = _drawn_poses(n, seed)[row]
         part, part_row = np.asarray(distance, dtype=float)[drawn], row[drawn]
         del row, drawn  # of millions of poses
         ends_of = intervals(part, part_row, resamples, seed, level)
@@ -598,7 +599,7 @@ def difference(
     if n < FEWEST_POSES_FOR_INTERVALS:
         return None
     if n > MOST_DRAWN:
-        drawn = v[_some(n, seed)]
+        drawn = v[_drawn_poses(n, seed)]
         ends = difference(drawn, resamples, seed, level)
         return None if ends is None else _narrowed(ends, float(drawn.mean()), float(v.mean()), n)
     counts = _kept_draws(n, resamples, seed) if n * resamples <= BLOCK else draws(n, resamples, seed)
@@ -630,7 +631,7 @@ def bca(replicates: FloatArray, estimate: float, jackknife: FloatArray, level: f
     return np.percentile(replicates, 100 * ends).tolist()
 
 
-def _some(n: int, seed: int) -> BoolArray:
+def _drawn_poses(n: int, seed: int) -> BoolArray:
     """Which of n poses stand for all."""
     return np.isin(np.arange(n), np.random.default_rng(seed).permutation(n)[:MOST_DRAWN])
 

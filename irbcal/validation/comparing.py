@@ -55,14 +55,14 @@ class Pair:
 
     better: str
     worse: str
-    """By the mean; that this is not chance only where ``told_apart``."""
+    """By the mean; that this is not chance only where ``significant``."""
     difference_mm: float
     """Mean error of the worse less that of the better."""
     interval_mm: tuple[float, ...] | None
     """Two numbers, of that difference; all pairs' intervals hold together with 95 % confidence (Bonferroni)."""
 
     @property
-    def told_apart(self) -> bool:
+    def significant(self) -> bool:
         """Whether the difference is beyond chance."""
         return self.interval_mm is not None and self.interval_mm[0] > 0.0
 
@@ -71,7 +71,7 @@ class Pair:
         if self.interval_mm is None:
             return f"too few poses to tell {self.better} and {self.worse} apart"
         low, high = self.interval_mm
-        if not self.told_apart:
+        if not self.significant:
             return f"not told apart from {self.worse} ({low:+.3f} to {high:+.3f} mm)"
         return f"better than {self.worse} by {self.difference_mm:.3f} mm ({low:.3f} to {high:.3f} mm)"
 
@@ -210,7 +210,7 @@ class Compared(Result):
         by_name = zip(self.names, self.models, strict=True)
         calibrations = [{"name": name, "model": model, **self.statistics[name]} for name, model in by_name]
         errors = {"pose": self.poses, **dict(zip(self.names, self.error_mm.T, strict=True))}
-        pairs = rows(self.pairs, "better worse difference_mm interval_mm told_apart")
+        pairs = rows(self.pairs, "better worse difference_mm interval_mm significant")
         content = {
             "calibrations": calibrations,
             "nominal": self.statistics["nominal"],

@@ -130,7 +130,7 @@ def mixed_poses(equations: PoseEquations) -> list[str]:
     H, g, yy = equations.sums
     if 3 * len(points) < SPARE * 2 * equations.sums.unknowns:
         return []
-    halves = told_apart(H, g, yy)
+    halves = separate_halves(H, g, yy)
     if (
         halves is None
         or halves.two > MIXED_SMALLER**2 * halves.one
@@ -163,7 +163,7 @@ def by_direction(moves: FloatArray, second: BoolArray) -> bool:
     return bool((np.abs(side.mean(axis=0)) >= SURE).any())
 
 
-def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray) -> Halves | None:
+def separate_halves(H: FloatArray, g: FloatArray, yy: FloatArray) -> Halves | None:
     """The best way found to tell poses apart; None where the smaller part is too small.
 
     Parameters

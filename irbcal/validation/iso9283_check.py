@@ -508,7 +508,7 @@ def path_accuracy(
     if robot is not None:
         T = frames.inverse(robot.T_world_base)
         position, turn = frames.apply(T, position), None if turn is None else T[:3, :3] @ turn
-    meant, wanted_turn = _wanted(commanded, robot, target)
+    meant, wanted_turn = _commanded_poses(commanded, robot, target)
     times = [table[k].ascending("time_s") for k in rows] if "time_s" in table else None
     if velocity is not None and times is None:
         raise OptionError(
@@ -532,7 +532,9 @@ def path_accuracy(
     )
 
 
-def _wanted(commanded: InputTable, robot: Robot | None, target: str | None) -> tuple[FloatArray, FloatArray | None]:
+def _commanded_poses(
+    commanded: InputTable, robot: Robot | None, target: str | None
+) -> tuple[FloatArray, FloatArray | None]:
     """Commanded places and orientations of what was measured."""
     position, turn = commanded.si(POSITION), commanded.rotations()
     if target is None:
@@ -688,13 +690,13 @@ class Iso9283(Result):
     posing: PosingTimes | None = None
     compliance: StaticCompliance | None = None
 
-    def _made(self) -> list[PoseCheck | Settling | PathCheck | PosingTimes | StaticCompliance]:
+    def _present_checks(self) -> list[PoseCheck | Settling | PathCheck | PosingTimes | StaticCompliance]:
         checks = (self.poses, self.stabilisation, self.path, self.posing, self.compliance)
         return [check for check in checks if check is not None]
 
     def report(self) -> Sequence[Paragraph]:
         """What each of the tests has to say."""
-        return [line for check in self._made() for line in check.report()]
+        return [line for check in self._present_checks() for line in check.report()]
 
     CONTENT = "poses stabilisation path posing compliance"
 
@@ -707,7 +709,7 @@ class Iso9283(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """The table of the first test that was made, in the order of the attributes."""
-        return self._made()[0].to_frame()
+        return self._present_checks()[0].to_frame()
 
     def plots(self) -> dict[str, Chart]:
         """All figures, by ``drift`` and the names of the attributes; only what was measured.

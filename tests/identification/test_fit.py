@@ -14,7 +14,7 @@ from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError, OptionError, RobotError
 from irbcal.identification import choices, robust
-from irbcal.identification.fit import certainty_of, choose_level, identify, identify_by, left_out
+from irbcal.identification.fit import certainty_of, choose_level, identify, identify_by, leave_one_out_residuals
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import (
@@ -404,7 +404,7 @@ def test_refused_levels_say_why():
 
 def test_names_are_those_of_the_code():
     assert set(choices.LEVELS) == {*parameters.THESIS_LEVELS, *parameters.GENERAL_LEVELS}
-    assert (*choices.LEVELS, "auto", "best-level") == choices.MODELS
+    assert ("auto", "best-level", *choices.LEVELS) == choices.MODELS
     assert ("linear", *robust.LOSSES) == choices.LOSSES
     assert choices.METHODS == ("least-squares", "circles", "nelder-mead")
 
@@ -476,7 +476,7 @@ def test_known_targets_and_orientations_have_their_columns():
 def test_left_out_residuals_are_those_of_fits_without_the_pose():
     nominal, _, points, _ = cell("26", poses=25)
     fit = identify(nominal, points, "26")
-    single, fifths, _ = left_out(fit, fit.solution.information.covariance())
+    single, fifths, _ = leave_one_out_residuals(fit, fit.solution.information.covariance())
     for k in (0, 7, 24):
         rest = identify(nominal, points.select(np.arange(25) != k), "26")
         expected = (points.xyz - points.predicted(rest.robot))[points.pose == k] @ rest.robot.T_world_base[:3, :3]
@@ -496,7 +496,7 @@ def test_repeats_are_left_out_together():
     mine = fit.problem.points.pose // 3 == 4
     seen = fit.problem.points
     expected = (seen.xyz - seen.predicted(rest.robot))[mine] @ rest.robot.T_world_base[:3, :3]
-    found = left_out(fit, fit.solution.information.covariance())[0][mine]
+    found = leave_one_out_residuals(fit, fit.solution.information.covariance())[0][mine]
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
 
 
@@ -538,11 +538,11 @@ def test_some_places_tell_what_all_do(monkeypatch):
         assert abs(some.leave_fifths_out[name] / whole.leave_fifths_out[name] - 1.0) < 0.15
     with monkeypatch.context() as patch:
         patch.setattr("irbcal.identification.fit.MOST_PLACES", 149)
-        single, _, mine = left_out(fit, whole.covariance)
+        single, _, mine = leave_one_out_residuals(fit, whole.covariance)
         every = left_out_of_all(fit, whole.covariance, patch)
         assert np.abs(single - every[np.isin(points.pose_ids, mine.pose_ids)[points.pose]]).max() < 1e-9
 
 
 def left_out_of_all(fit, covariance, patch):
     patch.setattr("irbcal.identification.fit.MOST_PLACES", 10**6)
-    return left_out(fit, covariance)[0]
+    return leave_one_out_residuals(fit, covariance)[0]

@@ -31,11 +31,11 @@ from irbcal.identification.term_sets import (
     TypePrior,
     candidates,
     chi_square_of_type,
+    is_compared,
     like_type,
     make,
     name_of,
     superset,
-    taken,
     tau_of,
     weights,
     with_tau,
@@ -171,7 +171,7 @@ def test_the_terms_are_those_of_the_type_each_once(shown):
     assert len(set(names)) == len(names)
     assert {"delta_theta3", "delta_a2"} <= set(names)
     assert {term.family for term in shown.terms} == set(term_sets.TYPE_FAMILIES)
-    assert all(taken(term) for term in shown.terms)
+    assert all(is_compared(term) for term in shown.terms)
 
 
 def test_its_estimate_agrees_with_the_truth_within_its_scatter(robot, shown):

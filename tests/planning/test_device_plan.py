@@ -21,14 +21,14 @@ def test_with_the_same_prior_it_agrees_with_an_independent_calculation():
     model = DeviceModel(cases.arm(), prior=1.37e-3)
     assert model.before == pytest.approx(1.37e-3)
     for name, there in (("ball", 0.30e-3), ("plane", 0.32e-3), ("sockets", 0.231e-3)):
-        assert _at(model, name, 60).left() == pytest.approx(there, rel=0.15)
+        assert _at(model, name, 60).remaining() == pytest.approx(there, rel=0.15)
 
 
 def test_joints_that_err_agree_with_simulated_cells():
     """SIMULATED robots of the thesis's cell leave 0.75 to 0.82 mm with two sockets (``scripts/devices_simulated``)."""
     model = DeviceModel(cases.arm(), wide=True, prior=0.9e-3)
-    assert _at(model, "sockets", 100).left() == pytest.approx(0.79e-3, rel=0.15)
-    assert _at(model, "balls", 100).left() == pytest.approx(0.30e-3, rel=0.2)
+    assert _at(model, "sockets", 100).remaining() == pytest.approx(0.79e-3, rel=0.15)
+    assert _at(model, "balls", 100).remaining() == pytest.approx(0.30e-3, rel=0.2)
 
 
 def _at(model, name, count):
@@ -40,7 +40,7 @@ def test_less_noise_and_more_poses_leave_less():
     model = DeviceModel(cases.arm())
     found = placed(model.arm, DEVICES["balls"])
     few, more = (poses(model.arm, found, count) for count in (16, 48))
-    at = [model.at(found, *q, noise).left() for q, noise in ((more, 1e-4), (few, 1e-4), (few, 1e-5))]
+    at = [model.at(found, *q, noise).remaining() for q, noise in ((more, 1e-4), (few, 1e-4), (few, 1e-5))]
     assert at[0] < at[1]
     assert at[2] < at[1]
     assert set(DEVICES) >= {"ball", "sockets", "ballbar", "string", "plane"}
@@ -78,20 +78,20 @@ def test_poses_are_free_of_collisions_and_at_the_sockets(made, tmp_path):
 def test_chosen_poses_leave_less_than_random_ones(made):
     """The prediction is that of the poses themselves, told anew from the plan's joints."""
     model = DeviceModel(made.arm, wide=True)
-    again = model.at(made.found, made.q, made.which, made.found.device.noise).left()
-    assert made.left == pytest.approx(again, rel=1e-6)
-    assert made.left < 0.97 * made.left_by_random < made.before
+    again = model.at(made.found, made.q, made.which, made.found.device.noise).remaining()
+    assert made.remaining == pytest.approx(again, rel=1e-6)
+    assert made.remaining < 0.97 * made.remaining_by_random < made.before
     assert made.comparison.as_good_as is None or made.comparison.as_good_as > 30
 
 
 def test_a_plan_says_where_more_poses_do_not_help(made):
     """All candidates together leave nearly what the chosen ones do: at two sockets, not at four balls."""
-    assert 0.75 * made.left < made.left_by_all < made.left
+    assert 0.75 * made.remaining < made.remaining_by_all < made.remaining
     assert "what is left is what no pose at these features tells" in str(made.summary())
     balls = device_plan("irb1600", "balls", 24, candidates=300)
-    assert balls.left_by_all < 0.75 * balls.left
+    assert balls.remaining_by_all < 0.75 * balls.remaining
     assert "no pose" not in str(balls.summary())
-    assert balls.to_dict()["predicted_mm"]["all_candidates"] == pytest.approx(balls.left_by_all / MM)
+    assert balls.to_dict()["predicted_mm"]["all_candidates"] == pytest.approx(balls.remaining_by_all / MM)
 
 
 def test_an_inclinometer_has_poses_anywhere_and_tells_what_it_does_not_see():
@@ -103,7 +103,7 @@ def test_an_inclinometer_has_poses_anywhere_and_tells_what_it_does_not_see():
     assert "level anywhere: 18 poses" in str(plan.summary())
     assert "An inclinometer sees no length and nothing of joint 1" in str(plan.summary())
     model = DeviceModel(plan.arm)
-    many = model.at(plan.found, *poses(model.arm, plan.found, 300), 1e-9).left()
+    many = model.at(plan.found, *poses(model.arm, plan.found, 300), 1e-9).remaining()
     lengths = np.sqrt(np.diagonal(model.G)[3:][[term.axis[0] == "t" for term in model.terms]].sum())
     assert lengths < many < 1.1 * lengths
 
@@ -193,14 +193,14 @@ def found():
 
 def test_devices_stand_in_the_order_of_an_independent_calculation(found):
     """Its order at 100 poses: tracker, four balls, strings, ballbar, two balls, sockets, one ball, planes."""
-    left = {row.device: row.left for row in found.rows}
+    left = {row.device: row.after for row in found.rows}
     assert left["tracker"] < left["balls"] < left["two-balls"] < left["sockets"] < left["ball"]
     assert left["sockets"] < left["plane"]
     assert all(value < found.before for value in left.values())
-    assert all(row.left < row.left_with_joints < found.before_with_joints for row in found.rows)
+    assert all(row.after < row.after_with_joints < found.before_with_joints for row in found.rows)
     assert "Calculated, not measured" in str(found.summary())
     frame = found.to_frame()
-    assert list(frame["left_with_joints_mm"]) == sorted(frame["left_with_joints_mm"])
+    assert list(frame["after_with_joints_mm"]) == sorted(frame["after_with_joints_mm"])
     assert frame["device"].iloc[0] == "tracker"
 
 
@@ -209,7 +209,7 @@ def test_the_best_is_first_by_the_largest_number_of_poses_however_they_are_given
     signs = {50: 1.0, 20: -1.0}  # what is best of many is worst of few
     monkeypatch.setattr(planning_of_devices, "DeviceModel", lambda *_: SimpleNamespace(before=1.0))
     monkeypatch.setattr(
-        planning_of_devices, "_left", lambda model, name, count, noise: (signs[count] * left.get(name, 99.0),) * 2
+        planning_of_devices, "_remaining_after_random", lambda model, name, count, noise: (signs[count] * left.get(name, 99.0),) * 2
     )
     found = compare_devices("irb1600", (50, 20, 50))
     assert list(dict.fromkeys(row.device for row in found.rows)) == [*DEVICES, "tracker"]

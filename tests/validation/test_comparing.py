@@ -62,7 +62,7 @@ def test_the_verdict_names_the_best(found):
     assert words.startswith("On these 100 SIMULATED poses m_34& has the smallest mean error")
     assert "better than m_11& by" in words
     best = {(pair.better, pair.worse): pair for pair in found.pairs}["m_34&", "m_11&"]
-    assert best.told_apart
+    assert best.significant
     low, high = best.interval_mm
     assert low < best.difference_mm < high
     gain = found.error_mm[:, 0] - found.error_mm[:, 1]
@@ -74,7 +74,7 @@ def test_the_verdict_names_the_best(found):
 def test_one_and_the_same_is_not_told_apart(three, proof):
     twice = irbcal.compare({"a": three[1], "b": three[1]}, proof)
     assert "not told apart from b" in twice.verdict()
-    assert not twice.pairs[0].told_apart
+    assert not twice.pairs[0].significant
 
 
 def test_fitted_poses_of_any_are_counted_out(three):
@@ -132,10 +132,10 @@ def test_better_and_not_told_apart():
     first, place = 1e-3 * (1 + 0.1 * rng.random(40)), np.arange(40)
     better = Pair.of("B", "A", np.full(40, 1e-4), place)
     assert better.difference_mm == pytest.approx(0.1, abs=1e-12)
-    assert better.told_apart
+    assert better.significant
     assert better.sentence().startswith("better than A by 0.100 mm")
     same = Pair.of("B", "A", 1e-4 * rng.standard_normal(40), place)
-    assert not same.told_apart
+    assert not same.significant
     assert "not told apart from A" in same.sentence()
     few = Pair.of("B", "A", first[:4], place[:4])
     assert few.interval_mm is None
@@ -146,7 +146,7 @@ def test_better_and_not_told_apart():
 
 def test_an_interval_that_touches_zero_tells_nothing():
     for low in (-0.1, 0.0):
-        assert not Pair("B", "A", 0.1, (low, 0.3)).told_apart
+        assert not Pair("B", "A", 0.1, (low, 0.3)).significant
     assert Pair("B", "A", 0.3, (0.1, 0.5)).sentence() == "better than A by 0.300 mm (0.100 to 0.500 mm)"
 
 

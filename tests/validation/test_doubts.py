@@ -12,7 +12,7 @@ from irbcal.io import robots
 from irbcal.modeling.parameters import default_level
 from irbcal.units import MM
 from irbcal.validation import doubts
-from irbcal.validation.doubts import PoseEquations, mixed_poses, predicted, told_apart
+from irbcal.validation.doubts import PoseEquations, mixed_poses, predicted, separate_halves
 from irbcal.validation.length_scale import length_scale
 
 
@@ -243,7 +243,7 @@ def test_two_lines_are_told_apart():
     """One unknown, slopes 1 and -1, by hand: every pose goes to its own, and nothing is left."""
     x = np.linspace(1.0, 2.0, 40)
     slope = np.where(np.arange(40) % 2 == 1, -1.0, 1.0)
-    found = told_apart((x**2)[:, None, None], (x * slope * x)[:, None], (slope * x) ** 2)
+    found = separate_halves((x**2)[:, None, None], (x * slope * x)[:, None], (slope * x) ** 2)
     assert found.two < 1e-6 * found.one
     assert found.sure == 1.0
     assert len(set(found.second[1::2])) == 1
@@ -256,7 +256,7 @@ def test_clean_data_of_one_robot_are_of_one_robot(seed):
     nominal, rng = arm("irb1600"), np.random.default_rng(seed)
     robot = random_robot(nominal, "placement", rng)
     equations = PoseEquations(nominal, measured(robot, nominal.random_joints(60, seed), 2e-5, rng))
-    found = told_apart(*equations.sums)
+    found = separate_halves(*equations.sums)
     assert found.two < 0.25 * found.one
     assert found.sure > 0.9
     assert predicted(*equations.sums, found.second) < 0.9
