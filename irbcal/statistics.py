@@ -143,6 +143,25 @@ Statistics: TypeAlias = dict[str, float]
 """What `statistics` and `rotation_statistics` return; ``n`` is an int."""
 
 
+HEADINGS = {
+    "n": "points",
+    "mean": "mean",
+    "sigma": "sigma",
+    "max": "max",
+    "mean_plus_3sigma": "mean+3σ",
+    "rms": "rms",
+    "p95": "95th percentile",
+}
+"""Figures of errors, and their headings in tables, pages and certificates; in results a name ends in its unit."""
+FOUR = ("mean", "sigma", "max", "mean_plus_3sigma")
+"""Those of the tables of Nubiola 2011, section 7.7."""
+
+
+def headed(*figures: str, unit: str = "mm") -> tuple[tuple[str, str], ...]:
+    """Columns of a table of figures: heading, and name in results."""
+    return tuple((HEADINGS[name], name if name == "n" else f"{name}_{unit}") for name in figures)
+
+
 def smallest(values: FloatArray, share: float) -> BoolArray:
     """Which values are at most the quantile ``share`` of all: ``values <= np.quantile(values, share)``, but quicker."""
     rank = int(share * (len(values) - 1))

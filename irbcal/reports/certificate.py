@@ -22,6 +22,7 @@ from irbcal.plotting.pose_errors import PoseErrors, WorstPose, errors_by_pose, v
 from irbcal.reports import report_page
 from irbcal.reports.languages import LANGUAGES, Language, translated
 from irbcal.reports.report_page import as_csv
+from irbcal.statistics import headed
 from irbcal.units import MM
 from irbcal.validation.evaluation import Evaluation
 from irbcal.validation.judged_points import MODELS
@@ -39,14 +40,6 @@ LONGEST = 400
 LINE, ROOM = 92, (4, 14)
 """Characters of a line; lines of remarks and of what was told beyond which there is no room for the errors by pose,
 and none for all the rest on one page."""
-STATISTICS = (
-    ("mean", "mean_mm"),
-    ("sigma", "sigma_mm"),
-    ("mean + 3σ", "mean_plus_3sigma_mm"),
-    ("95th percentile", "p95_mm"),
-    ("largest", "max_mm"),
-)
-"""Headings of the table of accuracy, and names of their numbers."""
 
 
 def certificate(
@@ -131,7 +124,7 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
         stated=stated,
         remarks=remarks,
         crowded=crowded,
-        statistics=STATISTICS,
+        statistics=headed("mean", "sigma", "mean_plus_3sigma", "p95", "max"),
         rows=_rows(evaluation),
         intervals=_intervals(evaluation),
         worst=_worst(evaluation, worst),

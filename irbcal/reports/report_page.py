@@ -27,6 +27,7 @@ from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart, fixed
 from irbcal.plotting.pose_errors import WorstPose, worst_poses
 from irbcal.reports.evidence import limits
+from irbcal.statistics import FOUR, headed
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
 
@@ -279,13 +280,6 @@ def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
     return rows
 
 
-STATISTICS = (
-    ("mean", "mean_mm"),
-    ("sigma", "sigma_mm"),
-    ("max", "max_mm"),
-    ("mean+3σ", "mean_plus_3sigma_mm"),
-    ("rms", "rms_mm"),
-)
 MOST_LISTED = 2000
 """Left-out points that are listed one by one; all are in ``calibration.json``."""
 
@@ -317,7 +311,8 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         key_mark=charts.key,
         verdict=verdict(calibration),
         trusted=verdict_of(calibration).trusted,
-        statistics=STATISTICS,
+        statistics=headed(*FOUR, "rms"),
+        with_intervals=headed("mean", "sigma", "mean_plus_3sigma", "rms", "p95"),
         error_tables=error_tables(calibration),
         limits=limits(calibration, evidence),
         worst=_worst(calibration, evidence),

@@ -25,7 +25,7 @@ from irbcal.names import check_names
 from irbcal.options import seed as check_seed
 from irbcal.options import shown
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
-from irbcal.statistics import statistics
+from irbcal.statistics import FOUR, headed, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, rows, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
@@ -36,13 +36,7 @@ from irbcal.validation.refit import Refit
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = (
-    ("mean", "mean_mm"),
-    ("sigma", "sigma_mm"),
-    ("max", "max_mm"),
-    ("mean+3σ", "mean_plus_3sigma_mm"),
-    ("95 %", "p95_mm"),
-)
+COLUMNS = headed(*FOUR, "p95")
 COLOURS = ("calibrated", "nominal", "below", "above", "accent", "measured", "series2", "series3", "series4", "unknown")
 """Of calibrations in charts."""
 MOST = 12

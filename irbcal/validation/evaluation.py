@@ -23,7 +23,7 @@ from irbcal.modeling.home import line_at_home
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_errors import ModelErrors, PoseErrorPlots, PoseErrors
-from irbcal.statistics import rotation_statistics, statistics
+from irbcal.statistics import FOUR, headed, rotation_statistics, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
@@ -57,9 +57,6 @@ from irbcal.validation.judged_points import (
     known,
     prepared,
 )
-
-KEYS = ("n", "mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm", "rms_mm")
-FOUR = ("mean", "sigma", "max", "mean_plus_3sigma")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -210,7 +207,7 @@ class Evaluation(Result):
         return statistics_table(f"{mark}position errors of model {self.model}, mm", entries, bold={1})
 
     def _interval_table(self, intervals: Mapping[str, Any]) -> list[Paragraph]:
-        keys = {"mean": "mean_mm", "sigma": "sigma_mm", "mean + 3σ": "mean_plus_3sigma_mm"}
+        keys = dict(headed("mean", "sigma", "mean_plus_3sigma"))
         keys |= {f"{p} % of the points below": f"p{p}_mm" for p in accuracy.PERCENTILES}
         rows: list[tuple[Cell, ...]] = []
         for name, words in self._labels.items():
@@ -249,22 +246,23 @@ class Evaluation(Result):
         return [self._table_by_model("Relative position errors from a virtual frame, mm", errors), shift]
 
     def _table_by_model(self, title: str, errors: Mapping[str, Any], unit: str = "mm", digits: int = 3) -> Table:
-        keys = [f"{key}_{unit}" for key in FOUR]
-        rows = tuple((label, *(errors[name][key] for key in keys)) for name, label in self._labels.items())
-        return Table(title, ("model", "mean", "sigma", "max", "mean+3σ"), rows, digits)
+        columns = headed(*FOUR, unit=unit)
+        rows = tuple((label, *(errors[name][key] for _, key in columns)) for name, label in self._labels.items())
+        return Table(title, ("model", *(heading for heading, _ in columns)), rows, digits)
 
 
 def _verified_table(errors: Mapping[str, Any]) -> list[Paragraph]:
     """Expected beside verified errors, and what speaks against the comparison."""
     by_label = {"": errors, **{f"{group}: ": values for group, values in errors["per_group"].items()}}
+    columns = headed("n", *FOUR)
     rows: list[tuple[Cell, ...]] = [
-        (f"{label}{name}", values[name]["n"], *(values[name][f"{key}_mm"] for key in FOUR))
+        (f"{label}{name}", *(values[name][key] for _, key in columns))
         for label, values in by_label.items()
         for name in ("uncorrected", "expected", "verified")
         if values[name]
     ]
-    columns = ("", "points", "mean", "sigma", "max", "mean+3σ")
-    lines: list[Paragraph] = [Table("Expected against verified errors, mm", columns, tuple(rows))]
+    headings = ("", *(heading for heading, _ in columns))
+    lines: list[Paragraph] = [Table("Expected against verified errors, mm", headings, tuple(rows))]
     unlike = errors["poses"]["set_aside"]
     if unlike:
         more = f" … and {len(unlike) - 8} more" if len(unlike) > 8 else ""
@@ -284,12 +282,11 @@ def _verified_table(errors: Mapping[str, Any]) -> list[Paragraph]:
 def statistics_table(title: str, entries: Sequence[tuple[str, str, Statistics]], bold: set[int]) -> Table:
     """Statistics in mm as a table: (label, model, statistics), equal labels once."""
     rows: list[tuple[Cell, ...]] = []
-    previous = None
+    previous, columns = None, headed("n", *FOUR, "rms")
     for label, model, values in entries:
-        rows.append(("" if label == previous else label, model, *(values[key] for key in KEYS)))
+        rows.append(("" if label == previous else label, model, *(values[key] for _, key in columns)))
         previous = label
-    columns = ("", "model", "points", "mean", "sigma", "max", "mean+3σ", "rms")
-    return Table(title, columns, tuple(rows), bold=frozenset(bold))
+    return Table(title, ("", "model", *(heading for heading, _ in columns)), tuple(rows), bold=frozenset(bold))
 
 
 def orientation_line(model: str, values: Mapping[str, Any]) -> str:

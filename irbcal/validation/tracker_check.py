@@ -17,7 +17,7 @@ from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.options import length as metres
 from irbcal.options import number
 from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span
-from irbcal.statistics import normal_quantile, statistics
+from irbcal.statistics import FOUR, headed, normal_quantile, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability
@@ -213,10 +213,10 @@ class PointRepeatability(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """Statistics point by point."""
-        keys = ("n", "mean_mm", "max_mm", "sigma_mm", "mean_plus_3sigma_mm")
-        rows = tuple((name, *(self.statistics(name)[key] for key in keys)) for name in self.positions())
-        columns = ("point", "n", "mean", "max", "sigma", "mean+3σ")
-        table = Table("Repeatability, distances from the mean, mm", columns, rows, digits=4)
+        columns = headed("n", *FOUR)
+        rows = tuple((name, *(self.statistics(name)[key] for _, key in columns)) for name in self.positions())
+        headings = ("point", "n", *(heading for heading, _ in columns[1:]))
+        table = Table("Repeatability, distances from the mean, mm", headings, rows, digits=4)
         worst = max(self.positions(), key=lambda name: float(self.statistics(name)["mean_plus_3sigma_mm"]))
         out: list[Paragraph] = [
             f"{len(self.error)} readings of {len(rows)} points: mean + 3σ of the distances from the mean "
