@@ -1,4 +1,4 @@
-"""Evidence: coefficients with one prior variance a group, and those variances from the data (MacKay's fixed point).
+"""Evidence: coefficients with one prior variance a group, and those variances from the data.
 
 The model is ``y = J c + noise`` with noise of variance ``s2 / t`` a coordinate, prior ``N(0, v_g)`` on the coefficients
 of group g, none on the flat columns. ``t`` (tempering) says how much a coordinate counts: those of one pose are not
@@ -39,48 +39,6 @@ class NormalEquations:
         return NormalEquations(self.H[np.ix_(columns, columns)], self.g[columns], self.yy, self.equations)
 
 
-class Anderson:
-    """The next place to try for ``x = g(x)``, from the places that were tried before.
-
-    Parameters
-    ----------
-    memory : int
-        How many differences are used.
-    longest : float
-        Largest change of a coordinate in a step.
-    """
-
-    def __init__(self, memory: int = 5, longest: float = 3.0) -> None:
-        self.memory, self.longest = memory, longest
-        self.forget()
-
-    def forget(self) -> None:
-        """Begin anew."""
-        self._places: list[FloatArray] = []
-        self._steps: list[FloatArray] = []
-
-    def after(self, x: FloatArray, mapped: FloatArray) -> FloatArray:
-        """Where to go from a place.
-
-        Parameters
-        ----------
-        x, mapped : ndarray, shape (n,)
-            A place and ``g`` of it.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            ``mapped`` itself as long as nothing else is known.
-        """
-        self._places = [*self._places, x][-self.memory - 1 :]
-        self._steps = [*self._steps, mapped - x][-self.memory - 1 :]
-        if len(self._places) == 1:
-            return mapped
-        steps, shifts = np.diff(self._steps, axis=0).T, np.diff(self._places, axis=0).T
-        weights = np.linalg.lstsq(steps, mapped - x, rcond=1e-8)[0]
-        return x + np.clip(mapped - x - (shifts + steps) @ weights, -self.longest, self.longest)
-
-
 VARIANCE_CAP, GEOMETRY_CAP = 4.0, 400.0
 """Largest variances, in squared natural sizes: without them a fit on one corner of the workspace ran off."""
 PRIOR_C2, PRIOR_GAMMA = 0.002, 0.2
@@ -92,8 +50,12 @@ through the few points of a small set leave no residuals, and seem certain."""
 ITERATIONS = 60
 EARLY = 5
 """Iterations after which the log evidence is known within some nats."""
-TOLERANCE = 0.02
-"""Change of the log evidence (with what is known before) in an iteration after which it has converged, nats."""
+TOLERANCE = 0.005
+"""What the next step would add to the log evidence (with what is known before) where it has converged, nats."""
+RENEWED = 0.3
+"""Change of the log evidence, nats, up to which a curvature still serves."""
+LEAST_CURVATURE, LONGEST_STEP = 0.3, 3.0
+"""Of Newton's steps: curvature along a direction, in that of a step of MacKay's, and change of a logarithm."""
 
 KNOWN_COUNT = 4.0
 """Coefficients that the scatter in `CoefficientPrior` is worth where the variance of a group is estimated."""
@@ -171,8 +133,8 @@ def maximise_evidence(
 ) -> Posterior:
     """Iterate to the variances that make the data most probable.
 
-    MacKay's fixed point in the logarithms of the variances, hastened by Anderson's method; a step that makes the data
-    less probable is taken back for the plain one.
+    Newton's steps in the logarithms of the variances, measured by those of MacKay's fixed point; a step that makes the
+    data less probable is taken back for MacKay's.
 
     Parameters
     ----------
@@ -206,23 +168,29 @@ def maximise_evidence(
     v = np.ones(len(caps)) if variances is None else variances
     s2 = _start_variance(problem) if s2 is None else s2
     x, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
-    ways, plain, last = Anderson(), None, -np.inf
+    plain, last, curved = None, -np.inf, -np.inf
     for iteration in range(1, iterations + 1):
         v, s2 = np.exp(x[:-1]), float(np.exp(x[-1]))
         moment = problem.at(v, s2)
         if plain is not None and moment.goal < last - 1e-9 and iteration < iterations:
             x, plain = plain, None
-            ways.forget()
             continue
-        # rounding alone makes it negative, where data determine next to nothing
-        step = np.minimum(np.log(np.maximum(moment.up / moment.down, np.finfo(float).tiny)), highest) - x
-        gain = 0.5 * float((moment.up * np.exp(-x) - moment.down) @ step)
-        if (abs(moment.goal - last) < tolerance and gain < tolerance / 2) or iteration == iterations:
-            break
         if iteration == EARLY and moment.evidence < give_up:
             break
-        last, plain = moment.goal, x + step
-        x = np.minimum(ways.after(x, plain), highest)
+        # rounding alone makes it negative, where data determine next to nothing
+        mackay = np.log(np.maximum(moment.up / moment.down, np.finfo(float).tiny)) - x
+        last, plain = moment.goal, np.minimum(x + mackay, highest)
+        if variances is None and iteration < EARLY:  # far from the top curvature says less
+            x = plain
+            continue
+        if moment.goal > curved + RENEWED:
+            curvature, curved = problem.curvature(moment, v, s2), moment.goal
+        slope = 0.5 * moment.down * np.expm1(mackay)
+        free, step = (x < highest) | (slope < 0.0), np.zeros(len(x))
+        step[free] = _newton(slope[free], mackay[free], curvature[np.ix_(free, free)])
+        if 0.5 * float(slope @ step) < tolerance or iteration == iterations:
+            break
+        x = np.minimum(x + step, highest)
     moment.c[flat:] += 0.0 if expected is None else expected.mean
     freedom = float(moment.down[-1])
     return Posterior(moment.c, moment.whitened, v, moment.gammas, s2, moment.evidence, iteration, t, freedom)
@@ -324,6 +292,8 @@ class _Problem:
     square: FloatArray
     count: FloatArray
     noise: float
+    members: FloatArray
+    """Shape (k - flat, groups). The unit of each coefficient in the column of its group, else zero."""
 
     @property
     def spare(self) -> float:
@@ -353,7 +323,8 @@ class _Problem:
             )
         unit = np.ones(len(group)) if expected is None else expected.std**-2.0
         sums = sums if expected is None else _about(sums, flat, expected)
-        return _Problem(sums, flat, group, unit, t, *_kept_from_zero(group, groups, expected), noise)
+        members = (unit[:, None] * (group[:, None] == np.arange(groups))).astype(np.float32)
+        return _Problem(sums, flat, group, unit, t, *_kept_from_zero(group, groups, expected), noise, members)
 
     def at(self, v: FloatArray, s2: float) -> _Moment:
         """Fit with given variances."""
@@ -377,6 +348,35 @@ class _Problem:
         up = np.append(squares + self.square, t * rss + NOISE_COUNT * self.noise**2)
         down = np.append(gammas + self.count, max(self.spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
         return _Moment(c, whitened, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
+
+    def curvature(self, moment: _Moment, v: FloatArray, s2: float) -> FloatArray:
+        """Second derivatives of the goal by the logarithms of all variances, with their sign turned.
+
+        Steps need few digits of them: the covariance that they are made of has those of single precision.
+        """
+        groups, c = len(v), moment.c[self.flat :].astype(np.float32)
+        whitened = moment.whitened.astype(np.float32, order="F")
+        lower = _linear_algebra()[1].slauum(whitened, lower=1, overwrite_c=1)[0][self.flat :, self.flat :]
+        diagonal = self.unit * np.diagonal(lower)
+        twice = np.bincount(self.group, diagonal * (diagonal + 2.0 * self.unit * c**2), groups)
+        traces = np.bincount(self.group, diagonal, groups) / v
+        both = self.members.T @ (lower * (lower + np.outer(2.0 * c, c)) @ self.members)
+        both = (both + both.T - np.diag(twice)) / np.outer(v, v)
+        out = np.empty((groups + 1, groups + 1))
+        known = np.append(self.square / v, NOISE_COUNT * self.noise**2 / s2)
+        out[:-1, :-1] = np.diag((moment.up[:-1] - self.square) / v + traces) - both
+        out[-1, :-1] = out[:-1, -1] = both.sum(axis=1) - traces
+        out[-1, -1] = moment.up[-1] / s2 - known[-1] - out[-1, :-1].sum()
+        return 0.5 * (out + np.diag(known))
+
+
+def _newton(slope: FloatArray, mackay: FloatArray, curvature: FloatArray) -> FloatArray:
+    """Newton's step, upwards along every direction: curvature is at least a share of that of MacKay's step."""
+    size = np.sqrt(slope / np.where(mackay == 0.0, 1.0, mackay))
+    size = np.where(size > 0.0, size, 1.0)
+    bend, directions = np.linalg.eigh(curvature / np.outer(size, size))
+    along = (slope / size) @ directions / np.maximum(np.abs(bend), LEAST_CURVATURE)
+    return np.asarray(np.clip(directions @ along / size, -LONGEST_STEP, LONGEST_STEP))
 
 
 def _kept_from_zero(group: IntArray, groups: int, expected: CoefficientPrior | None) -> tuple[FloatArray, FloatArray]:
