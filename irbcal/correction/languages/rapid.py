@@ -51,7 +51,6 @@ from irbcal.correction.text_program import (
     START,
     Configuration,
     ControlFlow,
-    Role,
     Shift,
     Target,
     TextProgram,
@@ -1026,35 +1025,13 @@ class OtherModules:
             return f"the {title} {name} is changed"
         return ""
 
-    def gather(self) -> None:
-        """Note what this module does to the targets of others but to move to them."""
-        reader = self.module.reader
-        file = Path(self.module.source).name
-        for scope, name, index, start in reader.mentions:
-            self._against(scope, name, index, f"line {reader.line(start)} of {file} uses it in another way")
-        changes = [
-            (assignment.scope, assignment.name, assignment.indices, assignment.start)
-            for assignment in reader.assignments
-        ]
-        for move in reader.moves:
-            changes += [
-                (move.scope, arg.name, arg.indices, move.start)
-                for role, arg in move.points
-                if role == WRITES and arg.name
-            ]
-            for _, arg in move.points:
-                if arg.name in self.twice and reader.lookup(move.scope, arg.name) is None:
-                    self._declared_twice(arg.name, f"line {reader.line(move.start)} of {file}")
-        for scope, name, index, start in changes:
-            self._against(scope, name, index, f"line {reader.line(start)} of {file} gives it another value")
-
-    def _against(self, scope: dict[str, RapidData] | None, name: str, index: Index, reason: str) -> None:
-        if self.module.reader.lookup(scope, name) is not None:
-            return
+    def against(self, name: str, index: Index, reason: str) -> None:
+        """Note what this module does to targets of others but to move to them."""
         for literal in self.literals(name, index):
             literal.conflicts.append(reason)
 
-    def _declared_twice(self, name: str, where: str) -> None:
+    def declared_twice(self, name: str, where: str) -> None:
+        """A move names a target that several modules declare."""
         for data in self._twice_declared[name]:
             for _, literal in data.entries:
                 literal.conflicts.append(f"{where} uses this name, which {self.twice[name]} declare")
@@ -1121,9 +1098,8 @@ class Uses:
         A move that uses what cannot be its target, its tool or its work object is left.
         """
         self._shifts()
-        self.others.gather()
-        self._follow()
         self._mentions()
+        self._follow()
 
     def _follow(self) -> None:
         """Take the moves in the order of the text, with the branches, calls and loads between them."""
@@ -1214,29 +1190,36 @@ class Uses:
         carried = self._carrying(move, tool, held)
         points: list[tuple[list[Literal], bool]] = []
         """For each point the literals that it may stand for, and whether it may be another place."""
-        monitored = self._monitored(move) if kind == "pose" else True
+        monitored, file = self._monitored(move) if kind == "pose" else True, Path(self.literals.source).name
         for role, arg in move.points:
             if role == WRITES:
                 continue
-            as_role: Role = "via" if role == "via" else "to"
-            if self._goes_to_other_module(move, arg, kind, replace(use, role=as_role), unknown, monitored, carried):
+            data = self._of_other_module(move, arg, kind)
+            if data is not None:
+                literals, against = data.literals(arg.indices), self._against_other(data, arg, use, unknown)
+                reason = "; ".join(against) or ("" if literals else "it has no value in numbers")
                 points.append(([], True))
-                continue
-            literals, reason = self._goals(move, arg, kind, line)
-            own = self._shifted.get((move.start, arg.text))
-            if own is not None and not unknown:
-                literals, reason = [own], ""
-            points.append((literals, bool(reason)))
-            if own is None and (move.start, arg.text) in self._shifted and not unknown:
-                continue
-            if reason or unknown:
-                self.flow.leave(move.start, move.name, arg.text, reason or unknown)
+            else:
+                literals, reason = self._goals(move, arg, kind, line)
+                own = self._shifted.get((move.start, arg.text))
+                if own is not None and not unknown:
+                    literals, reason = [own], ""
+                points.append((literals, bool(reason)))
+                if own is None and (move.start, arg.text) in self._shifted and not unknown:
+                    continue
+                against = [text for text in (reason, unknown) if text]
+                reason = reason or unknown
+            if reason:
+                self.flow.leave(move.start, move.name, arg.text, reason)
             for literal in literals:
                 literal.monitored.add(monitored)
                 literal.inverted |= held and kind == "pose"
-                literal.uses.append(replace(use, role=as_role))
+                literal.uses.append(
+                    replace(use, role="via" if role == VIA else "to", file="" if data is None else file)
+                )
                 literal.carried.append(carried)
-                literal.conflicts.extend(text for text in (reason, unknown) if text)
+                literal.after += [] if data is None else [None]
+                literal.conflicts.extend(against)
         self._stops(move, points)
 
     def _stops(self, move: MoveInstruction, points: Sequence[tuple[list[Literal], bool]]) -> None:
@@ -1317,39 +1300,20 @@ class Uses:
         others = [switch for switch in switches if switch.scope is not move.scope]  # a routine that is called, or calls
         return last.on if all(switch.on is last.on for switch in others) else None
 
-    def _goes_to_other_module(
-        self,
-        move: MoveInstruction,
-        arg: Arg,
-        kind: Kind,
-        use: Use,
-        unknown: str,
-        monitored: bool | None,
-        carried: Carrying,
-    ) -> bool:
-        """Give a target of another module this use; false where it is none, or none that can be corrected."""
-        data: RapidData | None = None
-        if arg.name is not None and self.reader.lookup(move.scope, arg.name) is None:
-            data = self.others.data.get(arg.name)
-        if arg.name is None or data is None or KIND_OF[data.type] != kind or len(arg.indices) != len(data.sizes):
-            return False
-        file = Path(self.literals.source).name
-        literals = self.others.literals(arg.name, arg.indices)
-        frames = (("tooldata", use.tool), ("wobjdata", use.work_object)) if kind == "pose" else ()
-        against = [f"{unknown} of {file}"] if unknown else []
+    def _of_other_module(self, move: MoveInstruction, arg: Arg, kind: Kind) -> RapidData | None:
+        """What an argument names in another module; None where it is no target there."""
+        if arg.name is None or self.reader.lookup(move.scope, arg.name) is not None:
+            return None
+        data = self.others.data.get(arg.name)
+        return data if data is not None and KIND_OF[data.type] == kind and len(arg.indices) == len(data.sizes) else None
+
+    def _against_other(self, data: RapidData, arg: Arg, use: Use, unknown: str) -> list[str]:
+        """What speaks against a use of another module's target."""
+        frames = (("tooldata", use.tool), ("wobjdata", use.work_object)) if data.type == "robtarget" else ()
+        against = [f"{unknown} of {Path(self.literals.source).name}"] if unknown else []
         against += [problem for kind, name in frames if name and (problem := self.others.frame_problem(kind, name))]
-        changes = [start for index, start in data.changes if may_be(index, arg.indices)]
-        against += ["it is computed or changed in its own module"] if changes else []
-        for literal in literals:
-            literal.inverted |= use.held and kind == "pose"
-            literal.uses.append(replace(use, file=file))
-            literal.carried.append(carried)
-            literal.after.append(None)
-            literal.monitored.add(monitored)
-            literal.conflicts.extend(against)
-        if against or not literals:
-            self.flow.leave(move.start, move.name, arg.text, "; ".join(against) or "it has no value in numbers")
-        return True
+        changed = any(may_be(index, arg.indices) for index, _ in data.changes)
+        return [*against, *(["it is computed or changed in its own module"] if changed else [])]
 
     def _goals(self, move: MoveInstruction, arg: Arg, kind: Kind, line: int) -> tuple[list[Literal], str]:
         """Literals that an argument stands for, and why these are not all, or not to be changed."""
@@ -1423,11 +1387,24 @@ class Uses:
         return arg.name, ""
 
     def _mentions(self) -> None:
-        """Note for each literal where its variable is used in another way than as the target of a move."""
-        for scope, name, index, start in self.reader.mentions:
-            data = self.reader.lookup(scope, name)
+        """Note where a target is used in another way than as that of a move, changed by another module, or not sure."""
+        reader, others, file = self.reader, self.others, Path(self.literals.source).name
+        for scope, name, index, start in reader.mentions:
+            data = reader.lookup(scope, name)
+            if data is None:
+                others.against(name, index, f"line {reader.line(start)} of {file} uses it in another way")
             for literal in data.literals(index) if data is not None else ():
                 literal.mentioned.append(start)
+        changes = [(change.scope, change.name, change.indices, change.start) for change in reader.assignments]
+        for move in reader.moves:
+            for role, arg in move.points:
+                if arg.name in others.twice and reader.lookup(move.scope, arg.name) is None:
+                    others.declared_twice(arg.name, f"line {reader.line(move.start)} of {file}")
+                if role == WRITES and arg.name:
+                    changes.append((move.scope, arg.name, arg.indices, move.start))
+        for scope, name, index, start in changes:
+            if reader.lookup(scope, name) is None:
+                others.against(name, index, f"line {reader.line(start)} of {file} gives it another value")
 
     def module(self, arm: Arm | None = None, controller: ControllerSetup | None = None) -> Module:
         """The module, once the uses of all modules are gathered."""
@@ -2010,18 +1987,12 @@ def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> l
     loads = LoadFlow()
     gathered = []
     for module in modules:
-        module_frames = numbers.get(module.source, {"tooldata": {}, "wobjdata": {}})
-        other_frames = [frames_of_module for source, frames_of_module in numbers.items() if source != module.source]
-        shared = {
-            kind: {
-                name: T
-                for frames_of_module in other_frames
-                for name, T in frames_of_module[kind].items()
-                if name not in module_frames[kind]
-            }
-            for kind in module_frames
+        own = numbers.get(module.source, {})
+        available = {
+            kind: {name: T for other in numbers.values() for name, T in other[kind].items() if name not in own[kind]}
+            | given
+            for kind, given in everywhere.items()
         }
-        available = {kind: shared[kind] | everywhere[kind] for kind in shared}
         beside = OtherModules(
             module, [other_module for other_module in modules if other_module is not module], numbers, everywhere
         )
