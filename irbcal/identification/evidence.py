@@ -166,29 +166,37 @@ class Averaging:
         ----------
         choices : sequence of TermSet
         taus : sequence of float
-            Time constants of warm-up, from short to long; of each term set the best is taken.
+            Time constants of warm-up, from short to long; of each term set the best is taken. It is looked for from the
+            one that was best for the term set before, at first from the one of the choices.
         give_up : float
             Nats below the best at which a fit is not brought to its end.
         """
-        best, out = -np.inf, list[ComparedTermSet]()
+        best, tau, out = -np.inf, None, list[ComparedTermSet]()
         for choice in choices:
+            first_tau = term_sets.tau_of(choice, self.superset)
+            if first_tau is not None:
+                tau = tau or first_tau
+                choice = term_sets.with_tau(choice, self.superset, tau)
             candidate = ComparedTermSet(choice, self.fit(choice, self.evidence_temper, give_up=best - give_up))
-            if candidate.by_evidence.log_evidence > best - give_up:
-                self._choose_tau(candidate, taus)
+            if tau is not None and first_tau is not None and candidate.by_evidence.log_evidence > best - give_up:
+                tau = self._choose_tau(candidate, tau, taus)
             out.append(candidate)
             best = max(best, candidate.by_evidence.log_evidence)
         return out, term_sets.weights([candidate.by_evidence for candidate in out]), float(best)
 
-    def _choose_tau(self, candidate: ComparedTermSet, taus: Sequence[float]) -> None:
-        """The time constant of a term set's warm-up with the largest log evidence, from the longest downwards."""
-        if term_sets.tau_of(candidate.term_set, self.superset) is None:
-            return
-        for tau in reversed(taus[:-1]):
-            with_tau = term_sets.with_tau(candidate.term_set, self.superset, tau)
-            shorter = self.fit(with_tau, self.evidence_temper, candidate.by_evidence)
-            if shorter.log_evidence <= candidate.by_evidence.log_evidence:
+    def _choose_tau(self, candidate: ComparedTermSet, tau: float, taus: Sequence[float]) -> float:
+        """The time constant of a term set's warm-up with the largest log evidence: shorter ones are tried first."""
+        place, start = taus.index(tau), candidate.by_evidence
+        for others in (taus[:place][::-1], taus[place + 1 :]):
+            for other in others:
+                changed = term_sets.with_tau(candidate.term_set, self.superset, other)
+                fit = self.fit(changed, self.evidence_temper, candidate.by_evidence)
+                if fit.log_evidence <= candidate.by_evidence.log_evidence:
+                    break
+                candidate.term_set, candidate.by_evidence, tau = changed, fit, other
+            if candidate.by_evidence is not start:
                 break
-            candidate.term_set, candidate.by_evidence = with_tau, shorter
+        return tau
 
     def weigh(self, compared: list[ComparedTermSet], weights: FloatArray) -> None:
         """Fit the term sets that have a weight by their evidence, and divide it by squared leave-one-out residuals."""
@@ -315,15 +323,15 @@ class Averaging:
         linear : Linearisation
             In which the average was made: it is made again there without those points.
         """
-        points = linear.problem.points
+        points, fits = linear.problem.points, [candidate.by_fit for candidate in self.kept]
         out = more = self.outlying[: len(points)]
         while more.any() and np.mean(out > 0.0) <= MOST_OUTLYING:
             if not np.bincount(points.target[out == 0.0], minlength=len(points.target_names)).all():
                 break
             rest = linear.without(out > 0.0)
             sums, u, mean = rest.sums(), np.zeros(0), np.zeros(linear.flat + len(self.union))
-            for candidate, columns in zip(self.kept, self._columns(linear.flat), strict=True):
-                fit = fit_term_set(rest, sums.part(columns), candidate.term_set, self.fit_temper, candidate.by_fit)
+            for k, (candidate, columns) in enumerate(zip(self.kept, self._columns(linear.flat), strict=True)):
+                fits[k] = fit = fit_term_set(rest, sums.part(columns), candidate.term_set, self.fit_temper, fits[k])
                 left_out, _, row = leave_one_out.residuals(rest, columns, fit)
                 u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
                 mean[columns] += candidate.weight * fit.c

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from support import TARGETS, arm, example_robot, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import evidence, evidence_fit, leave_one_out
+from irbcal.identification import evidence, evidence_fit, leave_one_out, term_sets
 from irbcal.identification.evidence import average_repeats, identify_evidence
 from irbcal.identification.fit import identify
 from irbcal.io import urdf
@@ -387,3 +387,20 @@ def test_other_masses_and_orientations_are_not_averaged():
     turned = replace(points, rotation=np.tile(np.eye(3), (len(points), 1, 1)))
     assert average_repeats(turned, Motion(q))[0] is turned
     assert average_repeats(points, Motion(q))[0].poses == 4
+
+
+@pytest.mark.parametrize("best", [1.0, 2.0, 3.0, 4.0])
+@pytest.mark.parametrize("start", [1.0, 2.0, 3.0, 4.0])
+def test_the_best_time_constant_is_looked_for_on_both_sides(monkeypatch, start, best):
+    monkeypatch.setattr(term_sets, "with_tau", lambda term_set, terms, tau: tau)
+    averaging, tried = object.__new__(evidence.Averaging), []
+    averaging.superset, averaging.evidence_temper = [], 1.0
+
+    def fit(tau, *_):
+        tried.append(tau)
+        return SimpleNamespace(log_evidence=-abs(tau - best))
+
+    monkeypatch.setattr(averaging, "fit", fit)
+    candidate = evidence.ComparedTermSet(start, fit(start))
+    assert averaging._choose_tau(candidate, start, [1.0, 2.0, 3.0, 4.0]) == candidate.term_set == best
+    assert len(tried) == len(set(tried))
