@@ -325,6 +325,12 @@ def calibrate(options: CalibrationOptions) -> Calibration:
     IrbcalError
         If an input or an option is refused.
     """
+    record, urdf, proven = run(options)
+    return Calibration(record, urdf, None, proven)
+
+
+def run(options: CalibrationOptions) -> tuple[Record, bytes, Proven]:
+    """All steps from measurements to the record, and the corrected URDF."""
     started = time.perf_counter()
     say: Progress = options.progress or (lambda text: None)
     options = replace(options, progress=None)
@@ -332,8 +338,7 @@ def calibrate(options: CalibrationOptions) -> Calibration:
         proven = prove_rows(fit_rows(read_rows(options, say), say), say)
     else:
         proven = prove(doubt(fit(split(clean(with_commands(read(options, say), say))), say)))
-    record, urdf = recorded(proven, started)
-    return Calibration(record, urdf, None, proven)
+    return *recorded(proven, started), proven
 
 
 def load(folder: str | Path) -> Calibration:
