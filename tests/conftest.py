@@ -77,7 +77,8 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(scope="session")
 def launched():
     """Starts a browser with arguments more, by the one playwright that a process may have."""
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    names = ("chromium-headless-shell", "chromium", "chromium-browser")
+    chromium = next((path for path in map(shutil.which, names) if path is not None), None)
     if chromium is None:
         pytest.skip("no chromium on this computer")
     playwright = pytest.importorskip("playwright.sync_api")
