@@ -110,8 +110,8 @@ class Language:
     """Of its files, lower case, with the dot."""
     looks_like: Callable[[bytes], bool]
     """Whether a file looks as if it were of this language."""
-    read_for: ReadFor
-    """Reads programs for an arm."""
+    reader: ReadFor
+    """Reads programs; ask `read_for`."""
     fingerprint: Callable[[bytes, str], str | None]
     """Fingerprint in the mark of a program, from the file and its name for messages: None without mark, empty where the
     mark does not say. Raises a `ProgramError` if the file is not of this language.
@@ -135,6 +135,12 @@ class Language:
     """Whether other files have its endings, too: in a folder only what looks like a program is taken."""
     without_text: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Endings of its programs that hold no text, the ending of the text of the same name, and what to do."""
+
+    def read_for(self, arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> Sequence[Program]:
+        """Read programs for an arm, which must be one whose joints the maker's controllers count so; see `ReadFor`."""
+        if self.maker is not None:
+            self.maker.check(arm, str(files[0]))
+        return self.reader(arm, files, setup)
 
     @property
     def six_numbers(self) -> Maker | None:

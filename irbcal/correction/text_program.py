@@ -307,6 +307,12 @@ class ControlFlow:
         for block in self._blocks:
             block.disturbed = True
 
+    def label(self, at: int) -> None:
+        """A label that may be jumped to, after which neither stop, tool nor frame are known."""
+        self.forget()
+        self.loads.label()
+        self.state = FrameState(None, None, f"the label in line {self.listing.line(at)} is jumped to")
+
     def call(self, routine: str, shown: str, at: int) -> None:
         """A routine, by its name in lower case and as it is spelled, is called."""
         effect = self.calls.effect(routine)

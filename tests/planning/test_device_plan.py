@@ -209,7 +209,9 @@ def test_the_best_is_first_by_the_largest_number_of_poses_however_they_are_given
     signs = {50: 1.0, 20: -1.0}  # what is best of many is worst of few
     monkeypatch.setattr(planning_of_devices, "DeviceModel", lambda *_: SimpleNamespace(before=1.0))
     monkeypatch.setattr(
-        planning_of_devices, "_remaining_after_random", lambda model, name, count, noise: (signs[count] * left.get(name, 99.0),) * 2
+        planning_of_devices,
+        "_remaining_after_random",
+        lambda model, name, count, noise: (signs[count] * left.get(name, 99.0),) * 2,
     )
     found = compare_devices("irb1600", (50, 20, 50))
     assert list(dict.fromkeys(row.device for row in found.rows)) == [*DEVICES, "tracker"]

@@ -274,7 +274,6 @@ def looks_like(data: bytes) -> bool:
 
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read FANUC listings for an arm, each a program; see `irbcal.correction.languages.Language`."""
-    FANUC.check(arm, str(files[0]))
     backups = {
         folder: NumberedData(*frames_beside(folder), loads_beside(folder)) for folder in {file.parent for file in files}
     }
@@ -615,7 +614,7 @@ LANGUAGE = Language(
     name="FANUC LS",
     endings=(".ls",),
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
     maker=FANUC,
     robots=r"fanuc|(^|_)(m\d+i|lrmate|r\d000i|crx)",

@@ -127,7 +127,6 @@ def looks_like(data: bytes) -> bool:
 
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read Yaskawa jobs for an arm, each a program; see `irbcal.correction.languages.Language`."""
-    YASKAWA.check(arm, str(files[0]))
     beside = {folder: backup_of(folder) for folder in {file.parent for file in files}}
     shared = _Shared(files)
     programs, unread = each_read(
@@ -442,7 +441,7 @@ LANGUAGE = Language(
     name="Yaskawa INFORM",
     endings=(".jbi",),
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
     maker=YASKAWA,
     robots=r"motoman|yaskawa|(^|_)(gp|hc|mh|ma|ms)\d",

@@ -29,7 +29,6 @@ from irbcal.correction.program import ControllerSetup, Program, each_read, read_
 from irbcal.correction.text_program import (
     Configuration,
     ControlFlow,
-    FrameState,
     PostureProgram,
     Role,
     Shift,
@@ -280,7 +279,6 @@ def looks_like(data: bytes) -> bool:
 
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read Kawasaki files for an arm: all are one program; see `irbcal.correction.languages.Language`."""
-    KAWASAKI.check(arm, str(files[0]))
     contents, unread = each_read(files, _checked)
     return [parse(arm, contents, setup), *unread]
 
@@ -442,10 +440,7 @@ class _Reader:
         has_name = len(tokens) > 1 and tokens[1].word == ":" and tokens[0].word not in ("any", "else")
         if tokens[0].kind != "number" and not has_name:
             return tokens
-        reason = f"the label in line {self.listing.line(tokens[0].start)} is jumped to"
-        self.flow.forget()
-        self.flow.loads.label()
-        self.flow.state = FrameState(None, None, reason)
+        self.flow.label(tokens[0].start)
         return tokens[2 if has_name else 1 :]
 
     def _flow(self, word: str, tokens: Tokens, at: int) -> None:
@@ -606,7 +601,7 @@ LANGUAGE = Language(
     name="Kawasaki AS",
     endings=(".as", ".pg"),
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
     maker=KAWASAKI,
     robots=r"kawasaki|khi|(^|_)rs\d{3}",

@@ -724,17 +724,15 @@ class Statements:
                 self.flow.state = FrameState(None, None, reason)
         elif word == "interrupt" and not self.flow.stops:  # declared and switched on before anything moves
             self._mention(line.tokens, line.part)
-        elif word in ("goto", "interrupt", "return", "halt") or (line.word(1) == ":" and len(line.tokens) == 2):
+        elif line.word(1) == ":" and len(line.tokens) == 2:
+            self.flow.label(line.start)
+            self._forget_fdat()
+        elif word in ("goto", "interrupt", "return", "halt"):
             self.flow.forget()
             if word in ("return", "halt"):
                 self.flow.loads.returns()
             elif word != "interrupt":
                 self.flow.loads.label()
-            if line.word(1) == ":" and len(line.tokens) == 2:
-                self.flow.state = FrameState(
-                    None, None, f"the label in line {self.listing.line(line.start)} is jumped to"
-                )
-                self._forget_fdat()
         elif word == "bas" and line.word(1) == "(":
             self._bas(line)
         else:
@@ -1189,7 +1187,6 @@ _SYSTEM = frozenset(["mada", "steu", "system", "tp"])
 
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read KRL for an arm: all files are one program; see `irbcal.correction.languages.Language`."""
-    KUKA.check(arm, str(files[0]))
     files = [path for path in files if not _of_the_system(path) or path.name.lower() == "$config.dat"] or list(files)
     for file in [file for file in files if file.suffix.lower() in (".src", ".sub")]:
         beside = [path for path in sorted(file.parent.glob("*")) if path.name.lower() == file.stem.lower() + ".dat"]
@@ -1381,7 +1378,7 @@ LANGUAGE = Language(
     name="KUKA KRL",
     endings=(".src", ".dat", ".sub"),
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
     maker=KUKA,
     robots=r"kuka|(^|_)k[ru]\d",

@@ -1119,8 +1119,7 @@ class Uses:
                 flow.close(start)
                 flow.forget()
             elif step == "label" or word in _JUMPS:
-                flow.forget()
-                flow.loads.label()
+                flow.label(start)
             elif word == "gripload":
                 flow.carry(self._load_named(scope, i + 1), start)
             elif step == "call":
@@ -1952,10 +1951,6 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
 
     Tools and work objects that one of them defines in numbers serve all others of its task.
     """
-    if not arm.six_revolute:
-        raise ProgramError(
-            f"RAPID targets are of six revolute joints, {arm.name} has {arm.joints_listed}", file=files[0]
-        )
     contents, _ = each_read(files, read_bytes)
     instructions = _instructions(contents, setup.instructions.get("rapid", {}))
     modules, unread = each_read(files, lambda path: Literals(_listing(read_bytes(path), str(path)), instructions))
@@ -2139,7 +2134,7 @@ LANGUAGE = Language(
     name="RAPID",
     endings=(".mod", ".prg", ".sys", ".modx", ".sysx"),
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
     maker=ABB,
     robots=r"(^|_)(abb|irb_?\d)",

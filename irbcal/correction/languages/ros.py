@@ -348,7 +348,7 @@ LANGUAGE = Language(
     name="ROS JointTrajectory",
     endings=ENDINGS,
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
     shares_endings=True,
 )

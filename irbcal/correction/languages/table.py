@@ -538,6 +538,6 @@ LANGUAGE = Language(
     name="CSV",
     endings=ENDINGS,
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
 )

@@ -154,7 +154,6 @@ def looks_like(data: bytes) -> bool:
 
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read URScript for an arm, each file a program; see `irbcal.correction.languages.Language`."""
-    UNIVERSAL_ROBOTS.check(arm, str(files[0]))
     programs, unread = each_read(files, lambda file: parse(arm, read_bytes(file), str(file), setup))
     return [*programs, *unread]
 
@@ -502,7 +501,7 @@ LANGUAGE = Language(
     name="URScript",
     endings=(".script", ".urscript"),
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
     maker=UNIVERSAL_ROBOTS,
     robots=r"universal_?robot|(^|_)ur\d+e?(_|$)",

@@ -255,7 +255,6 @@ def looks_like(data: bytes) -> bool:
 
 def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Program]:
     """Read VAL3 applications for an arm, one a folder, with all files beside those named."""
-    STAUBLI.check(arm, str(files[0]))
 
     def application(folder: Path) -> Val3Program:
         beside = [path for path in sorted(folder.glob("*")) if path.suffix.lower() in ENDINGS]
@@ -560,7 +559,7 @@ LANGUAGE = Language(
     name="VAL3",
     endings=ENDINGS,
     looks_like=looks_like,
-    read_for=read_for,
+    reader=read_for,
     fingerprint=fingerprint,
     maker=STAUBLI,
     robots=r"staubli|(^|_)(rx\d|tx2?_?\d)",
