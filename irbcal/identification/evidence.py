@@ -166,14 +166,14 @@ class Averaging:
         ----------
         choices : sequence of TermSet
         taus : sequence of float
-            Time constants of warm-up, from short to long; of each term set the best is taken. It is looked for from the
-            one that was best for the term set before, at first from the one of the choices.
+            Time constants of warm-up, from short to long; of each term set the best is taken, looked for from the best
+            of the term set before. Without any that of the choices stays.
         give_up : float
             Nats below the best at which a fit is not brought to its end.
         """
         best, tau, out = -np.inf, None, list[ComparedTermSet]()
         for choice in choices:
-            first_tau = term_sets.tau_of(choice, self.superset)
+            first_tau = term_sets.tau_of(choice, self.superset) if taus else None
             if first_tau is not None:
                 tau = tau or first_tau
                 choice = term_sets.with_tau(choice, self.superset, tau)
