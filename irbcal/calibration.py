@@ -14,12 +14,13 @@ from irbcal.calibration_record import recorded
 from irbcal.declared_options import takes_fields_of
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.feature_calibration import fit_rows, prove_rows, read_rows
-from irbcal.identification.fit_sections import ParameterReport, groups_table, models_table
+from irbcal.identification.fit_sections import AverageChoice, ParameterReport, groups_table, models_table
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
-from irbcal.io.schema import Errors, EvidenceChoice, Record
+from irbcal.io.schema import Record
 from irbcal.io.urdf_xml import MeshPaths
 from irbcal.measurement.cleaning import left_out
+from irbcal.measurement.points import Errors
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
@@ -133,7 +134,7 @@ def feature_tables(r: Record, verbose: bool) -> list[Paragraph]:
 def model_tables(r: Record) -> list[Paragraph]:
     """Why this model, and the error models that were compared."""
     lines: list[Paragraph] = [r.choice.explanation] if r.choice else []
-    if isinstance(r.choice, EvidenceChoice):
+    if isinstance(r.choice, AverageChoice):
         rows = [
             (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)
             for row in r.choice.table

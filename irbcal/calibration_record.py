@@ -20,37 +20,21 @@ from irbcal.arrays import FloatArray
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.explanation import explain
 from irbcal.identification.fit import certainty_of
+from irbcal.identification.fit_sections import ModelAverage
 from irbcal.io import integrity, robots, urdf, urdf_check, urdf_xml
 from irbcal.io.calibration_folder import SCHEMA
-from irbcal.io.schema import (
-    CertaintySection,
-    CovarianceSection,
-    DataFile,
-    Errors,
-    EvidenceChoice,
-    EvidenceSection,
-    FrameTermsSection,
-    JointMapSection,
-    JointOrigin,
-    Objective,
-    Observability,
-    OriginSection,
-    Placement,
-    PointTable,
-    PoseSection,
-    PoseTable,
-    Record,
-    RobotSection,
-    SessionSection,
-    in_mm,
-    texts,
-)
+from irbcal.io.packed_covariance import PackedCovariance
+from irbcal.io.point_tables import PointTable, PoseTable, texts
+from irbcal.io.robot_section import JointOrigin, OriginSection, Placement, PoseSection, RobotSection
+from irbcal.io.schema import CertaintySection, DataFile, Objective, Record, SessionSection
+from irbcal.io.term_sections import FrameTermsSection, JointMapSection
 from irbcal.measurement import repeats
 from irbcal.measurement.motions import last_moves
-from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.points import Errors, PointSet, distances
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.workspace_coverage import workspace_coverage
 from irbcal.pipeline import Proven
+from irbcal.section import in_unit
 from irbcal.units import MM
 from irbcal.validation.verdict import verdict_of
 
@@ -120,29 +104,29 @@ def recorded(done: Proven, started: float) -> tuple[Record, bytes]:
             value_mm=(fit.rms if fit.value is None else fit.value) / MM,
             lower_bound_mm=None if fit.lower_bound is None else fit.lower_bound / MM,
         ),
-        choice=EvidenceChoice.of(fit) if isinstance(fit, EvidenceFit) else done.choice,
-        evidence=_evidence(done),
+        choice=fit.choice if isinstance(fit, EvidenceFit) else done.choice,
+        evidence=_average(done),
         rank=fit.rank,
         parameter_count=fit.parameter_count,
         parameters=fit.parameters(),
-        covariance=CovarianceSection.of(certainty.covariance),
-        certainty=CertaintySection.of(
-            certainty,
-            None  # the nominal robot promises nothing
+        covariance=PackedCovariance.of(certainty.covariance),
+        certainty=CertaintySection(
+            **dict(certainty.limits),
+            elsewhere=None  # the nominal robot promises nothing
             if fit.level == "nominal"
             else workspace_coverage(robot, nominal, fitted_points.q, heldout.q),
         ),
         held=fit.held(),
-        observability=Observability.of_average(fit) if isinstance(fit, EvidenceFit) else Observability.of(fit),
+        observability=fit.observability(),
         history={} if fit.history is None else fit.history.columns(),
         placement_nominal=Placement.of(nominal),
-        tool_shape_mm=in_mm(done.tool_shape),
+        tool_shape_mm=in_unit(done.tool_shape, MM),
         sessions=[
             SessionSection(name=name, base=PoseSection.of(T))
             for name, T in zip(done.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
         ],
         earlier=added_to[0].fingerprint if added_to else None,
-        references_mm=in_mm(done.references),
+        references_mm=in_unit(done.references, MM),
         fit=Errors.of(robot, fitted_points, errors.fit),
         fit_nominal=Errors.of(nominal, fitted_points, errors.fit_nominal),
         heldout=Errors.of(robot, heldout, errors.heldout),
@@ -175,15 +159,14 @@ def _mesh_folders(done: Proven, added_to: Sequence[Record]) -> list[str]:
     return urdf_xml.mesh_folders(done.urdf.tree.getroot(), finder, robots.package_dirs())
 
 
-def _evidence(done: Proven) -> EvidenceSection | None:
-    """Of an average, with what each family of terms explains on the held-out poses."""
-    if not isinstance(done.fit, EvidenceFit):
-        return None
-    if done.features is not None:
-        return EvidenceSection.of(done.fit)
+def _average(done: Proven) -> ModelAverage | None:
+    """What is known of an average, with what each family of terms explains on the held-out poses."""
+    if not isinstance(done.fit, EvidenceFit) or done.features is not None:
+        return done.fit.average if isinstance(done.fit, EvidenceFit) else None
     # poses of another file were not measured while the arm warmed up as in the fit
     elapsed = done.heldout_motion.elapsed if done.verification is None else None
-    return EvidenceSection.of(done.fit, explain(done.fit, done.heldout_points, elapsed))
+    stages = explain(done.fit, done.heldout_points, elapsed)
+    return done.fit.average.model_copy(update={"explained": stages})
 
 
 def _least_squares_errors(done: Proven) -> Errors | None:

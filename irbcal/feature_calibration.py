@@ -26,11 +26,11 @@ from irbcal.identification.feature_fit import (
     shape_only,
 )
 from irbcal.identification.feature_problem import FeatureProblem, Key
+from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, LengthRow, PlaceRow
 from irbcal.identification.images import numbered_alike
 from irbcal.identification.observation_kind import SHOWN
 from irbcal.io import robots
 from irbcal.io.opening import calibration_at, open_nominal
-from irbcal.io.schema import FeatureRow, FeaturesSection, LengthRow, PlaceRow
 from irbcal.measurement import features as feature_files
 from irbcal.measurement import recordings
 from irbcal.measurement.cleaning import Exclusion

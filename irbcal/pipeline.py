@@ -23,6 +23,7 @@ from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import LEVELS
 from irbcal.identification.evidence import MOST_OUTLYING, check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
+from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
 from irbcal.identification.fit_sections import LevelChoice
 from irbcal.identification.problem import session_names
@@ -31,7 +32,8 @@ from irbcal.io import prior_file, robots, urdf
 from irbcal.io.calibration_folder import URDF_NAME, Saved
 from irbcal.io.measured_files import measurements_of
 from irbcal.io.opening import calibration_at, open_nominal
-from irbcal.io.schema import FeaturesSection, FrameTermsSection, Record
+from irbcal.io.schema import Record
+from irbcal.io.term_sections import FrameTermsSection
 from irbcal.io.urdf import UrdfArm
 from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement.cleaning import Exclusion
@@ -686,7 +688,7 @@ def _worth_knowing(done: Fitted) -> list[str]:
         return notes
     note = (
         f"The joints of this file are readings from before the arm stood still: with a share of the last move free in "
-        f"each pose residuals fall by a factor of {fit.readings_gain:.1f}. The model is right at programmed "
+        f"each pose residuals fall by a factor of {fit.average.readings_gain:.1f}. The model is right at programmed "
         "joints; errors at these readings are mostly theirs."
     )
     if heldout.poses:

@@ -7,7 +7,7 @@ written into pages, programs and generated code: none can hold a line end or a c
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, GetCoreSchemaHandler, StringConstraints
@@ -15,10 +15,6 @@ from pydantic_core import CoreSchema, core_schema
 
 from irbcal.arrays import FloatArray
 from irbcal.names import LONGEST_NAME, fault_of
-from irbcal.summary import UNITS
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 LONGEST_SENTENCE = 20_000
 """Characters: a note may list every point that was left out."""
@@ -74,7 +70,7 @@ class Numbers:
         self.shape, self.unit = shape, unit
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        written = core_schema.plain_serializer_function_ser_schema(lambda value: _per(value, self.unit))
+        written = core_schema.plain_serializer_function_ser_schema(lambda value: in_unit(value, self.unit))
         return core_schema.no_info_plain_validator_function(self._read, serialization=written)
 
     def _read(self, content: Any) -> FloatArray | float:
@@ -102,32 +98,11 @@ class Section(BaseModel):
 
     __str__ = __repr__
 
-    @classmethod
-    def from_result(cls, result: object, **given_values: object) -> Self:
-        """The section of a result that has the same names, in SI units.
 
-        A field whose name ends in a unit (``_mm``, ``_deg``) is the result's attribute without that ending: a number,
-        an array, or numbers by name.
-
-        Parameters
-        ----------
-        result
-        **given_values
-            Fields that are not the result's.
-        """
-        values = dict(given_values)
-        for name in cls.model_fields.keys() - given_values.keys():
-            base, _, ending = name.rpartition("_")
-            unit = UNITS.get(ending)
-            value = getattr(result, name if unit is None else base)
-            values[name] = value if unit is None else _per(value, unit)
-        return cls.model_validate(values)
-
-
-def _per(value: Any, unit: float) -> Any:
-    """Numbers, one or many, in a unit; None stays."""
+def in_unit(value: Any, unit: float) -> Any:
+    """Numbers of SI units, one, many or by name, in a unit; None stays."""
     if isinstance(value, Mapping):
-        return {name: _per(entry, unit) for name, entry in value.items()}
+        return {name: in_unit(entry, unit) for name, entry in value.items()}
     return None if value is None else (np.asarray(value) / unit).tolist()
 
 

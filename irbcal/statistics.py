@@ -6,14 +6,15 @@ Loading scipy takes longer than all of the distributions. Statistics of errors a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import KeysView, Sequence
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.section import Section
 from irbcal.units import DEG, MM
 
 _SMALLEST = 1e-300
@@ -139,8 +140,35 @@ def _away(value: float) -> float:
     return value if abs(value) > _SMALLEST else _SMALLEST
 
 
-Statistics: TypeAlias = dict[str, float]
-"""What `statistics` and `rotation_statistics` return; ``n`` is an int."""
+class NamedNumbers(Section):
+    """Numbers by name: as attributes, and as a mapping has them."""
+
+    def keys(self) -> KeysView[str]:
+        """The names."""
+        return type(self).model_fields.keys()
+
+    def __getitem__(self, name: str) -> Any:
+        return getattr(self, name)
+
+
+class Statistics(NamedNumbers):
+    """Statistics of distances between measured and predicted points, mm; ``sigma_mm`` with n - 1."""
+
+    n: int
+    mean_mm: float
+    sigma_mm: float
+    max_mm: float
+    mean_plus_3sigma_mm: float
+    rms_mm: float
+
+
+class RotationStatistics(NamedNumbers):
+    """Statistics of the angles between measured and predicted target frames, degrees; ``sigma_deg`` with n - 1."""
+
+    n: int
+    mean_deg: float
+    sigma_deg: float
+    max_deg: float
 
 
 HEADINGS = {
@@ -188,8 +216,7 @@ def statistics(distance: ArrayLike) -> Statistics | None:
 
     Returns
     -------
-    dict or None
-        ``n``, ``mean_mm``, ``sigma_mm`` (with n - 1), ``max_mm``, ``mean_plus_3sigma_mm``, ``rms_mm``;
+    Statistics or None
         None for no distances.
     """
     d = np.asarray(distance)
@@ -204,23 +231,24 @@ def statistics(distance: ArrayLike) -> Statistics | None:
     else:
         d = d.astype(float) / MM
         mean, square, sigma, largest = float(d.mean()), float(np.mean(d**2)), _sigma(d), float(d.max())
-    return {
-        "n": n,
-        "mean_mm": mean,
-        "sigma_mm": sigma,
-        "max_mm": largest,
-        "mean_plus_3sigma_mm": mean + 3 * sigma,
-        "rms_mm": float(np.sqrt(square)),
-    }
+    return Statistics(
+        n=n,
+        mean_mm=mean,
+        sigma_mm=sigma,
+        max_mm=largest,
+        mean_plus_3sigma_mm=mean + 3 * sigma,
+        rms_mm=float(np.sqrt(square)),
+    )
 
 
-def statistics_by(distance: FloatArray, labels: Sequence[str] | NDArray[Any]) -> dict[str, Statistics | None]:
+def statistics_by(distance: FloatArray, labels: Sequence[str] | NDArray[Any]) -> dict[str, Statistics]:
     """`statistics` of the distances of each label, as a dict in the order of the sorted labels."""
     labels = np.asarray(labels, dtype=object)
-    return {str(label): statistics(distance[labels == label]) for label in sorted(set(labels))}
+    by_label = {str(label): statistics(distance[labels == label]) for label in sorted(set(labels))}
+    return {label: values for label, values in by_label.items() if values is not None}
 
 
-def rotation_statistics(angles: ArrayLike) -> Statistics | None:
+def rotation_statistics(angles: ArrayLike) -> RotationStatistics | None:
     """Mean, standard deviation and maximum of angles, as Nubiola 2011, section 7.7.3.5.
 
     Parameters
@@ -230,13 +258,13 @@ def rotation_statistics(angles: ArrayLike) -> Statistics | None:
 
     Returns
     -------
-    dict or None
-        ``n``, ``mean_deg``, ``sigma_deg`` (with n - 1), ``max_deg``; None for no angles.
+    RotationStatistics or None
+        None for no angles.
     """
     a = np.asarray(angles, dtype=float) / DEG
     if not len(a):
         return None
-    return {"n": len(a), "mean_deg": float(a.mean()), "sigma_deg": _sigma(a), "max_deg": float(a.max())}
+    return RotationStatistics(n=len(a), mean_deg=float(a.mean()), sigma_deg=_sigma(a), max_deg=float(a.max()))
 
 
 def _sigma(values: FloatArray) -> float:

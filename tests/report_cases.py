@@ -6,16 +6,12 @@ from collections import Counter
 import numpy as np
 from lxml import html
 
-from irbcal.identification.fit_sections import Candidate, LevelChoice, ParameterReport
-from irbcal.io.schema import (
-    CorrelationSection,
-    CovarianceSection,
-    Errors,
-    PointTable,
-    RotationStatistics,
-    Statistics,
-)
+from irbcal.identification.fit_sections import Candidate, CorrelatedPair, LevelChoice, ParameterReport
+from irbcal.io.packed_covariance import PackedCovariance
+from irbcal.io.point_tables import PointTable
 from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.points import Errors
+from irbcal.statistics import RotationStatistics, Statistics
 
 NASTY = "</title><script>alert(1)</script>$\\frac$<img src=x onerror=alert(2)>\"'&amp;{{ 7*7 }}]]>漢字"
 
@@ -77,7 +73,7 @@ def everywhere(calibration, name):
         update={"targets": {name: [1.0, 2.0, 3.0]}, "target_quaternions": {name: [1.0, 0.0, 0.0, 0.0]}}
     )
     candidate = Candidate(level="34", mean_mm=0.3, gain_mm=None, gain_std_mm=None, chosen=True, refused=name)
-    pair = CorrelationSection(first=name, second=name, coefficient=0.99)
+    pair = CorrelatedPair(first=name, second=name, coefficient=0.99)
     turned = RotationStatistics(n=1, mean_deg=0.0123456, sigma_deg=0.0, max_deg=0.0123456)
     parameter = ParameterReport(name=name, value=1.0, unit="mm", std=1.0, low=-1.0, high=3.0, state="tied", reason=name)
     errors = some_errors(0.3, (name, "b"), (name,), turned)
@@ -88,7 +84,7 @@ def everywhere(calibration, name):
             "placement_nominal": placed,
             "references_mm": {name: [1.0, 2.0, 3.0]},
             "tool_shape_mm": {},
-            "covariance": CovarianceSection.of(np.zeros((1, 1))),
+            "covariance": PackedCovariance.of(np.zeros((1, 1))),
             "largest_link_shift_mm": 1.0,
             "created": name,
             "model": name,

@@ -11,7 +11,7 @@ import irbcal
 from irbcal.errors import OptionError, RobotError
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.io import integrity
-from irbcal.io.schema import JointMapSection
+from irbcal.io.term_sections import JointMapSection
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.term_map import TermMap

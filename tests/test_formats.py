@@ -13,7 +13,9 @@ import pytest
 from support import arm, on_a_rail
 
 from irbcal.io import urdf
-from irbcal.io.schema import JointMapSection, Record, Row
+from irbcal.io.robot_section import DhmRow
+from irbcal.io.schema import Record
+from irbcal.io.term_sections import JointMapSection
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.payload import Payload
@@ -33,7 +35,7 @@ def with_terms(model, terms):
     values = np.array([t.size for t in terms]) * np.random.default_rng(3).standard_normal(len(terms))
     joint_map = JointMap(TermMap(model, tuple(terms), values, np.abs(values)), None, 2.0)
     kinds = ["prismatic" if slides else "revolute" for slides in model.table.prismatic]
-    rows = [row.model_dump() for row in Row.of(model.table)]
+    rows = [row.model_dump() for row in DhmRow.of(model.table)]
     robot = {"joint_types": kinds, "dhm_nominal": rows, "base_to_frame0": model.T_base_0.tolist()}
     return {"robot": robot, "joint_map": json.loads(JointMapSection.of(joint_map, model).model_dump_json())}
 

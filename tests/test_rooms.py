@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
-    ("errors", "units", "arrays", "kernel", "statistics"),
+    ("errors", "units", "arrays", "kernel"),
     (
         "literals",
         "declared_options",
@@ -21,6 +21,7 @@ FLOORS = (
         "parallel",
         "safe_files",
         "section",
+        "statistics",
         "templates",
     ),
     ("plotting", "modeling"),

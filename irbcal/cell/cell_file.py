@@ -22,7 +22,7 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.cell.external_axes import ExternalAxis
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
-from irbcal.io.schema import Pose
+from irbcal.io.robot_section import Pose
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.options import shown

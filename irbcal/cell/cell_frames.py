@@ -36,7 +36,7 @@ from irbcal.cell.touches import U95_BY_EYE, read_touches
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.identification.feature_problem import edge_key
 from irbcal.io.opening import CalibrationLike, open_calibration
-from irbcal.io.schema import RobotSection
+from irbcal.io.robot_section import RobotSection
 from irbcal.measurement.columns import TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

@@ -9,6 +9,7 @@ from irbcal.modeling.certainty import HISTORY, Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
+from irbcal.units import MM
 
 
 def robot_derivatives(
@@ -36,7 +37,7 @@ def robot_derivatives(
     J = certainty.jacobian(path, p, motion, np.zeros(len(motion), dtype=bool), None)
     history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + len(J) - len(certainty.terms)
     size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - len(J)] ** 2
-    left_over = certainty.determined_left_out(None) ** 2 / 3.0 - certainty.measurement_noise**2
+    left_over = certainty.determined_left_out(None) ** 2 / 3.0 - (certainty.limits.measurement_noise_mm * MM) ** 2
     variance = size @ np.sum(J[history] ** 2, axis=1) / 3.0 + max(left_over, 0.0)
     J[history] = 0.0
     return J, variance

@@ -32,7 +32,14 @@ from irbcal.identification.evidence_maximisation import (
     fit_temper,
     maximise_evidence,
 )
-from irbcal.identification.fit_sections import FamilyShown, GearSpectrum, GroupResult, TermSetResult
+from irbcal.identification.fit_sections import (
+    FamilyShown,
+    GearSpectrum,
+    GearWave,
+    GroupResult,
+    ModelAverage,
+    TermSetResult,
+)
 from irbcal.identification.independence import independent
 from irbcal.identification.linear_model import Linearisation, LinearModel
 from irbcal.identification.problem import Problem, State
@@ -49,8 +56,9 @@ from irbcal.modeling.terms.harmonics import HIGHEST, LONGEST, band_group
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
+from irbcal.section import in_unit
 from irbcal.statistics import f_beyond
-from irbcal.units import MM, UNIT_OUTSIDE
+from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 FEWEST = 10
 """Poses below which there is nothing to compare."""
@@ -246,7 +254,7 @@ class Averaging:
         mean, covariance : ndarray, shape (flat + terms,), (flat + terms, flat + terms)
             In units of its columns.
         results : dict
-            The attributes of `EvidenceFit` that say how the average came about.
+            Those fields of `ModelAverage` that say how the average came about.
         """
         averaged, flat = self.kept, linear.flat
         columns_of, width = self._columns(flat), flat + len(self.union)
@@ -276,17 +284,14 @@ class Averaging:
             names = [self.superset[k].family for k in averaged[top].term_set.terms]
             top_model = sums.part(columns_of[top])
             families = families_shown(top_model, flat, names, averaged[top].term_set, self.evidence_temper, fits[top])
+        sigma = np.sqrt(sum(candidate.weight * fit.s2 for candidate, fit in zip(averaged, fits, strict=True)))
         results = {
-            "sigma": float(
-                np.sqrt(sum(candidate.weight * fit.s2 for candidate, fit in zip(averaged, fits, strict=True)))
-            )
-            * MM,
-            "leave_one_out": single,
-            "leave_fifths_out": fifths,
-            "term_sets": tuple(self._row(candidate) for candidate in self.compared),
+            "sigma_mm": float(sigma),
+            "leave_one_out_mm": in_unit(single, MM),
+            "leave_fifths_out_mm": in_unit(fifths, MM),
             "groups": tuple(groups_of(averaged, self.superset)),
             "families": families,
-            "tau": term_sets.tau_of(averaged[top].term_set, self.superset),
+            "warm_up_tau": term_sets.tau_of(averaged[top].term_set, self.superset),
         }
         return linear, mean, second - np.outer(mean, mean), results
 
@@ -340,14 +345,18 @@ class Averaging:
             out = out + more
         return out
 
-    def _row(self, candidate: ComparedTermSet) -> TermSetResult:
-        return TermSetResult(
-            name=candidate.term_set.name,
-            terms=self.linear.flat + len(candidate.term_set.terms),
-            log_evidence=candidate.by_evidence.log_evidence,
-            weight=candidate.weight,
-            sigma_mm=None if candidate.by_fit is None else np.sqrt(candidate.by_fit.s2),
-            leave_one_out_mm=None if candidate.leave_one_out is None else candidate.leave_one_out / MM,
+    def results(self) -> tuple[TermSetResult, ...]:
+        """All term sets in the comparison; those with weight as averaged."""
+        return tuple(
+            TermSetResult(
+                name=candidate.term_set.name,
+                terms=self.linear.flat + len(candidate.term_set.terms),
+                log_evidence=candidate.by_evidence.log_evidence,
+                weight=candidate.weight,
+                sigma_mm=None if candidate.by_fit is None else np.sqrt(candidate.by_fit.s2),
+                leave_one_out_mm=None if candidate.leave_one_out is None else candidate.leave_one_out / MM,
+            )
+            for candidate in self.compared
         )
 
 
@@ -571,28 +580,34 @@ def identify_evidence(
     stop = stop_numbers(points, motion) if len(linearised.motion) < len(motion) else np.arange(len(motion))
     outlying = np.zeros((len(linearised.motion), len(names)))
     outlying[linearised.problem.points.pose, linearised.problem.points.target] = wrong * MM
+    averaged_terms, coefficients = tuple(terms_used[k] for k in used), scale[flat:] * mean[columns[flat:]]
+    coefficient_of = {term.name: float(value) for term, value in zip(averaged_terms, coefficients, strict=True)}
     return EvidenceFit(
         nominal=arm,
         arm=linear.problem.arm_at(state),
         points=into_one_frame(points, state.T_world_base, other_bases),
         motion=motion,
-        terms=tuple(terms_used[k] for k in used),
-        coefficients=scale[flat:] * mean[columns[flat:]],
+        terms=averaged_terms,
+        coefficients=coefficients,
         covariance=covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
         T_world_base=state.T_world_base,
         targets=dict(zip(names, state.targets, strict=True)),
         free_targets=tuple(names[k] for k in linearised.problem.free),
         framed_targets=tuple(names[k] for k in linearised.problem.framed),
         target_rotations={names[k]: state.rotations[k] for k in linearised.problem.framed},
-        gears=tuple(harmonics),
+        term_sets=averaging.results(),
+        average=ModelAverage(
+            terms=terms,
+            poses=len(linearised.motion),
+            gears=tuple(_with_amplitude(gear, coefficient_of) for gear in harmonics),
+            spectrum=spectrum,
+            readings_gain=linearised.readings_gain,
+            readings_lag=project,
+            **results,
+        ),
         joint_ranges=np.array([linearised.motion.q.min(axis=0), linearised.motion.q.max(axis=0)]),
-        kind=terms,
-        poses=len(linearised.motion),
         loads=() if loads is None else tuple(float(m) for m in np.unique(loads)),
         usual_kg=linearised.usual_kg,
-        readings_gain=linearised.readings_gain,
-        readings_projected=project,
-        spectrum=spectrum,
         other_bases=other_bases,
         type_prior=of_type,
         independent=averaging.independent,
@@ -600,8 +615,13 @@ def identify_evidence(
         alone=None
         if averaging.alone is None
         else (int(np.flatnonzero(linear.place[stop] == averaging.alone[0])[0]), averaging.alone[1]),
-        **results,
     )
+
+
+def _with_amplitude(gear: GearWave, coefficient_of: Mapping[str, float]) -> GearWave:
+    """A wave with how far it turns its joint to and fro."""
+    cosine, sine = (coefficient_of[term.name] for term in gear_terms(gear.joint - 1, gear.cycles_per_turn))
+    return gear.model_copy(update={"amplitude_deg": float(np.hypot(cosine, sine)) / DEG})
 
 
 def _each_counts(averaging: Averaging, compared: Sequence[ComparedTermSet]) -> bool:
@@ -692,9 +712,7 @@ def _with_longer_series(
     return replace(linearised, linear=linear, sums=longer.sums), longer
 
 
-def _scan(
-    averaging: Averaging, linear: Linearisation, say: Progress
-) -> tuple[list[gears.GearFound], GearSpectrum | None]:
+def _scan(averaging: Averaging, linear: Linearisation, say: Progress) -> tuple[list[GearWave], GearSpectrum | None]:
     """Frequencies beyond the best term set; their terms join the superset and all term sets with weight."""
     best = max(averaging.compared, key=lambda candidate: candidate.weight)
     if best.by_fit is None or best.term_set.bands:
@@ -705,7 +723,7 @@ def _scan(
     cycles, spectrum = gears.scan(
         linear, best.term_set, averaging.part(best.term_set), fits, say, averaging.independent
     )
-    added = [term for candidate in cycles for term in gear_terms(candidate.joint, candidate.cycles_per_turn)]
+    added = [term for candidate in cycles for term in gear_terms(candidate.joint - 1, candidate.cycles_per_turn)]
     new_terms = list(range(len(averaging.superset), len(averaging.superset) + len(added)))
     averaging.superset += added
     for candidate in averaging.kept if added else ():

@@ -19,25 +19,25 @@ from irbcal.identification.evidence_maximisation import (
 )
 from irbcal.identification.fit import outer_reports
 from irbcal.identification.fit_sections import (
+    AverageChoice,
     FamilyShown,
-    GearSpectrum,
-    GroupResult,
+    ModelAverage,
+    Observability,
     ParameterReport,
     TermSetResult,
     groups_table,
     models_table,
     sentence,
 )
-from irbcal.identification.gear_scan import GearFound
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.certainty import Certainty, FitLimits
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.levels import Level
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import bases, chain
-from irbcal.modeling.terms.gear import gear_terms, in_words
+from irbcal.modeling.terms.gear import in_words
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
@@ -144,34 +144,14 @@ class EvidenceFit(Result):
         Of targets that were measured with an orientation.
     free_targets, framed_targets : tuple of str
         Targets whose places, and frames, were identified: they have columns in the covariance.
-    sigma : float
-        Residual standard deviation of a coordinate, metres.
-    leave_one_out, leave_fifths_out : dict of str to float
-        Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
-        for all, metres; None where what is left does not determine them.
     term_sets : tuple of TermSetResult
-    groups : tuple of GroupResult
-    families : tuple of FamilyShown
-        What the best choice of terms would lose without each of its families.
-    gears : tuple of GearFound
+    average : ModelAverage
     joint_ranges : ndarray, shape (2, joints)
         Smallest and largest joints of the fit, radians (metres).
-    kind : str
-        ``joint-map`` or ``all``.
-    tau : float or None
-        Time constant of warm-up in the choice of terms with most weight, in the unit of the motion's time.
-    poses : int
-        After averaging repeats.
     loads : tuple of float
         Masses that were carried, kg; none where they were not told.
     usual_kg : float or None
         The one that predictions are for where none is given.
-    readings_gain : float or None
-        Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
-    readings_projected : bool
-        Whether that was so much that readings were taken before the arm stood still.
-    spectrum : GearSpectrum or None
-        What the gear scan saw; None where there was none.
     other_bases : dict of str to ndarray, shape (4, 4)
         Base in the measuring frame of each session but the last one; behind the target frames in the covariance.
     type_prior : TypePriorResult or None
@@ -203,22 +183,11 @@ class EvidenceFit(Result):
     free_targets: tuple[str, ...]
     framed_targets: tuple[str, ...]
     target_rotations: Mapping[str, FloatArray]
-    sigma: float
-    leave_one_out: Mapping[str, float | None]
-    leave_fifths_out: Mapping[str, float | None]
     term_sets: tuple[TermSetResult, ...]
-    groups: tuple[GroupResult, ...]
-    families: tuple[FamilyShown, ...]
-    gears: tuple[GearFound, ...] = ()
+    average: ModelAverage
     joint_ranges: FloatArray
-    kind: str
-    tau: float | None
-    poses: int
     loads: tuple[float, ...] = ()
     usual_kg: float | None = None
-    readings_gain: float | None = None
-    readings_projected: bool = False
-    spectrum: GearSpectrum | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
     type_prior: TypePriorResult | None = None
     independent: bool = False
@@ -287,7 +256,7 @@ class EvidenceFit(Result):
     @property
     def rank(self) -> int:
         """Number of coefficients that the data determine, base and targets included, rounded."""
-        return self._flat + round(sum(group.seen for group in self.groups if group.name != "warm_up"))
+        return self._flat + round(sum(group.seen for group in self.average.groups if group.name != "warm_up"))
 
     @property
     def parameter_count(self) -> int:
@@ -315,21 +284,30 @@ class EvidenceFit(Result):
             rows.append(ParameterReport.of(name, self.coefficients[k], self.terms[k].unit, std[k]))
         return rows
 
+    @property
+    def choice(self) -> AverageChoice:
+        """Which error models were averaged."""
+        return AverageChoice(level=self.level, table=self.term_sets, explanation=self.explanation())
+
+    def observability(self) -> Observability:
+        """How many directions are seen."""
+        return Observability(singular_values_mm=[], seen=self.rank, indices={}, correlations=[])
+
     def lag(self) -> Lag | None:
         """How readings lag behind programmed joints, where they were found to; else None."""
-        return lag(self, self.points, self.motion) if self.readings_projected else None
+        return lag(self, self.points, self.motion) if self.average.readings_lag else None
 
     def _readings_in_words(self) -> list[str]:
-        if self.readings_gain is None:
+        if self.average.readings_gain is None:
             return []
-        if self.readings_projected:
+        if self.average.readings_lag:
             return [
                 "The readings were taken before the arm stood still: with a share of the last move free in each pose, "
-                f"residuals fall {self.readings_gain:.1f} times. The model holds for programmed joints."
+                f"residuals fall {self.average.readings_gain:.1f} times. The model holds for programmed joints."
             ]
         return [
             "The readings were taken at rest: a free share of the last move makes residuals fall by a factor "
-            f"{self.readings_gain:.2f} only."
+            f"{self.average.readings_gain:.2f} only."
         ]
 
     def explanation(self) -> str:
@@ -364,16 +342,16 @@ class EvidenceFit(Result):
             f"joint {j + 1} {low[j]:.1f} to {high[j]:.1f} {'mm' if slides[j] else 'deg'}" for j in range(len(units))
         )
         warm = []
-        if self.tau is not None:
+        if self.average.warm_up_tau is not None:
             warm.append(
-                f"The arm drifted as it warmed up, with a time constant of {self.tau:.0f} poses: the calibration is "
-                "that of the warm arm, so that the first poses miss it by more."
+                f"The arm drifted as it warmed up, with a time constant of {self.average.warm_up_tau:.0f} poses: the "
+                "calibration is that of the warm arm, so that the first poses miss it by more."
             )
         some = []
-        if self.poses > COMPARED:
+        if self.average.poses > COMPARED:
             some.append(
-                f"Error models were compared on {COMPARED} of the {self.poses} poses, drawn at random; those that are "
-                "averaged were fitted to all."
+                f"Error models were compared on {COMPARED} of the {self.average.poses} poses, drawn at random; those "
+                "that are averaged were fitted to all."
             )
         alone = []
         if self.independent:
@@ -383,7 +361,7 @@ class EvidenceFit(Result):
             )
         return [
             *([] if self.type_prior is None else [self.type_prior.in_words()]),
-            sentence(self.families),
+            sentence(self.average.families),
             *some,
             *alone,
             *self.gear_sentences(),
@@ -417,11 +395,12 @@ class EvidenceFit(Result):
     def report(self) -> Sequence[Paragraph]:
         """The models that were averaged, what the data show of each group of terms, and gears in words."""
         headline = (
-            f"{self.nominal.name}, model {self.level} of terms {self.kind}: {self.rank} of {self.parameter_count} "
-            f"parameters determined by {self.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
+            f"{self.nominal.name}, model {self.level} of terms {self.average.terms}: {self.rank} of "
+            f"{self.parameter_count} parameters determined by {self.average.poses} poses "
+            f"(fitted rms {self.rms / MM:.3f} mm)"
         )
         models = [(r.name, r.terms, r.log_evidence, r.weight, r.sigma_mm, r.leave_one_out_mm) for r in self.term_sets]
-        groups = [(g.name, g.terms, g.seen, g.size) for g in self.groups]
+        groups = [(g.name, g.terms, g.seen, g.size) for g in self.average.groups]
         return (
             headline,
             self.explanation(),
@@ -459,15 +438,9 @@ class EvidenceFit(Result):
         """What the scan found, in words."""
         return [
             f"A wave stands out (chi2 {gear.chi2:.0f}): "
-            f"{in_words(gear.joint + 1, gear.cycles_per_turn, self.amplitude(gear) / DEG)}."
-            for gear in self.gears
+            f"{in_words(gear.joint, gear.cycles_per_turn, gear.amplitude_deg)}."
+            for gear in self.average.gears
         ]
-
-    def amplitude(self, gear: GearFound) -> float:
-        """By how much a gear turns its joint to and fro, radians."""
-        by_name = {t.name: c for t, c in zip(self.terms, self.coefficients, strict=True)}
-        pair = [by_name[term.name] for term in gear_terms(gear.joint, gear.cycles_per_turn)]
-        return float(np.hypot(*pair))
 
     @cached_property
     def certainty(self) -> Certainty:
@@ -480,10 +453,12 @@ class EvidenceFit(Result):
             covariance=self.covariance[np.ix_(rows, rows)],
             free_targets=self.free_targets,
             coefficients=self.coefficients[used],
-            leave_one_out=self.leave_one_out,
-            leave_fifths_out=self.leave_fifths_out,
-            ranges=self.joint_ranges,
-            measurement_noise=self.points.distance_noise(),
+            limits=FitLimits(
+                leave_one_out_mm=self.average.leave_one_out_mm,
+                leave_fifths_out_mm=self.average.leave_fifths_out_mm,
+                ranges=self.joint_ranges.tolist(),
+                measurement_noise_mm=self.points.distance_noise() / MM,
+            ),
         )
 
 

@@ -60,10 +60,10 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
     geometry = GEOMETRY.terms(found.nominal)
     known = {name: found.targets[name] for name in points.target_names if name not in found.free_targets}
     problem = linear_model.geometry_problem(found.nominal, points, geometry, known)
-    state = linear_model.geometry_solution(problem, stops, geometry, fit.readings_projected)
+    state = linear_model.geometry_solution(problem, stops, geometry, fit.average.readings_lag)
     plan = _plan(fit)
     terms = [term for _, added, _ in plan for term in added]
-    linear = Linearisation(problem, state, stops, terms, fit.readings_projected)
+    linear = Linearisation(problem, state, stops, terms, fit.average.readings_lag)
     sums, t = linear.sums(), fit_temper(linear.per_pose)
     use = found.joint_map.motion(heldout.q, heldout.previous, **heldout.inputs)
     count, out = 0, []
@@ -73,7 +73,7 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
         columns = choice.columns(linear.flat)
         got = maximise_evidence(sums.part(columns), linear.flat, choice.group, choice.caps, t)
         u = leave_one_out.residuals(linear, columns, got)[0].reshape(-1, 3)
-        predicted = _Predicted(linear, got.c, fit.readings_projected)
+        predicted = _Predicted(linear, got.c, fit.average.readings_lag)
         errors = predicted.errors(heldout, use)
         warm = any(term.family == "warm_up" for term in terms[:count])
         timed = predicted.errors(heldout, replace(use, elapsed=elapsed)) if warm and elapsed is not None else None
@@ -103,7 +103,7 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     highest = _series(fit)
     everything = {name: family.terms(arm) for name, family in families().items()}
     own = {name: [term for term in found.terms if term.family == name] for name in (*input_families(), "warm_up")}
-    everything |= own | {"warm_up": [t for t in own["warm_up"] if t.parameters["tau"] == found.tau]}
+    everything |= own | {"warm_up": [t for t in own["warm_up"] if t.parameters["tau"] == found.average.warm_up_tau]}
     series = everything["harmonics"]
     everything["harmonics"] = [term for term in series if order(term) <= LOW]
     moved = bool(fit.motion.moves.any())
@@ -115,14 +115,14 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
         added = [term for name in names for term in everything[name]]
         if added:
             words = _words(names, everything)
-            tried = names == FRAME_FAMILIES and found.kind != ALL
+            tried = names == FRAME_FAMILIES and found.average.terms != ALL
             carried = any(name in present or ("thesis" in present and name in LIKE_THESIS) for name in names)
             plan.append((f"{words}: terms {ALL}" if tried else words, added, carried))
     if highest > LOW:
         plan.append((f"harmonics to {highest}", [t for t in series if LOW < order(t) <= highest], True))
-    if found.gears:
-        gears = [term for g in found.gears for term in gear_terms(g.joint, g.cycles_per_turn)]
-        plan.append((f"gears ({len(found.gears)})", gears, "gear" in present))
+    if found.average.gears:
+        gears = [term for g in found.average.gears for term in gear_terms(g.joint - 1, g.cycles_per_turn)]
+        plan.append((f"gears ({len(found.average.gears)})", gears, "gear" in present))
     return sorted(plan, key=lambda item: not item[2])  # what is only tried comes last
 
 

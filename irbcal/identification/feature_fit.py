@@ -37,7 +37,7 @@ from irbcal.identification.feature_problem import (
     Key,
     refuse_undetermined,
 )
-from irbcal.identification.fit_sections import ParameterReport
+from irbcal.identification.fit_sections import ModelAverage, ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows
 from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_misses
 from irbcal.identification.outliers import CORE, FLOOR, FLOORS, limit
@@ -217,7 +217,7 @@ class FeatureFit(EvidenceFit):
         for k, term in enumerate(self.terms):
             if term.family == "geometry" and term.axis[0] == "t":
                 length[flat + k] = getattr(table, DHM_COLUMNS[term.axis])[term.joint]
-        sizes = {group.name: group.size for group in self.groups}
+        sizes = {group.name: group.size for group in self.average.groups}
         before = sizes.get("geometry", 1.0) * GEOMETRY_SIZES["t"] * float(np.linalg.norm(length))
         return float(np.sqrt(length @ self.covariance @ length)) / before if before > 0.0 else 0.0
 
@@ -272,7 +272,7 @@ class FeatureFit(EvidenceFit):
         """
         motion = self.joint_map.motion(_between(self.problem.rows.q))
         path = chain.walk(self.nominal, motion.q)
-        sizes = {group.name: group.size for group in self.groups}
+        sizes = {group.name: group.size for group in self.average.groups}
         flat = len(self.covariance) - len(self.terms)
         prior = np.array([(sizes.get(t.group, 0.0) * t.size) ** 2 for t in self.terms])
         worst = 0.0, 0.0
@@ -410,8 +410,8 @@ def identify_features(
         framed_targets=tuple(framed),
         target_rotations={name: state.values["axes", name] for name in framed},
         joint_ranges=np.array([features.q.min(axis=0), features.q.max(axis=0)]),
-        kind=terms,
-        poses=features.poses,
+        term_sets=averaging.results(),
+        average=ModelAverage(terms=terms, poses=features.poses, **results),
         loads=() if load is None else tuple(float(m) for m in np.unique(load)),
         usual_kg=usual_load(load),
         problem=smaller,
@@ -419,7 +419,6 @@ def identify_features(
         nominal_state=replace(nominal, coefficients=nominal.coefficients[union]),
         step_covariance=covariance,
         outlying=np.zeros(0) if bare else averaging.outlying * MM / smaller.weights,
-        **results,
         **reached,
     )
 

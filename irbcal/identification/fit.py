@@ -33,7 +33,14 @@ from irbcal.identification.choices import (
     Objective,
     Parallel,
 )
-from irbcal.identification.fit_sections import Candidate, LevelChoice, ParameterReport, ParameterState
+from irbcal.identification.fit_sections import (
+    Candidate,
+    CorrelatedPair,
+    LevelChoice,
+    Observability,
+    ParameterReport,
+    ParameterState,
+)
 from irbcal.identification.initial_guess import MIN_POSES, first_state
 from irbcal.identification.least_squares import HELD, TIED, History, information_of, largest, rms
 from irbcal.identification.leave_one_out import closed, rms_length
@@ -43,12 +50,13 @@ from irbcal.measurement.repeats import repeat_groups
 from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.certainty import Certainty, FitLimits
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, levels_of, parameter, thesis_count
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.options import checked
+from irbcal.section import in_unit
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
@@ -131,6 +139,18 @@ class Fit(Result):
         stiff = any(p.kind == "stiffness" for p in self.problem.parameters)
         through = [f"stiffness_{name} {THROUGH}" for name in ("L_G1", "m") if stiff]
         return [*(sentence for _, sentence in _held_sentences(self)), *through]
+
+    def observability(self) -> Observability:
+        """What the poses can show of the error parameters."""
+        information, names = self.solution.information, [p.name for p in self.problem.parameters]
+        return Observability(
+            singular_values_mm=(information.singular_values / MM).tolist(),
+            seen=int(information.seen.sum()),
+            indices=information.indices(self.problem.points.poses),
+            correlations=[
+                CorrelatedPair(first=names[i], second=names[j], coefficient=c) for i, j, c in information.correlations()
+            ],
+        )
 
     def report(self) -> Sequence[Paragraph]:
         """Model, poses and what was reached; every parameter with its standard deviation; what is held and why."""
@@ -569,10 +589,12 @@ def certainty_of(fit: Fit) -> Certainty:
         covariance=covariance,
         free_targets=tuple(names[k] for k in problem.free),
         coefficients=fit.solution.state.errors,
-        leave_one_out=of_targets(u[0], u[2]),
-        leave_fifths_out=of_targets(u[1], u[2]),
-        ranges=np.array([points.q.min(axis=0), points.q.max(axis=0)]),
-        measurement_noise=points.distance_noise(),
+        limits=FitLimits(
+            leave_one_out_mm=in_unit(of_targets(u[0], u[2]), MM),
+            leave_fifths_out_mm=in_unit(of_targets(u[1], u[2]), MM),
+            ranges=[points.q.min(axis=0).tolist(), points.q.max(axis=0).tolist()],
+            measurement_noise_mm=points.distance_noise() / MM,
+        ),
     )
 
 

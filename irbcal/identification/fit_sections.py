@@ -195,6 +195,14 @@ class TermSetResult(Section):
     leave_one_out_mm: float | None
 
 
+class AverageChoice(Section):
+    """Which error models were averaged."""
+
+    level: Level | Literal["auto"]
+    table: tuple[TermSetResult, ...]
+    explanation: Sentence
+
+
 class GroupResult(Section):
     """How much the data show of a group of terms.
 
@@ -308,3 +316,80 @@ class Stage(Section):
     mean_mm: float | None
     max_mm: float | None
     timed_mean_mm: float | None
+
+
+class GearWave(Section):
+    """A single high harmonic of a joint (from 1): how far it turns the joint to and fro, and what shows it.
+
+    ``chi2``: by how much it explains the residuals, two degrees of freedom; ``evidence_gain`` in nats.
+    """
+
+    joint: int
+    cycles_per_turn: int
+    amplitude_deg: float
+    chi2: float
+    evidence_gain: float
+
+
+class ModelAverage(Section):
+    """What is known of an average of error models beside its parameters.
+
+    Attributes
+    ----------
+    terms : str
+        ``joint-map`` or ``all``.
+    poses : int
+        After averaging repeats.
+    sigma_mm : float
+        Residual standard deviation of a coordinate.
+    leave_one_out_mm, leave_fifths_out_mm : dict of str to float
+        As of `irbcal.modeling.certainty.FitLimits`.
+    families : tuple of FamilyShown
+        What the best choice of terms would lose without each of its families.
+    spectrum : GearSpectrum or None
+        What the gear scan saw; None where there was none, because long series of harmonics take its place.
+    explained : tuple of Stage
+        Fits with one family after the other (`irbcal.identification.explanation`), where they were made.
+    warm_up_tau : float or None
+        Time constant of warm-up in the choice of terms with most weight, in the unit of the motion's time: poses.
+    readings_gain : float or None
+        Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
+    readings_lag : bool
+        Whether that was so much that readings were taken before the arm stood still.
+    """
+
+    terms: Word
+    poses: int
+    sigma_mm: float
+    leave_one_out_mm: dict[Name, float | None]
+    leave_fifths_out_mm: dict[Name, float | None]
+    groups: tuple[GroupResult, ...]
+    families: tuple[FamilyShown, ...]
+    gears: tuple[GearWave, ...] = ()
+    spectrum: GearSpectrum | None = None
+    explained: tuple[Stage, ...] = ()
+    warm_up_tau: float | None
+    readings_gain: float | None = None
+    readings_lag: bool = False
+
+
+class CorrelatedPair(Section):
+    """Two parameters that the data can hardly tell apart."""
+
+    first: Name
+    second: Name
+    coefficient: float
+
+
+class Observability(Section):
+    """What the poses can show of the error parameters, base and targets eliminated.
+
+    Singular values (mm) are those of the Jacobian scaled by plausible sizes; ``indices`` are O1 to O5 and the condition
+    number over the seen directions. Of an average all but ``seen`` is empty: how much is seen stands with the groups of
+    terms, nothing is held.
+    """
+
+    singular_values_mm: list[float]
+    seen: int
+    indices: dict[Word, float]
+    correlations: list[CorrelatedPair]

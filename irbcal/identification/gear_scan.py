@@ -1,16 +1,15 @@
-"""Gear scan: which single high harmonic of which joint explains most of what a fit leaves, one after the other."""
+"""GearWave scan: which single high harmonic of which joint explains most of what a fit leaves, one after the other."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification.evidence_maximisation import VARIANCE_CAP, NormalEquations, Posterior, maximise_evidence
-from irbcal.identification.fit_sections import GearSpectrum
+from irbcal.identification.fit_sections import GearSpectrum, GearWave
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import TermSet
 from irbcal.modeling.cos_sin import cos_sin
@@ -21,19 +20,6 @@ MOST = 12
 """Largest number of frequencies that are taken."""
 NUMBER_S = 1e-9
 """Seconds that one product of a wave and a column at a pose takes."""
-
-
-@dataclass(frozen=True)
-class GearFound:
-    """A single high harmonic that the scan found."""
-
-    joint: int
-    """From 0."""
-    cycles_per_turn: int
-    chi2: float
-    """By how much it explains the residuals, two degrees of freedom."""
-    evidence_gain: float
-    """Nats."""
 
 
 class WaveSums:
@@ -107,7 +93,7 @@ def scan(
     start: tuple[Posterior, Posterior],
     progress: Callable[[str], object] | None = None,
     each_counts: bool = False,
-) -> tuple[list[GearFound], GearSpectrum]:
+) -> tuple[list[GearWave], GearSpectrum]:
     """Take the strongest frequency while it is beyond chance and the log evidence grows.
 
     Beyond chance: ``chi2 > 2 ln(frequencies x joints) + 4``, of the residuals of the fit, a pose counted as one vector
@@ -129,8 +115,8 @@ def scan(
 
     Returns
     -------
-    found : list of GearFound
-        In the order in which they were found.
+    gears : list of GearWave
+        In the order in which they were found, their amplitudes not known yet: zero.
     spectrum : GearSpectrum
     """
     joints = revolute(linear.problem.arm)
@@ -139,7 +125,7 @@ def scan(
     limit = 2.0 * np.log(len(joints) * len(cycles)) + (9.2 if each_counts else 4.0)
     by_evidence, by_fit = start
     pairs: list[tuple[int, int]] = []
-    out: list[GearFound] = []
+    out: list[GearWave] = []
     first: FloatArray | None = None
     group, caps, expected = term_set.group, term_set.caps, term_set.expected
     while len(out) < MOST:
@@ -164,9 +150,15 @@ def scan(
         if gain <= 0.0:
             break
         pairs, (by_evidence, by_fit) = trial, fits
-        found = GearFound(joints[place], int(cycles[column]), float(strength[place, column]), float(gain))
-        out.append(found)
+        gear = GearWave(
+            joint=joints[place] + 1,
+            cycles_per_turn=int(cycles[column]),
+            amplitude_deg=0.0,
+            chi2=float(strength[place, column]),
+            evidence_gain=float(gain),
+        )
+        out.append(gear)
         if progress is not None:
-            progress(f"joint {found.joint + 1}: {found.cycles_per_turn} per turn (log evidence +{gain:.1f})")
+            progress(f"joint {gear.joint}: {gear.cycles_per_turn} per turn (log evidence +{gain:.1f})")
     assert first is not None
     return out, GearSpectrum.of(joints, LOWEST, first, float(limit))

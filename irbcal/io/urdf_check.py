@@ -10,7 +10,6 @@ takes half a second to load and is for scenes. Reading a URDF and the transforms
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from io import BytesIO
@@ -24,6 +23,7 @@ from irbcal.errors import CalibrationError
 from irbcal.io import urdf
 from irbcal.modeling.arm import Arm, relative_difference
 from irbcal.safe_files import libraries_silent
+from irbcal.section import Name, Section
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -218,13 +218,20 @@ def poses_by_irbcal(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     return urdf.from_bytes(urdf_bytes, "the written URDF", arm.base_link, arm.tip_link).arm.forward(q)
 
 
-def check(urdf_bytes: bytes, arm: Arm, seed: int = 0, n: int = CHECK_POSES) -> Mapping[str, Any]:
-    """Compare an arm's forward kinematics with that of two other readers of a URDF, at random poses in the limits.
+class UrdfCheck(Section):
+    """Largest disagreement of the calibrated robot with readers of the written URDF, and how many poses each read."""
 
-    Returns
-    -------
-    dict
-        ``position_m``, ``rotation_rad``: largest differences; ``witnesses``: how many poses each reader computed.
+    position_m: float
+    rotation_rad: float
+    witnesses: dict[Name, int]
+
+    def in_words(self) -> str:
+        """The witnesses, each with its poses."""
+        return " and ".join(f"{name} ({poses} poses)" for name, poses in self.witnesses.items())
+
+
+def check(urdf_bytes: bytes, arm: Arm, seed: int = 0, n: int = CHECK_POSES) -> UrdfCheck:
+    """Compare an arm's forward kinematics with that of two other readers of a URDF, at random poses in the limits.
 
     Raises
     ------
@@ -248,8 +255,4 @@ def check(urdf_bytes: bytes, arm: Arm, seed: int = 0, n: int = CHECK_POSES) -> M
                 f"(at most {LIMIT:g} is accepted): the URDF was not written"
             )
         position, rotation = max(position, difference[0]), max(rotation, difference[1])
-    return {
-        "position_m": float(position),
-        "rotation_rad": float(rotation),
-        "witnesses": witnesses,
-    }
+    return UrdfCheck(position_m=position, rotation_rad=rotation, witnesses=witnesses)

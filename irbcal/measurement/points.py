@@ -16,7 +16,15 @@ from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import at_rows
-from irbcal.statistics import gamma_quantile
+from irbcal.section import Name, Section
+from irbcal.statistics import (
+    RotationStatistics,
+    Statistics,
+    gamma_quantile,
+    rotation_statistics,
+    statistics,
+    statistics_by,
+)
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
@@ -280,3 +288,26 @@ def rotation_distances(robot: Robot, points: PointSet) -> FloatArray:
     if points.rotation is None or not len(rows):
         return np.zeros(0)
     return frames.rotation_distance(points.predicted_rotations(robot)[rows], points.rotation[rows])
+
+
+class Errors(Section):
+    """Statistics of one set of poses, all points, by target and by group; of orientations where measured."""
+
+    all: Statistics
+    orientation: RotationStatistics | None
+    per_target: dict[Name, Statistics]
+    per_group: dict[Name, Statistics]
+
+    @staticmethod
+    def of(robot: Robot, points: PointSet, distance: FloatArray) -> Errors | None:
+        """Of points with their distances, metres, shape (points,); None of no points."""
+        overall = statistics(distance)
+        if overall is None:
+            return None
+        groups = statistics_by(distance, points.groups[points.pose])
+        return Errors(
+            all=overall,
+            orientation=rotation_statistics(rotation_distances(robot, points)),
+            per_target=statistics_by(distance, points.names()),
+            per_group={name: values for name, values in groups.items() if name},
+        )

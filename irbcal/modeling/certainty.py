@@ -7,12 +7,12 @@ were left out of the fit one at a time. The scatter of the parameters alone hold
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import RobotError
@@ -21,11 +21,9 @@ from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import BLOCK, basis_values, term_columns
+from irbcal.section import Name, Section
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
-
-if TYPE_CHECKING:
-    pass
 
 COVERAGE = 1.96
 """Standard deviations of an interval that holds 95 % of a Gaussian's values."""
@@ -66,6 +64,22 @@ class Prediction(Result):
     COLUMNS = "x_mm,y_mm,z_mm=position x_u95_mm,y_u95_mm,z_u95_mm=interval outside"
 
 
+class FitLimits(Section):
+    """What intervals of predictions need beside the covariance, and where they are valid.
+
+    Leave-one-out errors (mm) are root mean square lengths by target, under the empty name for all: of single poses, and
+    of contiguous fifths of each session; empty where not known, None where what is left does not determine them.
+    ``ranges`` are the smallest and the largest joints of the fit, rad (m). ``measurement_noise_mm`` is the standard
+    deviation of a measured coordinate that distances between targets at one pose prove
+    (`irbcal.measurement.points.PointSet.distance_noise`), zero where they prove none.
+    """
+
+    leave_one_out_mm: dict[Name, float | None]
+    leave_fifths_out_mm: dict[Name, float | None]
+    ranges: list[list[float]] = Field(min_length=2, max_length=2)
+    measurement_noise_mm: float = Field(default=0.0, ge=0.0)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Certainty(Locked):
     """What an identification knows of the robot that it found."""
@@ -84,32 +98,21 @@ class Certainty(Locked):
     """Targets whose places were identified, in the order of their columns."""
     coefficients: FloatArray
     """Shape (terms,). Their sizes join the uncertainty where the last move is not known."""
-    leave_one_out: Mapping[str, float | None]
-    leave_fifths_out: Mapping[str, float | None]
-    """Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
-    for all, metres; empty where not known, None where what is left does not determine them.
-    """
-    ranges: FloatArray | None
-    """Shape (2, joints). Smallest and largest commanded joints of the fit, radians (metres)."""
-    measurement_noise: float = 0.0
-    """Standard deviation of a measured coordinate that the measurements prove, see
-    `irbcal.measurement.points.PointSet.distance_noise`, metres; zero where they prove none.
-    """
+    limits: FitLimits
     gravity: tuple[float, ...] = GRAVITY
     """Direction in the base link."""
 
     def __repr__(self) -> str:
         return (
-            f"<Certainty of {self.nominal.name}: {len(self.terms)} coefficients, {len(self.leave_one_out) - 1} targets>"
+            f"<Certainty of {self.nominal.name}: {len(self.terms)} coefficients, {len(self.free_targets)} free targets>"
         )
 
     # ---------------------------------------------------------------- joint ranges
 
     def beyond(self, q: FloatArray) -> FloatArray:
         """How far joints (n, joints) lie outside the ranges of the fit, radians (metres); zeros within, (n, joints)."""
-        if self.ranges is None:
-            return np.zeros(q.shape)
-        far = np.maximum(q - self.ranges[1], self.ranges[0] - q)
+        low, high = np.array(self.limits.ranges)
+        far = np.maximum(q - high, low - q)
         return np.where(far > OUTSIDE * self.nominal.joint_units, far, 0.0)
 
     def outside(self, q: FloatArray) -> BoolArray:
@@ -163,8 +166,9 @@ class Certainty(Locked):
 
         Metres; of contiguous blocks of poses with ``in_order``. None where that is not known, or not determined.
         """
-        figures = self.leave_fifths_out if in_order else self.leave_one_out
-        return figures.get(target or "", figures.get(""))
+        errors = self.limits.leave_fifths_out_mm if in_order else self.limits.leave_one_out_mm
+        error = errors.get(target or "", errors.get(""))
+        return None if error is None else error * MM
 
     def determined_left_out(self, target: str | None, in_order: bool = False) -> float:
         """As `left_out`.

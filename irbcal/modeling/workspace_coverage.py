@@ -129,13 +129,14 @@ def workspace_coverage(
     target = next(
         (name for name in robot.targets if certainty is not None and certainty.left_out(name) is not None), None
     )
-    if certainty is None or certainty.ranges is None or target is None:
+    if certainty is None or target is None:
         return None
-    lower, upper = _limits(robot.arm, certainty.ranges)
+    ranges = np.array(certainty.limits.ranges)
+    lower, upper = _limits(robot.arm, ranges)
     if proof is not None and (even_width(proof, np.array([lower, upper])) >= COVERED * (upper - lower)).all():
         return None
     anywhere = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(lower)))
-    went = np.minimum(certainty.ranges[1], upper) - np.maximum(certainty.ranges[0], lower)
+    went = np.minimum(ranges[1], upper) - np.maximum(ranges[0], lower)
     moved = robot.points(anywhere, target) - nominal.points(anywhere, target)
     expected_here = _expected(robot, q[:: max(1, len(q) // POSES)], target)
     difference = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))

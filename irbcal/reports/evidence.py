@@ -10,13 +10,14 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IrbcalError
-from irbcal.io.schema import Record, Statistics
+from irbcal.io.schema import Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis, analyse_residuals
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
 from irbcal.modeling.home import line_at_home
 from irbcal.plotting.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
+from irbcal.statistics import Statistics
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage

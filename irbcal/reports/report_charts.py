@@ -13,8 +13,8 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
-from irbcal.identification.fit_sections import GearSpectrum, Stage
-from irbcal.io.schema import GearSection, Observability, Record
+from irbcal.identification.fit_sections import GearSpectrum, GearWave, Observability, Stage
+from irbcal.io.schema import Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
@@ -108,7 +108,7 @@ def _bar(panel: Panel, drawing: Drawing, y: float, value: float, text: str, colo
 # --- gears ------------------------------------------------------------------------------------------------
 
 
-def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[GearSection]) -> Chart:
+def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[GearWave]) -> Chart:
     """A panel for each joint: how strong a wave of so many cycles per turn would be, and what was found."""
     values = np.array(spectrum.chi2)
     cycles = spectrum.first + spectrum.step * np.arange(values.shape[1]) + 0.5 * (spectrum.step - 1)
@@ -136,7 +136,7 @@ def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[GearSection]) -> Chart
     return Chart("gear_spectrum", caption, drawings, [*legend, ("accent", "o", "found")] if gears else legend, 3)
 
 
-def _named(drawing: Drawing, panel: Panel, gears: Sequence[GearSection], end: float, limit: float) -> None:
+def _named(drawing: Drawing, panel: Panel, gears: Sequence[GearWave], end: float, limit: float) -> None:
     """Numbers of found waves beside their marks, each below the one before where they would meet."""
     used: list[FloatArray] = []
     for gear in gears:

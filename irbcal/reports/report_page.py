@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from irbcal.io.schema import Record, RobotSection
+from irbcal.io.robot_section import RobotSection
+from irbcal.io.schema import Record
 from irbcal.joint_analysis.residuals import needed_by_residuals, residual_terms_table
 from irbcal.joint_analysis.terms import term_rows
 from irbcal.measurement.cleaning import Exclusion
@@ -34,7 +35,7 @@ from irbcal.validation.verdict import verdict_of
 if TYPE_CHECKING:
     from jinja2 import Template
 
-    from irbcal.io.schema import EvidenceSection
+    from irbcal.identification.fit_sections import ModelAverage
     from irbcal.reports.evidence import Evidence
 
 
@@ -111,7 +112,7 @@ def error_tables(c: Record) -> list[dict[str, Any]]:
     return out
 
 
-def families(section: EvidenceSection) -> list[dict[str, Any]]:
+def families(section: ModelAverage) -> list[dict[str, Any]]:
     """Groups of terms summed up by family: what was expected, what was found, and what is lost without it.
 
     ``natural`` is in words; ``expected``, ``found`` and ``std`` are root mean squares in natural sizes.

@@ -185,7 +185,7 @@ class Simulated(Result):
     @property
     def wanted(self) -> dict[str, Any] | None:
         """Statistics of the distances from where a program wanted the targets, mm; None without such a program."""
-        return None if self.misses is None else statistics(self.misses)
+        return None if self.misses is None else dict(statistics(self.misses) or {})
 
     def to_frame(self) -> pd.DataFrame:
         """The rows of the measurement file, as `irbcal.calibrate` takes them.

@@ -54,7 +54,6 @@ from irbcal.validation.judged_points import (
     PreparedPoints,
     Statistics,
     joined_pieces,
-    known,
     prepared,
 )
 
@@ -422,7 +421,7 @@ def _pose_errors(robots: Mapping[str, Robot], cleaned: CleanedPoints, errors: Ma
     count = np.bincount(points.pose, minlength=points.poses)
     models = {
         name: ModelErrors(
-            SimpleNamespace(**known(statistics(errors[name]))),
+            SimpleNamespace(**dict(statistics(errors[name]) or {})),
             errors[name],
             np.bincount(points.pose, errors[name], points.poses) / count,
             None,
@@ -474,7 +473,7 @@ def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[
     out = {}
     for name, robot in robots.items():
         errors = accuracy.tip_errors(robot, points, source)
-        turned = dict(known(rotation_statistics(errors.rotation)))
+        turned = dict(rotation_statistics(errors.rotation) or {})
         turned["mean_plus_3sigma_deg"] = turned["mean_deg"] + 3 * turned["sigma_deg"]
         out[name] = {"position": statistics(errors.position), "orientation": turned}
     return out

@@ -103,16 +103,16 @@ class ErrorsOfPoints:
 
     def statistics(self, points: Any = EVERY) -> ByModel:
         """Statistics of the points of a mask."""
-        return {name: known(statistics(distance[points])) for name, distance in self.distance.items()}
+        return {name: dict(statistics(distance[points]) or {}) for name, distance in self.distance.items()}
 
     def percentiles(self) -> ByModel:
         """Percentiles of all points."""
-        return {name: known(accuracy.percentiles(distance)) for name, distance in self.distance.items()}
+        return {name: accuracy.percentiles(distance) or {} for name, distance in self.distance.items()}
 
     def orientation(self) -> ByModel | None:
         """Statistics of the angles; None where no orientation was measured."""
         turns = {name: rotation_statistics(turn) for name, turn in self.turn.items()}
-        return None if turns["nominal"] is None else {name: known(turn) for name, turn in turns.items()}
+        return None if turns["nominal"] is None else {name: dict(turn or {}) for name, turn in turns.items()}
 
     def intervals(self, seed: int) -> dict[str, Any]:
         """Bootstrap intervals of all points and of parts; repeats of a place are drawn together."""
@@ -264,12 +264,6 @@ def _parts(cleaned: CleanedPoints) -> dict[str, NameArray]:
         "per_payload": payload[points.pose],
         "per_group_payload": combined[points.pose],
     }
-
-
-def known(values: Statistics | None) -> Statistics:
-    """Statistics of points that are there."""
-    assert values is not None
-    return values
 
 
 # --- files of millions of rows ----------------------------------------------------------------------------

@@ -196,7 +196,7 @@ class PointRepeatability(Result):
 
     def statistics(self, position: str) -> dict[str, Any]:
         """STATS of the distances of one point, mm (Table A III-2); ``mean_plus_3sigma_mm`` is RP of ISO 9283."""
-        return statistics(self.error[self.position == position]) or {}
+        return dict(statistics(self.error[self.position == position]) or {})
 
     @property
     def per_position(self) -> dict[str, dict[str, Any]]:
@@ -404,7 +404,7 @@ class PointDrift(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """Errors, trend, and correlation with the air."""
-        stats, rate = statistics(self.error) or {}, self._rate()
+        stats, rate = dict(statistics(self.error) or {}), self._rate()
         out: list[Paragraph] = [
             f"{stats['n']} readings over {self.hours:.2f} hours: error mean {stats['mean_mm']:.4f}, sigma "
             f"{stats['sigma_mm']:.4f}, max {stats['max_mm']:.4f} mm",

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
-from irbcal.io.schema import FeaturesSection, Record
+from irbcal.identification.feature_sections import FeaturesSection
+from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import LeftOut
 from irbcal.statistics import consecutive
 from irbcal.summary import Paragraph, Result

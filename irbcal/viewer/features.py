@@ -17,9 +17,10 @@ from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import BASE, TOOL, FeatureProblem, FeatureState, Key
+from irbcal.identification.feature_sections import FeatureRow, FeaturesSection
 from irbcal.identification.observation_kind import with_third
 from irbcal.identification.observations import KINDS
-from irbcal.io.schema import FeatureRow, FeaturesSection, Record
+from irbcal.io.schema import Record
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.features import DISTANCE, FeatureSet, Length
 from irbcal.measurement.imaging import FITTED, TARGETS

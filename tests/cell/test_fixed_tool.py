@@ -25,7 +25,7 @@ from irbcal.correction.true_frames import CELL, TrueFrames, part_errors
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io import calibration_folder
 from irbcal.modeling import frames
-from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.certainty import Certainty, FitLimits
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term import Term
@@ -355,7 +355,8 @@ def test_drawn_errors_are_as_large_as_expected():
     term = Term(1, "rz", "constant", 1e-3, "zero", "geometry")
     zero, size = np.zeros((7, 7)), np.array([3e-4, 2e-4, 4e-4, 1e-4, 2e-4, 1.5e-4] * 2)
     zero[6, 6] = 2e-4**2
-    robot = Robot(nominal, certainty=Certainty(nominal, (term,), zero, (), np.zeros(1), {"": 0.0}, {"": 0.0}, None))
+    limits = FitLimits(leave_one_out_mm={"": 0.0}, leave_fifths_out_mm={}, ranges=[[-9.0] * 6, [9.0] * 6])
+    robot = Robot(nominal, certainty=Certainty(nominal, (term,), zero, (), np.zeros(1), limits))
     cell = cell_with("door", "nozzle")
     cell = CellFile(
         "x", "r", True, cell.tools, cell.work_objects, np.diag(size**2), np.diag(size**2), np.zeros((12, 7))

@@ -1,5 +1,7 @@
 """Programs for the true tools and work objects: SIMULATED robots, whose controllers have taught ones, run them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from maker_cases import LANGUAGES, language_tests, robot_of, universal_robot, well_inside
@@ -24,7 +26,7 @@ from irbcal.correction.true_frames import (
 )
 from irbcal.errors import OptionError
 from irbcal.modeling import frames
-from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.certainty import Certainty, FitLimits
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
@@ -305,7 +307,8 @@ def situation(gain):
     nominal = arm()
     terms = tuple(Term(k, "rz", "constant", 1e-3, "zero", "geometry") for k in (1, 2))
     covariance = np.diag([0.0] * 6 + [ZEROS**2] * 2)
-    certainty = Certainty(nominal, terms, covariance, (), np.zeros(2), {"": 0.0}, {"": 0.0}, None)
+    limits = FitLimits(leave_one_out_mm={"": 0.0}, leave_fifths_out_mm={}, ranges=[[-9.0] * 6, [9.0] * 6])
+    certainty = Certainty(nominal, terms, covariance, (), np.zeros(2), limits)
     robot = Robot(nominal, certainty=certainty)
     touching = np.diag(NOISE**2)
     tools, work_objects = ({name: FrameInCell(name, T, T)} for name, T in (("T", TOOL), ("W", WORK_OBJECT)))
@@ -363,9 +366,7 @@ def test_what_touches_and_program_have_in_common_cancels():
     alone = robot.replace(certainty=None)
     assert np.isnan(part_errors(alone, cell, q, at)).all()
     together = part_errors(robot, tied, q, at)
-    exact = Robot(
-        nominal, certainty=Certainty(nominal, certainty.terms, np.zeros((8, 8)), (), np.zeros(2), {"": 0.0}, {}, None)
-    )
+    exact = robot.replace(certainty=replace(robot.certainty, covariance=np.zeros((8, 8))))
     np.testing.assert_allclose(together, part_errors(exact, cell, q, at), rtol=1e-9)
     assert (apart > 1.05 * together).all()
 

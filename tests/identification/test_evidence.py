@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from evidence_cases import MM, Measured, Truth, assert_documented, irb120, moves
+from evidence_cases import Measured, Truth, assert_documented, irb120, moves
 from hypothesis import given
 from hypothesis import strategies as st
 from support import TARGETS, arm, example_robot, measured, random_robot
@@ -39,7 +39,7 @@ def test_simulated_terms_are_found_again():
     named = {t.name: s for t, s in zip(found.terms, found.std, strict=True)}
     # large ones are known much better than by their prior
     assert named["rz2 direction 0.00872665"] < 0.1 * 1e-4
-    assert found.sigma == pytest.approx(2e-5, rel=0.25)
+    assert found.average.sigma_mm == pytest.approx(2e-2, rel=0.25)
     # and what it says of other poses holds: the truth is within the interval of the parameters alone
     test = Motion.in_order(truth.nominal.random_joints(100, 9))
     seen = found.robot.predict(test.q, test.q - test.moves, "smr2")
@@ -121,8 +121,8 @@ def test_the_average_is_the_weighted_sum_of_its_dictionaries():
         assert (row.sigma_mm is None) == (row.leave_one_out_mm is None) == (row.weight == 0.0)
     # the average of residual variances, and left-out residuals that no dictionary alone need have
     kept = [row for row in found.term_sets if row.weight]
-    assert found.sigma**2 == pytest.approx(sum(row.weight * (row.sigma_mm * MM) ** 2 for row in kept), rel=1e-9)
-    assert found.leave_one_out[""] <= max(row.leave_one_out_mm for row in kept) * MM
+    assert found.average.sigma_mm**2 == pytest.approx(sum(row.weight * row.sigma_mm**2 for row in kept), rel=1e-9)
+    assert found.average.leave_one_out_mm[""] <= max(row.leave_one_out_mm for row in kept)
 
 
 def test_left_out_residuals_grow_by_the_coordinate_that_was_projected_out():
@@ -225,8 +225,8 @@ def test_levels_of_the_thesis_on_an_irb120(irb120_commands, level, poses):
 def test_readings_of_an_irb120(shared_data, irb120_commands, terms, mean, largest):
     read = irb120(shared_data, "q")
     found = read.first(200, terms=terms)
-    assert found.readings_projected
-    assert found.readings_gain > 4.0
+    assert found.average.readings_lag
+    assert found.average.readings_gain > 4.0
     # at programmed joints, which it has never seen
     error = irb120_commands.heldout(found, 200)
     assert error[0] < mean

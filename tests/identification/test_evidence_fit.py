@@ -93,10 +93,12 @@ def test_covariance_is_that_of_sampled_robots(found, test_motion):
     seen = found.robot.predict(q, previous, name)
     std = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     np.testing.assert_allclose(sampled.std(axis=0), std, rtol=0.15)
-    np.testing.assert_allclose(seen.interval, 1.96 * np.sqrt(std**2 + found.leave_one_out[name] ** 2 / 3.0), rtol=1e-9)
+    np.testing.assert_allclose(
+        seen.interval, 1.96 * np.sqrt(std**2 + found.certainty.left_out(name) ** 2 / 3.0), rtol=1e-9
+    )
     np.testing.assert_allclose(
         found.robot.predict(q, previous, name, in_order=True).interval,
-        1.96 * np.sqrt(std**2 + found.leave_fifths_out[name] ** 2 / 3.0),
+        1.96 * np.sqrt(std**2 + found.certainty.left_out(name, in_order=True) ** 2 / 3.0),
         rtol=1e-9,
     )
 
@@ -119,7 +121,7 @@ def test_the_warm_arm_has_no_warm_up(found):
     assert "warm_up" not in {t.family for t in found.term_map().terms}
     assert "geometry" not in {t.family for t in found.term_map(warm=False).terms}
     cold = {t.family for t in found.term_map(warm=False).terms}
-    assert found.tau is None or "warm_up" in cold
+    assert found.average.warm_up_tau is None or "warm_up" in cold
 
 
 def test_it_says_what_was_compared_and_what_was_seen(found):
@@ -131,7 +133,7 @@ def test_it_says_what_was_compared_and_what_was_seen(found):
         assert f"{row.log_evidence:.1f}" in text
     assert next(line for line in lines if line[0] == "geometry")[1] == "45"
     assert float(next(line for line in lines if line[:2] == ["gravity", "2"])[3]) > 3.0
-    assert all(0.0 <= row.seen <= row.terms for row in found.groups)
+    assert all(0.0 <= row.seen <= row.terms for row in found.average.groups)
     assert len(repr(found)) < 400
     assert found._repr_html_().count("<table>") == 2
 
@@ -155,7 +157,7 @@ def test_results_are_locked_and_pickled(found, test_motion):
     with pytest.raises(TypeError):
         found.targets["new"] = np.zeros(3)
     with pytest.raises(FrozenInstanceError):
-        found.kind = "joint-map"
+        found.level = "34"
     again = pickle.loads(pickle.dumps(found))
     assert again.summary() == found.summary()
     np.testing.assert_array_equal(again.robot.predict(test_motion.q).position, seen.position)
@@ -185,7 +187,7 @@ def test_joints_that_lag_by_different_shares_leave_no_terms_of_the_robot():
     read = commands.q - share * commands.moves
     motion = Motion(read, np.diff(read, axis=0, prepend=read[:1]), readings=True)
     found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
-    assert found.readings_projected
+    assert found.average.readings_lag
     assert not any(term.family == "move" for term in found.terms)
     test = Motion.in_order(truth.nominal.random_joints(100, 9))
     there = found.robot.predict(test.q, test.q - test.moves, "smr1").position
@@ -195,8 +197,8 @@ def test_joints_that_lag_by_different_shares_leave_no_terms_of_the_robot():
 
 def test_readings_that_lag_are_recognised(lagging):
     truth, commands, share, points, motion, found = lagging
-    assert found.readings_projected
-    assert found.readings_gain > 3.0
+    assert found.average.readings_lag
+    assert found.average.readings_gain > 3.0
     assert "before the arm stood still" in found.summary()
     shares = evidence_fit.shares(found, points, motion)
     assert np.abs(shares - share)[5:].mean() < 2e-5
@@ -206,8 +208,8 @@ def test_readings_that_lag_are_recognised(lagging):
     # exact readings are left alone
     motion = Motion(commands.q, commands.moves, readings=True)
     found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
-    assert not found.readings_projected
-    assert found.readings_gain < 1.2
+    assert not found.average.readings_lag
+    assert found.average.readings_gain < 1.2
     assert "taken at rest" in found.summary()
 
 
@@ -290,7 +292,7 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
     # evidences are compared where coordinates count alike: without its family the errors of a pose are no noise
     monkeypatch.setattr(evidence, "_each_counts", lambda averaging, compared: False)
     found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
-    rows = {row.family: row for row in found.families}
+    rows = {row.family: row for row in found.average.families}
     assert rows["gravity"].shown
     assert rows["direction"].shown
     assert not {"gain", "harmonics", "move"} & {name for name, row in rows.items() if row.shown}

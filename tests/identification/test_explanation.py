@@ -103,7 +103,7 @@ def test_the_time_constant_of_the_warm_up_is_found():
     values = [*truth.map.coefficients, *(term.size * rng.standard_normal() for term in warm)]
     truth.map = TermMap(truth.nominal, (*truth.map.terms, *warm), np.array(values))
     points = replace(truth.measured(motion, NOISE, 3), previous=motion.q - motion.moves)
-    assert identify_evidence(truth.nominal, points, motion).tau == pytest.approx(0.25 * span)
+    assert identify_evidence(truth.nominal, points, motion).average.warm_up_tau == pytest.approx(0.25 * span)
 
 
 def test_nothing_held_out_leaves_the_poses_that_are_left_out_one_at_a_time(weighed):
@@ -126,7 +126,7 @@ def test_targets_that_the_fit_never_saw_do_not_count(weighed):
 def test_what_was_expected_of_a_group_and_what_was_found(weighed):
     """Root mean squares of the true coefficients are found, in natural sizes; what is not there shrinks."""
     truth, fit, *_ = weighed
-    groups = {group.name: group for group in fit.groups}
+    groups = {group.name: group for group in fit.average.groups}
     gain = groups["gain"]
     true = [c for term, c in zip(truth.map.terms, truth.map.coefficients, strict=True) if term.family == "gain"]
     assert gain.estimate == pytest.approx(float(np.sqrt(np.mean(np.square(true)))) / 5e-4, rel=0.15)
@@ -143,11 +143,11 @@ def test_what_was_expected_of_a_group_and_what_was_found(weighed):
 
 def test_the_scan_keeps_what_it_saw(weighed):
     _, fit, *_ = weighed
-    seen = fit.spectrum
+    seen = fit.average.spectrum
     chi2 = np.array(seen.chi2)
     joint, column = divmod(int(chi2.argmax()), chi2.shape[1])
     assert (seen.joints[joint], (202 - seen.first) // seen.step) == (4, column)
-    (gear,) = fit.gears
+    (gear,) = fit.average.gears
     assert chi2.max() == round(gear.chi2, 1)
     assert gear.chi2 > seen.limit
 
@@ -155,4 +155,4 @@ def test_the_scan_keeps_what_it_saw(weighed):
 def test_no_scan_no_spectrum(weighed):
     truth, *_ = weighed
     points, motion = measured(truth, 40, 5)
-    assert identify_evidence(truth.nominal, points, motion, gear_scan=False).spectrum is None
+    assert identify_evidence(truth.nominal, points, motion, gear_scan=False).average.spectrum is None

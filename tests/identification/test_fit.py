@@ -515,7 +515,7 @@ def test_freed_gains_and_another_level_take_part():
     fit = identify(nominal, points, "26", parameters=selected_parameters("26", ["gain[23]"], [], nominal))
     known = certainty_of(fit)
     assert [term.basis for term in known.terms[-2:]] == ["q", "q"]
-    np.testing.assert_array_equal(known.ranges, [points.q.min(axis=0), points.q.max(axis=0)])
+    np.testing.assert_array_equal(known.limits.ranges, [points.q.min(axis=0), points.q.max(axis=0)])
 
 
 @pytest.mark.parametrize("level", ["nominal", "34", "34b", "placement"])
@@ -533,9 +533,9 @@ def test_some_places_tell_what_all_do(monkeypatch):
     whole = certainty_of(fit)
     monkeypatch.setattr("irbcal.identification.fit.MOST_PLACES", 75)
     some = certainty_of(fit)
-    for name, value in whole.leave_one_out.items():
-        assert abs(some.leave_one_out[name] / value - 1.0) < 0.15
-        assert abs(some.leave_fifths_out[name] / whole.leave_fifths_out[name] - 1.0) < 0.15
+    for name, value in whole.limits.leave_one_out_mm.items():
+        assert abs(some.limits.leave_one_out_mm[name] / value - 1.0) < 0.15
+        assert abs(some.limits.leave_fifths_out_mm[name] / whole.limits.leave_fifths_out_mm[name] - 1.0) < 0.15
     with monkeypatch.context() as patch:
         patch.setattr("irbcal.identification.fit.MOST_PLACES", 149)
         single, _, mine = leave_one_out_residuals(fit, whole.covariance)

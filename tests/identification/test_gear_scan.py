@@ -81,15 +81,15 @@ def test_gears_are_found_in_words():
     motion = Motion(truth.nominal.random_joints(120, 3))
     told = []
     found = identify_evidence(truth.nominal, truth.measured(motion, 1e-5), motion, progress=told.append)
-    assert [(g.joint, g.cycles_per_turn) for g in found.gears] == [(3, 242)]
+    assert [(g.joint, g.cycles_per_turn) for g in found.average.gears] == [(4, 242)]
     (sentence,) = found.gear_sentences()
     assert sentence.endswith("joint 4: 242 cycles per turn, 0.0038 degrees: twice 121, a harmonic drive of ratio 121.")
     assert sentence in found.summary()
-    assert found.gears[0].evidence_gain > 5.0
+    assert found.average.gears[0].evidence_gain > 5.0
     assert any(text.startswith("joint 4: 242 per turn") for text in told)
 
 
 def test_no_gears_are_found_in_noise():
     truth = Truth(["gravity", "gain"])
     motion = Motion(truth.nominal.random_joints(80, 3))
-    assert not identify_evidence(truth.nominal, truth.measured(motion, 2e-5), motion).gears
+    assert not identify_evidence(truth.nominal, truth.measured(motion, 2e-5), motion).average.gears

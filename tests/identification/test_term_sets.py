@@ -143,8 +143,8 @@ def test_a_new_family_takes_part(creep, monkeypatch):
     best = max(found.term_sets, key=lambda row: row.weight)
     assert best.name == "geometry, gravity, gain, creep"
     assert best.weight > 0.99
-    assert found.sigma < 0.9 * without.sigma
-    (seen,) = (row.seen for row in found.groups if row.name == "creep")
+    assert found.average.sigma_mm < 0.9 * without.average.sigma_mm
+    (seen,) = (row.seen for row in found.average.groups if row.name == "creep")
     assert seen > 4.5
     for t, c, std in zip(found.terms, found.coefficients, found.std, strict=True):
         if t.family == "creep":

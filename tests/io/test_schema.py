@@ -16,20 +16,14 @@ from term_cases import framed_robot
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.identification.evidence import identify_evidence
-from irbcal.identification.fit_sections import GearSpectrum
+from irbcal.identification.feature_sections import FeaturesSection, LengthRow
+from irbcal.identification.fit_sections import AverageChoice, GearSpectrum, ModelAverage
 from irbcal.io import integrity, urdf_check
 from irbcal.io.calibration_folder import Signature
-from irbcal.io.schema import (
-    CovarianceSection,
-    EvidenceChoice,
-    EvidenceSection,
-    FeaturesSection,
-    FrameTermsSection,
-    JointMapSection,
-    LengthRow,
-    PoseTable,
-    Record,
-)
+from irbcal.io.packed_covariance import PackedCovariance
+from irbcal.io.point_tables import PoseTable
+from irbcal.io.schema import Record
+from irbcal.io.term_sections import FrameTermsSection, JointMapSection
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.payload import Payload
@@ -105,10 +99,10 @@ def test_a_foreign_fingerprint_is_refused_with_its_place(folder, tmp_path):
 
 def test_the_layout_is_rows_of_the_lower_triangle():
     factor = base64.b64encode(struct.pack("<6f", 2.0, 1.0, 3.0, 0.5, -1.0, 4.0)).decode()
-    section = CovarianceSection(layout="cholesky-rows-float32-base64", size=3, factor=factor)
+    section = PackedCovariance(layout="cholesky-rows-float32-base64", size=3, factor=factor)
     L = np.array([[2.0, 0, 0], [1.0, 3.0, 0], [0.5, -1.0, 4.0]])
     np.testing.assert_array_equal(section.matrix(), L @ L.T)
-    np.testing.assert_array_equal(CovarianceSection.of(L @ L.T).matrix().round(5), (L @ L.T).round(5))
+    np.testing.assert_array_equal(PackedCovariance.of(L @ L.T).matrix().round(5), (L @ L.T).round(5))
 
 
 def test_what_is_known_well_stays_known_well():
@@ -117,7 +111,7 @@ def test_what_is_known_well_stays_known_well():
     A = rng.standard_normal((40, 40))
     V = np.linalg.qr(A)[0]
     C = (V * np.geomspace(1e-6, 1e-15, 40)) @ V.T
-    there = CovarianceSection.of(C).matrix()
+    there = PackedCovariance.of(C).matrix()
     for v in V.T:
         assert np.sqrt(v @ there @ v) == pytest.approx(np.sqrt(v @ C @ v), rel=2e-3)
     assert abs(v @ C.astype("f4").astype(float) @ v / (v @ C @ v) - 1.0) > 0.1
@@ -126,8 +120,8 @@ def test_what_is_known_well_stays_known_well():
 def test_held_directions_and_nothing_are_kept():
     v = np.array([[1.0, -1.0, 0.0]])
     C = np.eye(3) - v.T @ v / 2
-    np.testing.assert_allclose(CovarianceSection.of(C).matrix(), C, atol=1e-6)
-    assert CovarianceSection.of(np.zeros((2, 2))).matrix().tolist() == [[0.0, 0.0], [0.0, 0.0]]
+    np.testing.assert_allclose(PackedCovariance.of(C).matrix(), C, atol=1e-6)
+    assert PackedCovariance.of(np.zeros((2, 2))).matrix().tolist() == [[0.0, 0.0], [0.0, 0.0]]
 
 
 @pytest.mark.parametrize(
@@ -140,7 +134,7 @@ def test_held_directions_and_nothing_are_kept():
 )
 def test_damage_is_refused(size, factor, words):
     with pytest.raises(ValidationError, match=words):
-        CovarianceSection(layout="cholesky-rows-float32-base64", size=size, factor=factor)
+        PackedCovariance(layout="cholesky-rows-float32-base64", size=size, factor=factor)
 
 
 def test_a_folder_gives_the_same_predictions(proven, folder):
@@ -175,15 +169,12 @@ def test_an_average_is_saved_with_its_comparison():
     model, rng = arm("irb120"), np.random.default_rng(1)
     points = measured(random_robot(model, "34", rng), model.random_joints(40, 1), 2e-5, rng)
     fit = identify_evidence(model, points, Motion.in_order(points.q))
-    choice = EvidenceChoice.of(fit)
-    assert EvidenceChoice.model_validate_json(choice.model_dump_json()) == choice
+    choice, average = fit.choice, fit.average
+    assert AverageChoice.model_validate_json(choice.model_dump_json()) == choice
     assert sum(row.weight for row in choice.table) == pytest.approx(1.0, abs=1e-12)
-    assert choice.explanation == fit.explanation()
-    assert tuple(choice.table) == fit.term_sets
-    section = EvidenceSection.of(fit)
-    assert EvidenceSection.model_validate_json(section.model_dump_json()) == section
-    assert section.leave_one_out_mm[""] == pytest.approx(1e3 * fit.leave_one_out[""], rel=1e-12)
-    assert tuple(section.groups) == fit.groups
+    assert (choice.table, choice.explanation) == (fit.term_sets, fit.explanation())
+    assert ModelAverage.model_validate_json(average.model_dump_json()) == average
+    assert fit.certainty.limits.leave_one_out_mm == average.leave_one_out_mm
 
 
 def test_a_spectrum_is_thinned_but_keeps_its_peaks():

@@ -81,7 +81,7 @@ def test_each_reader_alone_stops_a_wrong_urdf(monkeypatch, reader):
     with pytest.raises(CalibrationError, match="disagrees with the calibrated robot"):
         urdf_check.check(data, found.arm)
     monkeypatch.undo()
-    assert urdf_check.check(data, found.arm)["witnesses"] == {
+    assert urdf_check.check(data, found.arm).witnesses == {
         "Pinocchio": urdf_check.CHECK_POSES,
         "yourdfpy": urdf_check.SECOND_POSES,
     }
@@ -91,7 +91,7 @@ def test_without_pinocchio_two_other_readers_stop_a_wrong_urdf(monkeypatch):
     robot = urdf.read("irb120")
     data = urdf.to_bytes(robot, robot.arm)
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    assert list(urdf_check.check(data, robot.arm)["witnesses"]) == ["irbcal's reader", "yourdfpy"]
+    assert list(urdf_check.check(data, robot.arm).witnesses) == ["irbcal's reader", "yourdfpy"]
     wrong = robot.arm.with_table(replace(robot.arm.table, a=robot.arm.table.a + 2e-9))
     with pytest.raises(CalibrationError, match="irbcal's reader disagrees with the calibrated robot"):
         urdf_check.check(data, wrong)

@@ -44,23 +44,30 @@ def test_unknown_moves_are_unknown_row_by_row(robot):
     assert (unknown.interval > known.interval).all()
 
 
+def with_limits(robot, **changes):
+    return replace(robot.certainty, limits=robot.certainty.limits.model_copy(update=changes))
+
+
 def test_the_interval_is_the_formula(robot):
     q = robot.arm.random_joints(9, 5)
-    for in_order, loo in ((False, robot.certainty.leave_one_out), (True, robot.certainty.leave_fifths_out)):
+    limits = robot.certainty.limits
+    for in_order, loo_mm in ((False, limits.leave_one_out_mm), (True, limits.leave_fifths_out_mm)):
         seen = robot.predict(q, target="smr2", in_order=in_order)
         variance = np.einsum("nii->ni", seen.covariance)
-        np.testing.assert_allclose(seen.interval, 1.96 * np.sqrt(variance + loo["smr2"] ** 2 / 3), rtol=1e-12)
+        np.testing.assert_allclose(
+            seen.interval, 1.96 * np.sqrt(variance + (1e-3 * loo_mm["smr2"]) ** 2 / 3), rtol=1e-12
+        )
 
 
 def test_the_noise_of_the_measurements_moves_no_part(robot):
     q = robot.arm.random_joints(4, 5)
     place = np.zeros((4, 3))
     of_noise = {
-        noise: point_derivatives(robot, replace(robot.certainty, measurement_noise=noise), q, place)[2]
+        noise: point_derivatives(robot, with_limits(robot, measurement_noise_mm=1e3 * noise), q, place)[2]
         for noise in (0.0, 2e-6, 1.0)
     }
     np.testing.assert_allclose(of_noise[0.0] - of_noise[2e-6], 4e-12, rtol=1e-6)
-    np.testing.assert_allclose(of_noise[0.0] - of_noise[1.0], robot.certainty.leave_one_out[""] ** 2 / 3, rtol=1e-6)
+    np.testing.assert_allclose(of_noise[0.0] - of_noise[1.0], robot.certainty.left_out(None) ** 2 / 3, rtol=1e-6)
 
 
 def test_covariance_grows_with_its_matrix_and_follows_the_base(robot):
@@ -98,14 +105,14 @@ def test_lengths_of_moves_are_as_uncertain_as_finite_differences_say(robot):
             for sign in (1.0, -1.0)
         )
         variance += ((ahead - behind) / 2e-6 * std) ** 2
-    loo = robot.certainty.leave_one_out[name]
+    loo = robot.certainty.left_out(name)
     np.testing.assert_allclose(width, 1.96 * np.sqrt(variance + 2.0 * loo**2 / 3.0), rtol=1e-6)
     known = robot.predict_moves(q, robot.arm.random_joints(12, 6))[1]
     assert (robot.predict_moves(q)[1] > known).all()  # from which side the joints come is not known
 
 
 def test_poses_outside_are_told_by_joint_and_degrees(robot):
-    low, high = robot.certainty.ranges
+    low, high = np.array(robot.certainty.limits.ranges)
     q = np.tile(0.5 * (low + high), (5, 1))
     assert robot.certainty.outside_in_words(q) == ""
     q[0, 1] = high[1] + 3.0 * DEG
@@ -133,7 +140,7 @@ def test_wrong_calls(robot):
         robot.predict(np.zeros((1, 6)), target="x")
     with pytest.raises(RobotError, match="these look like degrees"):
         robot.predict([[0, 0, 0, 0, 90, 0]])
-    bare = robot.replace(certainty=replace(robot.certainty, leave_one_out={}, leave_fifths_out={}))
+    bare = robot.replace(certainty=with_limits(robot, leave_one_out_mm={}, leave_fifths_out_mm={}))
     with pytest.raises(RobotError, match="without a pose it does not determine where smr1 is"):
         bare.predict(np.zeros((1, 6)))
 

@@ -27,10 +27,10 @@ import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
 from irbcal.identification.fit_sections import Candidate, LevelChoice
-from irbcal.io.schema import RotationStatistics
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.plotting import charts
 from irbcal.reports import report_page
+from irbcal.statistics import RotationStatistics
 
 
 def rows_under(page, caption):

@@ -256,7 +256,7 @@ def test_flange_poses_of_a_real_robot_are_those_of_scipy(shared_data):
 @pytest.fixture(scope="module")
 def points(record):
     robot = record.robot_calibrated()
-    low, high = robot.certainty.ranges
+    low, high = np.array(robot.certainty.limits.ranges)
     q = low + (high - low) * np.random.default_rng(1).uniform(0.02, 0.98, (40, 6))
     return measured(robot, q, 2e-5, np.random.default_rng(3))
 
@@ -279,7 +279,7 @@ def test_coordinates_are_counted(record, points):
 def test_poses_outside_are_counted_apart(record, points):
     robot = record.robot_calibrated()
     q = points.q.copy()
-    q[:4, 1] = robot.certainty.ranges[1, 1] + 0.05
+    q[:4, 1] = robot.certainty.limits.ranges[1][1] + 0.05
     xyz = points.predicted(robot)
     moved = replace(points, q=q, xyz=xyz)  # far from where these joints lead
     parts = coverage(robot, moved)["parts"]

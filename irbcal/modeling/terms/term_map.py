@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,12 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms import bases, chain, inputs
+from irbcal.modeling.terms import bases, chain
 from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
 from irbcal.modeling.terms.term import AXES, Term, own_axis
 
 BLOCK = 1024
 """Poses whose terms are in memory at a time."""
-SCHEMA = "irbcal-joint-map-1"
 
 
 def basis_values(terms: Sequence[Term], situation: Situation) -> FloatArray:
@@ -199,50 +198,22 @@ class TermMap:
             out[rows] = chain.poses(chain.walk(calibrated, *self.split(motion.select(rows))))
         return out
 
-    def to_json(self, ranges: FloatArray | None = None, test_motion: Motion | None = None) -> dict[str, Any]:
-        """The map as a JSON object.
-
-        Parameters
-        ----------
-        ranges : ndarray, shape (2, joints), optional
-            Smallest and largest joints of the fit, radians (metres).
-        test_motion : Motion, optional
-            Stops whose effective joints are written as test vectors, those of the warm arm.
-        """
+    def entries(self) -> list[dict[str, Any]]:
+        """The terms as JSON objects, see `Term.to_json`."""
         std = np.full(len(self.terms), np.nan) if self.std is None else self.std
-        entries = [t.to_json(c, s) for t, c, s in zip(self.terms, self.coefficients, std, strict=True)]
-        used = {quantity for name in {term.basis for term in self.terms} for quantity in bases()[name].inputs}
-        names = [name for name, quantity in inputs().items() if quantity in used]
-        out: dict[str, Any] = {"schema": SCHEMA, "inputs": ["q", "previous_q", *names]}
-        out |= {"gravity": list(self.gravity), "terms": entries}
-        if ranges is not None:
-            out["ranges"] = np.asarray(ranges).tolist()
-        if test_motion is not None:
-            moves = test_motion.moves
-            effective = self.effective(replace(test_motion, move=moves, elapsed=None))
-            columns = {"q": test_motion.q, "previous_q": test_motion.q - moves, "effective": effective}
-            out["test_vectors"] = [
-                {name: values[k].tolist() for name, values in columns.items()}
-                | {"inputs": {name: values[k].tolist() for name, values in test_motion.inputs.items()}}
-                for k in range(len(effective))
-            ]
-        return out
+        return [t.to_json(c, s) for t, c, s in zip(self.terms, self.coefficients, std, strict=True)]
 
     @staticmethod
-    def from_json(arm: Arm, entry: Mapping[str, Any]) -> TermMap:
-        """The map that `to_json` wrote.
+    def of_entries(arm: Arm, entries: Sequence[Mapping[str, Any]], gravity: Sequence[float] = GRAVITY) -> TermMap:
+        """The map that `entries` wrote.
 
         Raises
         ------
         RobotError
-            If it is of another schema, or a term is not understood.
+            If a term is not understood.
         """
-        if entry.get("schema") != SCHEMA:
-            raise RobotError(f"a joint map of schema {entry.get('schema')!r} is not understood, expected {SCHEMA}")
-        entries = [Term.from_json(entry_) for entry_ in entry["terms"]]
-        std = np.array([term_std[2] for term_std in entries])
-        gravity = tuple(float(x) for x in entry.get("gravity", GRAVITY))
-        return TermMap(arm, tuple(read[0] for read in entries), np.array([term[1] for term in entries]), std, gravity)
+        terms, coefficients, std = zip(*map(Term.from_json, entries), strict=True) if entries else ((), (), ())
+        return TermMap(arm, tuple(terms), np.array(coefficients), np.array(std), tuple(gravity))
 
 
 def term_columns(

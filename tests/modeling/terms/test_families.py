@@ -47,7 +47,7 @@ def test_a_new_module_is_a_new_family(creep):
     found = TermMap(model, terms, 1e-4 * np.arange(1, 7))
     motion = motion_at(some_joints())
     np.testing.assert_allclose(found.effective(motion) - motion.q, 1e-4 * np.arange(1, 7) * motion.q**3, atol=1e-15)
-    again = TermMap.from_json(model, found.to_json())
+    again = TermMap.of_entries(model, found.entries())
     np.testing.assert_array_equal(again.effective(motion), found.effective(motion))
     np.testing.assert_allclose(found.commanded(found.effective(motion)), motion.q, rtol=0, atol=1e-12)
 
