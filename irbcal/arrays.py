@@ -153,7 +153,7 @@ class Locked:
 
 def lock(instance: Any) -> None:
     """Lock all fields of a frozen dataclass: to be called at the end of its ``__post_init__``, where it has one."""
-    for name in _names(type(instance)):  # type: ignore[arg-type]
+    for name in field_names(type(instance)):  # type: ignore[arg-type]
         value = getattr(instance, name)
         new = locked(value)
         if new is not value:
@@ -161,5 +161,6 @@ def lock(instance: Any) -> None:
 
 
 @cache
-def _names(kind: type) -> tuple[str, ...]:
+def field_names(kind: type) -> tuple[str, ...]:
+    """Names of the fields of a dataclass."""
     return tuple(field.name for field in fields(kind))

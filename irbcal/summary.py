@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import Locked, plain
+from irbcal.arrays import Locked, field_names, plain
 from irbcal.literals import terminal
 from irbcal.units import DEG, MM
 
@@ -189,7 +189,8 @@ def values(holder: Any, names: str) -> dict[str, Any]:
         attributes; methods are called; what an attribute that is None would have is None, too. A name with ``mm``,
         ``deg`` or ``percent`` in it has metres, radians or shares in that unit, unless the attribute's name says it as
         well; alone, it is the attribute of that name, or of what stands before the unit. ``NAME,NAME=ATTRIBUTE`` are
-        the columns of an array.
+        the columns of an array. ``NAME?`` is left out where it is None, and ``*ATTRIBUTE`` stands for all names and
+        values of a mapping or table, or for nothing.
 
     Returns
     -------
@@ -199,12 +200,18 @@ def values(holder: Any, names: str) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for word in names.split():
         name, _, path = word.partition("=")
-        unit = _unit(name)
+        left_out, name = name.endswith("?"), name.removesuffix("?")
+        unit = "" if name.startswith("*") else _unit(name)
         path = path or (name.partition(f"_{unit}")[0] if unit and not hasattr(holder, name) else name)
         value = holder
-        for attribute in path.split("."):
+        for attribute in path.removeprefix("*").split("."):
             value = None if value is None else getattr(value, attribute)
             value = value() if callable(value) else value
+        if name.startswith("*"):
+            out |= {} if value is None else dict(value)
+            continue
+        if left_out and value is None:
+            continue
         several = name.split(",")
         columns = {name: value} if len(several) == 1 else dict(zip(several, np.moveaxis(value, -1, 0), strict=True))
         for column, numbers in columns.items():
@@ -225,29 +232,39 @@ def rows(holders: Mapping[str, Any] | Iterable[Any], names: str) -> list[dict[st
     return [{key: name, **values(holder, others)} for name, holder in holders.items()]
 
 
-class Result(Locked, ABC):
+class Content(Locked):
+    """What says in `CONTENT` what JSON has of it."""
+
+    CONTENT: ClassVar[str] = ""
+    """What ``to_dict`` gives, in the words of `values`; its fields unless given."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content as JSON has it: millimetres and degrees where names say so, None for what is not known."""
+        names = self.CONTENT or " ".join(field_names(type(self)))  # type: ignore[arg-type]
+        content: dict[str, Any] = plain(values(self, names))
+        return content
+
+
+class Result(Content, ABC):
     """A result that says what it is: in the interpreter, in a notebook, and in full on request."""
 
-    CONTENT: ClassVar[str]
-    """What ``to_dict`` gives, in the words of `values`."""
     COLUMNS: ClassVar[str]
     """The columns of ``to_frame``, in the words of `values`."""
     ROWS: ClassVar[str] = ""
-    """Attribute or method that has the rows of ``to_frame``, where arrays are not its columns; see `rows`."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The result as JSON has it: millimetres and degrees where names say so, None for what is not known."""
-        content: dict[str, Any] = plain(values(self, self.CONTENT))
-        return content
+    """Attribute or method that has the rows of ``to_frame``, where arrays are not its columns; see `rows`. Where a row
+    has arrays, it is as many rows."""
 
     def to_frame(self) -> pd.DataFrame:
         """The result as a table: millimetres and degrees where names say so."""
         import pandas as pd
 
-        if self.ROWS:
-            names = [name for word in self.COLUMNS.split() for name in word.partition("=")[0].split(",")]
-            return pd.DataFrame(rows(values(self, self.ROWS)[self.ROWS], self.COLUMNS), columns=names)
-        return pd.DataFrame(values(self, self.COLUMNS))
+        if not self.ROWS:
+            return pd.DataFrame(values(self, self.COLUMNS))
+        table_rows = rows(values(self, self.ROWS)[self.ROWS], self.COLUMNS)
+        if table_rows and any(isinstance(value, np.ndarray) for value in table_rows[0].values()):
+            return pd.concat([pd.DataFrame(row) for row in table_rows], ignore_index=True)
+        names = [name for word in self.COLUMNS.split() for name in word.partition("=")[0].split(",")]
+        return pd.DataFrame(table_rows, columns=names)
 
     @abstractmethod
     def report(self) -> Sequence[Paragraph]:

@@ -44,7 +44,7 @@ def test_gamma_quantiles_are_scipys():
 
 def test_distances_by_hand():
     # 1, 2 and 6 mm: mean 3, squares of the deviations 4 + 1 + 9 = 14, divided by n - 1 = 2
-    found = statistics([1e-3, 2e-3, 6e-3])
+    found = dict(statistics([1e-3, 2e-3, 6e-3]))
     assert found == {
         "n": 3,
         "mean_mm": pytest.approx(3.0, abs=1e-12),
@@ -57,7 +57,7 @@ def test_distances_by_hand():
 
 def test_angles_by_hand():
     # 1 and 3 degrees: mean 2, squares of the deviations 1 + 1 = 2, divided by n - 1 = 1; with n it would be 1
-    found = rotation_statistics(np.radians([1.0, 3.0]))
+    found = dict(rotation_statistics(np.radians([1.0, 3.0])))
     assert found == {
         "n": 2,
         "mean_deg": pytest.approx(2.0, abs=1e-12),

@@ -11,7 +11,7 @@ import pytest
 from lxml import html
 
 import irbcal
-from irbcal.summary import UNITS, Result, Table, as_text, rows
+from irbcal.summary import UNITS, Content, Result, Table, as_text, rows
 
 TABLE = Table(
     "Errors, mm", ("model", "points", "mean"), (("a<b", 3, 0.12345), ("[red]c", None, 2.0)), bold=frozenset({1})
@@ -108,13 +108,33 @@ def test_declared_names_give_values_in_their_units():
     assert rows({"a": result}, "name limit_mm") == [{"name": "a", "limit_mm": 3.0}]
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Several(Sample):
+    """A result with names that depend on what there is, and rows of several readings each."""
+
+    numbers_mm: dict | None
+    runs: dict
+
+    CONTENT = "*numbers_mm first_mm?=first last?=numbers_mm"
+    ROWS, COLUMNS = "runs", "run error_mm"
+    first = None
+
+
+def test_names_that_depend_on_what_there_is():
+    runs = {"a": SimpleNamespace(error=np.array([0.001, 0.002])), "b": SimpleNamespace(error=np.array([0.003]))}
+    assert Several({"x": 1}, runs).to_dict() == {"x": 1, "last": {"x": 1}}
+    assert Several(None, runs).to_dict() == {}
+    frame = Several(None, runs).to_frame()
+    assert frame.to_dict("list") == {"run": ["a", "a", "b"], "error_mm": pytest.approx([1.0, 2.0, 3.0])}
+
+
 CLASSES: dict[str, type] = {}
 for module in pkgutil.walk_packages(irbcal.__path__, "irbcal."):
     if not module.name.endswith("__main__"):
         for name, item in vars(importlib.import_module(module.name)).items():
             if isinstance(item, type) and item.__module__.startswith("irbcal"):
                 CLASSES.setdefault(name, item)
-DECLARED = [kind for kind in CLASSES.values() if issubclass(kind, Result) and kind is not Result]
+DECLARED = [kind for kind in CLASSES.values() if issubclass(kind, Content) and kind not in (Content, Result)]
 
 
 def annotation_of(owner, name):
@@ -142,7 +162,7 @@ def missing(owner, names):
     """Declared names whose attributes an owner does not have."""
     out = []
     for word in names.split():
-        name, _, path = word.partition("=")
+        name, _, path = word.removeprefix("*").replace("?", "").partition("=")
         holder = owner
         before_unit = [name.partition(f"_{unit}")[0] for unit in UNITS]
         for attributes in [[part] for part in path.split(".")] if path else [[name, *before_unit]]:
@@ -157,8 +177,9 @@ def missing(owner, names):
 @pytest.mark.parametrize("kind", DECLARED, ids=lambda kind: kind.__name__)
 def test_declared_names_are_those_of_the_result(kind):
     content, columns = (getattr(kind, name, "") for name in ("CONTENT", "COLUMNS"))
-    rows_of = kind_of(kind, kind.ROWS) if kind.ROWS else kind
-    if annotation_of(kind, kind.ROWS).startswith(("dict", "Mapping")):
+    of_rows = getattr(kind, "ROWS", "")
+    rows_of = kind_of(kind, of_rows) if of_rows else kind
+    if annotation_of(kind, of_rows).startswith(("dict", "Mapping")):
         columns = columns.partition(" ")[2]  # the first is what the holder is called
-    assert missing(kind, f"{content} {kind.ROWS}") == []
+    assert missing(kind, f"{content} {of_rows}") == []
     assert rows_of is None or missing(rows_of, columns) == []

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, Locked, NameArray, plain
+from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
@@ -36,7 +36,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.modeling.robot import Robot
 from irbcal.safe_files import refuse_overwriting, write_set
-from irbcal.summary import Paragraph, Result, Table, values
+from irbcal.summary import Content, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ TOO_FAR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class DeviceFrame(Locked):
+class DeviceFrame(Content):
     """A camera or a board."""
 
     name: str
@@ -75,14 +75,12 @@ class DeviceFrame(Locked):
     u95_rad: float
     """Half-widths that hold 95 % of a coordinate's and an angle's errors, largest of three."""
 
+    CONTENT = "name device on *pose u95_mm=u95_m u95_deg=u95_rad"
 
-def frames_as_dicts(devices: Sequence[DeviceFrame]) -> list[dict[str, Any]]:
-    """Frames as JSON has them."""
-    numbers = "u95_mm=u95_m u95_deg=u95_rad"
-    return [
-        {**values(frame, "name device on"), **PoseSection.of(frame.T).model_dump(), **values(frame, numbers)}
-        for frame in devices
-    ]
+    @property
+    def pose(self) -> dict[str, float]:
+        """Place in millimetres and unit quaternion, scalar first."""
+        return PoseSection.of(self.T).model_dump()
 
 
 def frames_table(title: str, devices: Sequence[DeviceFrame]) -> Table:
@@ -161,19 +159,17 @@ class HandEye(Result):
         return float(np.sqrt(np.average(self.heldout_pixels[known] ** 2, weights=self.corners[known])))
 
     CONTENT = (
-        "simulated robot frames=devices rig lens pictures=pixels.__len__ rms_px=rms_pixels "
+        "simulated robot frames=devices rig lens=lens_numbers pictures=pixels.__len__ rms_px=rms_pixels "
         "heldout_px=heldout_rms_pixels within_px=within_pixels doubts notes"
     )
     COLUMNS = "pose feature corners rms_px=pixels heldout_px=heldout_pixels rms_mm=size_mm"
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON has it: ``CONTENT``, ``frames`` with millimetres, degrees and unit quaternions (scalar first)."""
-        devices, rig = frames_as_dicts(self.devices), frames_as_dicts(self.rig)
-        lens = {
+    def lens_numbers(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Fitted numbers of each camera's lens."""
+        return {
             camera: {name: {"value": value, "u95": u95} for name, (value, u95) in fitted.items()}
             for camera, fitted in self.lens.items()
         }
-        return super().to_dict() | plain({"frames": devices, "rig": rig, "lens": lens})
 
     def save(self, out: str | PathLike[str], as_: str = "json") -> Path:
         """Write `to_dict` as JSON, or the camera's place as easy_handeye2 has it.

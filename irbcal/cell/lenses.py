@@ -17,8 +17,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, plain
-from irbcal.cell.hand_eye import DeviceFrame, frames_as_dicts, frames_table, half_widths, left_out
+from irbcal.arrays import FloatArray
+from irbcal.cell.hand_eye import DeviceFrame, frames_table, half_widths, left_out
 from irbcal.errors import MeasurementError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
@@ -72,30 +72,7 @@ class LensCalibration(Result):
     notes: tuple[str, ...] = ()
 
     CONTENT = "lenses rig left_out=missed notes"
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
-        lenses = [
-            {"camera": lens.camera, "width_px": lens.size[0], "height_px": lens.size[1], "pictures": len(lens.pictures)}
-            | {"rms_px": lens.rms_pixels, "heldout_px": lens.heldout_rms_pixels}
-            | {
-                name: {"value": value, "u95": u95}
-                for name, value, u95 in zip(imaging.LENS, lens.numbers, lens.u95, strict=True)
-            }
-            for lens in self.lenses
-        ]
-        return super().to_dict() | plain({"lenses": lenses, "rig": frames_as_dicts(self.rig)})
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row a picture."""
-        tables = [
-            pd.DataFrame(
-                {"camera": lens.camera, "picture": lens.pictures, "corners": lens.corners.astype(int)}
-                | {"rms_px": lens.pixels, "heldout_px": lens.heldout_pixels}
-            )
-            for lens in self.lenses
-        ]
-        return pd.concat(tables, ignore_index=True)
+    ROWS, COLUMNS = "lenses", "camera picture=pictures corners rms_px=pixels heldout_px=heldout_pixels"
 
     def save(self, out: str | PathLike[str], as_: str = "features") -> Path:
         """Write the lenses: into a copy of the features' file, or as another program reads them.

@@ -23,7 +23,7 @@ from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 SINGULAR_GAIN = 10.0
 """Degrees that joints turn for one degree of the tool (or of a point at the arm's reach), next to a singularity."""
@@ -69,19 +69,12 @@ class Corrected(Result):
         sentences += [f"  {count} not corrected: {reason}" for reason, count in zip(reasons, counts, strict=True)]
         return sentences
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each wanted pose, radians and metres.
+    COLUMNS = "*by_joint shift_m=shift turn_rad=turn residual_m=residual ok reason"
 
-        Columns ``q1`` … (commanded joints), ``q1_nominal`` …, ``shift_m``, ``turn_rad``, ``residual_m``, ``ok`` and
-        ``reason``.
-        """
-        import pandas as pd
-
-        joints = [f"q{k}" for k in range(1, self.q.shape[1] + 1)]
-        columns = dict(zip(joints, self.q.T, strict=True))
-        columns |= {f"{name}_nominal": values for name, values in zip(joints, self.q_nominal.T, strict=True)}
-        columns |= {"shift_m": self.shift, "turn_rad": self.turn, "residual_m": self.residual}
-        return pd.DataFrame(columns).assign(ok=self.ok, reason=self.reason)
+    def by_joint(self) -> dict[str, FloatArray]:
+        """Commanded joints ``q1`` …, then those of the nominal robot, ``q1_nominal`` …, radians (metres)."""
+        joints = {"": self.q, "_nominal": self.q_nominal}
+        return {f"q{k}{name}": column for name, q in joints.items() for k, column in enumerate(q.T, 1)}
 
 
 def corrected_in_words(shift: FloatArray, wanted_count: int | None = None) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, NameArray, plain
+from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.correction.fake_targets import corrected_in_words
 from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
@@ -186,12 +186,13 @@ class Filtered(Result):
 
     CONTENT = (
         "program=source written fingerprint expected_error_mm targets=to_frame left notes cautions unknown_frames "
-        "unchanged"
+        "unchanged paths?=cut_paths"
     )
 
-    def to_dict(self) -> dict[str, Any]:
-        """What was corrected and what was left, in the units of files; ``paths`` where they have a tolerance."""
-        return super().to_dict() | ({} if self.paths is None else {"paths": plain(self.paths_to_frame())})
+    @property
+    def cut_paths(self) -> pd.DataFrame | None:
+        """`paths_to_frame` where a path tolerance was asked for."""
+        return None if self.paths is None else self.paths_to_frame()
 
     def _in_units(self, q: FloatArray) -> FloatArray:
         counted = q if self.coupling is None else q @ np.linalg.inv(self.coupling).T

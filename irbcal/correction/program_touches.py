@@ -15,13 +15,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, plain
+from irbcal.arrays import FloatArray
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT
 from irbcal.cell.touch_rows import LEAST_SIDES
 from irbcal.cell.touches import TAUGHT
@@ -86,6 +86,8 @@ class NeededTouches(Result):
     frames: tuple[FrameInPrograms, ...]
     joint_columns: tuple[str, ...]
 
+    CONTENT = "frames=to_frame"
+
     def report(self) -> list[Paragraph]:
         """Tools, work objects and the touches that show them."""
         if not self.frames:
@@ -107,10 +109,6 @@ class NeededTouches(Result):
         known = pd.DataFrame(numbers, columns=list(names))
         rows = [(f.frame, f.name, f.tool, f.targets) for f in self.frames]
         return pd.concat([pd.DataFrame(rows, columns=["frame", "name", "tool", "targets"]), known], axis=1)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The rows of `to_frame`, ready for JSON."""
-        return {"frames": plain(self.to_frame().to_dict(orient="records"))}
 
     def touches(self) -> pd.DataFrame:
         """The touches to make, a row each, for `irbcal.cell_frames`: joints are to be filled in."""

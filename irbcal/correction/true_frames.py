@@ -49,7 +49,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.cell_graph import BASE, Edge
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
-from irbcal.summary import Paragraph, values
+from irbcal.summary import Content, Paragraph
 from irbcal.units import MM
 
 ControllerNumbers: TypeAlias = Literal["same", "from-cell"]
@@ -101,7 +101,7 @@ def point_origin(points: str | None, re_express: bool) -> PointOrigin:
 
 
 @dataclass(frozen=True)
-class UnknownFrames:
+class UnknownFrames(Content):
     """Tools and work objects of unknown origin."""
 
     tools: tuple[str, ...]
@@ -113,6 +113,8 @@ class UnknownFrames:
     """Distance between the tool centre points of the nominal and the calibrated robot at these targets, metres: errors
     of this size are in tools and work objects that were taught with the robot.
     """
+
+    CONTENT = "tools work_objects targets mean_mm max_mm=largest"
 
     def in_words(self) -> str:
         """What may go wrong, by how much, and what to do."""
@@ -128,10 +130,6 @@ class UnknownFrames:
             f"{self.mean / MM:.3f} mm on average and {self.largest / MM:.3f} mm at most. Compute them with irbcal cell "
             "and give --cell; if they were measured independently of the robot (CAD, tracker), say --frames-measured"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON, millimetres."""
-        return values(self, "tools work_objects targets mean_mm max_mm=largest")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

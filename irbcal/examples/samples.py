@@ -153,6 +153,13 @@ class Samples(Result):
     about: dict[str, str]
     tried: dict[str, str]
 
+    SIMULATED = True
+    CONTENT = "folder simulated=SIMULATED files"
+
+    def files(self) -> list[dict[str, str]]:
+        """The files with what they are and their commands."""
+        return [{"file": name, "about": about, "command": self.tried[name]} for name, about in self.about.items()]
+
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""
         rows = tuple((name, about) for name, about in self.about.items())
@@ -160,11 +167,6 @@ class Samples(Result):
             f"{len(self.about)} SIMULATED example files in {self.folder}; README.txt there has a command for each",
             Table("Examples", ("file", "what it is"), rows),
         ]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The files with their commands, ready for JSON."""
-        files = [{"file": name, "about": about, "command": self.tried[name]} for name, about in self.about.items()]
-        return {"folder": str(self.folder), "simulated": True, "files": files}
 
 
 def samples(folder: str | Path = "irbcal-samples") -> Samples:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +26,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.identification.axes import MeasuredAxes, OneAxis, at_zero_joints, measure_axes, one_axis
 from irbcal.identification.choices import Parallel
+from irbcal.measurement.columns import POSITION, poses_to_frame
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames
@@ -207,6 +208,8 @@ class AxisCalibration(Result):
     tool_known: bool
     parallel: Parallel
     rms: float
+
+    CONTENT = "parallel rms_mm corrections=to_frame"
 
     def report(self) -> Sequence[Paragraph]:
         """How well the axes explain the moves, and the correction of each link."""
@@ -416,6 +419,23 @@ class BaseOfAxes(Result):
     distance: float
     """Of axis 2 from axis 1, beyond the nominal one, radians and metres: what the base cannot take."""
 
+    CONTENT = "*pose std_mm=std_of_place std_deg=std_of_turn axis_2_angle_deg=angle axis_2_distance_mm=distance"
+
+    @property
+    def pose(self) -> dict[str, float]:
+        """Place in millimetres and unit quaternion, scalar first."""
+        return dict(poses_to_frame(self.T_world_base[None]).iloc[0])
+
+    @property
+    def std_of_place(self) -> FloatArray:
+        """Shape (3,), metres."""
+        return self.std[:3]
+
+    @property
+    def std_of_turn(self) -> FloatArray:
+        """Shape (3,), radians."""
+        return self.std[3:]
+
     def report(self) -> Sequence[Paragraph]:
         """Place and turn of the base link in the measuring frame."""
         values = frames.to_xyz_angles(self.T_world_base) / ([MM] * 3 + [DEG] * 3)
@@ -441,6 +461,15 @@ class ToolOfAxes(Result):
     angle: float
     distance: float
     """Of the last axis from the one before, beyond the nominal one, radians and metres."""
+
+    CONTENT = "last_axis_angle_deg=angle last_axis_distance_mm=distance targets=by_target"
+
+    def by_target(self) -> dict[str, dict[str, Any]]:
+        """Place of each target, and standard deviations, mm."""
+        return {
+            name: dict(zip(POSITION, xyz / MM, strict=True)) | {"std_mm": self.std[name] / MM}
+            for name, xyz in self.targets.items()
+        }
 
     def report(self) -> Sequence[Paragraph]:
         """Places of the targets."""

@@ -61,7 +61,7 @@ from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
 """Objective -> what its value is called."""
@@ -175,10 +175,6 @@ class Fit(Result):
         return text if self.method == "least-squares" else f"method {self.method}, {text}"
 
     ROWS, COLUMNS = "parameters", "name value unit std state reason"
-
-    def to_frame(self) -> pd.DataFrame:
-        """The parameters, a row each: ``std`` is NaN where not identified."""
-        return super().to_frame().astype({"value": float, "std": float})
 
 
 def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:

@@ -29,7 +29,7 @@ from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 ROUNDING = 1e-13
 """Information below this fraction of the largest is rounding, whatever the residuals."""
@@ -414,17 +414,7 @@ class History(Result):
         rows = tuple((name, first[name], last[name], min(row[name] for row in self.rows)) for name in names)
         return headline, Table("From the first to the last iteration", ("", "first", "last", "smallest"), rows)
 
-    def to_frame(self) -> pd.DataFrame:
-        """All records as a table.
-
-        Returns
-        -------
-        pandas.DataFrame
-            A row an iteration, see `History.rows`.
-        """
-        import pandas as pd
-
-        return pd.DataFrame(self.columns())
+    COLUMNS = "*columns"
 
     def columns(self) -> dict[str, list[float]]:
         """The same by columns."""

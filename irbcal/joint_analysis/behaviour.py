@@ -204,29 +204,18 @@ class JointBehaviour(Result):
         mark = "SIMULATED: " if self.simulated else ""
         return f"{mark}{self.verdict()[-1]}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and words, as JSON has them; lengths in mm, angles in degrees.
+    CONTENT = (
+        "source simulated moves=moves_by_joint residuals=residual_terms payloads verdict excluded notes plots "
+        "reading_lag?"
+    )
 
-        Returns
-        -------
-        dict
-            ``source``, ``simulated``, ``moves`` (by joint: series with errors, terms), ``residuals`` (terms,
-            needed; None without a robot), ``payloads`` (Table 4.3), ``verdict`` (sentences), ``excluded``,
-            ``notes``, ``plots`` (files); where there are programmed joints, ``reading_lag``.
-        """
-        residuals = self.residuals
-        return {
-            "source": self.source,
-            "simulated": self.simulated,
-            "moves": [moves_dict(joint) for joint in self.moves],
-            "residuals": None if residuals is None else residuals_dict(residuals),
-            "payloads": [effect.to_dict() for effect in self.payloads()],
-            "verdict": self.verdict(),
-            "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in self.excluded],
-            "notes": list(self.notes),
-            "plots": list(self.plots),
-            **({} if self.reading_lag is None else {"reading_lag": self.reading_lag.to_dict()}),
-        }
+    def moves_by_joint(self) -> list[dict[str, Any]]:
+        """Series with errors, and terms, of each joint."""
+        return [moves_dict(joint) for joint in self.moves]
+
+    def residual_terms(self) -> dict[str, Any] | None:
+        """Terms that residuals show, and which are needed; None without a robot."""
+        return None if self.residuals is None else residuals_dict(self.residuals)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each coefficient of each term; of terms that were not tested a row without value.

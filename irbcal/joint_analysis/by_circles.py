@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, plain
+from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.axis_calibration import (
     PARALLEL,
@@ -30,13 +30,13 @@ from irbcal.identification.choices import Parallel
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import POSITION, poses_to_frame, read_targets
+from irbcal.measurement.columns import read_targets
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.options import checked, number
-from irbcal.summary import Paragraph, Result, Table, simulated_mark, values
+from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -96,29 +96,7 @@ class ByCircles(Result):
             columns["error_moved_mm"] = np.linalg.norm(measured - moved, axis=1) / MM
         return pd.DataFrame(columns)
 
-    CONTENT = "robot simulated compared excluded notes"
-
-    def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON, mm and degrees.
-
-        ``robot``, ``simulated``, ``base`` (``x_mm`` …, ``qw`` …, ``std_mm``, ``std_deg``), ``tool`` (``targets`` with
-        ``x_mm`` … and ``std_mm``), ``links`` (rows of name, value, std, unit; rms), ``compared`` (as `compared`),
-        ``excluded``, ``notes``.
-        """
-        base = tool = links = None
-        if self.base is not None:
-            base = poses_to_frame(self.base.T_world_base[None]).iloc[0].to_dict()
-            base |= {"std_mm": self.base.std[:3] / MM, "std_deg": self.base.std[3:] / DEG}
-            base |= values(self.base, "axis_2_angle_deg=angle axis_2_distance_mm=distance")
-        if self.tool is not None:
-            targets = {
-                name: dict(zip(POSITION, xyz / MM, strict=True)) | {"std_mm": self.tool.std[name] / MM}
-                for name, xyz in self.tool.targets.items()
-            }
-            tool = values(self.tool, "last_axis_angle_deg=angle last_axis_distance_mm=distance") | {"targets": targets}
-        if self.links is not None:
-            links = values(self.links, "parallel rms_mm corrections=to_frame")
-        return super().to_dict() | plain({"base": base, "tool": tool, "links": links})
+    CONTENT = "robot simulated compared excluded notes base tool links"
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each number: ``part``, ``name``, ``value``, ``std`` and ``unit``; of the tool also by target."""

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, plain
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.summary import Cell, Paragraph, Result, Table, values
+from irbcal.summary import Cell, Content, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
@@ -314,7 +314,7 @@ def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> Floa
 
 
 @dataclass(frozen=True, eq=False)
-class PayloadEffect(Locked):
+class PayloadEffect(Content):
     """One joint moved from one home pose with two payloads (Nubiola 2011, Table 4.3)."""
 
     joint: int
@@ -333,14 +333,20 @@ class PayloadEffect(Locked):
     side, in the measuring frame, metres; NaN without such angles.
     """
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, mm and degrees."""
-        others = np.where(np.arange(1, len(self.home) + 1) == self.joint, np.nan, self.home / DEG)
-        lengths = {"light_max": self.light, "heavy_max": self.heavy, "difference": self.heavy - self.light}
-        lengths["shift_max"] = self.shift
-        content = values(self, "joint target light_kg heavy_kg") | {"home_deg": others}
-        out: dict[str, Any] = plain(content | {f"{name}_mm": value / MM for name, value in lengths.items()})
-        return out
+    CONTENT = (
+        "joint target light_kg heavy_kg home_deg=others light_max_mm=light heavy_max_mm=heavy difference_mm "
+        "shift_max_mm=shift"
+    )
+
+    @property
+    def others(self) -> FloatArray:
+        """``home`` of the other joints; NaN for this one."""
+        return np.where(np.arange(1, len(self.home) + 1) == self.joint, np.nan, self.home)
+
+    @property
+    def difference(self) -> float:
+        """By how much the heavy payload's distance is larger, metres."""
+        return self.heavy - self.light
 
 
 def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:

@@ -13,12 +13,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, Locked, NameArray
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
+from irbcal.summary import Content
 
 LEAST = 5
 """Pictures that a lens needs; twenty or more with the board tilted, near and far, are better."""
@@ -40,8 +41,13 @@ Corners: TypeAlias = "tuple[FloatArray, FloatArray]"
 
 
 @dataclass(frozen=True, eq=False)
-class Lens(Locked):
+class Lens(Content):
     """The lens of a camera."""
+
+    CONTENT = (
+        "camera width_px,height_px=size pictures=pictures.__len__ rms_px=rms_pixels heldout_px=heldout_rms_pixels "
+        "*by_name"
+    )
 
     camera: str
     size: tuple[int, int]
@@ -59,6 +65,13 @@ class Lens(Locked):
     """Shape (m,). Root mean square distance of a picture's corners, in the fit and while the picture was left out;
     there only the board's place is fitted to it, which is counted.
     """
+
+    def by_name(self) -> dict[str, dict[str, float]]:
+        """Numbers and half-widths by what `irbcal.measurement.imaging.LENS` calls them."""
+        return {
+            name: {"value": value, "u95": u95}
+            for name, value, u95 in zip(imaging.LENS, self.numbers, self.u95, strict=True)
+        }
 
     @property
     def rms_pixels(self) -> float:

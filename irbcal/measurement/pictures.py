@@ -49,9 +49,7 @@ class FoundCorners(Result):
     missed: tuple[tuple[str, int], ...]
     understood: tuple[str, ...] = ()
 
-    def to_frame(self) -> pd.DataFrame:
-        """The rows as the first file of ``irbcal calibrate --features``."""
-        return self.table.copy()
+    COLUMNS = "*table"
 
     @property
     def left_out(self) -> list[str]:

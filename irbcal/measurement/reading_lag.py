@@ -10,17 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, plain
+from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.measurement.columns import joint_units
 from irbcal.summary import Paragraph, Result, Table
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 ENOUGH = 10
 """Poses with a known last move from which on the readings are judged."""
@@ -115,20 +115,31 @@ class ReadingLag(Result):
         """Sizes of the differences, shape (n, joints), degrees and millimetres."""
         return np.abs(self.difference) / joint_units(self.columns)
 
-    CONTENT = "columns explained explained_by_move foretold foretold_by_others slope slope_interval before_standstill"
+    CONTENT = (
+        "columns explained explained_by_move foretold foretold_by_others slope slope_interval before_standstill median "
+        "largest median_factor"
+    )
+    COLUMNS = "factor *by_joint"
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON has it: ``CONTENT``, median and largest difference of each joint, and the median factor."""
-        sizes = {"median": np.median(self.size, axis=0), "largest": self.size.max(axis=0)}
-        return super().to_dict() | plain(sizes | {"median_factor": _median(self.factor)})
+    @property
+    def median(self) -> FloatArray:
+        """Of the sizes of each joint's differences, shape (joints,)."""
+        return np.asarray(np.median(self.size, axis=0))
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each pose: ``factor`` and reading minus command of each joint, degrees (millimetres)."""
-        import pandas as pd
+    @property
+    def largest(self) -> FloatArray:
+        """The same of the largest."""
+        return np.asarray(self.size.max(axis=0))
 
-        values = self.difference / joint_units(self.columns)
+    @property
+    def median_factor(self) -> float:
+        """Of all poses."""
+        return _median(self.factor)
+
+    def by_joint(self) -> dict[str, FloatArray]:
+        """Reading minus command of each joint, degrees (millimetres)."""
         names = [f"q{name[1:]}_minus_command" for name in self.columns]
-        return pd.DataFrame({"factor": self.factor} | dict(zip(names, values.T, strict=True)))
+        return dict(zip(names, (self.difference / joint_units(self.columns)).T, strict=True))
 
     def report(self) -> Sequence[Paragraph]:
         """A table joint by joint, and the verdict."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pandas as pd
@@ -417,14 +417,19 @@ class DevicePlan(Result):
 
     CONTENT = (
         "robot=arm.name device=found.device.name poses=q.__len__ features_mm=places_mm conditions "
-        "as_good_as_random=comparison.as_good_as candidates removed=tally notes"
+        "as_good_as_random=comparison.as_good_as candidates removed=tally notes bar_mm predicted_mm"
     )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as JSON has it: ``CONTENT``, the bar's length (None without one) and predicted errors."""
+    @property
+    def bar_mm(self) -> float | None:
+        """Length of the bar; None without one."""
+        return self.found.bar / MM or None
+
+    @property
+    def predicted_mm(self) -> dict[str, float]:
+        """Predicted errors."""
         predicted = {"before": self.before / MM, "left": self.remaining / MM, "random": self.remaining_by_random / MM}
-        predicted |= {"all_candidates": self.remaining_by_all / MM}
-        return {**super().to_dict(), "bar_mm": self.found.bar / MM or None, "predicted_mm": predicted}
+        return predicted | {"all_candidates": self.remaining_by_all / MM}
 
     def report(self) -> Sequence[Paragraph]:
         """What to put where, and what every pose meets."""

@@ -31,7 +31,7 @@ from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +155,18 @@ class Trace(Locked):
     not fitted.
     """
 
+    def statistics(self) -> dict[str, Any]:
+        """Figures, mm: ``mean``, ``rms``, ``max_abs`` and circularity (largest minus smallest error)."""
+        e = self.error / MM
+        return {
+            "n": len(e),
+            "mean_mm": float(e.mean()),
+            "rms_mm": float(np.sqrt(np.mean(e**2))),
+            "max_abs_mm": float(np.abs(e).max()),
+            "circularity_mm": float(np.ptp(e)),
+            "shift_mm": (self.shift / MM).tolist(),
+        }
+
     def at(self, angle: ArrayLike) -> FloatArray:
         """Error at other angles, by linear interpolation around the circle, metres."""
         return np.interp(np.asarray(angle) % (2 * np.pi), self.angle % (2 * np.pi), self.error, period=2 * np.pi)
@@ -261,19 +273,6 @@ def read_traces(source: TableLike, bar: float) -> dict[str, Trace]:
         except MeasurementError as refused:
             raise table.fault(f"run {name}: {refused}") from None
     return out
-
-
-def trace_statistics(trace: Trace) -> dict[str, Any]:
-    """Figures of a trace, mm: ``mean``, ``rms``, ``max_abs`` and circularity (largest minus smallest error)."""
-    e = trace.error / MM
-    return {
-        "n": len(e),
-        "mean_mm": float(e.mean()),
-        "rms_mm": float(np.sqrt(np.mean(e**2))),
-        "max_abs_mm": float(np.abs(e).max()),
-        "circularity_mm": float(np.ptp(e)),
-        "shift_mm": (trace.shift / MM).tolist(),
-    }
 
 
 def explained(measured: Trace, predicted: Trace) -> tuple[float, float]:
@@ -550,6 +549,33 @@ class BallbarCheck(Result):
         corrected = self.prediction.corrected
         return corrected if self.run == "fake" and corrected is not None else self.prediction.uncorrected
 
+    CONTENT = (
+        "simulated simulated_readings nominal_targets=prediction.uncorrected.statistics "
+        "fake_targets=prediction.corrected.statistics arcs=prediction.arcs run measured=by_run reversals=turns"
+    )
+    ROWS, COLUMNS = "traces", "trace angle_deg error_mm"
+
+    def by_run(self) -> dict[str, dict[str, Any]]:
+        """Of each measured run its figures, with the rms that the prediction leaves, and changes of joints."""
+        runs = {}
+        for name, trace in self.measured.items():
+            variation, unexplained = explained(trace, self.expected)
+            runs[name] = {
+                **trace.statistics(),
+                "variation_rms_mm": variation / MM,
+                "unexplained_rms_mm": unexplained / MM,
+                "joints": _change(self.joints.get(name)),
+                "since_baseline": _change(self.since.get(name)),
+            }
+        return runs
+
+    def turns(self) -> list[dict[str, Any]]:
+        """Where joints turn back, degrees."""
+        return [
+            {"path_angle_deg": 360 * r.s, "joint": r.joint, "joint_angle_deg": r.angle / DEG, "kind": r.kind}
+            for r in self.prediction.reversals
+        ]
+
     def traces(self) -> dict[str, Trace]:
         """All traces by what they are called in tables and figures."""
         out = {"nominal targets, predicted": self.prediction.uncorrected}
@@ -559,52 +585,12 @@ class BallbarCheck(Result):
             name if name == MEASURED else f"measured, run {name}": trace for name, trace in self.measured.items()
         }
 
-    def to_dict(self) -> dict[str, Any]:
-        """What the command prints as JSON, mm and degrees.
-
-        ``simulated``, ``simulated_readings``, ``nominal_targets``, ``fake_targets`` (None without), ``arcs``, ``run``,
-        ``measured`` (of each run, with the rms that the prediction leaves unexplained) and ``reversals``.
-        """
-        p, runs = self.prediction, {}
-        for name, trace in self.measured.items():
-            variation, unexplained = explained(trace, self.expected)
-            runs[name] = {
-                **trace_statistics(trace),
-                "variation_rms_mm": variation / MM,
-                "unexplained_rms_mm": unexplained / MM,
-                "joints": _change(self.joints.get(name)),
-                "since_baseline": _change(self.since.get(name)),
-            }
-        return {
-            "simulated": self.simulated,
-            "simulated_readings": self.simulated_readings,
-            "nominal_targets": trace_statistics(p.uncorrected),
-            "fake_targets": None if p.corrected is None else trace_statistics(p.corrected),
-            "arcs": p.arcs,
-            "run": self.run,
-            "measured": runs,
-            "reversals": [
-                {"path_angle_deg": 360 * r.s, "joint": r.joint, "joint_angle_deg": r.angle / DEG, "kind": r.kind}
-                for r in p.reversals
-            ],
-        }
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each angle of each trace: ``trace``, ``angle_deg``, ``error_mm``."""
-        import pandas as pd
-
-        tables = [
-            pd.DataFrame({"trace": name, "angle_deg": trace.angle / DEG, "error_mm": trace.error / MM})
-            for name, trace in self.traces().items()
-        ]
-        return pd.concat(tables, ignore_index=True)
-
     def report(self) -> Sequence[Paragraph]:
         """Circularity and radial errors of all traces, what the prediction explains, and the joints that turn back."""
         start = f"{self.mark}: " if self.mark else ""
         rows: list[tuple[Cell, ...]] = []
         for name, trace in self.traces().items():
-            values = trace_statistics(trace)
+            values = trace.statistics()
             rows.append((name, *(values[key] for key in ("mean_mm", "rms_mm", "max_abs_mm", "circularity_mm"))))
         title = f"{start}radial errors of the circle, ballbar {self.bar / MM:g} mm, centre fitted, mm"
         targets = {"nominal": "nominal", "fake": "calibrated"}[self.run]

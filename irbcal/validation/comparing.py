@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, NameArray, plain
+from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
@@ -26,7 +26,7 @@ from irbcal.options import seed as check_seed
 from irbcal.options import shown
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
 from irbcal.statistics import FOUR, headed, statistics
-from irbcal.summary import Cell, Paragraph, Result, Table, rows, simulated_mark
+from irbcal.summary import Cell, Content, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
@@ -44,8 +44,10 @@ MOST = 12
 
 
 @dataclass(frozen=True)
-class Pair:
+class Pair(Content):
     """Two robots, pose by pose: two calibrations, or the nominal and the calibrated one."""
+
+    CONTENT = "better worse difference_mm interval_mm significant"
 
     better: str
     worse: str
@@ -186,32 +188,32 @@ class Compared(Result):
         lines += [f"{' & '.join(heads)} \\\\", r"\hline", *(f"{' & '.join(row)} \\\\" for row in cells), r"\hline"]
         return "\n".join([*lines, r"\end{tabular}", ""])
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row a pose: pose, group, mean error of its points under each calibration, mm; columns carried along."""
-        import pandas as pd
-
-        columns: dict[str, Any] = {"pose": self.poses, "group": self.groups}
-        columns |= {f"{name}_mm": self.error_mm[:, k] for k, name in enumerate(self.names)}
-        return with_extra_columns(pd.DataFrame({**columns, "simulated": int(self.simulated)}), self.extra)
-
+    COLUMNS = "pose=poses group=groups *errors_mm simulated"
     CONTENT = (
-        "ranking poses=poses.__len__ points=distance_mm.__len__ counted_out fitted_by verdict trusted "
-        "doubts notes simulated"
+        "calibrations nominal per_pose pairs ranking poses=poses.__len__ points=distance_mm.__len__ counted_out "
+        "fitted_by verdict trusted doubts notes simulated"
     )
 
-    def to_dict(self) -> dict[str, Any]:
-        """What ``irbcal compare --json`` prints."""
+    def to_frame(self) -> pd.DataFrame:
+        """A row a pose; columns that the measurements carry along follow."""
+        return with_extra_columns(super().to_frame().astype({"simulated": int}), self.extra)
+
+    def errors_mm(self) -> dict[str, FloatArray]:
+        """Mean error of each pose's points under each calibration, mm."""
+        return {f"{name}_mm": errors for name, errors in zip(self.names, self.error_mm.T, strict=True)}
+
+    def calibrations(self) -> list[dict[str, Any]]:
+        """Name, model and statistics of each."""
         by_name = zip(self.names, self.models, strict=True)
-        calibrations = [{"name": name, "model": model, **self.statistics[name]} for name, model in by_name]
-        errors = {"pose": self.poses, **dict(zip(self.names, self.error_mm.T, strict=True))}
-        pairs = rows(self.pairs, "better worse difference_mm interval_mm significant")
-        content = {
-            "calibrations": calibrations,
-            "nominal": self.statistics["nominal"],
-            "per_pose": errors,
-            "pairs": pairs,
-        }
-        return plain(content) | super().to_dict()
+        return [{"name": name, "model": model, **self.statistics[name]} for name, model in by_name]
+
+    def nominal(self) -> Mapping[str, float]:
+        """Statistics of the nominal robot."""
+        return self.statistics["nominal"]
+
+    def per_pose(self) -> dict[str, Any]:
+        """Errors of each pose under each calibration, mm."""
+        return {"pose": self.poses, **dict(zip(self.names, self.error_mm.T, strict=True))}
 
     def by_pose(self) -> Chart:
         """Errors of each pose, in the order of the best calibration's."""

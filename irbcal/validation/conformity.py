@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, Locked, plain
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import OptionError
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
@@ -26,7 +26,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.workspace_coverage import even_width
 from irbcal.options import checked, length
 from irbcal.statistics import consecutive
-from irbcal.summary import Paragraph, Result, values
+from irbcal.summary import Content, Paragraph, Result
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.verdict import Verdict
@@ -354,7 +354,7 @@ LEAST = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class Region(Locked):
+class Region(Content):
     """Where proof poses are."""
 
     joint_names: tuple[str, ...]
@@ -377,6 +377,18 @@ class Region(Locked):
             return False
         return bool(min(self.joint_shares.min(), self.box_shares.min()) >= LEAST)
 
+    CONTENT = "joints=by_joint box_mm=box_ends_mm least_share=LEAST_SHARE joint_shares box_shares whole"
+    LEAST_SHARE = LEAST
+
+    def by_joint(self) -> dict[str, dict[str, Any]]:
+        """Unit and range of each joint."""
+        ranges = zip(self.joint_names, self.joint_units, self.joints.T, strict=True)
+        return {name: {"unit": unit, "range": ends} for name, unit, ends in ranges}
+
+    def box_ends_mm(self) -> dict[str, FloatArray]:
+        """Range of each coordinate, mm."""
+        return dict(zip("xyz", self.box.T, strict=True))
+
     def joints_in_words(self) -> str:
         """Range of each joint, and its share of the calibrated one."""
         return _ranges(self.joint_names, self.joints, self.joint_units, self.joint_shares)
@@ -393,14 +405,6 @@ class Region(Locked):
         shares = np.concatenate([self.joint_shares, self.box_shares])
         narrow = [f"{share:.0%} of {name}" for name, share in zip(names, shares, strict=True) if share < LEAST]
         return f"they cover {', '.join(narrow)} as calibrated, where {LEAST:.0%} of each are needed" if narrow else ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
-        ranges = zip(self.joint_names, self.joint_units, self.joints.T, strict=True)
-        joints = {name: {"unit": unit, "range": ends} for name, unit, ends in ranges}
-        content = {"joints": joints, "box_mm": dict(zip("xyz", self.box.T, strict=True)), "least_share": LEAST}
-        out: dict[str, Any] = plain(content | values(self, "joint_shares box_shares whole"))
-        return out
 
 
 def region(robot: Robot, points: PointSet, fit: PointSet | None) -> Region:

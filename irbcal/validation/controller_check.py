@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray, plain
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
 from irbcal.io import robots
 from irbcal.io import urdf as urdf_module
@@ -105,8 +105,19 @@ class ControllerCheck(Result):
     COLUMNS = "pose=labels before_mm,before_deg=fit.before after_mm,after_deg=fit.after other_moment=fit.moment"
     CONTENT = (
         "robot rows=labels.__len__ rows_that_agree=agreeing rows_of_another_moment=other_moment "
-        "urdf_median_mm=median_mm numbers absolute_accuracy notes"
+        "urdf_median_mm=median_mm numbers absolute_accuracy notes fitted_median_mm=fitted_median *own_frames"
     )
+
+    @property
+    def fitted_median(self) -> float:
+        """Median distance with the fitted numbers, metres."""
+        return self.median_mm(True) * MM
+
+    @property
+    def own_frames(self) -> dict[str, FloatArray | None]:
+        """Base and tool of the controller where they differ from the URDF's, transforms."""
+        differ = self.fit.frames_differ
+        return {"base": self.fit.T_base if differ else None, "tool": self.fit.T_tool if differ else None}
 
     def numbers(self) -> list[dict[str, Any]]:
         """What differs: name, the URDF's value, the controller's, difference and standard deviation, mm and degrees."""
@@ -127,12 +138,6 @@ class ControllerCheck(Result):
                 }
             )
         return rows
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON has it: ``CONTENT``, the median with the fitted numbers, base and tool where they differ."""
-        frames = {"base": self.fit.T_base, "tool": self.fit.T_tool} if self.fit.frames_differ else {}
-        ends = plain({"base": None, "tool": None} | frames)
-        return {**super().to_dict(), "fitted_median_mm": self.median_mm(True), **ends}
 
     def report(self) -> Sequence[Paragraph]:
         """How near, with which numbers, whether an option is on, which rows do not count."""

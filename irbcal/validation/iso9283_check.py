@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, Locked, plain
+from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration, open_nominal
 from irbcal.measurement import table
@@ -38,7 +38,7 @@ from irbcal.plotting.charts import (
     check_name,
     span,
 )
-from irbcal.summary import Paragraph, Result, Table, rows, simulated_mark, values
+from irbcal.summary import Content, Paragraph, Result, Table, simulated_mark
 from irbcal.units import DEG, MM
 from irbcal.validation.pose_check import (
     FRACTION,
@@ -66,8 +66,10 @@ BLOCK = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class PathVelocity(Locked):
+class PathVelocity(Content):
     """Velocities of several cycles along one path."""
+
+    CONTENT = "commanded_mm_s mean_mm_s=mean.mean AV_percent RV_percent FV_mm_s means_mm_s=mean"
 
     mean: FloatArray
     lowest: FloatArray
@@ -298,8 +300,10 @@ STRAIGHT = 1.0 * DEG
 
 
 @dataclass(frozen=True, eq=False)
-class Corner(Locked):
+class Corner(Content):
     """How the cycles go round one corner of the commanded path."""
+
+    CONTENT = "way_mm turn_deg CR_mm CO_mm round_off_mm overshoot_mm"
 
     place: FloatArray
     """Shape (3,). Commanded, metres."""
@@ -379,10 +383,6 @@ def _overshoot(path: FloatArray, corner: FloatArray, first: FloatArray, second: 
     return float(np.linalg.norm(beside[beyond], axis=1).max(initial=0.0))
 
 
-VELOCITY = "commanded_mm_s mean_mm_s=mean.mean AV_percent RV_percent FV_mm_s means_mm_s=mean"
-"""What is printed of velocities."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class PathCheck(Result):
     """Accuracy, repeatability, velocity and corners of sampled paths."""
@@ -400,30 +400,26 @@ class PathCheck(Result):
     """Of the commanded path."""
     simulated: bool = False
 
-    CONTENT = "AT_mm=errors.AT RT_mm=errors.RT planes=errors.planes.__len__ planes_of cycles"
     COLUMNS = "along_mm mean_error_mm repeatability_mm=errors.repeatability"
+    CONTENT = (
+        "AT_mm=errors.AT RT_mm=errors.RT planes=errors.planes.__len__ planes_of cycles *of_angles velocity corners "
+        f"{COLUMNS} simulated"
+    )
+
+    @property
+    def of_angles(self) -> dict[str, float]:
+        """``AT_a_deg`` to ``RT_c_deg``, the largest of the planes; empty without orientations."""
+        e, out = self.errors, {}
+        if e.mean_angles is not None and e.angle_repeatability is not None:
+            for k, a in enumerate(ANGLES):
+                out[f"AT_{a}_deg"] = float(np.abs(e.mean_angles[:, k]).max() / DEG)
+                out[f"RT_{a}_deg"] = float(e.angle_repeatability[:, k].max() / DEG)
+        return out
 
     @property
     def mean_error(self) -> FloatArray:
         """Distance of the mean path from the commanded one on each plane, shape (m,), metres."""
         return np.linalg.norm(self.errors.mean, axis=1)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As the command prints it as JSON, millimetres.
-
-        ``AT_mm``, ``RT_mm``, ``planes``, ``planes_of``, ``cycles``; with orientations ``AT_a_deg`` to ``RT_c_deg``;
-        ``velocity`` (``AV_percent``, ``RV_percent``, ``FV_mm_s``, means of the cycles; None without times); ``corners``
-        (``CR_mm``, ``CO_mm``, ``way_mm``, ``turn_deg`` each); ``along_mm``, ``mean_error_mm`` and ``repeatability_mm``
-        plane by plane; ``simulated``.
-        """
-        e, out = self.errors, super().to_dict()
-        if e.mean_angles is not None and e.angle_repeatability is not None:
-            for k, a in enumerate(ANGLES):
-                out[f"AT_{a}_deg"] = float(np.abs(e.mean_angles[:, k]).max() / DEG)
-                out[f"RT_{a}_deg"] = float(e.angle_repeatability[:, k].max() / DEG)
-        out["velocity"] = None if self.velocity is None else plain(values(self.velocity, VELOCITY))
-        out["corners"] = plain(rows(self.corners, "way_mm turn_deg CR_mm CO_mm round_off_mm overshoot_mm"))
-        return out | plain(values(self, f"{self.COLUMNS} simulated"))
 
     def report(self) -> Sequence[Paragraph]:
         """AT and RT, of orientations too where they were measured; velocities and corners."""
@@ -698,14 +694,12 @@ class Iso9283(Result):
         """What each of the tests has to say."""
         return [line for check in self._present_checks() for line in check.report()]
 
-    CONTENT = "poses stabilisation path posing compliance"
+    CONTENT = "poses stabilisation=settled path posing compliance"
 
-    def to_dict(self) -> dict[str, Any]:
-        """``poses``, ``stabilisation``, ``path``, ``posing`` and ``compliance``; None for what was not made."""
-        content = super().to_dict()
-        if content["stabilisation"] is not None:
-            del content["stabilisation"]["check"]
-        return content
+    def settled(self) -> dict[str, Any] | None:
+        """`stabilisation` without what it is called."""
+        content = None if self.stabilisation is None else self.stabilisation.to_dict()
+        return content and {name: value for name, value in content.items() if name != "check"}
 
     def to_frame(self) -> pd.DataFrame:
         """The table of the first test that was made, in the order of the attributes."""

@@ -517,8 +517,8 @@ def _overall(cycles: Attained) -> tuple[dict[str, Any], dict[str, Any]]:
         turn = frames.rotation_distance(cycles.rotation, about)
     overall = {
         "from": "commanded" if cycles.wanted is not None else "mean",
-        "position": statistics(error),
-        "orientation": None if turn is None else rotation_statistics(turn),
+        "position": dict(statistics(error) or {}),
+        "orientation": None if turn is None else dict(rotation_statistics(turn) or {}),
     }
     history = {
         "pose": cycles.pose.tolist(),

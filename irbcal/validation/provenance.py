@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, Locked, plain
+from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, folder_of
 from irbcal.io.schema import Record
 from irbcal.names import check_names, fault_of
 from irbcal.options import shown
 from irbcal.safe_files import read_bytes
-from irbcal.summary import values
+from irbcal.summary import Content
 from irbcal.units import DEG, MM
 from irbcal.validation.cleaned_points import CleanedPoints
 
@@ -62,7 +62,7 @@ class HashedFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Origin(Locked):
+class Origin(Content):
     """Where an evaluation comes from."""
 
     robot: str
@@ -101,16 +101,17 @@ class Origin(Locked):
         """Judged poses that the fit never saw; None where the calibration does not tell."""
         return None if self.fitted is None else self.judged - self.fitted
 
+    @property
+    def counts(self) -> dict[str, int | None]:
+        """How many poses are judged, were never seen by the fit, and are counted out."""
+        return {"judged": self.judged, "never_seen": self.unseen, "counted_out": self.counted_out}
+
+    CONTENT = "robot info calibrated fingerprint files poses=counts"
+
     def stated(self) -> list[tuple[str, str]]:
         """Labels and what was told; empty text where one of `FIELDS` was not."""
         known = [(label, self.info.get(key, "")) for key, label in FIELDS.items()]
         return known + [(_label(key), value) for key, value in self.info.items() if key not in FIELDS]
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
-        poses = {"judged": self.judged, "never_seen": self.unseen, "counted_out": self.counted_out}
-        out: dict[str, Any] = plain(values(self, "robot info calibrated fingerprint files") | {"poses": poses})
-        return out
 
 
 def origin(

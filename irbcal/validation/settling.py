@@ -34,7 +34,7 @@ from irbcal.summary import Paragraph, Result, Table, simulated_mark, values
 from irbcal.units import MM
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 
 REST = 10.0
@@ -168,30 +168,15 @@ class Settling(Result):
         overshoots = [run.overshoot for run in self.runs.values() if np.isfinite(run.overshoot)]
         return max(overshoots) if overshoots else None
 
-    CONTENT = "band_mm after_s=rest PSt_s=time overshoot_mm runs=by_run simulated"
+    CHECK = "settle"
+    CONTENT = "check=CHECK band_mm after_s=rest PSt_s=time overshoot_mm runs=by_run simulated"
+
+    ROWS, COLUMNS = "runs", "run time_s=instant distance_mm"
 
     def by_run(self) -> dict[str, Any]:
         """Of each run times and overshoot, None for what never was, and its distances over time."""
         names = "PSt_s=time first_entry_s=first_entry settled_s=settled overshoot_mm time_s=instant distance_mm"
         return {name: values(run, names) for name, run in self.runs.items()}
-
-    def to_dict(self) -> dict[str, Any]:
-        """As the command prints it as JSON, millimetres.
-
-        ``check``, ``band_mm``, ``after_s``, ``PSt_s`` (mean), ``overshoot_mm`` (largest), and of each of ``runs``
-        these, the instants of entering the band, and the distances over time; None for what never was; ``simulated``.
-        """
-        return {"check": "settle", **super().to_dict()}
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each reading: ``run``, ``time_s``, ``distance_mm`` from the final position."""
-        import pandas as pd
-
-        tables = [
-            pd.DataFrame({"run": name, "time_s": run.instant, "distance_mm": run.distance / MM})
-            for name, run in self.runs.items()
-        ]
-        return pd.concat(tables, ignore_index=True)
 
     def report(self) -> Sequence[Paragraph]:
         """Mean time and largest overshoot, and both run by run."""

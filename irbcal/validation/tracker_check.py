@@ -5,13 +5,13 @@ Is it true (a scale bar of certified length), does it find a fixed point again, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray, plain
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.options import length as metres
@@ -24,7 +24,7 @@ from irbcal.validation.pose_criteria import AXES, position_repeatability
 from irbcal.validation.settling import REST, Settling, settle
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 
 ANOTHER_BAR = 0.01
@@ -65,16 +65,14 @@ class ScaleBar(Result):
         """Statistics of the signed errors at each position of the bar, mm."""
         return {name: _signed(self.at(name)) for name in self.positions()}
 
-    CONTENT = "length_mm per_position position error_mm"
+    @property
+    def overall(self) -> dict[str, int | float]:
+        """Statistics of all signed errors, mm."""
+        return _signed(self.error)
+
+    CHECK = "bar"
+    CONTENT = "check=CHECK *overall length_mm per_position position error_mm"
     COLUMNS = "position error_mm"
-
-    def to_dict(self) -> dict[str, Any]:
-        """As the command prints it as JSON, millimetres.
-
-        ``check``, ``length_mm``; of the signed errors ``n``, ``mean_mm``, ``sigma_mm``, ``max_abs_mm``, ``rms_mm``,
-        the same ``per_position``; ``position`` and ``error_mm`` in the order of the file.
-        """
-        return {"check": "bar", **_signed(self.error), **super().to_dict()}
 
     def report(self) -> Sequence[Paragraph]:
         """Statistics of all distances, and position by position."""
@@ -204,12 +202,9 @@ class PointRepeatability(Result):
         places = {name: self.xyz[self.position == name].mean(axis=0) / MM for name in self.positions()}
         return {name: dict(zip(POSITION, xyz, strict=True)) | self.statistics(name) for name, xyz in places.items()}
 
-    CONTENT = "per_position position error_mm lost"
+    CHECK = "repeat"
+    CONTENT = "check=CHECK per_position position error_mm lost"
     COLUMNS = "position x_mm,y_mm,z_mm=xyz error_mm"
-
-    def to_dict(self) -> dict[str, Any]:
-        """``check``, ``per_position``; ``position`` and ``error_mm`` in the order of the file; ``lost``."""
-        return {"check": "repeat", **super().to_dict()}
 
     def report(self) -> Sequence[Paragraph]:
         """Statistics point by point."""
@@ -370,41 +365,46 @@ class PointDrift(Result):
         """From the first reading to the last."""
         return float(self.time[-1] / HOUR)
 
-    CONTENT = "hours mean_position_mm lost"
-    COLUMNS = "hours=elapsed error_mm dx_mm,dy_mm,dz_mm=offset"
+    CHECK = "drift"
+    CONTENT = (
+        "check=CHECK *statistics hours mean_position_mm lost rate_mm_per_hour=rates_mm_per_hour correlation=by_air "
+        "series"
+    )
+    COLUMNS = "hours=elapsed error_mm dx_mm,dy_mm,dz_mm=offset *air"
+
+    @property
+    def statistics(self) -> Mapping[str, Any]:
+        """STATS of the distances from the mean, mm."""
+        return dict(statistics(self.error) or {})
+
+    @property
+    def rates_mm_per_hour(self) -> dict[str, float]:
+        """Trend of x, y and z, and its size, mm per hour."""
+        rate = self._rate()
+        return dict(zip((*AXES, "total"), (*rate, np.linalg.norm(rate)), strict=True))
+
+    def by_air(self) -> dict[str, dict[str, Any]]:
+        """Of each column of the air its range and, if it varies, `correlation`."""
+        return {
+            name: {"low": np.nanmin(readings), "high": np.nanmax(readings), **self.correlation[name]}
+            for name, readings in self.air.items()
+        }
+
+    def series(self) -> dict[str, Any]:
+        """What is drawn over time."""
+        return values(self, "hours=elapsed error_mm offset_mm air")
 
     @property
     def elapsed(self) -> FloatArray:
         """Hours from the first reading, shape (n,)."""
         return self.time / HOUR
 
-    def to_dict(self) -> dict[str, Any]:
-        """As the command prints it as JSON, millimetres.
-
-        ``check``; STATS of the distances from the mean; ``hours``; ``rate_mm_per_hour`` (least-squares trend of x, y
-        and z, and its size); ``correlation``: for each column of the air its range and, if it varies, for ``error``,
-        ``x``, ``y`` and ``z`` what `irbcal.validation.tracker_check.Correlation` holds; the series for drawing.
-        """
-        rate = self._rate()
-        series = values(self, "hours=elapsed error_mm offset_mm air")
-        air = {
-            name: {"low": np.nanmin(readings), "high": np.nanmax(readings), **self.correlation[name]}
-            for name, readings in self.air.items()
-        }
-        rates = dict(zip((*AXES, "total"), (*rate, np.linalg.norm(rate)), strict=True))
-        told = plain({"rate_mm_per_hour": rates, "correlation": air, "series": series})
-        return {"check": "drift", **(statistics(self.error) or {}), **super().to_dict(), **told}
-
     def _rate(self) -> FloatArray:
         return self.rate * HOUR / MM
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each reading: ``hours``, ``error_mm``, ``dx_mm``, ``dy_mm``, ``dz_mm`` and the air."""
-        return super().to_frame().assign(**self.air)
-
     def report(self) -> Sequence[Paragraph]:
         """Errors, trend, and correlation with the air."""
-        stats, rate = dict(statistics(self.error) or {}), self._rate()
+        stats, rate = self.statistics, self._rate()
         out: list[Paragraph] = [
             f"{stats['n']} readings over {self.hours:.2f} hours: error mean {stats['mean_mm']:.4f}, sigma "
             f"{stats['sigma_mm']:.4f}, max {stats['max_mm']:.4f} mm",

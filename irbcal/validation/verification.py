@@ -7,9 +7,8 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from irbcal.arrays import plain
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import calibration_folder
 from irbcal.io import urdf as urdf_file
@@ -33,11 +32,6 @@ class Answer(Result):
 
     def __bool__(self) -> bool:
         return bool(next(iter(vars(self).values())))
-
-    def to_dict(self) -> dict[str, Any]:
-        """The fields by their names."""
-        content: dict[str, Any] = plain(vars(self))
-        return content
 
     def report(self) -> Sequence[Paragraph]:
         """One sentence."""

@@ -173,7 +173,7 @@ def test_trace_of_an_ellipse():
     true = np.arctan2(points[:, 1] - path.center[1] + 2e-4, points[:, 0] - path.center[0] - 3e-4)
     order = np.argsort(np.arctan2(*(points - path.center)[:, 1::-1].T) % (2 * np.pi), kind="stable")
     assert np.abs(trace.error - e * np.cos(2 * true[order])).max() < 1e-6
-    assert ballbar_check.trace_statistics(trace)["circularity_mm"] == pytest.approx(0.4, abs=1e-3)
+    assert trace.statistics()["circularity_mm"] == pytest.approx(0.4, abs=1e-3)
 
 
 def ballbar_file(path, angle, radius, header="angle_deg,radius_mm"):
@@ -235,7 +235,7 @@ def test_half_a_circle_is_enough_and_less_is_not():
 def test_figures_of_a_trace_by_hand():
     trace = ballbar_check.Trace(np.arange(4.0), np.array([1e-3, -3e-3, 0.0, 0.0]), np.array([1e-3, 2e-3]))
     expected = {"n": 4, "mean_mm": -0.5, "rms_mm": np.sqrt(2.5), "max_abs_mm": 3.0, "circularity_mm": 4.0}
-    found = ballbar_check.trace_statistics(trace)
+    found = trace.statistics()
     assert found.pop("shift_mm") == pytest.approx([1.0, 2.0])
     assert found == pytest.approx(expected)
     assert trace.at(2 * np.pi + 0.5) == pytest.approx(-1e-3), "around the circle"

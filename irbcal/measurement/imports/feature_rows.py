@@ -142,6 +142,18 @@ class ImportedRows(Result):
     map: FeatureMap
     out: Path | None = None
 
+    CONTENT = "out rows=table.__len__ poses features=counts lost map=map_as_written"
+    COLUMNS = "*table"
+
+    @property
+    def poses(self) -> int:
+        """Poses of the rows."""
+        return int(self.table["pose"].nunique())
+
+    def map_as_written(self) -> dict[str, Any]:
+        """What a map's file has."""
+        return self.map.model_dump(exclude_defaults=True)
+
     @property
     def counts(self) -> dict[str, int]:
         """Rows of each feature, where a column names it."""
@@ -154,27 +166,11 @@ class ImportedRows(Result):
         rounded[numbers] = rounded[numbers].round(9) + 0.0
         return csv_bytes(rounded)
 
-    def to_frame(self) -> pd.DataFrame:
-        """The table."""
-        return self.table
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "out": str(self.out) if self.out else None,
-            "rows": len(self.table),
-            "poses": int(self.table["pose"].nunique()),
-            "features": self.counts,
-            "lost": self.lost,
-            "map": self.map.model_dump(exclude_defaults=True),
-        }
-
     def report(self) -> Sequence[Paragraph]:
         """Counts; what was not written yet is shown."""
         names = ", ".join(f"{name} {count}" for name, count in self.counts.items())
-        poses = self.table["pose"].nunique()
         lines = [
-            f"{len(self.table)} rows in {poses} poses, {self.lost} lost readings" + (f"; {names}" if names else "")
+            f"{len(self.table)} rows in {self.poses} poses, {self.lost} lost readings" + (f"; {names}" if names else "")
         ]
         if self.out is not None:
             return [*lines, f"Written to {self.out}"]

@@ -385,9 +385,7 @@ class Imported(ReadOnlyTables, Result):
         origins = self.origin.head(count).to_dict(orient="records")
         return [origin | row for origin, row in zip(origins, values, strict=True)]
 
-    def to_frame(self) -> pd.DataFrame:
-        """The table as a measurement file has it: degrees and millimetres."""
-        return self.table
+    COLUMNS = "*table"
 
     def report(self) -> Sequence[Paragraph]:
         """Counts and warnings; what was not written yet is shown: its first rows and the map in use."""

@@ -13,7 +13,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.summary import Paragraph, Result
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 
 class Method(IntEnum):
@@ -113,21 +113,15 @@ class InverseResult(Result):
         notes[self.converged & ~self.inside] = "outside the joint limits"
         return notes
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each pose: joints ``q1`` and so on (radians, metres for prismatic joints), and how they were found.
+    COLUMNS = (
+        "*by_joint converged inside configuration branch_kept iterations method=method_names position_residual "
+        "rotation_residual note=notes"
+    )
 
-        Returns
-        -------
-        DataFrame
-            Also ``converged``, ``inside``, ``configuration``, ``branch_kept``, ``iterations``, ``method``,
-            ``position_residual`` (m), ``rotation_residual`` (rad) and ``note``.
-        """
-        import pandas as pd
+    def by_joint(self) -> dict[str, FloatArray]:
+        """Joints by ``q1`` and so on, radians (metres for prismatic joints)."""
+        return {f"q{k}": column for k, column in enumerate(self.joints.T, 1)}
 
-        table = pd.DataFrame(self.joints, columns=[f"q{k}" for k in range(1, self.joints.shape[1] + 1)])
-        for name in ("converged", "inside", "configuration", "branch_kept", "iterations"):
-            table[name] = getattr(self, name)
-        table["method"] = [Method(code).name.lower() for code in self.method]
-        table["position_residual"] = self.position_residual
-        table["rotation_residual"] = self.rotation_residual
-        return table.assign(note=self.notes())
+    def method_names(self) -> list[str]:
+        """How each was found."""
+        return [Method(code).name.lower() for code in self.method]
