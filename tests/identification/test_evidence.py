@@ -93,7 +93,7 @@ def test_comparison_on_some_poses_then_all(monkeypatch):
     whole = identify_evidence(truth.nominal, points, motion, gear_scan=False)
     monkeypatch.setattr(evidence, "COMPARED", 60)
     part = identify_evidence(truth.nominal, points, motion, gear_scan=False)
-    assert part.poses == 120
+    assert part.average.poses == 120
     difference = part.robot.predict(motion.q[:20]).position - whole.robot.predict(motion.q[:20]).position
     assert np.abs(difference).max() < 2e-5
 
@@ -339,7 +339,7 @@ def test_repeats_of_a_stop_are_averaged():
     assert merged.poses == len(shorter) == 30
     expected = points.xyz.reshape(30, 3, 3, 3).mean(axis=1).reshape(-1, 3)
     np.testing.assert_allclose(merged.xyz, expected, atol=1e-12)
-    assert identify_evidence(truth.nominal, points, motion, gear_scan=False).poses == 30
+    assert identify_evidence(truth.nominal, points, motion, gear_scan=False).average.poses == 30
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=15), st.integers(0, 999))
