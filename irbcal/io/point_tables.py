@@ -1,4 +1,8 @@
-"""The measured points and poses of a calibration, column by column, and back as points."""
+"""The measured points and poses of a calibration, column by column, and back as points.
+
+In memory points are a `PointSet` in SI units, fitted and held-out ones apart; here they stand together, rounded, in the
+units of measurement files, and large ones go to files of their own.
+"""
 
 from __future__ import annotations
 
