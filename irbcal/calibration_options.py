@@ -87,11 +87,11 @@ class CalibrationOptions:
     same_tool: Annotated[bool, MEASUREMENTS] = False
     """The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own."""
     base_link: Annotated[str | None, URDF, AT_FEATURES] = None
-    """First link of the arm, see `irbcal.read_urdf`."""
+    """See `irbcal.read_urdf`."""
     tip_link: Annotated[str | None, URDF, AT_FEATURES] = None
-    """Last link of the arm, see `irbcal.read_urdf`."""
+    """See `irbcal.read_urdf`."""
     coupling: Annotated[str | None, URDF, AT_FEATURES] = None
-    """How the controller counts joints, such as ``3+2``; see `irbcal.io.urdf.declared_coupling`."""
+    """See `irbcal.read_urdf`."""
     package_dirs: Annotated[Sequence[str | Path], URDF, AT_FEATURES] = ()
     """Folders in which packages of the robot's description are looked up first: of a xacro file, and of meshes, whose
     folders the calibration remembers.
@@ -125,7 +125,7 @@ class CalibrationOptions:
     leave_out: Annotated[str | None, AT_FEATURES] = None
     """Column of the places that are left out in turn, see `irbcal.validation.feature_proof.prove`."""
     jobs: Annotated[int | None, AT_FEATURES] = None
-    """Threads for large problems, see `irbcal.parallel.using`."""
+    """See `irbcal.parallel.using`."""
     progress: Annotated[Progress | None, AT_FEATURES] = None
     """Called with a short text at each step."""
 

@@ -12,6 +12,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Sized
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, replace
 from importlib import import_module
 from importlib.util import find_spec
@@ -174,7 +175,10 @@ def _with_parameters(docstring: str, options: Iterable[DeclaredOption]) -> str:
 
 @functools.cache
 def source_of(name: str) -> tuple[str, str]:
-    """Module and name of a public function, by the front door's list."""
+    """Module and name of a function: of a public one by the front door's list, of any other by its module's name."""
+    module, _, function = name.rpartition(".")
+    if module:
+        return f"irbcal.{module}", function
     stub = ast.parse((Path(__file__).parent / "__init__.pyi").read_text(encoding="utf-8"))
     for node in stub.body:
         if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
@@ -188,7 +192,9 @@ def source_of(name: str) -> tuple[str, str]:
 def options_of(name: str) -> tuple[str, tuple[DeclaredOption, ...]]:
     """First paragraphs of a public function's docstring, and its options."""
     module, function = source_of(name)
-    nodes = (node for node in _tree(module).body if isinstance(node, ast.FunctionDef) and node.name == function)
+    nodes = (
+        node for node in _tree(module, function).body if isinstance(node, ast.FunctionDef) and node.name == function
+    )
     node = next(nodes, None)
     if node is None:
         raise LookupError(f"irbcal.{name} is no function")
@@ -218,7 +224,7 @@ def options_of(name: str) -> tuple[str, tuple[DeclaredOption, ...]]:
 @functools.cache
 def _fields(module: str, name: str) -> tuple[DeclaredOption, ...]:
     """Fields of a class with the texts below them."""
-    node = next(node for node in _tree(module).body if isinstance(node, ast.ClassDef) and node.name == name)
+    node = next(node for node in _tree(module, name).body if isinstance(node, ast.ClassDef))
     out = []
     for field, below in pairwise([*node.body, ast.Pass()]):
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and field.target.id != "_":
@@ -247,12 +253,20 @@ def _option(module: str, name: str, annotation: ast.expr | None, default: ast.ex
 
 
 @functools.cache
-def _tree(module: str) -> ast.Module:
-    """The source of a module, which is not imported."""
+def _tree(module: str, name: str = "") -> ast.Module:
+    """The source of a module, which is not imported: its statements, of functions and classes the named one only."""
     spec = find_spec(module)
     assert spec is not None
     assert spec.origin is not None
-    return ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    source = Path(spec.origin).read_text(encoding="utf-8")
+    return ast.parse(_DEFINITION.sub(lambda match: match[0] if match[1] == name else "", source))
+
+
+_DEFINITION = re.compile(
+    r"^(?:@.*\n(?:[ )].*\n)*)*(?:def|class) (\w+)[(:].*\n(?:(?:[ )].*)?\n)*",
+    re.MULTILINE,
+)
+"""A function or class of a module with its decorators: lines below are indented, or close a bracket."""
 
 
 def _origin(module: str, name: str) -> tuple[str, str]:
@@ -302,17 +316,20 @@ def _constant(module: str, name: str) -> Any:
     origin, known = _origin(module, name)
     if origin == module:
         raise LookupError(f"{module}: {name}")
-    return getattr(import_module(origin), known)  # a value, of a light module
+    with suppress(LookupError):
+        if origin.startswith("irbcal.") and (value := _constant(origin, known)) is not None:
+            return value
+    return getattr(import_module(origin), known)  # a class, of a light module
 
 
 def _explained_elsewhere(option: str, text: str) -> str:
     """The explanation of another function's option of this name, where a text only names that function."""
-    reference = re.fullmatch(r"(?:As|See) `irbcal\.(?:\w+\.)*(\w+)`\.?", text)
+    reference = re.fullmatch(r"(?:As|See) `irbcal\.([\w.]+)`\.?", text)
     if reference is None:
         return ""
     try:
         return next((candidate.text for candidate in options_of(reference[1])[1] if candidate.name == option), "")
-    except LookupError:
+    except (LookupError, ImportError):
         return ""
 
 

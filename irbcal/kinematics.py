@@ -249,12 +249,9 @@ def forward_kinematics(
     payload : float, optional
         Mass carried, kg; what most poses of the calibration were measured with unless given.
     payload_place : array_like, shape (3,), optional
-        Its centre in the tip link, metres; that of the calibration unless given.
-    base_link, tip_link : str, optional
-        Links of a URDF; by default ``base_link`` or the root, and ``tool0``, ``flange``, ``ee_link``, ``tcp`` or the
-        last link.
-    coupling : str, optional
-        Of a URDF: how its controller counts joints in tables, such as ``3+2``, see `irbcal.modeling.coupling`.
+        Centre of the payload in the tip link, metres; that of the calibration unless given.
+    base_link, tip_link, coupling : str, optional
+        See `irbcal.read_urdf`.
 
     Raises
     ------
@@ -355,10 +352,12 @@ def inverse_kinematics(
         next to ``near``. Unless given, a solution that the steps from ``near`` come to.
     nominal : bool
         Nominal behaviour of a calibration.
-    payload, payload_place, base_link, tip_link, coupling : optional
-        See `forward_kinematics`.
+    payload, payload_place : optional
+        See `irbcal.forward_kinematics`.
+    base_link, tip_link, coupling : str, optional
+        See `irbcal.read_urdf`.
     jobs : int, optional
-        Threads for large problems; as many as there are cores unless given. The result does not depend on it.
+        See `irbcal.parallel.using`.
 
     Raises
     ------

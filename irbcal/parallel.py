@@ -106,9 +106,10 @@ def using(jobs: int | None = None, engine: str | None = None) -> Iterator[Worker
     Parameters
     ----------
     jobs : int, optional
-        Threads or processes; as many as there are cores unless given. 1: this process alone.
+        Workers at a time, threads or processes: one for each core unless given. The result does not depend on it.
     engine : str, optional
-        ``dask://HOST:PORT``: the workers of that Dask cluster, for what goes to processes. Needs ``irbcal[dask]``.
+        ``dask://HOST:PORT``: the workers of a Dask cluster in place of this machine's, which see the same paths. Needs
+        ``irbcal[dask]``.
 
     Raises
     ------

@@ -89,7 +89,7 @@ def cell_frames(
     payload : float, optional
         Mass carried at the touches, kg.
     payload_place : array_like, shape (3,), optional
-        Its centre in the tip link, metres.
+        Centre of the payload in the tip link, metres; that of the calibration unless given.
     refit_zeros : sequence of int
         Joints, from 1, whose zeros were lost (a crash, another motor): they are found with the frames, all else of the
         robot stays, and a note tells them with their intervals.

@@ -251,7 +251,7 @@ def hand_eye(
     as_ : str
         What to write: all of it as JSON, or the camera's place as easy_handeye2 and its publisher read it (.calib).
     base_link, tip_link : str, optional
-        Links of a URDF between which the joints are, such as the foot of a track.
+        Base and tip link between which a URDF's joints are, such as the foot of a track.
 
     Raises
     ------

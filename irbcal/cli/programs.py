@@ -124,7 +124,7 @@ JOINTS = numbers("J1,…,J6", 6, units=[DEG])
         "Points": ("points", "re_express", "start", "posture", "instructions", "harmless", "split_points"),
         "Controllers": ("controller_model", "pulses", "where"),
     },
-    texts=PROGRAM_TEXTS | {"payload": "Mass carried, kg; that of most poses of the fit unless given."},
+    texts=PROGRAM_TEXTS,
 )
 def filter_program(
     options: dict[str, Any],

@@ -32,17 +32,6 @@ from irbcal.units import MM as MM_PER_M
 EXPERT = "Expert"
 """Panel that only --help-all shows."""
 HELP_ALL_KEY = "irbcal.help-all"
-SHARED = {
-    "base_link": "Base link of the arm: base_link or the root unless given.",
-    "tip_link": "Tip link of the arm: tool0, flange, ee_link, tcp or the last link unless given.",
-    "coupling": "How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF. The file beside "
-    "the URDF says it unless given.",
-    "jobs": "Workers at a time: one for each core unless given. The result does not depend on it.",
-    "engine": "dask://HOST:PORT: the workers of a Dask cluster in place of this machine's.",
-    "store": "File (SQLite), or postgresql+psycopg://USER@HOST/NAME: fleet.db unless given.",
-    "payload_place": "Centre of the payload in the tip link: x,y,z in mm.",
-}
-"""Texts of options that many functions have, whose docstrings speak of Python."""
 NAMELESS = {"calibration": "Calibration folder.", "measurements": "Measurement file (CSV or Parquet)."}
 """Texts of parameters whose docstrings say no more than their type."""
 LEFT_OUT = ("progress",)
@@ -121,7 +110,7 @@ def option_of(name: str) -> str:
 def explained(option: DeclaredOption, names: Sequence[str]) -> str:
     """What an option means, in words of a shell."""
     nameless = NAMELESS.get(option.name, "") if not option.text else ""
-    return SHARED.get(option.name) or nameless or for_shells(" ".join(option.text.split()), names)
+    return nameless or for_shells(" ".join(option.text.split()), names)
 
 
 def for_shells(text: str, names: Sequence[str]) -> str:

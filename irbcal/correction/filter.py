@@ -111,7 +111,7 @@ def correct(
     pulses : sequence of float, optional
         Pulses per degree of the six joints, for Yaskawa jobs whose positions are in pulses.
     payload, payload_place : optional
-        Mass carried, kg, and its centre in the tip link (3,), metres; those of most poses of the fit unless given.
+        See `irbcal.forward_kinematics`.
     controller_model : str or Path, optional
         What the controller itself computes with where that is not the nominal robot: a URDF (``irbcal controller``
         writes one), or joint origins in the layout of ``ur_description``'s calibration files. Poses of the program, its

@@ -122,7 +122,7 @@ def export(
     payload : float, optional
         Mass that is carried where the caller tells none, kg; what most poses were measured with unless given.
     payload_place : array_like, shape (3,), optional
-        Its centre in the tip link, metres; that of the calibration unless given.
+        See `irbcal.forward_kinematics`.
     mesh_paths : {"relative", "absolute", "package"}
         How meshes stand in a URDF.
     without_frame_terms : bool

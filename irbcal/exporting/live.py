@@ -398,9 +398,9 @@ def stream(
     to_acceleration : float
         Seconds from no acceleration to the largest one: the largest jerk.
     payload : float, optional
-        Mass carried, kg; what most poses of the calibration were measured with unless given.
+        See `irbcal.forward_kinematics`.
     payload_place : array_like, shape (3,), optional
-        Its centre in the tip link, metres; that of the calibration unless given.
+        See `irbcal.forward_kinematics`.
     without_frame_terms : bool
         Use URDF and joint map alone where the calibration has more.
 

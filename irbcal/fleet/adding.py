@@ -233,12 +233,12 @@ def fleet_add(
     calibrations : str, Path or sequence of them
         Calibration folders, or folders of `irbcal.fleet_calibrate`, of which all calibrated robots are taken.
     store : str or Path
-        File (SQLite; made where there is none), or ``postgresql+psycopg://USER@HOST/NAME``.
+        File (SQLite; made where there is none), or ``postgresql+psycopg://USER@HOST/NAME``: fleet.db unless given.
     id, serial, date : str, optional
         Of a single calibration: which robot it is, its serial number, and when it was measured (2026-03-17). Folders of
         a fleet know that; else they are the folder's name, the same, and when it was calibrated.
     jobs : int, optional
-        Processes that fit levels and terms to the calibrations' points; as many as there are cores unless given.
+        See `irbcal.parallel.using`.
     progress : callable, optional
         Called with a short text as they are added.
 

@@ -322,9 +322,9 @@ def fleet_calibrate(
     out : str or Path
         Folder: one folder a robot, ``fleet.csv`` and the page ``fleet.html``.
     jobs : int, optional
-        Processes; as many as there are cores unless given. Calibrations do not depend on it.
+        See `irbcal.parallel.using`.
     engine : str, optional
-        ``dask://HOST:PORT``: the workers of a Dask cluster, see `irbcal.parallel.using`; they need the same paths.
+        See `irbcal.parallel.using`.
     progress : callable, optional
         Called with a short text after each robot.
 

@@ -38,7 +38,7 @@ def fleet_list(
     Parameters
     ----------
     store : str or Path
-        See `fleet_add`.
+        See `irbcal.fleet_add`.
     type : str, optional
         Only robots of this type (name of the nominal robot).
     report : str or Path, optional
@@ -160,7 +160,7 @@ def fleet_drift(robot: str | None = None, store: str | Path = STORE) -> Drift:
     robot : str, optional
         Its id; all robots of the store unless given.
     store : str or Path
-        See `fleet_add`.
+        See `irbcal.fleet_add`.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "par
     Parameters
     ----------
     store : str or Path
-        See `fleet_add`.
+        See `irbcal.fleet_add`.
     out : str or Path
         A name that ends in ``.csv`` or ``.parquet``.
     what : str

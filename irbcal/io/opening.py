@@ -94,10 +94,8 @@ def open_nominal(
     Parameters
     ----------
     robot : str or Path
-    base_link, tip_link, coupling : str, optional
-        As `irbcal.io.urdf.read` takes them; a calibration has its own.
-    package_dirs : sequence of str or Path
-        As `irbcal.io.urdf.read` takes them.
+    base_link, tip_link, coupling, package_dirs
+        As `irbcal.read_urdf` takes them; a calibration has its own links and coupling.
 
     Raises
     ------
@@ -191,12 +189,8 @@ def open_robot(
         one that is opened already is returned as it is.
     nominal : bool
         The nominal behaviour of a calibration (its base and tool identified with the nominal model).
-    base_link, tip_link : str, optional
-        Links of a URDF; by default as `irbcal.io.urdf.read` chooses them.
-    coupling : str, optional
-        Of a URDF, see `irbcal.io.urdf.declared_coupling`.
-    package_dirs : sequence of str or Path
-        As `irbcal.io.urdf.read` takes them.
+    base_link, tip_link, coupling, package_dirs
+        Of a URDF, as `irbcal.read_urdf` takes them.
 
     Raises
     ------

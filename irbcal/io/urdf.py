@@ -216,10 +216,10 @@ class _Joint:
     position: int
 
 
-def read(
+def read_urdf(
     path: str | Path,
-    base: str | None = None,
-    tip: str | None = None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
     coupling: str | None = None,
     package_dirs: Sequence[str | Path] = (),
 ) -> UrdfArm:
@@ -229,12 +229,15 @@ def read(
     ----------
     path : str or Path
         A file, or a robot's name, see `irbcal.io.robots.robots`; of a xacro file with arguments ``FILE NAME:=VALUE``.
-    base, tip : str, optional
-        Link names; by default ``base_link`` (or the root) and ``tool0``, ``flange``, ``ee_link`` or the last link.
+    base_link : str, optional
+        Base link of the arm: base_link or the root unless given.
+    tip_link : str, optional
+        Tip link of the arm: tool0, flange, ee_link, tcp or the last link unless given.
     coupling : str, optional
-        As `irbcal.io.urdf.declared_coupling` takes it.
+        How the controller counts joints: ``3+2`` adds joint 2 to its joint 3; ``none``: as the URDF. The file beside
+        the URDF says it unless given.
     package_dirs : sequence of str or Path
-        Folders in which packages that a xacro file names are looked up first.
+        Folders in which packages of the robot's description are looked up first: of a xacro file, and of meshes.
 
     Raises
     ------
@@ -243,14 +246,14 @@ def read(
     """
     entry = robots.named(path)
     if entry is not None:
-        base, tip = base or entry.base_link, tip or entry.tip_link
+        base_link, tip_link = base_link or entry.base_link, tip_link or entry.tip_link
     file = robots.robot_file(path)
-    robot_read = from_bytes(source_bytes(path, package_dirs), str(file), base, tip)
+    robot_read = from_bytes(source_bytes(path, package_dirs), str(file), base_link, tip_link)
     declared = declared_coupling(file, len(robot_read.arm.joint_names), coupling)
     return robot_read if declared is None else replace(robot_read, arm=replace(robot_read.arm, coupling=declared))
 
 
-read_urdf = read
+read = read_urdf
 
 
 def source_bytes(robot: str | Path, package_dirs: Sequence[str | Path] = ()) -> bytes:

@@ -524,7 +524,7 @@ def device_plan(
     margin : float
         From the joint limits, radians.
     package_dirs, base_link, tip_link, coupling
-        See `irbcal.planning.scene.open_scene`.
+        See `irbcal.read_urdf`.
     progress : callable, optional
         Called with a text at the beginning of each step.
 

@@ -612,9 +612,9 @@ def plan(
         Joints, from 1, whose zeros were lost: as many poses of a calibrated robot as find them within 0.01 degrees, or
         ``optimal``, chosen for these zeros whatever the ``criterion``, and no others unless asked for.
     package_dirs : sequence of str or Path
-        Folders in which package:// names of meshes are looked up.
+        See `irbcal.read_urdf`.
     base_link, tip_link, coupling : str, optional
-        See `irbcal.planning.scene.open_scene`.
+        See `irbcal.read_urdf`.
     progress : callable, optional
         Called with a text at the beginning of each step.
 

@@ -719,7 +719,7 @@ def simulate_device(
         Joints (n, joints) and number of the feature of each (n,), as `irbcal.device_plan` gives them: the real robot is
         brought to the features from there. Random ones unless given.
     base_link, tip_link, coupling
-        As for `irbcal.simulate`.
+        See `irbcal.read_urdf`.
 
     Raises
     ------

@@ -296,11 +296,8 @@ def simulate(
         With ``wanted``: the calibration it was filtered with.
     tool, wobj, pulses, where : optional
         See `irbcal.correct`.
-    base_link, tip_link : str, optional
-        Links of the URDF; by default as `irbcal.read_urdf` chooses them.
-    coupling : str, optional
-        How the controller counts its joints, such as ``3+2``, or ``none``; that of the file beside the URDF unless
-        given, see `irbcal.modeling.coupling`.
+    base_link, tip_link, coupling : str, optional
+        See `irbcal.read_urdf`.
 
     Raises
     ------

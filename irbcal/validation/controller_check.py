@@ -206,11 +206,8 @@ def controller(
         of these may begin with ``controller_``. Optional ``pose``.
     robot : str or Path
         URDF, a robot's name, or a calibration folder: the robot that it began from.
-    base_link, tip_link : str, optional
-        Links of the URDF between which the arm is.
-    coupling : str, optional
-        How the controller counts its joints, such as ``3+2``, or ``none``; that of the file beside the URDF unless
-        given, see `irbcal.modeling.coupling`.
+    base_link, tip_link, coupling : str, optional
+        See `irbcal.read_urdf`.
 
     Returns
     -------

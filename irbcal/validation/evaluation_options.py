@@ -78,9 +78,7 @@ class EvaluationOptions:
     seed: Annotated[int, Bounds(0)] = 0
     """Of the bootstrap and of the poses for ``refit_from``."""
     jobs: int | None = None
-    """Threads for large problems, processes for long files; as many as there are cores unless given. The result does
-    not depend on it.
-    """
+    """See `irbcal.parallel.using`."""
     progress: Callable[[str], Any] | None = None
     """Called with a short text after each piece of a long file."""
 

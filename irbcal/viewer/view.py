@@ -173,7 +173,7 @@ def view(
     magnify : float, optional
         Magnification of the error vectors; by default a round number that makes them visible.
     package_dirs : sequence of str or Path
-        Folders in which ``package://`` names of meshes, and packages of a xacro file, are looked up.
+        See `irbcal.read_urdf`.
     cube : (array_like of shape (3,), float), optional
         ISO 9283 cube: centre in the base link and edge, metres. By default that of the IRB 1600, for it only.
     refit_base : bool
@@ -182,7 +182,7 @@ def view(
         Place the targets anew (reflectors were mounted anew, or a calibration without a tracker has none): on half of
         the poses, the others are shown.
     base_link, tip_link : str, optional
-        Link names, for a URDF; see `irbcal.read_urdf`.
+        See `irbcal.read_urdf`.
     cell : CellFile, str or Path, optional
         Tools and work objects to draw, of a file that ``irbcal cell`` wrote with this calibration; labels have what
         holds 95 % of the errors of their coordinates.

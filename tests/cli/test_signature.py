@@ -47,6 +47,15 @@ def test_an_explanation_comes_from_the_docstring_even_where_that_names_another_f
     assert compared["refit_from"] == texts["refit_from"]
     assert "--refit-tool" in texts["refit_from"]
     assert "`" not in "".join(texts.values())
+    of_links, of_workers = (
+        {item.text for name in functions for item in options_of(name)[1] if item.name == option}
+        for option, functions in (
+            ("tip_link", ("read_urdf", "calibrate", "plan", "simulate", "forward_kinematics", "view", "controller")),
+            ("jobs", ("parallel.using", "calibrate", "evaluate", "inverse_kinematics", "fleet_add")),
+        )
+    )
+    assert of_links == {"Tip link of the arm: tool0, flange, ee_link, tcp or the last link unless given."}
+    assert len(of_workers) == 1
     for command in ("corners", "hand-eye"):
         assert "pip install 'irbcal[camera]'" in shown(command, "--help")
 

@@ -80,7 +80,7 @@ def test_speeds_and_accelerations_are_those_of_the_corrected_positions(case):
 def test_an_arm_of_seven_joints_departs_from_its_own_by_little():
     """The Panda: the tip's velocity and acceleration are those wanted, by the joints' nearest."""
     path = example_robot("panda_description/urdf/panda.urdf")
-    nominal = urdf.read(path, tip="panda_link8").arm
+    nominal = urdf.read(path, tip_link="panda_link8").arm
     rng = np.random.default_rng(4)
     table = replace(nominal.table, a=nominal.table.a + 5e-4 * rng.standard_normal(7))
     robot = Robot(nominal.with_table(table), ThesisMap(gain=1e-3 * rng.standard_normal(7)).joint_map(nominal))

@@ -46,7 +46,7 @@ def test_universal_robots_are_counted_from_the_controller_s_base():
     row = catalogue.CatalogueArm(
         "ur/ur10", "UR10", lengths, ((-360.0, 360.0),) * 6, (), "ros-industrial/universal_robot", ""
     )
-    others, ours = urdf.read("ur10", tip="tool0").arm, urdf.from_bytes(row.urdf(), "ur10").arm
+    others, ours = urdf.read("ur10", tip_link="tool0").arm, urdf.from_bytes(row.urdf(), "ur10").arm
     q = others.random_joints(50, 1)
     T_base_link = frames.transform(frames.rot_z(np.pi))
     assert_same_poses(T_base_link @ others.forward(q), ours.forward(q), 1e-9, 1e-6)

@@ -49,7 +49,7 @@ def test_units_of_a_joint_that_slides(tmp_path):
 
 
 def test_continuous_joints_may_turn_for_ever_where_others_can_tell():
-    kinova = urdf.read(example_robot("kinova_description/robots/kinova.urdf"), tip="j2s6s200_end_effector").arm
+    kinova = urdf.read(example_robot("kinova_description/robots/kinova.urdf"), tip_link="j2s6s200_end_effector").arm
     endless = ~np.isfinite(kinova.upper)
     assert endless.sum() == 3
     assert kinova.check_joints(np.where(endless, 100 * np.pi, 1.0)).shape == (1, 6)

@@ -26,6 +26,6 @@ def cell():
 def kinova():
     """A real URDF with three continuous joints, with simulated gains and joint-6 series."""
     path = example_robot("kinova_description/robots/kinova.urdf")
-    found = urdf.read(path, tip="j2s6s200_end_effector")
+    found = urdf.read(path, tip_link="j2s6s200_end_effector")
     joint_map = ThesisMap(gain=1e-3 * np.arange(1, 7), fourier=[1e-3, -2e-3, 5e-4, 1e-3]).joint_map(found.arm)
     return CalibratedModel(path.read_bytes(), found.arm, joint_map)

@@ -166,7 +166,7 @@ def test_a_path_of_continuous_joints_goes_on_turning(kinova):
 def test_seven_joints_and_a_gripper():
     """Fingers stay where they are told; the joint map of such an arm has gains alone."""
     path = example_robot("panda_description/urdf/panda.urdf")
-    found = urdf.read(path, tip="panda_hand")
+    found = urdf.read(path, tip_link="panda_hand")
     gain = 1e-3 * np.arange(1, 8)
     model = CalibratedModel(path.read_bytes(), found.arm, ThesisMap(gain=gain).joint_map(found.arm))
     q, dq = motions(model, 20)

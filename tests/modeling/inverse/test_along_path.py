@@ -106,7 +106,7 @@ def test_arms_with_joints_to_spare_go_smoothly(name, wanted, tmp_path):
         a = np.array([0.5, 0.1, 0.3, -0.2, 0.3, 0.7, 0.2])
         b = a + np.array([1.0, 0.3, 0.2, 0.2, -0.3, 0.3, 0.4])
     else:
-        nominal = urdf.read(example_robot("panda_description/urdf/panda.urdf"), tip="panda_link8").arm
+        nominal = urdf.read(example_robot("panda_description/urdf/panda.urdf"), tip_link="panda_link8").arm
         a = np.array([0, 0.2, 0, -1.8, 0.2, 1.9, 0.3])
         b = a + np.array([0.5, 0.3, -0.4, 0.3, 0.5, -0.3, 0.2])
     robot = random_robot(nominal, "placement", np.random.default_rng(3), size=0.2)

@@ -19,7 +19,7 @@ def an_arm(name, folder):
         "ur10": ("ur_description/urdf/ur10_robot.urdf", None),
         "panda": ("panda_description/urdf/panda.urdf", "panda_link8"),
     }[name]
-    return urdf.read(example_robot(file), tip=tip).arm
+    return urdf.read(example_robot(file), tip_link=tip).arm
 
 
 @pytest.mark.parametrize("name", ["ur10", "panda", "rail"])

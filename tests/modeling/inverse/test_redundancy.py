@@ -15,7 +15,7 @@ def an_arm(name, folder):
         return urdf.read(on_a_rail(folder / "rail.urdf"), "rail_base", "tool0").arm
     if name == "xarm7":
         return urdf.read(example_robot("xarm_description/urdf/xarm7.urdf")).arm
-    return urdf.read(example_robot("panda_description/urdf/panda.urdf"), tip="panda_link8").arm
+    return urdf.read(example_robot("panda_description/urdf/panda.urdf"), tip_link="panda_link8").arm
 
 
 @pytest.mark.parametrize("wanted", redundancy.CRITERIA)
