@@ -22,6 +22,8 @@ class Late(ModuleType):
         self._lock = threading.RLock()
 
     def __getattr__(self, name: str) -> Any:
+        if name == "__path__" and self.__spec__ is None:  # asked of each module that something is imported from
+            raise AttributeError(name)
         with self._lock:
             if sys.modules.get(self.__name__) is self:
                 del sys.modules[self.__name__]
@@ -44,6 +46,11 @@ def start() -> None:
             late.__spec__ = importlib.util.find_spec(name)  # others ask by it whether the package is there
             sys.modules[name] = late
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it reads the metadata of all packages to find some
+    if os.environ["PYDANTIC_DISABLE_PLUGINS"] == "__all__":
+        # the module that looks for them loads the reader of metadata, and with it that of e-mails
+        plugins: Any = Late("pydantic.plugin._loader")
+        plugins.get_plugins = tuple
+        sys.modules[plugins.__name__] = plugins
     from irbcal.cli.main import main
     from irbcal.cli.streams import forgive, output_lost
 

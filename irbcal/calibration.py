@@ -444,7 +444,8 @@ def report(
     """
     from irbcal.options import checked
     from irbcal.reports import report_page
-    from irbcal.reports.languages import LANGUAGES, translated
+    from irbcal.reports.languages import LANGUAGES
+    from irbcal.reports.translated_pages import translated
     from irbcal.safe_files import made_folders, write_set
 
     kind: Literal["png", "svg"] = checked("format", format or "png", FORMATS)

@@ -89,7 +89,12 @@ class Section(BaseModel):
     """A part of ``calibration.json``; unknown keys, NaN and infinities are refused."""
 
     model_config = ConfigDict(
-        extra="forbid", allow_inf_nan=False, serialize_by_alias=True, from_attributes=True, frozen=True
+        extra="forbid",
+        allow_inf_nan=False,
+        serialize_by_alias=True,
+        from_attributes=True,
+        frozen=True,
+        defer_build=True,  # a record that is only read needs no validators of its parts by themselves
     )
 
     def __repr__(self) -> str:

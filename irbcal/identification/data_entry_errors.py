@@ -90,9 +90,6 @@ FAR = 0.05
 CHUNK = 400
 """Hypotheses in memory at a time."""
 
-TOO_FAR = 0.1
-"""Median miss, as a fraction of the spread of the measured points, that no real robot shows."""
-
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis(Locked):

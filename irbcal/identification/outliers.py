@@ -12,7 +12,7 @@ from irbcal.identification import data_entry_errors
 from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
 from irbcal.identification.problem import Problem, State
-from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.points import TOO_FAR, PointSet, distances
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, level_parameters
@@ -100,7 +100,7 @@ def find_gross_errors(
         raise IdentificationError(str(error), file=source) from None
     distance = distances(robot, points)
     median = np.median(distance)
-    if median > data_entry_errors.TOO_FAR * points.spread():
+    if median > TOO_FAR * points.spread():
         _refuse_slip(arm, points, median, source, measurements)
         raise IdentificationError(
             f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "

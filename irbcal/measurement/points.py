@@ -31,6 +31,9 @@ from irbcal.units import MM
 if TYPE_CHECKING:
     import pandas as pd
 
+TOO_FAR = 0.1
+"""Median miss, as a fraction of the spread of the measured points, that no real robot shows."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointSet(Result):

@@ -5,18 +5,19 @@ A model has one colour in all of them. Names from the data stand in texts and ti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import line_at_home
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Lines, Panel, Sign, Text, fixed, round_number, up_to
+from irbcal.plotting.pose_sets import PoseErrors
 from irbcal.statistics import normal_quantile
 from irbcal.units import DEG, MM
 
@@ -39,111 +40,6 @@ QUANTILES = 200
 """Ordered errors that a normal quantile plot shows at most, the largest `TAIL` always."""
 
 TAIL = 20
-
-POSITION, FROM_FEATURE = "position error", "distance from feature"
-"""What errors are: of a tracker's points, or of rows at features."""
-
-
-class DistanceStatistics(Protocol):
-    """What figures say of distances, mm."""
-
-    @property
-    def mean_mm(self) -> float:
-        """Mean."""
-
-    @property
-    def sigma_mm(self) -> float:
-        """Standard deviation."""
-
-    @property
-    def max_mm(self) -> float:
-        """Largest."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ModelErrors(Locked):
-    """Errors of one model on one set of poses."""
-
-    statistics: DistanceStatistics
-    """Of all points."""
-    distance: FloatArray
-    """Shape (m,). Of each point, metres."""
-    per_pose: FloatArray
-    """Shape (n,). Mean distance of each pose's points, metres."""
-    intervals: Mapping[str, Sequence[float]] | None
-    """95 % intervals of the statistics by their names, mm."""
-    vector: FloatArray | None
-    """Shape (m, 3). Measured minus predicted place of each point along the axes of the base link, metres."""
-    rotation: FloatArray | None
-    """Shape (m,). Angle between measured and predicted target frame, radians, NaN where there is none."""
-
-    def __repr__(self) -> str:
-        return f"<ModelErrors: {len(self.distance)} points, mean {self.statistics.mean_mm:.3f} mm>"
-
-    def mean_vector(self, pose: IntArray) -> FloatArray:
-        """Mean error vector of each pose, shape (n, 3), metres."""
-        assert self.vector is not None
-        return _mean_by(pose, self.vector)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PoseErrors(Locked):
-    """One set of poses, held out, fitted or measured later, as the models see it."""
-
-    name: str
-    """``held-out``, ``fitted`` or another name."""
-    pose: IntArray
-    """Shape (m,). Which pose each point belongs to."""
-    pose_names: tuple[str, ...]
-    groups: tuple[str, ...]
-    """One for each pose."""
-    target: tuple[str, ...]
-    """One for each point."""
-    models: Mapping[str, ModelErrors]
-    """``nominal`` and, but for the level of that name, ``calibrated``."""
-    place: FloatArray | None
-    """Shape (m, 3). Measured place of each point in the base link, metres."""
-    what: str = field(default=POSITION, kw_only=True)
-    """What the errors are: ``position error``, or ``distance from feature``."""
-    arm: FloatArray | None = field(default=None, kw_only=True)
-    """Shape (k, 3). A line along the arm at home in the base link, metres, see `irbcal.modeling.home.line_at_home`."""
-    extra: Mapping[str, NameArray] = field(default_factory=dict, kw_only=True)
-    """Values of shape (m,). Columns of the measurements that are only carried along, see
-    `MeasurementSet.extra_columns`.
-    """
-
-    def __repr__(self) -> str:
-        return f"<PoseErrors: {len(self.pose_names)} {self.name} poses, {len(self.pose)} points, {dict(self.models)!r}>"
-
-    @property
-    def plural(self) -> str:
-        """What the errors are, of several."""
-        return "distances from features" if self.what == FROM_FEATURE else f"{self.what}s"
-
-    @property
-    def axis(self) -> str:
-        """What stands at a short axis."""
-        return "error (mm)" if self.what == POSITION else "distance (mm)"
-
-    @property
-    def each(self) -> str:
-        """What has one error each."""
-        return "points" if self.what == POSITION else "rows"
-
-    @property
-    def proves(self) -> bool:
-        """Whether the fit never saw these poses."""
-        return self.name != "fitted"
-
-    def mean_place(self) -> FloatArray:
-        """Mean measured place of each pose's points in the base link, shape (n, 3), metres."""
-        assert self.place is not None
-        return _mean_by(self.pose, self.place)
-
-
-def _mean_by(pose: IntArray, values: FloatArray) -> FloatArray:
-    count = np.bincount(pose)
-    return np.column_stack([np.bincount(pose, column) / count for column in values.T])
 
 
 def normal_quantiles(distance: FloatArray) -> tuple[FloatArray, FloatArray]:

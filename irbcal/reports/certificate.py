@@ -18,10 +18,12 @@ from irbcal.measurement.cleaning import left_out
 from irbcal.options import checked
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
-from irbcal.plotting.pose_errors import PoseErrors, WorstPose, errors_by_pose, vectors, workspace, worst_poses
+from irbcal.plotting.pose_errors import WorstPose, errors_by_pose, vectors, workspace, worst_poses
+from irbcal.plotting.pose_sets import PoseErrors
 from irbcal.reports import report_page
-from irbcal.reports.languages import LANGUAGES, Language, translated
+from irbcal.reports.languages import LANGUAGES, Language
 from irbcal.reports.report_page import as_csv
+from irbcal.reports.translated_pages import translated
 from irbcal.statistics import headed
 from irbcal.units import MM
 from irbcal.validation.evaluation import Evaluation

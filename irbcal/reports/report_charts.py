@@ -21,7 +21,6 @@ from irbcal.modeling.terms.gear import in_words
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, Shape, Text, fixed, up_to
 from irbcal.plotting.pose_errors import (
     PoseErrorPlots,
-    PoseErrors,
     before_and_after,
     distribution,
     errors_by_pose,
@@ -29,6 +28,7 @@ from irbcal.plotting.pose_errors import (
     vectors,
     workspace,
 )
+from irbcal.plotting.pose_sets import PoseErrors
 from irbcal.reports import evidence
 from irbcal.reports.evidence import Evidence
 from irbcal.units import DEG, MM

@@ -14,12 +14,11 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.identification import data_entry_errors
 from irbcal.io.schema import Record
 from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.moved import moved_notes
-from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.points import TOO_FAR, PointSet, distances
 from irbcal.measurement.poses import as_poses
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
@@ -254,6 +253,10 @@ def doubts_of(points: PointSet, robot: Robot, record: Record) -> list[str]:
 
 def lost_row(robot: Robot, points: PointSet, error: FloatArray, measured: MeasurementSet) -> list[str]:
     """The row from which on positions stand beside their neighbour's joints, in a sentence, or nothing."""
+    if not (error > FAR).any():
+        return []
+    from irbcal.identification import data_entry_errors
+
     if np.count_nonzero(error > FAR) < data_entry_errors.FEWEST_ROWS:
         return []
     lost = data_entry_errors.lost_row_of_robot(robot, points)
@@ -266,12 +269,14 @@ def refuse_far_points(
     """Points that are nowhere near their predictions: another unit, another place, another robot, a row lost."""
     spread, source = points.spread(), measured.source
     median = np.median(error)
-    if points.poses < 3 or median <= data_entry_errors.TOO_FAR * max(spread, 0.1):
+    if points.poses < 3 or median <= TOO_FAR * max(spread, 0.1):
         return
     swaps = cleaning.by_robot(robot, points)
     if 2 * len(swaps) > points.poses:
         text = cleaning.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
         raise MeasurementError(" ".join(text), file=source)
+    from irbcal.identification import data_entry_errors
+
     lost = data_entry_errors.lost_row_of_robot(robot, points) or data_entry_errors.find_lost_row(robot.arm, points)
     if lost is not None:
         raise MeasurementError(lost.in_words(measured), file=source)

@@ -22,7 +22,7 @@ from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.home import line_at_home
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
-from irbcal.plotting.pose_errors import ModelErrors, PoseErrorPlots, PoseErrors
+from irbcal.plotting.pose_sets import ModelErrors, PoseErrors
 from irbcal.statistics import FOUR, headed, rotation_statistics, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
 from irbcal.units import MM
@@ -42,6 +42,8 @@ from irbcal.validation.verdict import verdict as verdict_of_points
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from irbcal.plotting.pose_errors import PoseErrorPlots
 from irbcal.declared_options import takes_fields_of
 from irbcal.validation.evaluation_options import EvaluationOptions
 from irbcal.validation.frame_of_calibration import carrying
@@ -155,6 +157,8 @@ class Evaluation(Result):
     @property
     def plot(self) -> PoseErrorPlots:
         """Figures of the errors: ``evaluation.plot.errors_by_pose()`` and others."""
+        from irbcal.plotting.pose_errors import PoseErrorPlots
+
         return PoseErrorPlots(self.errors, self.simulated)
 
     def headline(self) -> str:

@@ -8,7 +8,7 @@ import pytest
 import irbcal
 from irbcal.io import robots
 from irbcal.modeling.home import line_at_home
-from irbcal.plotting import pose_errors
+from irbcal.plotting import pose_errors, pose_sets
 from irbcal.plotting.charts import Dots, Lines
 from irbcal.plotting.pose_errors import arm_at_home, worst_poses
 
@@ -35,11 +35,11 @@ def poses():
     """Errors whose largest is a round number, where an axis may end."""
     error = np.array([0.2, 0.6, 1.0, 1.5, 2.0]) * 1e-3
     models = {
-        name: pose_errors.ModelErrors(Statistics(1.06, 0.6, 2.0), size * error, size * error, None, None, None)
+        name: pose_sets.ModelErrors(Statistics(1.06, 0.6, 2.0), size * error, size * error, None, None, None)
         for name, size in (("nominal", 1.0), ("calibrated", 0.1))
     }
     place = np.random.default_rng(0).normal(size=(5, 3))
-    return pose_errors.PoseErrors("held-out", np.arange(5), tuple("abcde"), ("",) * 5, ("smr1",) * 5, models, place)
+    return pose_sets.PoseErrors("held-out", np.arange(5), tuple("abcde"), ("",) * 5, ("smr1",) * 5, models, place)
 
 
 @pytest.mark.parametrize("draw", [pose_errors.errors_by_pose, pose_errors.distribution])

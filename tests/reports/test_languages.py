@@ -19,7 +19,8 @@ from irbcal.cli.main import app
 from irbcal.errors import OptionError
 from irbcal.io import robots
 from irbcal.reports import certificate, report_page
-from irbcal.reports.languages import LANGUAGES, translated
+from irbcal.reports.languages import LANGUAGES
+from irbcal.reports.translated_pages import translated
 from irbcal.units import MM
 
 OTHERS = [language for language in LANGUAGES if language != "en"]

@@ -1,0 +1,260 @@
+"""Reports and certificates in other languages: what a finished English page says, sentence by sentence.
+
+Notes and doubts stand in ``calibration.json`` as English sentences, whichever version wrote them; so a page is written
+in English, and then its texts are looked up in a catalogue (``locale/de.po`` and its like, edited with any gettext
+editor). A message may hold places: ``{n}`` a number, ``{name…}`` a name that stays as it is, and any other a part that
+is itself looked up. Numbers, names from data, code and everything between tags stay as they are. A text that the
+catalogue does not know stays English, marked as such.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from html import escape, unescape
+from html.parser import HTMLParser
+from importlib.resources import files
+
+from irbcal.options import checked
+from irbcal.reports.languages import LANGUAGES, Language
+
+INLINE = frozenset(["a", "abbr", "b", "code", "em", "small", "span", "strong", "sub", "sup", "time"])
+"""Elements that stand in the midst of a sentence."""
+VOID = frozenset(["br", "col", "hr", "img", "input", "link", "meta", "wbr"])
+KEPT = frozenset(["code", "pre", "script", "style"])
+"""Elements whose content no language changes."""
+BARE = frozenset(("svg", "title"))
+"""Elements in which no others may stand."""
+SPOKEN = re.compile(r'(\s(?:aria-label|data-words)=")([^"]*)(")')
+"""Attributes that are read to people."""
+PLACE = re.compile(r"\{([a-z]+)\d*\}")
+NUMBER = r"([+\-\u2212±<]?\s?\d[\d.,]*(?:e[+\-]?\d+)?\s?%?)"
+SENTENCES = re.compile(r"(?<=[.!?])\s+(?=\S)")
+WORD = re.compile(r"(?<![\w./])[A-Za-z]{3,}(?![\w./(])|^(?:no|.*\bto\b.*)$")
+"""What a text without words to look up does not have: names such as q1_deg, smr1 or tool.urdf are none."""
+EASTERN = frozenset(("ja", "zh"))
+"""Languages without spaces between sentences."""
+EASTERN_MARKS = {".": "\u3002", ":": "\uff1a", ";": "\uff1b"}
+TOKEN = 0xE000
+"""First of the characters that stand for an element in the midst of a sentence."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message with places."""
+
+    expression: re.Pattern[str]
+    """Of the English message."""
+    said: str
+    """The other language's, with the same places."""
+    places: tuple[str, ...]
+    """In the order of the English message."""
+    longest: str
+    """The longest text between places, by which most candidates are ruled out at once."""
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Messages of a language."""
+
+    language: str
+    plain: Mapping[str, str]
+    patterns: Sequence[Message]
+    """Those that say most come first."""
+
+    def say(self, text: str) -> tuple[str, bool]:
+        """A text in this language, sentence by sentence where it is not known as a whole; and whether all of it is."""
+        if not WORD.search(text):
+            return text, True
+        whole = self._ended(text)
+        if whole is not None:
+            return whole, True
+        sentences = [(sentence, self._ended(sentence)) for sentence in SENTENCES.split(text)]
+        gap = "" if self.language in EASTERN else " "
+        known = all(said is not None for _, said in sentences)
+        return gap.join(sentence if said is None else said for sentence, said in sentences), known
+
+    def _ended(self, text: str) -> str | None:
+        """A sentence, or a caption that a full stop or a colon was put behind."""
+        said = self._message(text) or self._members(text)
+        if said is None and text[-1] in EASTERN_MARKS:
+            said = self._message(text[:-1].rstrip())
+            if said is not None:
+                said += EASTERN_MARKS[text[-1]] if self.language in EASTERN else text[-1]
+        return said
+
+    def _message(self, text: str) -> str | None:
+        """The whole text as one message; None where the catalogue does not know it, or what stands in its places."""
+        if text in self.plain:
+            return self.plain[text]
+        for message in self.patterns:
+            match = message.expression.fullmatch(text) if message.longest in text else None
+            if match is not None and not any(SENTENCES.search(part) for part in match.groups()):
+                parts = [self._part(place, part) for place, part in zip(message.places, match.groups(), strict=True)]
+                if None not in parts:
+                    names = (place[1:-1] for place in message.places)
+                    return message.said.format_map(dict(zip(names, parts, strict=True)))
+        return None
+
+    def _part(self, place: str, text: str) -> str | None:
+        """What stands in a place: a number or a name as it is, else a list by its members, or a message."""
+        if PLACE.sub(r"\1", place) in ("n", "name") or not WORD.search(text):
+            return text
+        return self._members(text) or self._message(text)
+
+    def _members(self, text: str) -> str | None:
+        """A list by its members; None where one of them is not known."""
+        said = [self._message(member) if WORD.search(member) else member for member in text.split(", ")]
+        return None if None in said else ", ".join(map(str, said))
+
+
+@cache
+def catalogue(language: Language) -> Catalogue:
+    """The messages of a language."""
+    import polib
+
+    source = files("irbcal.reports") / "locale" / f"{language}.po"
+    plain: dict[str, str] = {}
+    patterns: list[Message] = []
+    for entry in polib.pofile(source.read_text("utf-8"), encoding="utf-8"):
+        places = tuple(match.group() for match in PLACE.finditer(entry.msgid))
+        if not entry.msgstr:
+            continue
+        if not places:
+            plain[entry.msgid] = entry.msgstr
+            continue
+        texts = PLACE.split(entry.msgid)[::2]
+        expression = re.escape(texts[0])
+        for place, text in zip(places, texts[1:], strict=True):
+            expression += (NUMBER if PLACE.sub(r"\1", place) == "n" else "(.+?)") + re.escape(text)
+        patterns.append(Message(re.compile(expression), entry.msgstr, places, max(texts, key=len)))
+    patterns.sort(key=lambda message: -len(message.expression.pattern))
+    return Catalogue(language, plain, patterns)
+
+
+@dataclass
+class Inline:
+    """An element in the midst of a sentence: its tags as they stand, and what is between them."""
+
+    start: str
+    parts: list[str | Inline]
+    end: str = ""
+    kept: bool = False
+
+
+class _Page(HTMLParser):
+    """A page written anew as it is read; all that is no text stays as it stands.
+
+    A block is what stands between two tags that are no `INLINE` ones: its texts, and the elements among them.
+    """
+
+    def __init__(self, messages: Catalogue) -> None:
+        super().__init__(convert_charrefs=False)
+        self.messages = messages
+        self.out: list[str] = []
+        self.block = [Inline("", [])]
+        """The block, and the elements that are open in it."""
+        self.kept: list[str] = []
+        """Open elements of which no text is changed, the outermost first."""
+        self.bare = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        raw = SPOKEN.sub(self._attribute, self.get_starttag_text() or "")
+        if tag == "html":
+            raw = re.sub(r'lang="[^"]*"', f'lang="{self.messages.language}"', raw)
+        self.bare += tag in BARE
+        if tag in INLINE:
+            kept = bool(self.kept) or tag in KEPT or ("translate", "no") in attrs
+            self.block.append(Inline(raw, [], kept=kept))
+        else:
+            self._close()
+            self.out.append(raw)
+            kept = tag in KEPT or ("translate", "no") in attrs
+        if (self.kept or kept) and tag not in VOID:
+            self.kept.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._close()
+        self.out.append(self.get_starttag_text() or "")
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in INLINE and len(self.block) > 1:
+            element = self.block.pop()
+            element.end = f"</{tag}>"
+            self.block[-1].parts.append(element)
+        else:
+            self._close()
+            self.out.append(f"</{tag}>")
+        self.bare -= tag in BARE
+        if self.kept:
+            self.kept.pop()
+
+    def handle_data(self, data: str) -> None:
+        self.block[-1].parts.append(data)
+
+    def handle_entityref(self, name: str) -> None:
+        self.block[-1].parts.append(f"&{name};")
+
+    def handle_charref(self, name: str) -> None:
+        self.block[-1].parts.append(f"&#{name};")
+
+    def handle_decl(self, decl: str) -> None:
+        self.out.append(f"<!{decl}>")
+
+    def close(self) -> None:
+        super().close()
+        self._close()
+
+    def _attribute(self, match: re.Match[str]) -> str:
+        return match.group(1) + escape(self.messages.say(unescape(match.group(2)))[0]) + match.group(3)
+
+    def _close(self) -> None:
+        """Write the block."""
+        while len(self.block) > 1:
+            element = self.block.pop()
+            self.block[-1].parts.append(element)
+        self.out.append(self._said(self.block[0].parts, bool(self.kept)))
+        self.block = [Inline("", [])]
+
+    def _said(self, parts: Sequence[str | Inline], kept: bool) -> str:
+        """Texts in the other language; elements among them stand for themselves in the sentence."""
+        elements = [part for part in parts if isinstance(part, Inline)]
+        inner = [element.start + self._said(element.parts, element.kept) + element.end for element in elements]
+        if kept:
+            following = iter(inner)
+            return "".join(part if isinstance(part, str) else next(following) for part in parts)
+        tokens = [chr(TOKEN + k) for k in range(len(elements))]
+        following = iter(tokens)
+        text = "".join(unescape(part) if isinstance(part, str) else next(following) for part in parts)
+        core = text.strip(" \n\t\xa0" + "".join(tokens))
+        before, _, after = text.partition(core) if core else (text, "", "")
+        said, known = self.messages.say(" ".join(core.split()))
+        said = escape(said, quote=False)
+        said = escape(before) + (said if known or self.bare else f'<span lang="en">{said}</span>') + escape(after)
+        for token, element in zip(tokens, inner, strict=True):
+            said = said.replace(token, element)
+        return said
+
+
+def translated(page: str, language: Language) -> str:
+    """A page of this room in another language.
+
+    Parameters
+    ----------
+    page : str
+        In English, as HTML.
+    language : {"en", "de", "fr", "ja", "zh"}
+
+    Raises
+    ------
+    OptionError
+        If there is no catalogue of that language.
+    """
+    if checked("language", language, LANGUAGES) == "en":
+        return page
+    writer = _Page(catalogue(language))
+    writer.feed(page)
+    writer.close()
+    return "".join(writer.out)
