@@ -207,13 +207,7 @@ class InputTable:
         typed: IsNumber | None = None,
     ) -> InputTable:
         """As `read`, from the content of a CSV file."""
-        content: pd.DataFrame | Cells | None = None
-        if typed is not None and len(data) < LONG_FILE:
-            text = _decoded(data, source)
-            content = _plain_cells(text, _header(text, source, required), typed)
-        if content is None:
-            content = parse_csv(data, source, required, typed)
-        return cls(content, source, _digest(data))._with_rows(known)
+        return cls(cells_of_csv(data, source, required, typed), source, _digest(data))._with_rows(known)
 
     def in_degrees(self) -> InputTable:
         """The same table with joints that come in radians (``q1_rad``) as columns of degrees (``q1_deg``)."""
@@ -563,6 +557,18 @@ def read_targets(table: TableLike) -> dict[str, FloatArray]:
     names = rows.texts("target")
     rows.refuse_repeats("target", names)
     return dict(zip(names, rows.si(POSITION), strict=True))
+
+
+def cells_of_csv(
+    data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None
+) -> pd.DataFrame | Cells:
+    """As `parse_csv`; of a short plain file whose columns are ``typed`` without pandas."""
+    if typed is not None and len(data) < LONG_FILE:
+        text = _decoded(data, source)
+        cells = _plain_cells(text, _header(text, source, required), typed)
+        if cells is not None:
+            return cells
+    return parse_csv(data, source, required, typed)
 
 
 def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None) -> pd.DataFrame:
@@ -1033,9 +1039,9 @@ def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool])
     return pd.DataFrame(columns, index=pd.RangeIndex(2, rows + 2), copy=False)
 
 
-def floats(text: pd.Series) -> FloatArray | None:
+def floats(text: pd.Series | NDArray[Any]) -> FloatArray | None:
     """Numbers of a column of text that pyarrow holds; None where it does not, or a cell is no plain number."""
-    to_arrow = getattr(text.array, "__arrow_array__", None)
+    to_arrow = getattr(getattr(text, "array", None), "__arrow_array__", None)
     if to_arrow is None or not isinstance(text.dtype, pd.StringDtype) or text.dtype.storage != "pyarrow":
         return None
     import pyarrow as pa

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,20 +45,17 @@ from irbcal.measurement.columns import (
     POSITION,
     QUATERNION,
     InputTable,
+    cells_of_csv,
     check_header,
     declared,
     floats,
     joint_units,
     listed,
-    parse_csv,
     parse_parquet,
 )
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import ENDS, Trajectory
 from irbcal.units import DEG
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MARK = "irbcal_filtered"
 """Name of the column that marks a corrected file."""
@@ -84,7 +81,7 @@ class TableProgram(Locked, Program):
     """Shape (n,). Lines in the file."""
     data: bytes
     """The file."""
-    table: pd.DataFrame
+    table: InputTable
     """All columns in the text of the file; of Parquet those with the numbers as such."""
     newline: str
     """Line end of the file."""
@@ -144,7 +141,7 @@ def with_values(
     if new.shape != program.values.shape or chosen.shape != (n,) or not np.isfinite(new[chosen]).all():
         raise ValueError(f"expected finite values of shape {program.values.shape}")
     if program.kind == "pose":
-        near = program.table[QUATERNION].to_numpy(dtype=float)
+        near = np.column_stack([_column(program.table, name) for name in QUATERNION])
         numbers = numbers_from_poses(new[chosen], near[chosen])
     else:
         numbers = new[chosen] / joint_units(program.columns)
@@ -153,10 +150,10 @@ def with_values(
     if program.data.startswith(PARQUET):
         return _as_parquet(program, changed, fingerprint, chosen)
     columns = []
-    for name in program.table.columns:
+    for name in program.table.names:
         if name == MARK and fingerprint is not None:
             continue
-        text = program.table[name].to_numpy(dtype=object)
+        text = np.asarray(program.table.content[name], dtype=object)
         column = _new_column(name, changed[name], text, chosen) if name in changed else ("%s", _quoted(text))
         columns.append((_quoted(np.array([name], dtype=object))[0], *column))
     if fingerprint is not None:
@@ -178,7 +175,7 @@ def _as_parquet(
 
     content = parquet.read_table(BytesIO(program.data))
     for name, values in changed.items():
-        column = program.table[name].to_numpy(dtype=float, copy=True)
+        column = np.array(program.table.content[name], dtype=float)
         column[chosen] = np.round(values, _decimals(name)) + 0.0
         k = [written.strip() for written in content.column_names].index(name)
         content = content.set_column(k, content.column_names[k], pa.array(column))
@@ -306,7 +303,7 @@ class TimedTable(TableProgram):
             return {self.source: self.data}
         counted = _counted(self.commands, self.arm.to_controller(np.eye(len(self.columns))).T)
         frame = counted.to_frame()
-        names = _as_written([name for name in frame.columns if name[0] in "va"], self.table.columns)
+        names = _as_written([name for name in frame.columns if name[0] in "va"], self.table.names)
         more = {name: frame[of].to_numpy() * (1.0 if name == of else DEG) for of, name in names.items()}
         return {self.source: with_values(self, fake.q, fingerprint, more=more)}
 
@@ -320,7 +317,7 @@ def _counted(trajectory: Trajectory, turned: FloatArray) -> Trajectory:
 
 def has_times(program: TableProgram) -> bool:
     """Whether the rows of a table are joints over time."""
-    return program.kind == "joint" and TIME in program.table.columns
+    return program.kind == "joint" and TIME in program.table
 
 
 def along_time(program: TableProgram, arm: Arm) -> TimedTable:
@@ -334,15 +331,15 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
     table, source = program.table, program.source
     found = dict[str, FloatArray]()
     try:
-        times = InputTable(table, source).numbers(TIME, expected="a time in seconds")
+        times = table.numbers(TIME, expected="a time in seconds")
         for letter, end in ENDS[1:]:
             columns = [f"{letter}{name[1:]}{end}" for name in arm.joint_columns]
-            names = _as_written(columns, table.columns)
-            if any(name in table.columns for name in names.values()):
-                check_header(list(table.columns), list(names.values()), source)
+            names = _as_written(columns, table.names)
+            if any(name in table for name in names.values()):
+                check_header(table.names, list(names.values()), source)
                 as_written = np.array([name == of for of, name in names.items()])
                 units = np.where(as_written, arm.joint_units, 1.0)
-                found[letter] = InputTable(table, source).si(list(names.values())) * units
+                found[letter] = table.si(list(names.values())) * units
     except MeasurementError as error:
         refusal = ProgramError(str(error))
         refusal.file, refusal.row, refusal.column = error.file, error.row, error.column
@@ -406,21 +403,21 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
     """
     try:
         table = _parsed(data, source)
-        kind, columns = _kind(list(table.columns), source, joints)
-        if table.empty:
+        kind, columns = _kind(table.names, source, joints)
+        if not len(table):
             raise ProgramError("the file has a header but no rows", file=source)
-        written = np.column_stack([_column(table, name, source) for name in columns])
+        written = np.column_stack([_column(table, name) for name in columns])
     except MeasurementError as error:
         _refuse(error)
-    _check_size(written, columns, table, source)
+    _check_size(written, columns, table)
     if kind == "pose":
-        _check_quaternions(written[:, 3:], table.index, source)
+        _check_quaternions(written[:, 3:], table.rows, source)
     return TableProgram(
         source=source,
         kind=kind,
         columns=columns,
         values=poses_from_numbers(written) if kind == "pose" else written * joint_units(columns),
-        rows=table.index.to_numpy(),
+        rows=table.rows,
         data=data,
         table=table,
         newline="\r\n" if b"\r\n" in data else "\n",
@@ -444,11 +441,11 @@ def fingerprint(data: bytes, source: str = "program") -> str | None:
         _refuse(error)
 
 
-def _parsed(data: bytes, source: str) -> pd.DataFrame:
+def _parsed(data: bytes, source: str) -> InputTable:
     """Cells of a file; numbers of a Parquet file as such."""
     if data.startswith(PARQUET) or source.endswith(".parquet"):
-        return parse_parquet(data, source, (), lambda name: True)
-    return parse_csv(data, source, typed=lambda name: False)
+        return InputTable(parse_parquet(data, source, (), lambda name: True), source)
+    return InputTable(cells_of_csv(data, source, typed=lambda name: False), source)
 
 
 def _refuse(error: MeasurementError) -> NoReturn:
@@ -458,12 +455,12 @@ def _refuse(error: MeasurementError) -> NoReturn:
     raise refusal from None
 
 
-def _mark_of(table: pd.DataFrame) -> str | None:
-    marks = [str(mark).strip() for mark in table[MARK].unique() if mark.strip()] if MARK in table.columns else []
+def _mark_of(table: InputTable) -> str | None:
+    marks = [mark.strip() for mark in dict.fromkeys(table.content[MARK]) if mark.strip()] if MARK in table else []
     return marks[0] if marks else None
 
 
-def _as_written(names: Sequence[str], header: Sequence[str] | pd.Index) -> dict[str, str]:
+def _as_written(names: Sequence[str], header: Sequence[str]) -> dict[str, str]:
     """Columns of degrees (``q1_deg``, ``v1_deg_s``) and what a header has for them, such as ``q1_rad``."""
     radians = {name: name.replace("_deg", "_rad") for name in names}
     return {name: radians[name] if radians[name] in header else name for name in names}
@@ -486,13 +483,13 @@ def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kin
     raise ProgramError(f"expected {expected}, found {listed(names)}", file=source, row=1)
 
 
-def _column(table: pd.DataFrame, name: str, source: str) -> FloatArray:
+def _column(table: InputTable, name: str) -> FloatArray:
     """Numbers of a column; what is not a plain number is refused by the reader of measurements, in its words."""
-    column = table[name]
-    values = floats(column) if column.dtype != np.float64 else column.to_numpy()
+    column = table.content[name]
+    values = floats(column) if column.dtype != np.float64 else np.asarray(column)
     if values is not None and np.isfinite(values).all():
         return values
-    cells = column.to_numpy(dtype=object)
+    cells = np.asarray(column, dtype=object)
     text = "_" if values is not None else "".join(cells)
     if text.isascii() and "_" not in text:  # float() would take 1_0, and digits of other scripts
         try:
@@ -501,7 +498,7 @@ def _column(table: pd.DataFrame, name: str, source: str) -> FloatArray:
             values = np.array([np.nan])
         if np.isfinite(values).all():
             return values
-    return InputTable(table, source).numbers(name, expected=_expected(name))
+    return table.numbers(name, expected=_expected(name))
 
 
 def _expected(name: str) -> str:
@@ -512,17 +509,17 @@ def _expected(name: str) -> str:
     return declared(name).expected
 
 
-def _check_size(written: FloatArray, names: Sequence[str], table: pd.DataFrame, source: str) -> None:
+def _check_size(written: FloatArray, names: Sequence[str], table: InputTable) -> None:
     bad = np.abs(written) > LARGEST
     if bad.any():
         row, column = np.argwhere(bad)[0]
         name = names[column]
-        spelling = repr(str(table[name].iloc[row]).strip())
+        spelling = repr(str(np.asarray(table.content[name])[row]).strip())
         message = f"expected a number up to {LARGEST:g}, found {spelling}"
-        raise ProgramError(message, file=source, row=int(table.index[row]), column=name)
+        raise ProgramError(message, file=table.source, row=int(table.rows[row]), column=name)
 
 
-def _check_quaternions(quaternions: FloatArray, lines: Sequence[int], source: str) -> None:
+def _check_quaternions(quaternions: FloatArray, lines: IntArray, source: str) -> None:
     bad = np.abs(np.linalg.norm(quaternions, axis=1) - 1) > QUATERNION_TOLERANCE
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
