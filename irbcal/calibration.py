@@ -25,7 +25,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Proven, clean, doubt, fit, prove, read, split, with_commands
-from irbcal.reports.languages import Language
+from irbcal.reports.languages import PageLanguage
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark, values
 from irbcal.validation.evaluation import orientation_line, statistics_table
 from irbcal.validation.verdict import Verdict, verdict_of
@@ -411,7 +411,7 @@ def report(
     figures: str | Path | None = None,
     format: Literal["png", "svg"] | None = None,
     data: str | Path | None = None,
-    language: Language = "en",
+    language: PageLanguage = "en",
     progress: Progress | None = None,
 ) -> dict[Path, tuple[str, ...]]:
     """Write ``report.html`` of a calibration folder again, with its figures and data as files on request.

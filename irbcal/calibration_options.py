@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields, given
 from irbcal.errors import OptionError
-from irbcal.identification.choices import Goal, Loss, Method, Model, Objective, Parallel, Terms
+from irbcal.identification.choices import FitMethod, Goal, Loss, ModelName, Objective, Parallel, Terms
 from irbcal.options import names, number, place
 
 if TYPE_CHECKING:
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from irbcal.measurement.columns import TableLike
     from irbcal.measurement.table import MeasurementsLike
 
-Split: TypeAlias = Literal["random", "last"]
+HoldoutSplit: TypeAlias = Literal["random", "last"]
 """Which poses are held out."""
-SPLITS: tuple[Split, ...] = get_args(Split)
+SPLITS: tuple[HoldoutSplit, ...] = get_args(HoldoutSplit)
 HOLDOUT = 0.25
 """Share of the poses that are held out unless another is asked for."""
 Progress: TypeAlias = Callable[[str], Any]
@@ -50,7 +50,7 @@ class CalibrationOptions:
     """
     robot: Annotated[str | Path | None, EVERYDAY, AT_FEATURES] = None
     """URDF file, a robot's name (`irbcal.robots`), or a calibration, as for ``with_``. Left out only with ``with_``."""
-    model: Annotated[Model | int | None, EVERYDAY, AT_FEATURES] = None
+    model: Annotated[ModelName | int | None, EVERYDAY, AT_FEATURES] = None
     """``auto``, the default: the average of many error models by their evidence, docs/calibration-auto.md. A level:
     ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement`` (any
     serial arm). ``best-level``: the level that cross-validation over the poses of the fit chooses. Where no model
@@ -100,11 +100,11 @@ class CalibrationOptions:
     """What model ``auto`` may consist of. ``joint-map``: URDF and joint map are the whole truth, for every program.
     ``all``: frame terms, too (bending, wobble), which only irbcal's own kinematics knows.
     """
-    split: Split = "random"
+    split: HoldoutSplit = "random"
     """Which poses are held out: drawn at random, or the last of the file."""
     seed: Annotated[int, Bounds(0), AT_FEATURES] = 0
     """Of the random split."""
-    method: Annotated[Method, OF_LEVELS] = "least-squares"
+    method: Annotated[FitMethod, OF_LEVELS] = "least-squares"
     """How to identify, see `irbcal.identification.fit.identify_by`. With ``circles`` the fit sees the one-joint
     moves (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
     """

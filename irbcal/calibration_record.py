@@ -26,7 +26,7 @@ from irbcal.io.calibration_folder import SCHEMA
 from irbcal.io.packed_covariance import PackedCovariance
 from irbcal.io.point_tables import PointTable, PoseTable, texts
 from irbcal.io.robot_section import JointOrigin, OriginSection, Placement, PoseSection, RobotSection
-from irbcal.io.schema import CertaintySection, DataFile, Objective, Record, SessionSection
+from irbcal.io.schema import CertaintySection, DataFile, ReachedObjective, Record, SessionSection
 from irbcal.io.term_sections import FrameTermsSection, JointMapSection
 from irbcal.measurement import repeats
 from irbcal.measurement.motions import last_moves
@@ -99,7 +99,7 @@ def recorded(done: Proven, started: float) -> tuple[Record, bytes]:
         calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
         model=fit.level,
         method=fit.method,
-        objective=Objective(
+        objective=ReachedObjective(
             name=fit.objective,
             value_mm=(fit.rms if fit.value is None else fit.value) / MM,
             lower_bound_mm=None if fit.lower_bound is None else fit.lower_bound / MM,

@@ -25,7 +25,7 @@ from irbcal.identification.feature_fit import (
     identify_without_gross_errors,
     shape_only,
 )
-from irbcal.identification.feature_problem import FeatureProblem, Key
+from irbcal.identification.feature_problem import FeatureProblem, UnknownKey
 from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, LengthRow, PlaceRow
 from irbcal.identification.images import numbered_alike
 from irbcal.identification.observation_kind import SHOWN
@@ -298,7 +298,7 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
     residuals = [problem.distances(state) for state in (feature_fit.nominal_state, feature_fit.state)]
     tool = np.zeros((len(rows), 3))
     stated: dict[str, dict[str, list[float]]] = {}
-    in_base: dict[Key, FloatArray] = {}
+    in_base: dict[UnknownKey, FloatArray] = {}
     for miss in problem.group_residuals(feature_fit.state):
         tool[miss.group.rows] = miss.p
         unknown, given = miss.group.keys(), stated.setdefault(miss.group.feature.name, {})
@@ -344,7 +344,7 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
     return out
 
 
-def _unknowns(problem: FeatureProblem, feature: str) -> dict[Key, float]:
+def _unknowns(problem: FeatureProblem, feature: str) -> dict[UnknownKey, float]:
     """What was unknown of a feature, and numbers of what looked at it, with the units they are shown in."""
     owns = {
         key: group.kind.unknowns[name]

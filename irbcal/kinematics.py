@@ -209,7 +209,7 @@ def _first_rows(table: pd.DataFrame) -> Table:
 
 JointsLike: TypeAlias = Union["ArrayLike | str | PathLike[str] | pd.DataFrame | MeasurementSet | InverseJoints"]
 """Joints: an array in radians, or a file or a table with its units in the names of its columns."""
-PosesLike: TypeAlias = Union["ArrayLike | str | PathLike[str] | pd.DataFrame | ForwardResult"]
+TipPosesLike: TypeAlias = Union["ArrayLike | str | PathLike[str] | pd.DataFrame | ForwardResult"]
 """Poses (n, 4, 4) in metres, or a file or a table in millimetres with quaternions."""
 
 
@@ -315,7 +315,7 @@ def _certain(
 @on_workers
 def inverse_kinematics(
     robot: RobotLike,
-    T_base_tip: PosesLike,
+    T_base_tip: TipPosesLike,
     *,
     near: ArrayLike | None = None,
     all_branches: bool = False,
@@ -461,7 +461,7 @@ def _joints(q: JointsLike, arm: Arm) -> tuple[FloatArray, pd.DataFrame | None]:
     return checked, None
 
 
-def _poses(T_base_tip: PosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
+def _poses(T_base_tip: TipPosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
     """Poses, and the table that they stand in."""
     import pandas as pd
 

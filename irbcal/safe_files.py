@@ -317,16 +317,16 @@ NEW, OLD, JOURNAL, ELSEWHERE = ".new", ".old", ".journal", ".elsewhere"
 _OURS = re.compile(r"\.irbcal-[0-9a-f]{12}(-\d+)?\.(new|old|journal|elsewhere)")
 
 
-Content: TypeAlias = "bytes | Callable[[BinaryIO], object]"
+FileContent: TypeAlias = "bytes | Callable[[BinaryIO], object]"
 """Of a file: itself, or what writes it, for one that is larger than memory."""
 
 
-def write_together(folder: str | Path, contents: Mapping[str, Content]) -> None:
+def write_together(folder: str | Path, contents: Mapping[str, FileContent]) -> None:
     """Write files into a folder so that either all are new or all are as before; as `write_set`."""
     write_set({Path(folder) / name: content for name, content in contents.items()})
 
 
-def write_set(contents: Mapping[Path, Content]) -> None:
+def write_set(contents: Mapping[Path, FileContent]) -> None:
     """Write files, of several folders if need be, so that either all are new or all are as before.
 
     Symbolic links stay and their files are replaced; permissions of files that are replaced stay.
@@ -490,7 +490,7 @@ def _with_journals(folders: Sequence[Path]) -> list[Path]:
     return sorted(real)
 
 
-def _write(targets: Mapping[Path, Content], folders: Sequence[Path]) -> None:
+def _write(targets: Mapping[Path, FileContent], folders: Sequence[Path]) -> None:
     word = f"{PREFIX}{secrets.token_hex(6)}"
     rows = [
         _Row(path, path.parent / f"{word}-{number}{NEW}", path.parent / f"{word}-{number}{OLD}", path.exists())
@@ -600,7 +600,7 @@ def _belongs(row: _Row, journal: Path) -> bool:
         return False
 
 
-def _put(path: Path, content: Content, mode: int | None = None) -> None:
+def _put(path: Path, content: FileContent, mode: int | None = None) -> None:
     with open(path, "xb") as stream:
         if isinstance(content, bytes):
             stream.write(content)

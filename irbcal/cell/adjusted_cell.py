@@ -31,7 +31,7 @@ from irbcal.identification.feature_problem import (
     FeatureProblem,
     FeatureState,
     GroupResiduals,
-    Key,
+    UnknownKey,
     edge_key,
 )
 from irbcal.modeling import cell_graph, frames
@@ -111,7 +111,7 @@ class Adjusted:
         return A.shape[0] - A.shape[1]
 
     @staticmethod
-    def _tip(kind: str, name: str) -> Key:
+    def _tip(kind: str, name: str) -> UnknownKey:
         """Key of a tip that is known without axes."""
         return (feature_problem.TOOL, name) if kind == TOOL else ("centre", frame_name(kind, name))
 
@@ -241,7 +241,7 @@ def adjust(
     refuse_too_few(touches, problem, source)
     try:
         held_poses = start_of_held_parts(touches, _tip_link(problem, moving, root))
-        starts: dict[Key, FloatArray] = {}
+        starts: dict[UnknownKey, FloatArray] = {}
         for (kind, name), T in held_poses.items():
             key = (FRAME if frame_name(kind, name) in framed else "centre"), frame_name(kind, name)
             if kind == HELD_PART or key[0] == "centre":

@@ -22,7 +22,7 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.cell.external_axes import ExternalAxis
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
-from irbcal.io.robot_section import Pose
+from irbcal.io.robot_section import PoseMatrix
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.options import shown
@@ -39,8 +39,8 @@ ON_FLANGE, STANDING = (TOOL, HELD_PART), (WORK_OBJECT, FIXED_TOOL)
 RESIDUALS = ("residual", "residual_nominal")
 IN_FILE = ConfigDict(extra="forbid", allow_inf_nan=False)
 Joints: TypeAlias = Annotated[FloatArray, Numbers(-1)]
-Point: TypeAlias = Annotated[FloatArray, Numbers(3, unit=MM)]
-Matrix: TypeAlias = Annotated[FloatArray, Numbers(-1, -1)]
+CellPoint: TypeAlias = Annotated[FloatArray, Numbers(3, unit=MM)]
+FrameMatrix: TypeAlias = Annotated[FloatArray, Numbers(-1, -1)]
 
 
 class Notation(NamedTuple):
@@ -71,13 +71,13 @@ class FrameInCell(Locked):
 
     name: Name
     """As programs call it."""
-    T_true: Annotated[Pose, Field(alias="true")]
+    T_true: Annotated[PoseMatrix, Field(alias="true")]
     """Shape (4, 4). By the calibrated robot, metres: a tool in the tip link (``T_f_t``), a work object in the base link
     (``T_b_o``).
     """
-    T_nominal: Annotated[Pose, Field(alias="nominal")]
+    T_nominal: Annotated[PoseMatrix, Field(alias="nominal")]
     """Shape (4, 4). From the same touches by the nominal robot: what a controller that computes with it has."""
-    T_controller: Annotated[Pose | None, Field(alias="controller")] = None
+    T_controller: Annotated[PoseMatrix | None, Field(alias="controller")] = None
     """Shape (4, 4). What the controller has, in the same links, where that is known."""
     position_only: bool = False
     """A tool taught by its tip alone: its axes are the controller's, or the tip link's (of a fixed tool the base
@@ -111,16 +111,18 @@ class Touch(Locked):
     """Shape (joints,). Radians (metres)."""
     u95: Annotated[float, Numbers(unit=MM), Field(alias="u95_mm")]
     """Of the touch, metres."""
-    xyz: Annotated[Point | None, Field(alias="xyz_mm")] = None
+    xyz: Annotated[CellPoint | None, Field(alias="xyz_mm")] = None
     """Shape (3,). The point in the work object (held part, fixed tool), where it is known, metres."""
     kind: Annotated[str, StringConstraints(pattern="^(point|sphere|plane|line)$")] = "point"
     """What the tip of a tool touched: a ``point``, ``sphere``, ``plane`` or ``line``."""
     radius: Annotated[Annotated[float, Numbers(unit=MM)] | None, Field(alias="radius_mm")] = None
     """Of the sphere, to the tip, where it is known, metres."""
-    tracker: Annotated[Point | None, Field(alias="tracker_mm")] = None
+    tracker: Annotated[CellPoint | None, Field(alias="tracker_mm")] = None
     """Shape (3,). The point as a tracker measured it, in the measuring frame of the calibration, metres."""
-    residual: Annotated[Point, Field(alias="residual_mm")] = field(default_factory=lambda: np.zeros(3))
-    residual_nominal: Annotated[Point, Field(alias="residual_nominal_mm")] = field(default_factory=lambda: np.zeros(3))
+    residual: Annotated[CellPoint, Field(alias="residual_mm")] = field(default_factory=lambda: np.zeros(3))
+    residual_nominal: Annotated[CellPoint, Field(alias="residual_nominal_mm")] = field(
+        default_factory=lambda: np.zeros(3)
+    )
     """Shape (3,). In the base link, metres: the tip by the calibrated (nominal) robot less where it should be."""
     e: Annotated[Joints, Field(alias="axes")] = field(default_factory=lambda: np.zeros(0))
     """Shape (axes,). Positions of the external axes, radians (metres)."""
@@ -193,9 +195,9 @@ class CellFile(Result):
     simulated: bool
     tools: FramesByName
     work_objects: FramesByName
-    touch_covariance: Annotated[Matrix, Field(alias="touch_covariance_rad_m")]
-    covariance: Annotated[Matrix, Field(alias="covariance_rad_m")]
-    robot_gain: Annotated[Matrix, Field(alias="robot_gain_rad_m")]
+    touch_covariance: Annotated[FrameMatrix, Field(alias="touch_covariance_rad_m")]
+    covariance: Annotated[FrameMatrix, Field(alias="covariance_rad_m")]
+    robot_gain: Annotated[FrameMatrix, Field(alias="robot_gain_rad_m")]
     axes: tuple[ExternalAxis, ...] = ()
     touches: tuple[Touch, ...] = ()
     left_out: tuple[Sentence, ...] = ()

@@ -29,7 +29,7 @@ from irbcal.measurement.boards import Board, opencv
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.features import Feature, FeatureSet, given_rows
 from irbcal.measurement.imaging import FITTED, Imaging
-from irbcal.measurement.lens import LEAST, PARTS, Corners, Lens, calibrated, tell_a_homography, with_numbers
+from irbcal.measurement.lens import LEAST, PARTS, BoardCorners, Lens, calibrated, tell_a_homography, with_numbers
 from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
 from irbcal.measurement.recordings import rosbag
 from irbcal.modeling import frames
@@ -44,7 +44,7 @@ STIFF = 0.1
 APART = 5.0
 """Times the median of instants that one misses, above which its pictures were not taken together."""
 
-Shown: TypeAlias = "Mapping[str, Mapping[str, Corners]]"
+Shown: TypeAlias = "Mapping[str, Mapping[str, BoardCorners]]"
 """Corners by camera and picture."""
 
 
@@ -160,7 +160,7 @@ def lens(
     folder = Path(images)
     of_bag = rosbag.pictures_over_time(folder, rows) if rosbag.is_bag(folder) else None
     fit = {board.camera: imaging.numbers_to_fit(board.row) for board in seen.values()}
-    shown: dict[str, dict[str, Corners]] = {}
+    shown: dict[str, dict[str, BoardCorners]] = {}
     sizes: dict[str, tuple[int, int]] = {}
     missed: list[str] = []
     board_of: dict[str, tuple[str, Board]] = {}
@@ -328,7 +328,7 @@ def _rows(
 
 def _placed(
     rows: FeatureSet, cameras: Sequence[str], board_of: Mapping[str, Board]
-) -> tuple[FeatureSet, dict[feature_problem.Key, FloatArray]]:
+) -> tuple[FeatureSet, dict[feature_problem.UnknownKey, FloatArray]]:
     """Where cameras are that see boards together with the first, directly or by others, and where these boards are.
 
     Each camera's place is that of one instant, which agrees best with all others. Boards that look the same after half
@@ -379,7 +379,7 @@ def _placed(
             break
         else:
             break
-    values: dict[feature_problem.Key, FloatArray] = {}
+    values: dict[feature_problem.UnknownKey, FloatArray] = {}
     for place, turn, placed in (("centre", "attitude", T), (TOOL, "axes", there)):
         for name, frame in placed.items():
             values |= {(place, name): frame[:3, 3], (turn, name): frame[:3, :3]}
@@ -391,7 +391,7 @@ def _placed(
 
 
 def _adjusted(
-    rows: FeatureSet, first: str, values: Mapping[feature_problem.Key, FloatArray]
+    rows: FeatureSet, first: str, values: Mapping[feature_problem.UnknownKey, FloatArray]
 ) -> tuple[FeatureProblem, FeatureState]:
     """The least squares of a rig, whose first camera stands where it is."""
     known = {(key, first): values[key, first] for key in ("centre", "attitude")}

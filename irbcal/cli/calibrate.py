@@ -23,9 +23,9 @@ from irbcal.cli.signature import (
     public,
 )
 from irbcal.errors import IrbcalError
-from irbcal.identification.choices import Model
+from irbcal.identification.choices import ModelName
 from irbcal.io import robots
-from irbcal.reports.languages import LANGUAGES, Language
+from irbcal.reports.languages import LANGUAGES, PageLanguage
 from irbcal.units import MM as MM_PER_M
 
 STEPS = 6
@@ -100,7 +100,7 @@ MEASURED = "demo_identification.csv"
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = OWN,
-    model: Annotated[Model, typer.Option(help="Error model; 34 is the largest level of the thesis.")] = "auto",
+    model: Annotated[ModelName, typer.Option(help="Error model; 34 is the largest level of the thesis.")] = "auto",
     force: Annotated[
         bool,
         typer.Option(
@@ -182,7 +182,7 @@ def evaluate(
     figures: Annotated[Path | None, typer.Option(help="Folder for the certificate's figures (PNG).")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).")] = None,
     language: Annotated[
-        Language,
+        PageLanguage,
         typer.Option(metavar=f"<{' | '.join(LANGUAGES)}>", help="Of the certificate; figures and data stay English."),
     ] = "en",
     fail_if_worse: FailIfWorse = False,

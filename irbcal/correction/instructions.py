@@ -52,7 +52,7 @@ class MotionInstruction(NamedTuple):
         return None if more < 0 else (*words[:k], *[ANY] * more, *words[k + 1 :])
 
 
-Table: TypeAlias = Mapping[str, Mapping[str, MotionInstruction]]
+InstructionTable: TypeAlias = Mapping[str, Mapping[str, MotionInstruction]]
 """Instructions by language and by name in lower case."""
 
 

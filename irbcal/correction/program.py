@@ -12,7 +12,7 @@ from typing import ClassVar, Literal, NamedTuple, TypeAlias, TypeVar
 from irbcal import safe_files
 from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.instructions import Table
+from irbcal.correction.instructions import InstructionTable
 from irbcal.correction.loads import Load
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import ControllerFrames
@@ -20,7 +20,7 @@ from irbcal.modeling.arm import Arm
 
 T = TypeVar("T")
 
-Kind: TypeAlias = Literal["joint", "pose"]
+TargetKind: TypeAlias = Literal["joint", "pose"]
 """What a target is: a set of joints, or a pose of the tool centre point in a work object."""
 
 
@@ -59,7 +59,7 @@ class Stop(NamedTuple):
 class WantedTargets(Locked):
     """The n targets of one kind that may be corrected."""
 
-    kind: Kind
+    kind: TargetKind
     """``joint`` or ``pose``."""
     numbers: IntArray
     """Shape (n,). Which targets of the program they are, counted from 0."""
@@ -109,7 +109,7 @@ class ControllerSetup(NamedTuple):
     """Shape (6,). Joints of the URDF, radians: where the program begins, and those whose posture is meant where nothing
     else says.
     """
-    instructions: Table = MappingProxyType({})
+    instructions: InstructionTable = MappingProxyType({})
     """Motion instructions that the user teaches, by language."""
     harmless: tuple[str, ...] = ()
     """Patterns of names of routines that are not in the programs, and neither move the arm nor set tool or frame."""

@@ -32,7 +32,7 @@ from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, numb
 from irbcal.correction.loads import Carrying, Load, LoadFlow, Ways, combined, seen_from
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
-from irbcal.correction.program import ControllerSetup, Corrections, Kind, Left, Note, Program, Stop, WantedTargets
+from irbcal.correction.program import ControllerSetup, Corrections, Left, Note, Program, Stop, TargetKind, WantedTargets
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 
@@ -78,7 +78,7 @@ class Target:
 
     name: str
     """As in the program, with the index for the element of an array; the place for a literal inside a move."""
-    kind: Kind
+    kind: TargetKind
     """``joint`` or ``pose``."""
     start: int
     """Where it begins in the text."""
@@ -633,7 +633,7 @@ class TextProgram(Locked, Program):
         """The bytes of all files."""
         return b"".join(self.listing.files_with([]).values())
 
-    def correctable(self, kind: Kind | None = None) -> list[int]:
+    def correctable(self, kind: TargetKind | None = None) -> list[int]:
         """Numbers of the targets that may be changed, of one kind or of both."""
         return [k for k, t in enumerate(self.targets) if t.correctable and kind in (None, t.kind)]
 
@@ -713,7 +713,7 @@ class TextProgram(Locked, Program):
 
     def _batch(
         self,
-        kind: Kind,
+        kind: TargetKind,
         numbers: list[int],
         values: FloatArray,
         joints: FloatArray | None = None,

@@ -37,9 +37,9 @@ from irbcal.modeling.parts import compiled
 from irbcal.options import checked, number
 from irbcal.units import DEG, MM
 
-Units: TypeAlias = Literal["deg", "rad"]
+JointUnits: TypeAlias = Literal["deg", "rad"]
 """Degrees and millimetres, or radians and metres."""
-UNITS: tuple[Units, ...] = ("deg", "rad")
+UNITS: tuple[JointUnits, ...] = ("deg", "rad")
 KINDS = ("joints", "pose", "model")
 UNKNOWN_SPEED = {False: np.pi, True: 1.0}
 """Largest speed of a joint whose URDF tells none, radians (sliding: metres) per second."""
@@ -101,7 +101,7 @@ class Live:
     def __init__(
         self,
         source: Source,
-        units: Units = "deg",
+        units: JointUnits = "deg",
         at: Sequence[float] | None = None,
         to_speed: float = TO_SPEED_S,
         to_acceleration: float = TO_ACCELERATION_S,
@@ -375,7 +375,7 @@ def stream(
     calibration: CalibrationLike,
     *,
     at: Sequence[float] | None = None,
-    units: Units = "deg",
+    units: JointUnits = "deg",
     to_speed: float = TO_SPEED_S,
     to_acceleration: float = TO_ACCELERATION_S,
     payload: float | None = None,

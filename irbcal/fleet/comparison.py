@@ -166,7 +166,7 @@ class Change:
         return out
 
 
-Pair: TypeAlias = "tuple[Dated, Dated]"
+DatedPair: TypeAlias = "tuple[Dated, Dated]"
 """The same estimate of two calibrations."""
 
 
@@ -175,7 +175,7 @@ def change(first: Dated, second: Dated) -> Change:
     return changes([(first, second)])[0]
 
 
-def changes(pairs: Sequence[Pair]) -> list[Change]:
+def changes(pairs: Sequence[DatedPair]) -> list[Change]:
     """Compare two calibrations each of many robots, by the level that both have.
 
     Averages of many error models cannot be compared parameter by parameter: what one of them explains by a wave
@@ -316,7 +316,7 @@ class _Differences:
         return (U / self.variances[k][self.keep[k]]) @ U.T
 
 
-def _differences(pairs: Sequence[Pair]) -> Iterator[tuple[IntArray, _Differences]]:
+def _differences(pairs: Sequence[DatedPair]) -> Iterator[tuple[IntArray, _Differences]]:
     """Differences of pairs, those with the same parameters together; and which pairs they are."""
     groups: dict[tuple[ParameterList, ParameterList], list[int]] = {}
     for row, pair in enumerate(pairs):

@@ -12,7 +12,7 @@ import numpy as np
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet import STORE
-from irbcal.fleet.comparison import Change, Pair, Sisters, agreeing, changes, standing_out
+from irbcal.fleet.comparison import Change, DatedPair, Sisters, agreeing, changes, standing_out
 from irbcal.fleet.listing import Overview
 from irbcal.fleet.store import TOGETHER, Dated, Store, opened
 from irbcal.fleet.store_page import render_store
@@ -84,7 +84,7 @@ def _steps(
     steps: list[Change] = []
     fleet: list[Dated] = []
     changed: list[tuple[int, Dated]] = []
-    pairs: list[Pair] = []
+    pairs: list[DatedPair] = []
 
     def compare() -> None:
         for step, (_, second) in zip(changes(pairs), pairs, strict=True):

@@ -12,7 +12,7 @@ from irbcal.errors import OptionError
 from irbcal.modeling.levels import LEVELS as LEVELS
 from irbcal.modeling.levels import Level as Level
 
-Method: TypeAlias = Literal["least-squares", "circles", "nelder-mead"]
+FitMethod: TypeAlias = Literal["least-squares", "circles", "nelder-mead"]
 """How to identify: Gauss-Newton; directly from the circles of one-joint moves; the search of the thesis."""
 
 Objective: TypeAlias = Literal["rms", "max", "pnorm"]
@@ -23,7 +23,7 @@ Loss: TypeAlias = Literal["linear", "soft_l1", "huber"]
 
 RobustLoss: TypeAlias = Literal["soft_l1", "huber"]
 
-Model: TypeAlias = Literal["auto", "best-level", "nominal", "11", "16", "26", "34", "34b", "offsets", "placement"]
+ModelName: TypeAlias = Literal["auto", "best-level", "nominal", "11", "16", "26", "34", "34b", "offsets", "placement"]
 """A level; the average of error models by their evidence (``auto``); or the level that cross-validation chooses."""
 
 Terms: TypeAlias = Literal["joint-map", "all"]
@@ -32,10 +32,10 @@ Terms: TypeAlias = Literal["joint-map", "all"]
 Parallel: TypeAlias = Literal["hayati", "forced"]
 """What becomes of nearly parallel axes: the tilt between them is kept, or they get one direction."""
 
-METHODS: tuple[Method, ...] = get_args(Method)
+METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 LOSSES: tuple[Loss, ...] = get_args(Loss)
-MODELS: tuple[Model, ...] = get_args(Model)
+MODELS: tuple[ModelName, ...] = get_args(ModelName)
 TERMS: tuple[Terms, ...] = get_args(Terms)
 
 

@@ -34,7 +34,7 @@ from irbcal.identification.feature_problem import (
     TOOL,
     FeatureProblem,
     FeatureState,
-    Key,
+    UnknownKey,
     refuse_undetermined,
 )
 from irbcal.identification.fit_sections import ModelAverage, ParameterReport
@@ -164,7 +164,7 @@ class FeatureFit(EvidenceFit):
     step_covariance: FloatArray
     """Shape (flat + terms, flat + terms). Of steps of the problem's flat unknowns and coefficients, SI units."""
 
-    def std_of(self, key: Key) -> FloatArray:
+    def std_of(self, key: UnknownKey) -> FloatArray:
         """Standard deviations of an unknown of tool or features, SI units."""
         shape, at = self.problem.layout[key]
         variances = np.diagonal(self.step_covariance)[at : at + DIMENSIONS[shape]]

@@ -21,7 +21,8 @@ from irbcal.identification import observations
 from irbcal.identification.evidence_maximisation import NormalEquations
 from irbcal.identification.initial_guess import first_state
 from irbcal.identification.linear_model import Rows
-from irbcal.identification.observations import KINDS, Kind, Observed, Residuals, Shape
+from irbcal.identification.observation_kind import UnknownShape
+from irbcal.identification.observations import KINDS, Kind, Observed, Residuals
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.points import PointSet
@@ -48,17 +49,17 @@ ROW_U95 = 0.1 * MM
 RAD = 1e-3
 """Radians: the unit of turns that have no prior."""
 
-Key: TypeAlias = tuple[str, str]
+UnknownKey: TypeAlias = tuple[str, str]
 """Name of an unknown, and its feature or target: ``("centre", "A")``, ``("tool", "ball")``, ``("base", "")``."""
 
-BASE: Key = ("base", "")
+BASE: UnknownKey = ("base", "")
 """The robot base in the measuring frame."""
 STANDING = (cell_graph.BASE, cell_graph.FLOOR)
 """Frames whose points are places of features."""
 TOOL, FRAME, SCREW = "tool", "frame", "screw"
 
 
-def edge_key(edge: Edge) -> Key:
+def edge_key(edge: Edge) -> UnknownKey:
     """Key of an unknown edge."""
     return (SCREW, edge.child) if edge.e is not None else BASE if edge.child == cell_graph.BASE else (FRAME, edge.child)
 
@@ -67,7 +68,7 @@ def edge_key(edge: Edge) -> Key:
 class FeatureState:
     """One candidate."""
 
-    values: Mapping[Key, FloatArray]
+    values: Mapping[UnknownKey, FloatArray]
     """Unknowns of frames, tool and features by their key."""
     coefficients: FloatArray
     """Shape (terms,). SI units."""
@@ -95,11 +96,11 @@ class Group:
     """Whose point is looked at: the flange, the frame of a tool, or the base, which carries places."""
 
     @property
-    def point(self) -> Key:
+    def point(self) -> UnknownKey:
         """Key of the point that is looked at."""
         return ("centre" if self.carrier in STANDING else TOOL, self.target)
 
-    def keys(self) -> dict[str, Key]:
+    def keys(self) -> dict[str, UnknownKey]:
         """Its unknowns by their name in the kind."""
         out, fixed = {}, self.kind.fixed(self.feature)
         for name, unknown in self.kind.unknowns.items():
@@ -166,7 +167,7 @@ class FeatureProblem:
         arm: Arm,
         rows: FeatureSet,
         terms: Sequence[Term],
-        fixed: Mapping[Key, FloatArray] | None = None,
+        fixed: Mapping[UnknownKey, FloatArray] | None = None,
         edges: Sequence[Edge] = (),
         robot: Robot | None = None,
     ) -> None:
@@ -179,7 +180,7 @@ class FeatureProblem:
         for name in [name for name in named if name not in joined]:
             self.edges.append(Edge(WORLD, cell_graph.BASE) if name == WORLD else Edge(cell_graph.BASE, name))
         self.framed = WORLD in named
-        shapes: dict[Key, tuple[Shape, str]] = {}
+        shapes: dict[UnknownKey, tuple[UnknownShape, str]] = {}
         for edge in self.edges:
             if edge is not ARM and edge.T is None:
                 shapes[edge_key(edge)] = "frame" if edge.e is None else "screw", "m"
@@ -190,7 +191,7 @@ class FeatureProblem:
                 unknown = group.kind.unknowns[name]
                 shapes.setdefault(key, (unknown.shape, unknown.unit))
         order = {"base": 0, FRAME: 1, TOOL: 2, "axes": 3}
-        self.layout: dict[Key, tuple[Shape, int]] = {}
+        self.layout: dict[UnknownKey, tuple[UnknownShape, int]] = {}
         """Key -> (shape, first column)."""
         units: list[FloatArray] = []
         for key in sorted(shapes, key=lambda key: order.get(key[0], 4)):
@@ -616,7 +617,9 @@ FALL = 1e-10
 """Relative fall of the sum of squares below which it has arrived."""
 
 
-def start(problem: FeatureProblem, near: Mapping[Key, FloatArray] | None = None, steps: int = STEPS) -> FeatureState:
+def start(
+    problem: FeatureProblem, near: Mapping[UnknownKey, FloatArray] | None = None, steps: int = STEPS
+) -> FeatureState:
     """The robot as it is, placed among the features: no guess is needed, but what is ``near`` goes before.
 
     So many ``steps`` at most are gone.

@@ -26,10 +26,10 @@ from irbcal.identification.choices import (
     LOSSES,
     METHODS,
     OBJECTIVES,
+    FitMethod,
     Goal,
     Level,
     Loss,
-    Method,
     Objective,
     Parallel,
 )
@@ -84,7 +84,7 @@ class Fit(Result):
     solution: least_squares.Solution[State]
     stiffness_guess: Stiffness | None
     """Physical guess that names the stiffness parameters; None for levels without stiffness."""
-    method: Method = "least-squares"
+    method: FitMethod = "least-squares"
     objective: Objective = "rms"
     """How it was identified and what was minimised."""
     least_squares: Fit | None = None
@@ -424,7 +424,7 @@ def identify_by(
     arm: Arm,
     points: PointSet,
     level: Level = "34",
-    method: Method = "least-squares",
+    method: FitMethod = "least-squares",
     objective: Objective = "rms",
     power: float = 8.0,
     loss: Loss = "linear",
@@ -495,7 +495,7 @@ def identify_by(
     return _moved(base, robust.solve_loss(problem, solution, loss, record=course.record), course)
 
 
-def _check(level: Level, method: Method, objective: Objective, loss: Loss) -> None:
+def _check(level: Level, method: FitMethod, objective: Objective, loss: Loss) -> None:
     """Refuse options that do not exist or contradict one another."""
     checked("level", level, LEVELS)
     Goal(checked("objective", objective, OBJECTIVES), loss=checked("loss", loss, LOSSES))
@@ -505,7 +505,7 @@ def _check(level: Level, method: Method, objective: Objective, loss: Loss) -> No
         )
 
 
-def _measure(method: Method, objective: Objective, power: float) -> Callable[[FloatArray], float]:
+def _measure(method: FitMethod, objective: Objective, power: float) -> Callable[[FloatArray], float]:
     """What the history calls the objective."""
     if method == "nelder-mead" or objective == "max":
         return largest

@@ -481,7 +481,7 @@ SUPPORT = 1e-3
 
 T = TypeVar("T")
 
-Record: TypeAlias = Callable[[int, S], None]
+RecordStep: TypeAlias = Callable[[int, S], None]
 """Called with iteration and state."""
 
 
@@ -543,7 +543,7 @@ def line_search(trial: Callable[[float], T], accepted: Callable[[T, float], bool
     return None
 
 
-def solve(problem: Problem, state: State, record: Record[State] | None = None) -> Solution[State]:
+def solve(problem: Problem, state: State, record: RecordStep[State] | None = None) -> Solution[State]:
     """Minimise the sum of squared distances from a start.
 
     Parameters

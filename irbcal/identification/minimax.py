@@ -35,7 +35,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, row_arithmetic
 from irbcal.errors import IdentificationError
-from irbcal.identification.least_squares import Record, S, Solution, VectorProblem, distances, largest, line_search
+from irbcal.identification.least_squares import RecordStep, S, Solution, VectorProblem, distances, largest, line_search
 from irbcal.identification.problem import Problem, State
 from irbcal.units import DEG, MM
 
@@ -244,7 +244,7 @@ def solve(
     solution: Solution[S],
     start: S | None = None,
     tolerance: float = TOLERANCE,
-    record: Record[S] | None = None,
+    record: RecordStep[S] | None = None,
 ) -> Solution[S]:
     """Minimise the largest distance (Nubiola 2011, eqs. 3.35 and 3.36), with a certificate.
 
@@ -313,7 +313,7 @@ def _by_parts(
     solution: Solution[State],
     state: State,
     tolerance: float,
-    record: Record[State] | None,
+    record: RecordStep[State] | None,
 ) -> Solution[State]:
     """The same for many poses: for those with the largest distances, and others as they come to be the largest.
 
@@ -417,7 +417,7 @@ def nelder_mead(
     iterations: int = ITERATIONS,
     simplex: float = SIMPLEX,
     objective: Callable[[FloatArray], float] = largest,
-    record: Record[State] | None = None,
+    record: RecordStep[State] | None = None,
 ) -> Solution[State]:
     """Search for a smaller objective without derivatives (Nubiola 2011, sections 3.5 and 7.3).
 

@@ -17,11 +17,19 @@ from irbcal.units import DEG, MM
 LEVER = 0.3
 """Metres per radian: a turn counts as the motion of a point this far away."""
 
-Shape: TypeAlias = Literal["place", "number", "turn", "axis", "line", "frame", "screw"]
+UnknownShape: TypeAlias = Literal["place", "number", "turn", "axis", "line", "frame", "screw"]
 """What an unknown is: a place (3,), a number (1,), a rotation (3, 3), an axis (its third column, (3, 3)), a line
 through a place (3, 4), a frame (4, 4), or the screw of an external axis (6,)."""
 
-DIMENSIONS: Mapping[Shape, int] = {"place": 3, "number": 1, "turn": 3, "axis": 2, "line": 4, "frame": 6, "screw": 6}
+DIMENSIONS: Mapping[UnknownShape, int] = {
+    "place": 3,
+    "number": 1,
+    "turn": 3,
+    "axis": 2,
+    "line": 4,
+    "frame": 6,
+    "screw": 6,
+}
 
 STEPS: Mapping[str, float] = {"m": MM, "rad": 1e-3, "px": 1.0, "": 1e-3}
 """Step of an unknown by its unit, that of one column of the linear model."""
@@ -34,7 +42,7 @@ SHOWN: Mapping[str, float] = {"m": MM, "rad": DEG, "px": 1.0, "": 1.0}
 class Unknown:
     """An unknown of a kind."""
 
-    shape: Shape
+    shape: UnknownShape
     of: Literal["feature", "target"] = "feature"
     """Whether each ``feature`` has its own, or each ``target`` of the tool."""
     unit: Literal["m", "rad", "px", ""] = "m"
@@ -145,7 +153,7 @@ class Kind(ABC):
         return None
 
 
-def moved(shape: Shape, value: FloatArray, step: FloatArray) -> FloatArray:
+def moved(shape: UnknownShape, value: FloatArray, step: FloatArray) -> FloatArray:
     """An unknown after a step; turns step on the left, axes and frames in their own axes."""
     if shape in ("place", "number", "screw"):
         return value + step

@@ -27,7 +27,6 @@ from irbcal.identification.observation_kind import (
     Kind,
     Observed,
     Residuals,
-    Shape,
     Unknown,
     ball,
     ball_tool,
@@ -46,7 +45,17 @@ from irbcal.identification.pixels import Depth, DepthOnTool, Pixel, PixelOnTool
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
 
-__all__ = ["DIMENSIONS", "KINDS", "STEPS", "Kind", "Observed", "Residuals", "Shape", "cross", "length_misses", "moved"]
+__all__ = [
+    "DIMENSIONS",
+    "KINDS",
+    "STEPS",
+    "Kind",
+    "Observed",
+    "Residuals",
+    "cross",
+    "length_misses",
+    "moved",
+]
 
 
 class Point(Kind):

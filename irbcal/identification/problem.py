@@ -162,7 +162,7 @@ class State:
         return np.concatenate([self.others, self.T_world_base[None]])
 
 
-Key: TypeAlias = tuple[str, bool]
+BlockKey: TypeAlias = tuple[str, bool]
 """How a joint's frame moves: one of `AXES`, and whether as a frame term does (after Hayati's tilt, before the turn)."""
 
 
@@ -172,7 +172,7 @@ class _Layout:
 
     constant: Mapping[str, tuple[IntArray, IntArray]]
     """Axis -> columns, and their joints: arrays of int."""
-    moving: Sequence[tuple[int, Key, tuple[int, ...], int]]
+    moving: Sequence[tuple[int, BlockKey, tuple[int, ...], int]]
     """Of each other column its number, motion, joints and row among the values."""
 
 
@@ -587,13 +587,13 @@ class Problem:
             rows = np.flatnonzero(target == k)
             J[start + 3 * slot : start + 3 * slot + 3, :, rows] = length * path.tip[:3, :, turned[rows]]
 
-        def turn(key: Key) -> FloatArray | None:
+        def turn(key: BlockKey) -> FloatArray | None:
             return None if key[0][0] == "t" else length * _axis(path, key)[0][..., turned]
 
         _fill(J[self.outer :], layout, turn, values[:, turned] if layout.moving else values)
 
 
-def _fill(J: FloatArray, layout: _Layout, motion: Callable[[Key], FloatArray | None], values: FloatArray) -> None:
+def _fill(J: FloatArray, layout: _Layout, motion: Callable[[BlockKey], FloatArray | None], values: FloatArray) -> None:
     """Fill derivatives by terms, (terms, 3, …).
 
     Parameters
@@ -617,7 +617,7 @@ def _fill(J: FloatArray, layout: _Layout, motion: Callable[[Key], FloatArray | N
             np.multiply(along, values[row], out=J[slot])
 
 
-def _axis(path: dhm.ChainFrames | chain.Walk, key: Key) -> tuple[FloatArray, FloatArray]:
+def _axis(path: dhm.ChainFrames | chain.Walk, key: BlockKey) -> tuple[FloatArray, FloatArray]:
     """Axis and origin of a motion of each joint's frame, shape (joints, 3, f)."""
     axis, frame_term = key
     number = AXES.index(axis)
@@ -627,7 +627,7 @@ def _axis(path: dhm.ChainFrames | chain.Walk, key: Key) -> tuple[FloatArray, Flo
     return pairs[number % 3]
 
 
-def _point_motion(path: dhm.ChainFrames | chain.Walk, p: FloatArray, key: Key) -> FloatArray:
+def _point_motion(path: dhm.ChainFrames | chain.Walk, p: FloatArray, key: BlockKey) -> FloatArray:
     """Derivative of points (3, t, f) by a motion of each joint's frame, shape (joints, 3, t or 1, f)."""
     axis, origin = _axis(path, key)
     return axis[:, :, None] if key[0][0] == "t" else _turned(axis, origin, p)

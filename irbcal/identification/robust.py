@@ -26,7 +26,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification.choices import RobustLoss
 from irbcal.identification.least_squares import (
-    Record,
+    RecordStep,
     S,
     Solution,
     VectorProblem,
@@ -55,7 +55,7 @@ def solve_p_norm(
     solution: Solution[S],
     p: float = 8.0,
     start: S | None = None,
-    record: Record[S] | None = None,
+    record: RecordStep[S] | None = None,
 ) -> Solution[S]:
     """Minimise the p-norm of the distances by Newton steps of its convex model.
 
@@ -170,7 +170,7 @@ def solve_loss(
     solution: Solution[S],
     loss: RobustLoss = "soft_l1",
     scale: float | None = None,
-    record: Record[S] | None = None,
+    record: RecordStep[S] | None = None,
 ) -> Solution[S]:
     """Minimise a robust loss of the distances by iteratively reweighted Gauss-Newton.
 

@@ -60,7 +60,7 @@ def read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatAr
     try:
         if binary_stl:
             facets = np.frombuffer(data, np.dtype([("numbers", "<f4", (4, 3)), ("attribute", "<u2")]), offset=84)
-            parts: Iterable[Part] = [(facets["numbers"][:, 1:].astype(float), None)] if len(facets) else []
+            parts: Iterable[MeshPart] = [(facets["numbers"][:, 1:].astype(float), None)] if len(facets) else []
         elif ending == "dae":
             parts = _collada_parts(data)
         else:
@@ -84,11 +84,11 @@ def read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatAr
     return triangles[good], colours[good] if coloured else None
 
 
-Part: TypeAlias = tuple[FloatArray, FloatArray | None]
+MeshPart: TypeAlias = tuple[FloatArray, FloatArray | None]
 """Triangles (m, 3, 3) and their colours: one, (3,), or each its own, (m, 3); None where the file says none."""
 
 
-def _collada_parts(data: bytes) -> Iterator[Part]:
+def _collada_parts(data: bytes) -> Iterator[MeshPart]:
     """Parts of a COLLADA file; textures are white, as trimesh shows them without the files that they name."""
     import collada
     from collada import scene
@@ -119,7 +119,7 @@ def _collada_parts(data: bytes) -> Iterator[Part]:
                 yield triangles, colour
 
 
-def _scene_parts(scene: Any) -> Iterator[Part]:
+def _scene_parts(scene: Any) -> Iterator[MeshPart]:
     for node in scene.graph.nodes_geometry:
         T, name = scene.graph[node]
         mesh = scene.geometry[name]

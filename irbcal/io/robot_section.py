@@ -23,9 +23,9 @@ from irbcal.units import DEG, MM
 
 Three: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 """A place, or three angles."""
-Quaternion: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
+Four: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
 """Scalar first."""
-Matrix: TypeAlias = Annotated[list[Quaternion], Field(min_length=4, max_length=4)]
+FourByFour: TypeAlias = Annotated[list[Four], Field(min_length=4, max_length=4)]
 """A rigid frame, row by row."""
 
 
@@ -96,7 +96,7 @@ def _transform(pose: PoseSection) -> FloatArray:
     return pose.transform()
 
 
-Pose: TypeAlias = Annotated[
+PoseMatrix: TypeAlias = Annotated[
     FloatArray,
     GetPydanticSchema(
         lambda _, handler: core_schema.no_info_after_validator_function(
@@ -125,8 +125,8 @@ class RobotSection(Section):
     joint_types: list[Literal["revolute", "prismatic"]]
     lower: list[float | None]
     upper: list[float | None]
-    base_to_frame0: Matrix
-    last_frame_to_tip: Matrix
+    base_to_frame0: FourByFour
+    last_frame_to_tip: FourByFour
     dhm_nominal: list[DhmRow]
     dhm_calibrated: list[DhmRow]
     coupling: list[list[float]] | None = None
@@ -216,7 +216,7 @@ class Placement(Section):
 
     base: PoseSection
     targets: dict[Name, Three]
-    target_quaternions: dict[Name, Quaternion]
+    target_quaternions: dict[Name, Four]
 
     @staticmethod
     def of(robot: Robot) -> Placement:

@@ -69,7 +69,7 @@ class SessionSection(Section):
     base: PoseSection
 
 
-class Objective(Section):
+class ReachedObjective(Section):
     """What was minimised and what was reached."""
 
     name: Literal["rms", "max", "pnorm"]
@@ -126,7 +126,7 @@ class Record(Section):
     joint_origins: list[JointOrigin]
     model: Word
     method: Word
-    objective: Objective
+    objective: ReachedObjective
     choice: LevelChoice | AverageChoice | None
     evidence: ModelAverage | None
     rank: int

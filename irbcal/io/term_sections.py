@@ -38,7 +38,7 @@ def _understood(terms: list[TermEntry]) -> list[TermEntry]:
     return terms
 
 
-Terms: TypeAlias = Annotated[list[TermEntry], AfterValidator(_understood)]
+TermEntries: TypeAlias = Annotated[list[TermEntry], AfterValidator(_understood)]
 
 
 class TermVector(Section):
@@ -66,7 +66,7 @@ class JointMapSection(Section):
     schema_name: Literal["irbcal-joint-map-1"] = Field(alias="schema")
     inputs: list[Word]
     gravity: list[float] = Field(min_length=3, max_length=3)
-    terms: Terms
+    terms: TermEntries
     ranges: list[list[float]] | None = Field(default=None, min_length=2, max_length=2)
     payload_kg: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
     test_vectors: list[TermVector]
@@ -133,7 +133,7 @@ class FrameTermsSection(Section):
     median_mm: float
     largest_mm: float
     gravity: list[float] = Field(min_length=3, max_length=3)
-    terms: Terms
+    terms: TermEntries
     test_vectors: list[FrameVector]
 
     @staticmethod

@@ -74,7 +74,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, Shape, span
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, span
 from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import DEG, MM
 
@@ -504,7 +504,7 @@ def _named(source: str, function: Callable[..., T], *arguments: Any) -> T:
         raise IdentificationError(str(error), file=source) from None
 
 
-DIRECTIONS: tuple[tuple[float, str, Shape, str], ...] = (
+DIRECTIONS: tuple[tuple[float, str, MarkerShape, str], ...] = (
     (1.0, "below", "^", "reached from below"),
     (-1.0, "above", "v", "reached from above"),
     (0.0, "unknown", "o", "direction not known"),

@@ -42,8 +42,8 @@ from irbcal.units import DEG, MM
 if TYPE_CHECKING:
     import pandas as pd
 
-Part: TypeAlias = Literal["base", "tool", "links"]
-PARTS: tuple[Part, ...] = get_args(Part)
+IdentifiedPart: TypeAlias = Literal["base", "tool", "links"]
+PARTS: tuple[IdentifiedPart, ...] = get_args(IdentifiedPart)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,7 +145,7 @@ def circles(
     measurements: MeasurementsLike,
     robot: str | Path | Arm,
     *,
-    part: Part | None = None,
+    part: IdentifiedPart | None = None,
     parallel: Parallel = "hayati",
     tolerance: float = PARALLEL,
     drawn: str | Path | Mapping[str, ArrayLike] | None = None,
@@ -222,7 +222,7 @@ def circles(
     return ByCircles(arm.name, base, tool, links, cad_xyz, cleaned.excluded, tuple(cleaned.notes), measured.simulated)
 
 
-def _possible(part: Part, arm: Arm, points: PointSet) -> bool:
+def _possible(part: IdentifiedPart, arm: Arm, points: PointSet) -> bool:
     """Whether the groups of a part are there."""
     n, groups = len(arm.joint_names), {str(group) for group in points.groups}
     needed = {"base": (1, 2), "tool": (n - 1, n), "links": range(1, n + 1)}[part]

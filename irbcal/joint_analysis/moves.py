@@ -21,8 +21,8 @@ from irbcal.identification.evidence_maximisation import (
 from irbcal.joint_analysis.series import Series, error_size, home_poses, one_series, series_dict
 from irbcal.joint_analysis.terms import (
     HIGHEST_FREQUENCY,
+    EffectKind,
     JointTerm,
-    Kind,
     best_frequency,
     evidence_in_words,
     fourier_columns,
@@ -216,7 +216,7 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
     )
 
 
-def _log_evidence(beside: FloatArray, X: FloatArray, y: FloatArray, kind: Kind, lever: float) -> float:
+def _log_evidence(beside: FloatArray, X: FloatArray, y: FloatArray, kind: EffectKind, lever: float) -> float:
     """Log evidence of a term beside what has no prior, of angles in radians with one weight."""
     mm = lever / MM
     J = np.concatenate([beside.T, X.T * SIZES[kind]]) * mm
@@ -299,7 +299,7 @@ class _Levels:
         C = sigma2 * P @ P.T + S @ self.covariance @ S.T
         return _Fit(beta, C, freedom, sigma2)
 
-    def evidence(self, kind: Kind, X: FloatArray, lever: float) -> float:
+    def evidence(self, kind: EffectKind, X: FloatArray, lever: float) -> float:
         """Log evidence of a term beside the series' zeros, nats."""
         variance = self.fit(X).variance
         size = np.sqrt(variance)
@@ -308,7 +308,7 @@ class _Levels:
 
 
 def _term_of_levels(
-    kind: Kind,
+    kind: EffectKind,
     joint: int,
     names: tuple[str, ...],
     X: FloatArray,

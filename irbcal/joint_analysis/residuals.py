@@ -30,8 +30,8 @@ from irbcal.identification.linear_model import Linearisation
 from irbcal.joint_analysis.moves import beyond_reading
 from irbcal.joint_analysis.terms import (
     HIGHEST_FREQUENCY,
+    EffectKind,
     JointTerm,
-    Kind,
     best_frequency,
     evidence_in_words,
     finite,
@@ -99,7 +99,7 @@ class ResidualAnalysis(Result):
         """The terms that the robot needs, those that move the points most first."""
         return tuple(sorted((term for term in self.terms if term.needed), key=lambda term: -term.moves))
 
-    def of(self, kind: Kind) -> dict[int | None, JointTerm]:
+    def of(self, kind: EffectKind) -> dict[int | None, JointTerm]:
         """JointTerms of one kind, by joint."""
         return {term.joint: term for term in self.terms if term.kind == kind}
 
@@ -143,7 +143,7 @@ class ResidualAnalysis(Result):
 class _Candidate(NamedTuple):
     """Terms of one kind at one joint, and what a value as people are told of it is of the terms' coefficients."""
 
-    kind: Kind
+    kind: EffectKind
     joint: int | None
     names: tuple[str, ...]
     terms: Sequence[Term] = ()

@@ -20,7 +20,7 @@ CONFIDENCE = 0.95
 LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.5, 120.0
 """Periods per turn between which a free frequency is looked for."""
 
-Kind: TypeAlias = Literal["backlash", "move", "gain", "fourier", "gravity", "stiffness"]
+EffectKind: TypeAlias = Literal["backlash", "move", "gain", "fourier", "gravity", "stiffness"]
 Judgement: TypeAlias = Literal["needed", "not needed", "not tested"]
 Slides: TypeAlias = "BoolArray | Sequence[bool]"
 """Of each joint, whether it is prismatic; empty where all turn."""
@@ -30,7 +30,7 @@ Slides: TypeAlias = "BoolArray | Sequence[bool]"
 class JointTerm(Result):
     """One non-geometric effect: its size, and whether the joint needs it."""
 
-    kind: Kind
+    kind: EffectKind
     """``backlash`` (reached from above minus from below, Nubiola 2011, section 4.2), ``move`` (error per radian of the
     last move), ``gain`` (eq. 3.31), ``fourier`` (section 5.2), ``gravity`` (one period a turn for each home pose of
     joints 2 and 3; of any poses the levers of the links) or ``stiffness`` (A and B, see `irbcal.modeling.thesis_map`).

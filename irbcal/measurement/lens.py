@@ -36,7 +36,7 @@ BETTER = 0.02
 """By how much `FARTHEST` must make it smaller: beyond the corners that were seen it goes anywhere."""
 FARTHEST = "k3"
 
-Corners: TypeAlias = "tuple[FloatArray, FloatArray]"
+BoardCorners: TypeAlias = "tuple[FloatArray, FloatArray]"
 """Of a picture: places on the board (n, 2), metres, and in the picture (n, 2), pixels."""
 
 
@@ -109,7 +109,7 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
     uv = np.column_stack([table.numbers("u_px"), table.numbers("v_px")])
     number = table.numbers("corner").astype(int)
     pose, shown_at = table.texts("pose"), table.texts("feature")
-    shown: dict[str, dict[str, Corners]] = {}
+    shown: dict[str, dict[str, BoardCorners]] = {}
     sizes: dict[str, tuple[int, int]] = {}
     for row in unknown:
         board, size, camera = imaging.board_of(row), imaging.size_of(row), imaging.camera_and_board(row)[0]
@@ -165,7 +165,12 @@ def with_numbers(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataF
 
 
 def calibrated(
-    cv2: Any, camera: str, size: tuple[int, int], shown: Mapping[str, Corners], source: str, fit: Sequence[str] = ()
+    cv2: Any,
+    camera: str,
+    size: tuple[int, int],
+    shown: Mapping[str, BoardCorners],
+    source: str,
+    fit: Sequence[str] = (),
 ) -> Lens:
     """A camera's lens from corners by their pictures, with each part of the pictures left out in turn.
 
@@ -208,7 +213,7 @@ def _rms(pixels: FloatArray, count: FloatArray) -> float:
 
 
 def _fit(
-    cv2: Any, views: Sequence[Corners], size: tuple[int, int], distortion: str, source: str
+    cv2: Any, views: Sequence[BoardCorners], size: tuple[int, int], distortion: str, source: str
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Numbers (9,), their half-widths, and what each picture misses; pixels."""
     free = distortion.split()

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from irbcal.modeling.dhm import DHMTable
     from irbcal.modeling.thesis_map import ThesisMap
 
-Kind: TypeAlias = Literal["alpha", "a", "theta", "d", "beta", "b", "stiffness", "fourier", "gain"]
+ParameterKind: TypeAlias = Literal["alpha", "a", "theta", "d", "beta", "b", "stiffness", "fourier", "gain"]
 """What an error parameter changes: a column of the DHM table, or an array of the joint map."""
 
 Unit: TypeAlias = Literal["m", "rad", "1"]
 """SI unit of an error parameter."""
 
-GEOMETRIC: tuple[Kind, ...] = ("alpha", "a", "theta", "d", "beta", "b")
+GEOMETRIC: tuple[ParameterKind, ...] = ("alpha", "a", "theta", "d", "beta", "b")
 """Columns of the DHM table."""
 
 FOURIER = ("a1", "b1", "a2", "b2")
@@ -52,7 +52,7 @@ class Parameter:
 
     name: str
     """``delta_theta3``, ``stiffness_A``, ``fourier_b2``, ``gain4``."""
-    kind: Kind
+    kind: ParameterKind
     """Column of the DHM table, ``stiffness``, ``fourier`` or ``gain``."""
     index: int
     """Joint (from 0) or position in the joint map's array."""
@@ -149,7 +149,9 @@ def level_parameters(level: str, arm: Arm | None = None) -> tuple[Parameter, ...
     slides = np.zeros(6, dtype=bool) if arm is None else arm.table.prismatic
     names: list[str] = []
     for i in range(2, len(slides) + 1):
-        kinds: tuple[Kind, ...] = GEOMETRIC if level == "placement" else ("d",) if slides[i - 1] else ("theta",)
+        kinds: tuple[ParameterKind, ...] = (
+            GEOMETRIC if level == "placement" else ("d",) if slides[i - 1] else ("theta",)
+        )
         names += [f"delta_{kind}{i}" for kind in kinds]
     return tuple(parameter(name) for name in names)
 

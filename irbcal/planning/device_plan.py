@@ -26,7 +26,7 @@ from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
-from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, Key
+from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, UnknownKey
 from irbcal.identification.observation_kind import cross, vectors, with_third
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.measurement import features
@@ -153,7 +153,7 @@ class DeviceModel:
         table = rows_table(self.arm, found, q, which, values(self.arm, found, q, which))
         return self._rated(features.read(table, found.table(), self.arm), found.unknowns(), noise)
 
-    def _rated(self, seen: FeatureSet, unknowns: Mapping[Key, FloatArray], noise: float) -> Rated:
+    def _rated(self, seen: FeatureSet, unknowns: Mapping[UnknownKey, FloatArray], noise: float) -> Rated:
         seen = replace(seen, u95=np.full(len(seen), 1.96 * noise))
         problem = FeatureProblem(self.arm, seen, self.terms)
         target = str(seen.target[0])

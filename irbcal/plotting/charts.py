@@ -38,7 +38,7 @@ Paint: TypeAlias = Callable[[str], str]
 """Gives the colour of a role."""
 
 Anchor: TypeAlias = Literal["start", "middle", "end"]
-Shape: TypeAlias = Literal["o", "^", "v"]
+MarkerShape: TypeAlias = Literal["o", "^", "v"]
 Polyline: TypeAlias = "FloatArray | Sequence[tuple[float, float]]"
 
 
@@ -107,7 +107,7 @@ class Dots:
     colour: str
     size: float = 4.0
     opacity: float = 1.0
-    shape: Shape = "o"
+    shape: MarkerShape = "o"
     titles: Sequence[str] | None = None
 
     def svg(self, paint: Paint) -> str:
@@ -231,8 +231,8 @@ class Text:
 Mark: TypeAlias = "Lines | Dots | Boxes | Text"
 
 
-Kind: TypeAlias = Literal["png", "svg", "pdf"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+FileKind: TypeAlias = Literal["png", "svg", "pdf"]
+KINDS: tuple[FileKind, ...] = get_args(FileKind)
 SIMULATED = "SIMULATED data. "
 """Mark of charts of simulated data."""
 
@@ -301,7 +301,7 @@ class Chart:
         """Caption, legend and drawings as SVG."""
         return self.content("svg").decode("utf-8")
 
-    def content(self, kind: Kind) -> bytes:
+    def content(self, kind: FileKind) -> bytes:
         """A file of its own, on white, the same each time.
 
         Parameters

@@ -21,7 +21,7 @@ from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import WorstPose, errors_by_pose, vectors, workspace, worst_poses
 from irbcal.plotting.pose_sets import PoseErrors
 from irbcal.reports import report_page
-from irbcal.reports.languages import LANGUAGES, Language
+from irbcal.reports.languages import LANGUAGES, PageLanguage
 from irbcal.reports.report_page import as_csv
 from irbcal.reports.translated_pages import translated
 from irbcal.statistics import headed
@@ -51,7 +51,7 @@ def certificate(
     figures: str | Path | None = None,
     format: Literal["png", "svg"] | None = None,
     data: str | Path | None = None,
-    language: Language = "en",
+    language: PageLanguage = "en",
 ) -> dict[Path, tuple[str, ...]]:
     """Write an evaluation as a certificate: one page of HTML to print (A4) and to sign.
 

@@ -4,5 +4,5 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias, get_args
 
-Language: TypeAlias = Literal["en", "de", "fr", "ja", "zh"]
-LANGUAGES: tuple[Language, ...] = get_args(Language)
+PageLanguage: TypeAlias = Literal["en", "de", "fr", "ja", "zh"]
+LANGUAGES: tuple[PageLanguage, ...] = get_args(PageLanguage)

@@ -18,7 +18,7 @@ from irbcal.io.schema import Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
-from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, Shape, Text, fixed, up_to
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, Text, fixed, up_to
 from irbcal.plotting.pose_errors import (
     PoseErrorPlots,
     before_and_after,
@@ -155,7 +155,7 @@ def _named(drawing: Drawing, panel: Panel, gears: Sequence[GearWave], end: float
 
 # --- corrections of the joints ----------------------------------------------------------------------------
 
-SIDES: tuple[tuple[float, str, Shape, str], ...] = (
+SIDES: tuple[tuple[float, str, MarkerShape, str], ...] = (
     (1.0, "below", "^", "reached from below"),
     (-1.0, "above", "v", "reached from above"),
 )
@@ -373,7 +373,7 @@ def singular_values(observability: Observability) -> Chart:
     panel = Panel(drawing, (0.2, len(values) + 0.8), ends, "direction", "singular value (mm)", log=True, whole_x=True)
     number = np.arange(1, len(values) + 1)
     legend: list[LegendEntry] = []
-    kinds: tuple[tuple[BoolArray, str, Shape, str], ...] = (
+    kinds: tuple[tuple[BoolArray, str, MarkerShape, str], ...] = (
         (identified, "ink", "o", "seen"),
         (~identified, "accent", "v", f"held (below {floor:.2g} mm drawn there)"),
     )

@@ -18,7 +18,7 @@ from html.parser import HTMLParser
 from importlib.resources import files
 
 from irbcal.options import checked
-from irbcal.reports.languages import LANGUAGES, Language
+from irbcal.reports.languages import LANGUAGES, PageLanguage
 
 INLINE = frozenset(["a", "abbr", "b", "code", "em", "small", "span", "strong", "sub", "sup", "time"])
 """Elements that stand in the midst of a sentence."""
@@ -111,7 +111,7 @@ class Catalogue:
 
 
 @cache
-def catalogue(language: Language) -> Catalogue:
+def catalogue(language: PageLanguage) -> Catalogue:
     """The messages of a language."""
     import polib
 
@@ -238,7 +238,7 @@ class _Page(HTMLParser):
         return said
 
 
-def translated(page: str, language: Language) -> str:
+def translated(page: str, language: PageLanguage) -> str:
     """A page of this room in another language.
 
     Parameters

@@ -435,11 +435,11 @@ def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verifi
     Returns
     -------
     dict
-        STATS under ``uncorrected`` (distance from what was meant, without correction), ``expected`` (distance from
-        the calibrated model's prediction) and ``verified`` (distance from what was meant, with correction); the same
-        ``per_group``; ``command_mm``: largest distance by which the commands miss the calibration's own fake targets;
-        ``poses``: their numbers, and the names of those set aside because their commands are no fake targets of this
-        calibration, such as targets that could not be corrected.
+        Statistics of errors under ``uncorrected`` (distance from what was meant, without correction), ``expected``
+        (distance from the calibrated model's prediction) and ``verified`` (distance from what was meant, with
+        correction); the same ``per_group``; ``command_mm``: largest distance by which the commands miss the
+        calibration's own fake targets; ``poses``: their numbers, and the names of those set aside because their
+        commands are no fake targets of this calibration, such as targets that could not be corrected.
 
     Raises
     ------

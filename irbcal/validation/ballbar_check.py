@@ -500,7 +500,7 @@ def minus(first: Trace, second: Trace) -> Trace:
     return Trace(first.angle, first.error - second.at(first.angle), first.shift - second.shift)
 
 
-Run: TypeAlias = Literal["nominal", "fake"]
+RunName: TypeAlias = Literal["nominal", "fake"]
 
 SIDE, RIM = 520.0, 185.0
 """Side of the polar drawing and radius of its rim."""
@@ -536,7 +536,7 @@ class BallbarCheck(Result):
 
     bar: float
     prediction: BallbarPrediction
-    run: Run
+    run: RunName
     measured: dict[str, Trace]
     simulated: bool
     simulated_readings: bool = False
@@ -748,7 +748,7 @@ def ballbar(
     height: float = 0.0,
     tilt: float = 0.0,
     arcs: int = 6,
-    run: Run = "nominal",
+    run: RunName = "nominal",
     baseline: TableLike | None = None,
 ) -> BallbarCheck:
     """Radial errors of a circle as a ballbar shows them: nominal targets, fake targets, measured; joint reversals.
@@ -786,8 +786,8 @@ def ballbar(
     MeasurementError
         If the measured file does not keep the format or is of another circle.
     """
-    if run not in get_args(Run):
-        raise OptionError.unknown("run", run, get_args(Run))
+    if run not in get_args(RunName):
+        raise OptionError.unknown("run", run, get_args(RunName))
     if run == "fake" and not arcs:
         raise OptionError("fake targets were run in at least one arc", parameter="arcs")
     if not 0 <= number("arcs", arcs, whole=True) <= MOST_ARCS:

@@ -40,7 +40,7 @@ SHOWN = 12
 ROUND = 50e-6
 """Median distance that rounding and motion between two readings leave at most, metres."""
 
-Option = Literal["no sign of it", "seems to be on", "not to be told"]
+OptionState = Literal["no sign of it", "seems to be on", "not to be told"]
 """Whether an absolute-accuracy option seems to be on."""
 
 
@@ -70,7 +70,7 @@ class ControllerCheck(Result):
     fit: ControllerFit
     nominal: Arm
     labels: NameArray
-    absolute_accuracy: Option
+    absolute_accuracy: OptionState
     urdf: bytes
     urdf_source: str
     notes: tuple[str, ...]
@@ -236,7 +236,7 @@ def controller(
     )
 
 
-def _option(fit: ControllerFit) -> Option:
+def _option(fit: ControllerFit) -> OptionState:
     if float(np.median(fit.after[~fit.moment, 0])) > ROUND:
         return "not to be told"
     return "seems to be on" if fit.many else "no sign of it"

@@ -52,9 +52,9 @@ from irbcal.validation.judged_points import (
     PARTS,
     Asked,
     ByModel,
+    ErrorStatistics,
     JudgedPoints,
     PreparedPoints,
-    Statistics,
     joined_pieces,
     prepared,
 )
@@ -100,8 +100,8 @@ class Evaluation(Result):
         Where the judged poses are, and their share of the calibrated ranges.
     """
 
-    nominal: Statistics
-    calibrated: Statistics
+    nominal: ErrorStatistics
+    calibrated: ErrorStatistics
     per_target: Mapping[str, ByModel]
     per_group: Mapping[str, ByModel]
     per_payload: Mapping[str, ByModel]
@@ -282,7 +282,7 @@ def _verified_table(errors: Mapping[str, Any]) -> list[Paragraph]:
     return lines
 
 
-def statistics_table(title: str, entries: Sequence[tuple[str, str, Statistics]], bold: set[int]) -> Table:
+def statistics_table(title: str, entries: Sequence[tuple[str, str, ErrorStatistics]], bold: set[int]) -> Table:
     """Statistics in mm as a table: (label, model, statistics), equal labels once."""
     rows: list[tuple[Cell, ...]] = []
     previous, columns = None, headed("n", *FOUR, "rms")

@@ -45,8 +45,8 @@ from irbcal.validation.pose_check import (
     NO_ORIENTATION,
     PLANES,
     SET_SIZE,
+    CubePlane,
     FivePoses,
-    Plane,
     PoseCheck,
     check_poses,
     five_poses,
@@ -854,7 +854,7 @@ def iso9283_plan(
     center: ArrayLike | None = None,
     edge: float | None = None,
     inset: float = FRACTION,
-    plane: Plane = "x=z",
+    plane: CubePlane = "x=z",
     near: ArrayLike | None = None,
 ) -> FivePoses:
     """The test poses P1 to P5 of a robot and the joints that reach them (Table A I-1).

@@ -39,9 +39,9 @@ from irbcal.validation.frame_of_calibration import carrying, in_frame_of_calibra
 
 PARTS = ("per_target", "per_group", "per_payload", "per_group_payload")
 MODELS = ("nominal", "calibrated")
-Statistics: TypeAlias = Mapping[str, Any]
-"""STATS: n, mean_mm, sigma_mm, max_mm, mean_plus_3sigma_mm, rms_mm."""
-ByModel: TypeAlias = Mapping[str, Statistics]
+ErrorStatistics: TypeAlias = Mapping[str, Any]
+"""Statistics of errors by name: n, mean_mm, sigma_mm, max_mm, mean_plus_3sigma_mm, rms_mm."""
+ByModel: TypeAlias = Mapping[str, ErrorStatistics]
 """Statistics of the models ``nominal`` and ``calibrated``."""
 T = TypeVar("T")
 EVERY = slice(None)

@@ -63,9 +63,9 @@ FRACTION = float(0.1 * np.sqrt(2.0 / 3.0))
 ISO 9283 asks for (10 +- 2) %; the thesis's 91.9 mm (Table A I-1) are 10 % of the diagonal of a face.
 """
 
-Plane: TypeAlias = Literal["x=z", "x=-z", "y=z", "y=-z"]
+CubePlane: TypeAlias = Literal["x=z", "x=-z", "y=z", "y=-z"]
 
-PLANES: dict[Plane, tuple[tuple[int, int, int], ...]] = {
+PLANES: dict[CubePlane, tuple[tuple[int, int, int], ...]] = {
     "x=z": ((1, 1, 1), (1, -1, 1), (-1, -1, -1), (-1, 1, -1)),
     "x=-z": ((1, 1, -1), (1, -1, -1), (-1, -1, 1), (-1, 1, 1)),
     "y=z": ((1, 1, 1), (-1, 1, 1), (-1, -1, -1), (1, -1, -1)),
@@ -122,7 +122,7 @@ class FivePoses(Result):
 
 
 def cube_poses(
-    center: ArrayLike, edge: float, rotation: FloatArray, plane: Plane = "x=z", fraction: float = FRACTION
+    center: ArrayLike, edge: float, rotation: FloatArray, plane: CubePlane = "x=z", fraction: float = FRACTION
 ) -> FloatArray:
     """P1 in the centre of a cube parallel to the base, P2 to P5 on the diagonals of an inclined plane.
 
@@ -164,7 +164,7 @@ def five_poses(
     center: ArrayLike | None = None,
     edge: float | None = None,
     near: ArrayLike | None = None,
-    plane: Plane = "x=z",
+    plane: CubePlane = "x=z",
     fraction: float = FRACTION,
 ) -> FivePoses:
     """The five test poses and the joints that reach them; the tip keeps the orientation it has at ``near``.

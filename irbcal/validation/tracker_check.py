@@ -193,12 +193,12 @@ class PointRepeatability(Result):
         return distinct(self.position)
 
     def statistics(self, position: str) -> dict[str, Any]:
-        """STATS of the distances of one point, mm (Table A III-2); ``mean_plus_3sigma_mm`` is RP of ISO 9283."""
+        """Statistics of the distances of one point, mm (Table A III-2); ``mean_plus_3sigma_mm`` is RP of ISO 9283."""
         return dict(statistics(self.error[self.position == position]) or {})
 
     @property
     def per_position(self) -> dict[str, dict[str, Any]]:
-        """Mean ``x_mm``, ``y_mm``, ``z_mm`` (Table A III-1) and STATS of the distances of each point, mm."""
+        """Mean ``x_mm``, ``y_mm``, ``z_mm`` (Table A III-1) and statistics of the distances of each point, mm."""
         places = {name: self.xyz[self.position == name].mean(axis=0) / MM for name in self.positions()}
         return {name: dict(zip(POSITION, xyz, strict=True)) | self.statistics(name) for name, xyz in places.items()}
 
@@ -374,7 +374,7 @@ class PointDrift(Result):
 
     @property
     def statistics(self) -> Mapping[str, Any]:
-        """STATS of the distances from the mean, mm."""
+        """Statistics of the distances from the mean, mm."""
         return dict(statistics(self.error) or {})
 
     @property

@@ -30,7 +30,7 @@ from irbcal.validation.refit import Refit
 from irbcal.viewer import features as feature_views
 from irbcal.viewer import scene as point_sets
 from irbcal.viewer import shapes
-from irbcal.viewer.scene import CellFrame, Drawn, Mode, Model, PageScene, PlanLike, Points
+from irbcal.viewer.scene import CellFrame, Drawn, Mode, PageScene, PlanLike, Points, WhichModel
 from irbcal.viewer.shapes import Link, links, origin, reach, vector
 
 MAX_MESH_BYTES = 100_000_000
@@ -296,7 +296,7 @@ def build(
     meshes, problems = link_meshes(urdf, tree, opened.folder, folders)
     points_of = {} if opened.record is None else opened.record.reference_places()
     references = {name: frames.apply(T_scene_world, xyz[None])[0] for name, xyz in points_of.items()}
-    models: tuple[Model, ...] = ("nominal", "calibrated")
+    models: tuple[WhichModel, ...] = ("nominal", "calibrated")
     each = {} if points is None else {name: e for name in models if (e := points.distance(name)) is not None}
     errors = list(each.values()) or None
     size = reach(tree)

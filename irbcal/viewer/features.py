@@ -16,7 +16,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import feature_problem
-from irbcal.identification.feature_problem import BASE, TOOL, FeatureProblem, FeatureState, Key
+from irbcal.identification.feature_problem import BASE, TOOL, FeatureProblem, FeatureState, UnknownKey
 from irbcal.identification.feature_sections import FeatureRow, FeaturesSection
 from irbcal.identification.observation_kind import with_third
 from irbcal.identification.observations import KINDS
@@ -210,7 +210,7 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
     lengths = tuple(Length(length.name, length.first, length.second, length.length_mm * MM) for length in there_too)
     features = replace(features, lengths=lengths)
     _refuse_strangers(features, section, calibrated)
-    fitted: dict[Key, FloatArray] = {}
+    fitted: dict[UnknownKey, FloatArray] = {}
     for row in section.features:
         of_target = {name for name, unknown in KINDS[row.kind].unknowns.items() if unknown.of == "target"}
         for name, value in _unknowns(row).items():
@@ -285,9 +285,9 @@ def _refuse_strangers(features: FeatureSet, section: FeaturesSection, robot: Rob
             )
 
 
-def _tools(robot: Robot) -> dict[Key, FloatArray]:
+def _tools(robot: Robot) -> dict[UnknownKey, FloatArray]:
     """What a robot knows of its base and targets."""
-    out: dict[Key, FloatArray] = {BASE: robot.T_world_base}
+    out: dict[UnknownKey, FloatArray] = {BASE: robot.T_world_base}
     out |= {(TOOL, name): xyz for name, xyz in robot.targets.items()}
     return out | {("axes", name): turn for name, turn in robot.target_rotations.items()}
 

@@ -24,7 +24,7 @@ from irbcal.arrays import FloatArray
 from irbcal.page import DARK, ERRORS, LIGHT, rule
 from irbcal.units import DEG, MM
 from irbcal.viewer import features, shapes
-from irbcal.viewer.scene import Drawn, Model, PageScene, Points
+from irbcal.viewer.scene import Drawn, PageScene, Points, WhichModel
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # meshcat 0.3.2 imports zmq in a way that zmq regrets
@@ -354,7 +354,7 @@ def _points(points: Points) -> dict[str, Any]:
         "attitudes": {model: _floats(values) for model, values in points.attitudes.items()},
         "without": {family: _floats(shift) for family, shift in points.without.items()},
     }
-    models: tuple[Model, ...] = ("calibrated", "nominal")
+    models: tuple[WhichModel, ...] = ("calibrated", "nominal")
     return out | {f"error_{model}": _floats_if(points.error(model)) for model in models}
 
 

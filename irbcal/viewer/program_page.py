@@ -13,7 +13,7 @@ from irbcal.correction.filtered import Filtered
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG
 from irbcal.viewer.building import default_magnification, scale_top
-from irbcal.viewer.scene import Model, Points
+from irbcal.viewer.scene import Points, WhichModel
 from irbcal.viewer.view import View, view
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MOST_LEFT = 200
 """Targets that are left, and remarks on moves, that the page names."""
-MODELS: tuple[Model, Model] = ("nominal", "calibrated")
+MODELS: tuple[WhichModel, WhichModel] = ("nominal", "calibrated")
 """As the page names what is before and after a correction."""
 HOW_TO_READ = (
     "Points are the tool centre point at the targets: where it shall go, and where the calibrated robot takes it with "

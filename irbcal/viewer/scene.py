@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 Mode: TypeAlias = Literal["measured", "plan", "program", "sliders"]
-Model: TypeAlias = Literal["calibrated", "nominal"]
+WhichModel: TypeAlias = Literal["calibrated", "nominal"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +92,12 @@ class Points(Locked):
     without: Mapping[str, FloatArray] = field(default_factory=dict)
     """Values of shape (m, 3). How far calibrated points move without a family of terms, see `irbcal.viewer.scene`."""
 
-    def error(self, model: Model = "calibrated") -> FloatArray | None:
+    def error(self, model: WhichModel = "calibrated") -> FloatArray | None:
         """Measured minus modelled points, shape (m, 3), metres; None where one of them is not there."""
         modelled = self.calibrated if model == "calibrated" else self.nominal
         return None if self.measured is None or modelled is None else self.measured - modelled
 
-    def distance(self, model: Model = "calibrated") -> FloatArray | None:
+    def distance(self, model: WhichModel = "calibrated") -> FloatArray | None:
         """Length of the errors, shape (m,), metres; None where there are none."""
         error = self.error(model)
         return None if error is None else np.linalg.norm(error, axis=1)
@@ -151,7 +151,7 @@ class PageScene(Locked):
     scale_top: float
     """Error at the upper end of the colours, metres."""
     notes: tuple[str, ...] = ()
-    own_scales: Mapping[Model, tuple[float, float]] = field(default_factory=dict)
+    own_scales: Mapping[WhichModel, tuple[float, float]] = field(default_factory=dict)
     """Magnification and end of the colours for the errors of each model alone."""
     fitted: BoolArray | None = None
     """Shape (n,). Which poses the calibration was fitted to: their errors prove nothing. None where that is not known.
@@ -287,7 +287,9 @@ def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_worl
     )
 
 
-def _attitudes(robots: Mapping[Model, Robot], points: PointSet, T_scene_world: FloatArray) -> dict[str, FloatArray]:
+def _attitudes(
+    robots: Mapping[WhichModel, Robot], points: PointSet, T_scene_world: FloatArray
+) -> dict[str, FloatArray]:
     """Modelled target frames and how the measured ones are turned from them, see `Points`; empty without any."""
     if points.rotation is None or not points.oriented().any():
         return {}

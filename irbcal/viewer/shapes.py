@@ -195,7 +195,7 @@ def moved(triangles: FloatArray, xyz: ArrayLike) -> FloatArray:
     return triangles + np.asarray(xyz, dtype=float)
 
 
-Kind: TypeAlias = Literal["fixed", "revolute", "prismatic"]
+JointKind: TypeAlias = Literal["fixed", "revolute", "prismatic"]
 
 MOVING = ("revolute", "continuous", "prismatic")
 
@@ -209,7 +209,7 @@ class Link(Locked):
     """Place of the parent link in the list; -1 for the root."""
     T_parent_joint: FloatArray
     """Shape (4, 4)."""
-    kind: Kind = "fixed"
+    kind: JointKind = "fixed"
     """``fixed``, ``revolute`` (continuous ones too) or ``prismatic``."""
     axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     """Shape (3,)."""

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from irbcal.io.opening import RobotLike
     from irbcal.measurement.table import MeasurementsLike
     from irbcal.planning.measuring_plan import Plan
-    from irbcal.viewer.scene import Model, PageScene, PlanLike
+    from irbcal.viewer.scene import PageScene, PlanLike, WhichModel
 
 
 ADDRESS = "127.0.0.1"
@@ -360,7 +360,7 @@ class View(Result):
 def _errors(scene: PageScene) -> list[Paragraph]:
     """Errors of both models, of held-out and of fitted poses apart where these are known."""
     points = scene.points
-    models: tuple[Model, ...] = ("nominal", "calibrated")
+    models: tuple[WhichModel, ...] = ("nominal", "calibrated")
     assert points is not None
     errors = {model: error for model in models if (error := points.distance(model)) is not None}
     if not errors:

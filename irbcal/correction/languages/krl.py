@@ -261,8 +261,8 @@ POSE, JOINTS = ("x", "y", "z", "a", "b", "c"), ("a1", "a2", "a3", "a4", "a5", "a
 DECLARING = ("decl", "global", "const", "public")
 PLAIN = ("int", "real", "bool", "char", "signal", "struc", "enum", "ext", "extfct", "import", "load", "trigger_para")
 
-Index: TypeAlias = tuple[int, ...]
-Key: TypeAlias = tuple[str, str]
+ArrayIndex: TypeAlias = tuple[int, ...]
+VariableKey: TypeAlias = tuple[str, str]
 """File of the module (a stem in lower case, empty for global data) and name."""
 
 
@@ -289,11 +289,11 @@ class Variable:
 
     def __init__(self, spelling: str, type_name: str, file: int) -> None:
         self.spelling, self.type, self.part = spelling, type_name, file
-        self.entries: list[tuple[Index, Aggregate]] = []
+        self.entries: list[tuple[ArrayIndex, Aggregate]] = []
         """Literal values and their indices."""
         self.changes: list[int] = []
         """Where it gets another value."""
-        self.targets: dict[Index, Target] = {}
+        self.targets: dict[ArrayIndex, Target] = {}
         """Its targets."""
 
 
@@ -375,7 +375,7 @@ class KrlData:
 
     def __init__(self, listing: Listing, stems: list[str]) -> None:
         self.listing, self.stems = listing, stems
-        self.variables: dict[Key, Variable] = {}
+        self.variables: dict[VariableKey, Variable] = {}
 
     def lookup(self, file: int, name: str) -> Variable | None:
         """The variable that a name stands for in a file."""
@@ -415,7 +415,7 @@ class KrlData:
                 break
         return True
 
-    def value(self, variable: Variable, index: Index | None, line: TokenLine) -> None:
+    def value(self, variable: Variable, index: ArrayIndex | None, line: TokenLine) -> None:
         """A value of a variable: components in numbers, or something else."""
         at = line.next.start if line.next is not END else line.end
         braces = aggregate(line, self.listing)

@@ -45,7 +45,7 @@ from irbcal.correction.maker import (
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
 from irbcal.correction.paths import CutPath, PathMove
-from irbcal.correction.program import ControllerSetup, Kind, Note, Program, each_read, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, Program, TargetKind, each_read, read_bytes
 from irbcal.correction.text_program import (
     EXTERNAL_AXES,
     START,
@@ -147,14 +147,14 @@ _LIST, _NAME = TOKEN.groupindex["list"], TOKEN.groupindex["name"]
 _KINDS = ("", *sorted(TOKEN.groupindex, key=lambda kind: TOKEN.groupindex[kind]))
 
 
-Index: TypeAlias = tuple[int | None, ...]
+Subscripts: TypeAlias = tuple[int | None, ...]
 """Index of an element, each from 1; None where it is computed."""
 
 Scope: TypeAlias = "dict[str, RapidData]"
 """Data of a routine by their names in lower case."""
 
 
-def may_be(index: Index, index_of_other: Index) -> bool:
+def may_be(index: Subscripts, index_of_other: Subscripts) -> bool:
     """Whether two indices may name the same element; None, or no index at all, stands for any."""
     return all(a is None or b is None or a == b for a, b in zip(index, index_of_other, strict=False))
 
@@ -173,7 +173,7 @@ class Mention(NamedTuple):
 
     scope: Scope | None
     name: str
-    indices: Index
+    indices: Subscripts
     start: int
 
 
@@ -192,7 +192,7 @@ class Arg(NamedTuple):
 
     node: Node | None
     name: str | None
-    indices: Index
+    indices: Subscripts
     start: int
     text: str
     end: int
@@ -217,7 +217,7 @@ class Shifted(NamedTuple):
 
     move: int
     name: str
-    indices: Index
+    indices: Subscripts
     start: int
     in_tool: bool
     numbers: tuple[float, ...] | None
@@ -237,7 +237,7 @@ class Assignment(NamedTuple):
 
     scope: Scope | None
     name: str
-    indices: Index
+    indices: Subscripts
     node: Node | None
     start: int
 
@@ -250,20 +250,20 @@ class RapidData:
         spelling: str,
         type_name: str,
         start: int,
-        sizes: Index = (),
+        sizes: Subscripts = (),
         node: Node | None = None,
         computed: int | None = None,
         local: bool = False,
     ) -> None:
         self.spelling, self.type, self.start = spelling, type_name, start
         self.sizes, self.node, self.computed, self.local = sizes, node, computed, local
-        self.entries: list[tuple[Index, Literal]] = []  # filled by `literals`
-        self.changes: list[tuple[Index, int]] = []  # and the positions of computed values, too
-        self._places: dict[Index, list[int]] = {}
+        self.entries: list[tuple[Subscripts, Literal]] = []  # filled by `literals`
+        self.changes: list[tuple[Subscripts, int]] = []  # and the positions of computed values, too
+        self._places: dict[Subscripts, list[int]] = {}
         self._loose: list[int] = []
         self._known = 0
 
-    def literals(self, index: Index) -> list[Literal]:
+    def literals(self, index: Subscripts) -> list[Literal]:
         """Entries that an index may mean, in their order: looked up, not looked through, where it is plain numbers."""
         for k in range(self._known, len(self.entries)):
             at = self.entries[k][0]
@@ -437,7 +437,7 @@ class Reader:
     def _declaration(self, i: int) -> int:
         type_token, local = self._name(i + 1, "a data type"), self.tokens[i - 1].word == "local"
         name = self._name(i + 2, "a name")
-        sizes: Index = ()
+        sizes: Subscripts = ()
         node, computed = None, None
         i += 3
         if self.tokens[i].word == "{":
@@ -468,7 +468,7 @@ class Reader:
 
     def _assignment(self, i: int) -> int:
         name, constant = self.tokens[i], True
-        index: Index = ()
+        index: Subscripts = ()
         i += 1
         if self.tokens[i].word == "{":
             index, i = self._index(i)
@@ -584,7 +584,7 @@ class Reader:
             return None
         if any(token.word == "\\" for token in self.tokens[first:behind]):  # turned, too
             return None
-        index: Index = ()
+        index: Subscripts = ()
         k = first + 3
         if self.tokens[k].word == "{":
             index, k = self._index(k)
@@ -618,7 +618,7 @@ class Reader:
     def _arg(self, i: int, stops: tuple[str, ...], plain: bool) -> tuple[Arg, int]:
         """An argument that begins at token i; names count as mentioned unless this is what the move is about."""
         node, name, start = None, None, self.tokens[i].start
-        index: Index = ()
+        index: Subscripts = ()
         if self.tokens[i].word == "[":
             node, j = self._list(i)
         elif self.tokens[i].word == "*" and self.tokens[i + 1].word in stops:
@@ -682,7 +682,7 @@ class Reader:
         word = self.tokens[i].word
         return int(word) if self.tokens[i].kind == "number" and word.isdecimal() and len(word) < 10 else None
 
-    def _plain_index(self, i: int) -> Index:
+    def _plain_index(self, i: int) -> Subscripts:
         """Index such as ``{1,2}`` that begins at token i, if it is all of plain whole numbers; else empty."""
         index: list[int | None] = []
         while self.tokens[i].word == ("," if index else "{") and self._whole(i + 1) is not None:
@@ -760,7 +760,7 @@ class Reader:
             return Node(None, -number if self.tokens[i].word == "-" else number, start, end), j
         return Node(None, None, start, end), j
 
-    def _index(self, i: int) -> tuple[Index, int]:
+    def _index(self, i: int) -> tuple[Subscripts, int]:
         """Index that begins at token i: whole numbers, None for computed ones; and the number of the token behind."""
         indices: list[int | None] = []
         while not indices or self.tokens[i].word == ",":
@@ -780,9 +780,9 @@ class Reader:
         return 0
 
 
-KIND_OF: dict[str, Kind] = {"robtarget": "pose", "jointtarget": "joint"}
-TYPE_OF: dict[Kind, str] = {"pose": "robtarget", "joint": "jointtarget"}
-_PARTS: dict[Kind, tuple[tuple[int, str], ...]] = {
+KIND_OF: dict[str, TargetKind] = {"robtarget": "pose", "jointtarget": "joint"}
+TYPE_OF: dict[TargetKind, str] = {"pose": "robtarget", "joint": "jointtarget"}
+_PARTS: dict[TargetKind, tuple[tuple[int, str], ...]] = {
     "pose": ((3, "[x, y, z]"), (4, "[q1, q2, q3, q4]"), (4, "[cf1, cf4, cf6, cfx]"), (6, "[six external axes]")),
     "joint": ((6, "[six joints]"), (6, "[six external axes]")),
 }
@@ -862,7 +862,7 @@ class Literals:
         before = [scope for _, scope, start in self.reader.routines if start <= at]
         return before[-1] if before else None
 
-    def _assignment(self, scope: Scope | None, name: str, index: Index, node: Node | None, start: int) -> None:
+    def _assignment(self, scope: Scope | None, name: str, index: Subscripts, node: Node | None, start: int) -> None:
         data = self.reader.lookup(scope, name)
         if data is not None and data.type in KIND_OF and node is not None:
             self._fill(data, index, node)
@@ -872,7 +872,7 @@ class Literals:
             where = "is not declared in this module" if data is None else "is a parameter of the routine"
             self.flow.leave(start, "assignment", name, where)
 
-    def _fill(self, data: RapidData, index: Index, node: Node) -> None:
+    def _fill(self, data: RapidData, index: Subscripts, node: Node) -> None:
         """Take the literals of a declaration or an assignment, element by element."""
         sizes = data.sizes[len(index) :] if not index or len(index) == len(data.sizes) else ()
         kind = KIND_OF[data.type]
@@ -901,7 +901,7 @@ class Literals:
             else:
                 data.entries.append((index, literal))
 
-    def literal(self, node: Node, kind: Kind, name: str) -> tuple[Literal | None, str]:
+    def literal(self, node: Node, kind: TargetKind, name: str) -> tuple[Literal | None, str]:
         """The literal that a list of values is, or None; and what is wrong where it is no target at all."""
         if node.items is None:
             return None, ""
@@ -938,7 +938,7 @@ class Literals:
         self.targets.append(literal)
         return literal, ""
 
-    def _wrong_part(self, components: list[Node], kind: Kind) -> str:
+    def _wrong_part(self, components: list[Node], kind: TargetKind) -> str:
         """Which part of a list is none of a target; empty where all are."""
         if len(components) != len(_PARTS[kind]):
             expected = "[" + ", ".join(text for _, text in _PARTS[kind]) + "]"
@@ -1025,7 +1025,7 @@ class OtherModules:
             return f"the {title} {name} is changed"
         return ""
 
-    def against(self, name: str, index: Index, reason: str) -> None:
+    def against(self, name: str, index: Subscripts, reason: str) -> None:
         """Note what this module does to targets of others but to move to them."""
         for literal in self.literals(name, index):
             literal.conflicts.append(reason)
@@ -1036,7 +1036,7 @@ class OtherModules:
             for _, literal in data.entries:
                 literal.conflicts.append(f"{where} uses this name, which {self.twice[name]} declare")
 
-    def literals(self, name: str, index: Index) -> list[Literal]:
+    def literals(self, name: str, index: Subscripts) -> list[Literal]:
         """Literals of another module that a name with an index may stand for here."""
         data = self.data.get(name)
         return [] if data is None else data.literals(index)
@@ -1181,7 +1181,7 @@ class Uses:
     def _move(self, move: MoveInstruction) -> None:
         """Give the literals that a move goes to this use, or report what is in the way."""
         reader = self.reader
-        kind: Kind = "joint" if move.name.endswith("AbsJ") else "pose"
+        kind: TargetKind = "joint" if move.name.endswith("AbsJ") else "pose"
         line = reader.line(move.start)
         tool, wobj, held, unclear = self._frames(move)
         use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj, held=held)
@@ -1299,7 +1299,7 @@ class Uses:
         others = [switch for switch in switches if switch.scope is not move.scope]  # a routine that is called, or calls
         return last.on if all(switch.on is last.on for switch in others) else None
 
-    def _of_other_module(self, move: MoveInstruction, arg: Arg, kind: Kind) -> RapidData | None:
+    def _of_other_module(self, move: MoveInstruction, arg: Arg, kind: TargetKind) -> RapidData | None:
         """What an argument names in another module; None where it is no target there."""
         if arg.name is None or self.reader.lookup(move.scope, arg.name) is not None:
             return None
@@ -1314,7 +1314,7 @@ class Uses:
         changed = any(may_be(index, arg.indices) for index, _ in data.changes)
         return [*against, *(["it is computed or changed in its own module"] if changed else [])]
 
-    def _goals(self, move: MoveInstruction, arg: Arg, kind: Kind, line: int) -> tuple[list[Literal], str]:
+    def _goals(self, move: MoveInstruction, arg: Arg, kind: TargetKind, line: int) -> tuple[list[Literal], str]:
         """Literals that an argument stands for, and why these are not all, or not to be changed."""
         reader = self.reader
         if arg.node is not None:

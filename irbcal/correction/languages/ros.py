@@ -25,7 +25,7 @@ from irbcal.errors import OptionError, ProgramError, RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
 
-Node: TypeAlias = "yaml.Node"
+YamlNode: TypeAlias = "yaml.Node"
 
 
 def document(text: str, source: str) -> yaml.Node:

@@ -31,10 +31,10 @@ from irbcal.correction.notation import (
 from irbcal.correction.program import (
     ControllerSetup,
     Corrections,
-    Kind,
     Note,
     Program,
     Stop,
+    TargetKind,
     WantedTargets,
     read_bytes,
 )
@@ -69,7 +69,7 @@ class TableProgram(Locked, Program):
 
     source: str
     """File name for messages."""
-    kind: Kind
+    kind: TargetKind
     """``joint`` or ``pose``."""
     columns: tuple[str, ...]
     """Names of the columns with the numbers."""
@@ -466,9 +466,12 @@ def _as_written(names: Sequence[str], header: Sequence[str]) -> dict[str, str]:
     return {name: radians[name] if radians[name] in header else name for name in names}
 
 
-def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kind, tuple[str, ...]]:
+def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[TargetKind, tuple[str, ...]]:
     """Joints or poses and their columns, from the header."""
-    kinds: dict[Kind, tuple[str, ...]] = {"joint": tuple(_as_written(joints, names).values()), "pose": tuple(POSE)}
+    kinds: dict[TargetKind, tuple[str, ...]] = {
+        "joint": tuple(_as_written(joints, names).values()),
+        "pose": tuple(POSE),
+    }
     complete = {kind: all(name in names for name in columns) for kind, columns in kinds.items()}
     if all(complete.values()):
         raise ProgramError("expected columns of joints or of poses, found both", file=source, row=1)

@@ -46,11 +46,11 @@ def _column(value: Any) -> str | int:
 
 
 Column: TypeAlias = Annotated[str | int, BeforeValidator(_column)]
-Name: TypeAlias = Annotated[
+ColumnName: TypeAlias = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")
 ]
 Comment: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=100)]
-Three: TypeAlias = Annotated[list[Column], Field(min_length=3, max_length=3)]
+ThreeColumns: TypeAlias = Annotated[list[Column], Field(min_length=3, max_length=3)]
 JointUnit: TypeAlias = Literal["deg", "rad", "mm", "m", "inch"]
 AngleUnit: TypeAlias = Literal["deg", "rad"]
 LengthUnit: TypeAlias = Literal["mm", "m", "inch"]
@@ -112,7 +112,7 @@ class Columns(_MapModel):
     only where the file has them.
     """
 
-    position: Three | dict[Name, Three]
+    position: ThreeColumns | dict[ColumnName, ThreeColumns]
     joints: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
     programmed: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
     orientation: Annotated[list[Column], Field(min_length=3, max_length=9)] | None = None
@@ -124,7 +124,7 @@ class Columns(_MapModel):
     time: Column | None = None
     u95: Column | None = None
     payload: Column | None = None
-    keep: Annotated[dict[Name, Column], Field(max_length=50)] = {}
+    keep: Annotated[dict[ColumnName, Column], Field(max_length=50)] = {}
     others: bool = False
     optional: list[Literal["programmed", "orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
 
@@ -132,7 +132,7 @@ class Columns(_MapModel):
 class DeclaredColumns(Columns):
     """Some of the columns, as a user declares them."""
 
-    position: Three | dict[Name, Three] | None = None  # type: ignore[assignment]
+    position: ThreeColumns | dict[ColumnName, ThreeColumns] | None = None  # type: ignore[assignment]
 
 
 class Units(_MapModel):
@@ -194,8 +194,8 @@ class JointRules(_MapModel):
 class GroupRule(_MapModel):
     """A group for poses by name (``*`` stands for anything) or by number in the order of the file, from 1."""
 
-    group: Name
-    poses: Name | None = None
+    group: ColumnName
+    poses: ColumnName | None = None
     first: Annotated[int, Field(ge=1)] | None = None
     last: Annotated[int, Field(ge=1)] | None = None
 
@@ -209,8 +209,8 @@ class GroupRule(_MapModel):
 class Fixed(_MapModel):
     """Values that the file does not hold."""
 
-    target: Name | None = None
-    group: Name | None = None
+    target: ColumnName | None = None
+    group: ColumnName | None = None
     payload_kg: Annotated[float, Field(ge=0)] | None = None
     u95_mm: Annotated[float, Field(gt=0)] | None = None
 
@@ -283,11 +283,11 @@ class ImportMap(_MapModel):
     orientation: OrientationColumns = OrientationColumns()
     lost: Lost = Lost()
     joints: JointRules = JointRules()
-    names: Annotated[list[Name], Field(max_length=10)] = []
-    file_name: Name | None = None
+    names: Annotated[list[ColumnName], Field(max_length=10)] = []
+    file_name: ColumnName | None = None
     pose_by: Literal["row", "joints", "target"] = "row"
     join: Literal["name", "number", "order"] | None = None
-    rename: dict[Name, Name] = {}
+    rename: dict[ColumnName, ColumnName] = {}
     groups: Annotated[list[GroupRule], Field(max_length=200)] = []
     fixed: Fixed = Fixed()
     joints_file: JointsFile | None = None

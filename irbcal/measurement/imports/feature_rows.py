@@ -20,7 +20,16 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
 from irbcal.measurement.imports import column_map, tables
-from irbcal.measurement.imports.column_map import Changes, Column, Dialect, JointRules, Lost, Name, Three, Units
+from irbcal.measurement.imports.column_map import (
+    Changes,
+    Column,
+    ColumnName,
+    Dialect,
+    JointRules,
+    Lost,
+    ThreeColumns,
+    Units,
+)
 from irbcal.measurement.imports.reader import joint_rules_applied, refuse_sources
 from irbcal.measurement.imports.tables import (
     ALWAYS_LOST,
@@ -80,19 +89,19 @@ class RowColumns(_RowsModel):
     target: Column | None = None
     kind: Column | None = None
     value: Column | None = None
-    values: Annotated[dict[Name, Column], Field(max_length=50)] = {}
-    position: Three | None = None
+    values: Annotated[dict[ColumnName, Column], Field(max_length=50)] = {}
+    position: ThreeColumns | None = None
     u95: Column | None = None
     payload: Column | None = None
-    keep: Annotated[dict[Name, Column], Field(max_length=50)] = {}
+    keep: Annotated[dict[ColumnName, Column], Field(max_length=50)] = {}
 
 
 class FixedRow(_RowsModel):
     """Values that the file does not hold."""
 
-    feature: Name | None = None
-    kind: Name | None = None
-    target: Name | None = None
+    feature: ColumnName | None = None
+    kind: ColumnName | None = None
+    target: ColumnName | None = None
     payload_kg: Annotated[float, Field(ge=0)] | None = None
     u95_mm: Annotated[float, Field(gt=0)] | None = None
 

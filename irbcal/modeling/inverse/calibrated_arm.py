@@ -45,8 +45,8 @@ ITERATIONS = 24
 STALLED = 0.5
 """An iteration that leaves more than this share of the error is given up for Newton's steps."""
 
-Stage: TypeAlias = tuple[int, int, int, bool]
-STAGES: tuple[Stage, ...] = (
+SolveStage: TypeAlias = tuple[int, int, int, bool]
+STAGES: tuple[SolveStage, ...] = (
     (1, 0, 10, False),
     (12, 1, 3, True),
     (6, 0, 10, False),
@@ -265,7 +265,7 @@ class _Solver:
         """Joints (6, k) that some poses are to stay near."""
         return None if self.near is None else self.near[:, rows]
 
-    def solve(self, stages: Sequence[Stage]) -> InverseResult:
+    def solve(self, stages: Sequence[SolveStage]) -> InverseResult:
         """Joints of all poses."""
         todo = np.flatnonzero(~self.bad_pose & ~self.bad_seed)
         self.fixed_point(todo)
@@ -340,7 +340,7 @@ class _Solver:
 
     # -------------------------------------------------------------- damped Newton
 
-    def search(self, rows: IntArray, stages: Sequence[Stage]) -> None:
+    def search(self, rows: IntArray, stages: Sequence[SolveStage]) -> None:
         """Newton's steps for poses that the fixed point left: from where it came to, then from many starts at once."""
         if not len(rows):
             return

@@ -93,7 +93,7 @@ class Gravity(Basis):
         return expanded_lever(arm, term.joint, _link(term), _vector(term), gravity)
 
 
-Lever: TypeAlias = tuple[int, int, tuple[float, ...]]
+LeverKey: TypeAlias = tuple[int, int, tuple[float, ...]]
 """Joint, link (from 0) and the link's vector."""
 
 
@@ -114,7 +114,7 @@ class _Turning:
 
 @lru_cache(maxsize=32)
 def _waves(
-    turning: _Turning, levers: tuple[Lever, ...], gravity: tuple[float, ...]
+    turning: _Turning, levers: tuple[LeverKey, ...], gravity: tuple[float, ...]
 ) -> tuple[FloatArray, FloatArray] | None:
     """Levers of an arm as waves: turns (waves, joints), weights of cosines and sines (levers, 2 waves).
 

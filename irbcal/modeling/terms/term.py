@@ -33,7 +33,7 @@ AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 RATE_STEP = 1e-4
 """Seconds: step of the differences that stand in for second derivatives."""
 
-Value: TypeAlias = int | float | str | tuple[float, ...]
+TermValue: TypeAlias = int | float | str | tuple[float, ...]
 """A parameter of a basis: the frequency of a harmonic, the link of a gravity term, …"""
 
 TWINS = ("thesis", "gear")
@@ -61,7 +61,7 @@ class Term:
     """Name of the family that made it."""
     unit: str = "rad"
     """Of the coefficient: ``rad``, ``m``, ``1`` or ``rad/(N m)``."""
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    parameters: Mapping[str, TermValue] = field(default_factory=dict)
     """What the basis needs to know beside joint and axis."""
     also: tuple[int, ...] = ()
     """Other joints that move by the same amount (the thesis's B acts on joints 2 and 3 alike)."""
@@ -125,7 +125,7 @@ class Term:
         return Term(joint, axis, basis, size, group, family, unit, parameters, also), coefficient, std
 
 
-def _short(value: Value) -> str:
+def _short(value: TermValue) -> str:
     if isinstance(value, tuple):
         return " ".join(f"{v:.3g}" for v in value)
     return f"{value:.6g}" if isinstance(value, float) else str(value)

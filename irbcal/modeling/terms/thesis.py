@@ -14,7 +14,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import gravity, harmonics
 from irbcal.modeling.terms.situation import Motion, Situation
-from irbcal.modeling.terms.term import Family, Term, Value
+from irbcal.modeling.terms.term import Family, Term, TermValue
 
 GROUP = "thesis_stiffness"
 
@@ -41,7 +41,7 @@ def _stiffness_of(arm: Arm, *phases: float) -> tuple[Term, ...]:
     out = []
     for link, phase, also in ((1, phases[0], ()), (2, phases[1], (2,))):
         vector = situation.after[link, :, :, 0] @ (np.cos(phase) * up + np.sin(phase) * side)
-        parameters: dict[str, Value] = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
+        parameters: dict[str, TermValue] = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
         out.append(Term(1, "rz", "gravity", gravity.SIZE, GROUP, Thesis.name, "rad", parameters, also))
     return tuple(out)
 

@@ -52,13 +52,13 @@ def canonical(weights: Mapping[Turns, complex]) -> dict[Turns, complex]:
     return out
 
 
-Vectors: TypeAlias = dict[Turns, tuple[complex, complex, complex]]
+WaveVectors: TypeAlias = dict[Turns, tuple[complex, complex, complex]]
 """A vector as a sum of waves: its amplitude by turns; numbers of Python, which are quicker for three than an array."""
 
 
-def _turned(vectors: Vectors, joint: int, offset: float, forward: bool) -> Vectors:
+def _turned(vectors: WaveVectors, joint: int, offset: float, forward: bool) -> WaveVectors:
     """Vectors turned about z by a joint's angle and its offset, or back."""
-    out: Vectors = {}
+    out: WaveVectors = {}
     i, phase = (1j if forward else -1j), cmath.exp(1j * offset)
     for turns, (x, y, z) in vectors.items():
         ahead, behind = 0.5 * (x + i * y) * phase, 0.5 * (x - i * y) / phase
@@ -71,7 +71,7 @@ def _turned(vectors: Vectors, joint: int, offset: float, forward: bool) -> Vecto
     return {turns: vector for turns, vector in out.items() if max(map(abs, vector)) > 1e-16}
 
 
-def _constant(vectors: Vectors, R: FloatArray) -> Vectors:
+def _constant(vectors: WaveVectors, R: FloatArray) -> WaveVectors:
     """Vectors in another frame, in which those of theirs is ``R`` (3, 3)."""
     (a, b, c), (d, e, f), (g, h, k) = R.tolist()
     return {
@@ -133,7 +133,7 @@ def expanded_lever(
     return waves if len(waves) <= most else None
 
 
-def _still(none: Turns, values: ArrayLike) -> Vectors:
+def _still(none: Turns, values: ArrayLike) -> WaveVectors:
     x, y, z = np.asarray(values, dtype=complex).tolist()
     return {none: (x, y, z)}
 
