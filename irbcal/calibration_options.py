@@ -19,6 +19,7 @@ from irbcal.options import names, number, place
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
+    from irbcal.identification.outlier_rule import OutlierRule
     from irbcal.identification.term_sets import TypePrior
     from irbcal.io.measured_files import MeasurementFiles
     from irbcal.io.opening import CalibrationLike
@@ -80,7 +81,7 @@ class CalibrationOptions:
     """Turn the points of each pose into one full pose first, see `irbcal.measurement.poses.as_poses`."""
     session_by: Annotated[str | None, MEASUREMENTS] = None
     """Column that names the session of each row, with a base and a tool of its own (docs/sessions.md). By default
-    ``session`` where there is one, and ``group`` where groups differ grossly; ``none`` for one session.
+    ``session`` where there is one, and ``group`` where groups differ by far; ``none`` for one session.
     """
     payload_place: Annotated[Sequence[float] | None, MEASUREMENTS, AT_FEATURES, OF_AUTO] = None
     """Centre of the payloads (column ``payload_kg``) in the tip link where the measurements do not tell it, metres."""
@@ -113,7 +114,7 @@ class CalibrationOptions:
     power: Annotated[float, Bounds(2.0), AT_FEATURES] = 8.0
     """Power of ``pnorm``, 2 or more."""
     loss: Annotated[Loss, AT_FEATURES, OF_LEVELS] = "linear"
-    """What an error counts in the root mean square: ``soft_l1`` and ``huber`` bend less to gross errors."""
+    """What an error counts in the root mean square: ``soft_l1`` and ``huber`` bend less to outliers."""
     free: Annotated[Sequence[str], AT_FEATURES, OF_LEVELS] = ()
     """Error parameters added to the level, by name or pattern, such as ``gain*``."""
     hold: Annotated[Sequence[str], AT_FEATURES, OF_LEVELS] = ()
@@ -210,6 +211,13 @@ class CalibrationOptions:
     def goal(self) -> Goal:
         """What a fit of rows at features makes small."""
         return Goal(self.objective, self.power, self.loss)
+
+    @property
+    def outlier_rule(self) -> OutlierRule:
+        """From where on a measurement is an outlier."""
+        from irbcal.identification.outlier_rule import RULE
+
+        return RULE
 
     @property
     def share(self) -> float:

@@ -1,6 +1,6 @@
 """Calibration from rows at features, without a tracker: read, fit, prove.
 
-The steps give what those of `irbcal.pipeline` give. All rows but gross errors are fitted; the proof leaves each place
+The steps give what those of `irbcal.pipeline` give. All rows but outliers are fitted; the proof leaves each place
 out in turn.
 """
 
@@ -22,7 +22,7 @@ from irbcal.identification.feature_fit import (
     FeatureFit,
     as_points,
     frames_of,
-    identify_without_gross_errors,
+    identify_without_outliers,
     shape_only,
 )
 from irbcal.identification.feature_problem import FeatureProblem, UnknownKey
@@ -111,13 +111,15 @@ def read_rows(options: CalibrationOptions, say: Progress) -> Inputs:
 
 
 def fit_rows(inputs: Inputs, say: Progress) -> Doubted:
-    """Identify from all rows at features but for gross errors; `prove_rows` leaves places out."""
+    """Identify from all rows at features but for outliers; `prove_rows` leaves places out."""
     rows, arm = inputs.feature_rows, inputs.urdf.arm
     assert rows is not None
     level, terms = _terms(inputs.options, arm)
     goal = inputs.options.goal
     try:
-        feature_fit, left_out, doubt = identify_without_gross_errors(arm, rows, terms, progress=say, goal=goal)
+        feature_fit, left_out, doubt = identify_without_outliers(
+            arm, rows, terms, progress=say, goal=goal, rule=inputs.options.outlier_rule
+        )
     except IdentificationError as error:
         reading = feature_errors.other_reading(arm, rows)
         if reading is None:

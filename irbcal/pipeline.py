@@ -21,7 +21,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import LEVELS
-from irbcal.identification.evidence import MOST_OUTLYING, check_averaging, identify_evidence, log_evidence
+from irbcal.identification.evidence import check_averaging, identify_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
@@ -54,7 +54,7 @@ from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
 from irbcal.names import check_names
 from irbcal.options import checked
-from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_gross_errors
+from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_outliers
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
@@ -230,12 +230,13 @@ def clean(inputs: Inputs) -> CleanInputs:
         options.frame,
         options.as_poses,
         several_allowed=options.method != "circles",
+        rule=options.outlier_rule,
     )
     notes = [*inputs.notes, *cleaned.notes, *sentences, *repeat_notes(cleaned.points)]
     excluded, proof = cleaned.excluded, None
     if check is not None:
         check_points = cleaning.clean(check, cleaned.references or None, cleaned.target_names)
-        heldout, left_out, mixed_up = without_gross_errors(arm, check_points, check)
+        heldout, left_out, mixed_up = without_outliers(arm, check_points, check, options.outlier_rule)
         if options.as_poses:
             heldout, _ = as_poses(heldout, check.source, cleaned.tool_shape)
         heldout, fitted_too = _not_fitted(heldout, cleaned.points, arm.table.prismatic, check.source)
@@ -496,7 +497,7 @@ def fit(inputs: SplitInputs, say: Progress) -> Fitted:
     say(f"identifying model {model}")
     sessions = () if points.session is None else session_names(points)
     identified = _identified(inputs, model, say)
-    screened, identified = _screened(inputs, identified, model, say)
+    screened, identified = _refitted_without_outliers(inputs, identified, model, say)
     if screened is not inputs:
         inputs, points = screened, screened.fit_points
         nominal = identify(arm, points, "nominal", known_targets=targets)
@@ -588,6 +589,7 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
             payload_place=options.payload_place,
             usual_kg=inputs.usual_kg,
             prior=inputs.prior,
+            rule=options.outlier_rule,
             progress=say,
         )
     groups = sorted({str(name) for name in heldout.groups if name})
@@ -611,36 +613,34 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
 
 
 ROUNDS = 5
-"""How often a fit is repeated without the points that contradict all others."""
+"""How often a fit is repeated without outliers."""
 
 
-def _screened(
+def _refitted_without_outliers(
     inputs: SplitInputs, identified: Fit | EvidenceFit, model: str, say: Progress
 ) -> tuple[SplitInputs, Fit | EvidenceFit]:
-    """The fit without single points that all others contradict.
-
-    They are smaller than what the level leaves that gross errors are looked for with.
-    """
+    """The fit without outliers that show among its own residuals: smaller ones than those left out before."""
     start = inputs, identified
     excluded: list[Exclusion] = []
     for _ in range(ROUNDS):
         points = inputs.fit_points
-        if not isinstance(identified, EvidenceFit) or not identified.outlying.any():
+        if not isinstance(identified, EvidenceFit) or not identified.outlier_distance.any():
             break
-        distances_off = identified.outlying
+        distances_off = identified.outlier_distance
         wrong = distances_off > 0.0
         excluded += [
             Exclusion(
                 pose=str(points.pose_ids[points.pose[k]]),
                 target=points.target_names[points.target[k]],
-                reason=f"gross error: {distance / MM:.3g} mm from where the model puts it that all other poses give",
+                reason=f"outlier: {distance / MM:.3g} mm from where the model puts it that all other poses give",
             )
             for k, distance in zip(np.flatnonzero(wrong), distances_off[wrong], strict=True)
         ]
         good = points.take(~wrong).with_seen_targets()
-        if len(excluded) > MOST_OUTLYING * len(start[0].fit_points) or good.target_names != points.target_names:
+        too_many = inputs.options.outlier_rule.too_many(len(excluded), len(start[0].fit_points))
+        if too_many or good.target_names != points.target_names:
             return start
-        say(f"identifying model {model} without {len(excluded)} gross errors")
+        say(f"identifying model {model} without {len(excluded)} outliers")
         poses = np.isin(np.arange(points.poses), good.pose)
         inputs = replace(inputs, fit_points=good.select(poses), fit_motion=inputs.fit_motion.select(poses))
         identified = _identified(inputs, model, say)

@@ -18,6 +18,7 @@ from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.identification import data_entry_errors, outliers
 from irbcal.identification.axes import GROUPS
+from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.io import robots
 from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
@@ -42,7 +43,7 @@ NOTICED_FROM = 10
 APART, RATIO = 1.0 * MM, 3.0
 """Median distance of a group from the nominal robot with one base and tool for all groups that tells of several, metres
 and as a multiple of that with its own. Bases and tools that stayed where they were give little more than one."""
-GROSS = 5.0 * MM
+SURELY_APART = 5.0 * MM
 """The same that no error of a robot explains: groups are sessions then, without being asked."""
 SAME_ROBOT = 1e-9
 """Nominal constants (metres, radians) that agree within this are those of one robot."""
@@ -73,6 +74,7 @@ def clean_sessions(
     frame: Sequence[str] | None = None,
     poses: bool = False,
     several_allowed: bool = True,
+    rule: OutlierRule = RULE,
 ) -> SessionPoints:
     """Clean measurements session by session and join them, behind those of an earlier calibration.
 
@@ -87,6 +89,7 @@ def clean_sessions(
         As `irbcal.calibrate` has ``session_by``, ``frame`` and ``as_poses``.
     several_allowed : bool
         Whether the method takes several sessions.
+    rule : OutlierRule
 
     Raises
     ------
@@ -100,7 +103,7 @@ def clean_sessions(
     several = len(sessions) + len(earlier) > 1
     if several and not several_allowed:
         raise OptionError("method: circles takes one session at a time", parameter="method")
-    sets = [(name, _clean_session(data, arm, frame, poses)) for name, data in sessions]
+    sets = [(name, _clean_session(data, arm, frame, poses, rule)) for name, data in sessions]
     for name, session in sets:
         notes += [f"Session {name}: {note}" for note in session.notes] if several else session.notes
     last = sets[-1][1]
@@ -140,7 +143,7 @@ def _divided(
         f"With one base and one tool for all groups, the nominal robot misses the points of group {name} by "
         f"{together / MM:.3g} mm (median), with its own by {apart / MM:.3g} mm: "
     )
-    if together < GROSS:
+    if together < SURELY_APART:
         return sessions, [f"{text}if base or tool were moved between the groups, add --session-by {GROUP}."]
     return sessions_of(measurements, GROUP), [
         f"{text}the groups were taken as sessions, as --session-by {GROUP} says (--session-by {NONE} forbids it)."
@@ -174,9 +177,9 @@ def differing_groups(measurements: MeasurementSet, arm: Arm) -> tuple[str, float
             sets = [points.select(points.groups == name).with_seen_targets() for name, _ in groups]
         else:  # distances are those of a group's own tool
             sets = [cleaning.clean(group).points for _, group in groups]
-        apart = [float(np.median(distances(outliers.trimmed(arm, group), group))) for group in sets]
+        apart = [float(np.median(distances(outliers.least_trimmed_squares(arm, group), group))) for group in sets]
         pooled = replace(joined([("", group) for group in sets]), session=None)
-        distance = distances(outliers.trimmed(arm, pooled), pooled)
+        distance = distances(outliers.least_trimmed_squares(arm, pooled), pooled)
     except IrbcalError:
         return None
     ends = np.cumsum([len(group) for group in sets])[:-1]
@@ -187,10 +190,12 @@ def differing_groups(measurements: MeasurementSet, arm: Arm) -> tuple[str, float
     return groups[worst][0], together[worst], apart[worst]
 
 
-def _clean_session(measurements: MeasurementSet, arm: Arm, frame: Sequence[str] | None, poses: bool) -> SessionPoints:
+def _clean_session(
+    measurements: MeasurementSet, arm: Arm, frame: Sequence[str] | None, poses: bool, rule: OutlierRule
+) -> SessionPoints:
     """Points of one session."""
     cleaned = cleaning.clean(measurements)
-    points, excluded, mixed_up = without_gross_errors(arm, cleaned, measurements)
+    points, excluded, mixed_up = without_outliers(arm, cleaned, measurements, rule)
     references: Mapping[str, FloatArray] = cleaned.registration.references if cleaned.registration else {}
     if frame is not None:
         points, references = in_frame_of(points, references, frame, measurements.source)
@@ -203,21 +208,21 @@ def _clean_session(measurements: MeasurementSet, arm: Arm, frame: Sequence[str] 
     return SessionPoints(points, motion_of(measurements, points), references, shape, names, tuple(excluded), notes)
 
 
-def without_gross_errors(
-    arm: Arm, cleaned: Cleaned, measurements: MeasurementSet
+def without_outliers(
+    arm: Arm, cleaned: Cleaned, measurements: MeasurementSet, rule: OutlierRule = RULE
 ) -> tuple[PointSet, list[Exclusion], list[str]]:
     """Points that a robot of this kind can have reached, all that were left out so far, and names or rows mixed up."""
     points = cleaned.points
-    gross = outliers.find_gross_errors(arm, points, measurements.source, measurements)
+    screened = outliers.find_outliers(arm, points, measurements.source, measurements, rule)
     wrong = np.zeros(points.poses, dtype=bool)
-    wrong[points.pose[~gross.keep]] = True
-    swaps = [(p, order) for p, order in cleaning.by_robot(gross.robot, points) if wrong[p]]
+    wrong[points.pose[~screened.keep]] = True
+    swaps = [(p, order) for p, order in cleaning.by_robot(screened.robot, points) if wrong[p]]
     truth = {(p, k): points.target_names[slot] for p, order in swaps for k, slot in enumerate(order) if slot != k}
     excluded = []
-    for k in np.flatnonzero(~gross.keep):
+    for k in np.flatnonzero(~screened.keep):
         other = truth.get((int(points.pose[k]), int(points.target[k])))
         reason = (
-            f"gross error: {gross.distance[k] / MM:.4g} mm from the robot that fits most points (model {gross.level})"
+            f"outlier: {screened.distance[k] / MM:.4g} mm from the robot that fits most points (model {screened.level})"
         )
         if other is not None:
             reason = f"swapped: this is {other}, from where the robot expects both"
@@ -226,10 +231,10 @@ def without_gross_errors(
     sentences = cleaning.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
     if np.count_nonzero(wrong) >= data_entry_errors.FEWEST_ROWS and not sentences:
         lost = data_entry_errors.find_lost_row(arm, points)
-        if lost is not None and wrong.mean() > 1.0 - outliers.CORE:
+        if lost is not None and wrong.mean() > 1.0 - outliers.TRIMMED_TO:
             raise MeasurementError(lost.in_words(measurements), file=measurements.source)
         sentences = [] if lost is None else [lost.sentence(measurements)]
-    return points.take(gross.keep).without_empty_poses(), [*cleaned.excluded, *excluded], sentences
+    return points.take(screened.keep).without_empty_poses(), [*cleaned.excluded, *excluded], sentences
 
 
 def _free_name(name: str, used: set[str]) -> str:

@@ -235,7 +235,7 @@ MISSES = "these look like|misses the measured points by .* mm|did not converge"
 LEFT_OUT = "of the points were left out"
 ELSEWHERE = "was the tracker or the robot's base moved"
 MISFIT = "still misses the fitted points"
-GROSS = "gross error|wrong distance"
+OUTLIER = "outlier|wrong distance"
 
 ADVERSARIES = {
     "nothing is wrong": (lambda rows: rows, ""),
@@ -253,7 +253,7 @@ ADVERSARIES = {
     "left-handed, z": (left_handed("z_mm"), "left-handed"),
     "joint 4 frozen": (frozen(4), MISSES),
     "joint 6 frozen": (frozen(6), MISSES),
-    "joint 6 frozen in the last tenth": (frozen(6, 0.1), GROSS),
+    "joint 6 frozen in the last tenth": (frozen(6, 0.1), OUTLIER),
     "joint 3 contains joint 2": (coupled, MISSES),
     "1 degree off": (offset(3, 1.0), SAME),
     "5 degrees off": (offset(3, 5.0), SAME),
@@ -268,7 +268,7 @@ ADVERSARIES = {
     ),
     "smr1 and smr2 swapped": (swapped_targets(1.0), ""),
     **{
-        f"{share:.0%} outliers of {size:g} mm": (outliers(share, size), f"{GROSS}|{MISSES}")
+        f"{share:.0%} outliers of {size:g} mm": (outliers(share, size), f"{OUTLIER}|{MISSES}")
         for share, size in (
             (0.05, 3.0),
             (0.05, 20.0),
@@ -282,7 +282,7 @@ ADVERSARIES = {
     **{
         f"{share:.0%} outliers of {size:g} mm, of whole poses": (
             outliers(share, size, True),
-            f"{GROSS}|{MISFIT}|{MISSES}",
+            f"{OUTLIER}|{MISFIT}|{MISSES}",
         )
         for share, size in ((0.05, 3.0), (0.3, 3.0), (0.3, 20.0), (0.3, 500.0), (0.6, 3.0), (0.6, 20.0), (0.6, 500.0))
     },

@@ -73,7 +73,7 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     assert again.exit_code == 0, again.output
 
 
-def test_gross_errors_among_rows_at_features_are_named_and_left_out(contacts):
+def test_outliers_among_rows_at_features_are_named_and_left_out(contacts):
     wrong = contacts.copy()
     wrong.loc[7, "q1_deg"] += 0.5
     wrong.loc[50, "feature"] = "point 2"

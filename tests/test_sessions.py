@@ -71,7 +71,7 @@ def test_one_session_is_what_it_was(tmp_path):
     assert one.placement == two.placement
 
 
-def test_groups_that_differ_grossly_are_taken_as_sessions(tmp_path):
+def test_groups_that_differ_by_far_are_taken_as_sessions(tmp_path):
     path, _ = file_of(tmp_path, column="group")
     found = irbcal.calibrate(path, "irb1600", "26")
     notes = " ".join(found.record.notes)
@@ -81,7 +81,7 @@ def test_groups_that_differ_grossly_are_taken_as_sessions(tmp_path):
     assert "were taken as sessions" not in " ".join(named.record.notes)
     one = irbcal.calibrate(path, "irb1600", "26", session_by="none").record
     assert one.sessions == []
-    assert len(one.excluded) == 3 * 40  # the smaller group is all gross errors
+    assert len(one.excluded) == 3 * 40  # the smaller group is all outliers
 
 
 @pytest.mark.parametrize("column", ["group", "day"])

@@ -46,11 +46,11 @@ from irbcal.modeling.robot import Robot, loaded
 from irbcal.safe_files import refuse_overwriting
 from irbcal.units import MM
 
-OUTLIER = 6.3e-5
+OUTLIER_CHANCE = 6.3e-5
 """Chance of a touch as far away as this among good ones: four standard deviations of one coordinate."""
 DOUBTFUL = 1e-3
 """Chance of touches that scatter so much with the uncertainty that they are said to have."""
-MOST_OUTLIERS = 5
+ROWS_FOR_AN_OUTLIER = 5
 """One touch of so many may be left out."""
 
 
@@ -205,11 +205,11 @@ def _without_outliers(
     u95 = np.array([touch.u95 for touch in rows])
     variance = adjust(rows, robot, u95 / COVERAGE, source, axes, zeros=zeros).by_robot(certainty)[1]
     sigma = np.sqrt((u95 / COVERAGE) ** 2 + variance)
-    most = len(rows) // MOST_OUTLIERS
+    most = len(rows) // ROWS_FOR_AN_OUTLIER
     adjusted = adjust(rows, robot, sigma, source, axes, zeros=zeros)
     while True:
         worst, chance, distance = _worst(adjusted, sigma)
-        if chance > OUTLIER:
+        if chance > OUTLIER_CHANCE:
             return adjusted, sigma, left_out
         touch, keep = rows[worst], np.arange(len(rows)) != worst
         words = (

@@ -12,7 +12,7 @@ A row lost or doubled in the middle of a file: from some pose on, positions stan
 
 Base and tool of the nominal robot are found in closed form from windows of the file, read as they are and one pose
 late or early; at least one window lies on one side of the place. With each, every pose has a distance as it is and one
-read late or early, and the sums of both, each capped as a gross error has no more to say, from the front and from the
+read late or early, and the sums of both, each capped as an outlier has no more to say, from the front and from the
 back tell the place at which it is best to go over from one to the other. The best is fitted anew to all poses.
 """
 
@@ -70,7 +70,7 @@ joints moving it is some 1e-4, as the real arm is not the nominal one, with join
 STILL, FEWEST_MOVING = 1e-3, 3
 """A joint that moves less (radians, metres) stands still; of two that move, a shift by a row is a turn of the base."""
 
-CORE, ROUNDS = 0.6, 6
+TRIMMED_TO, ROUNDS = 0.6, 6
 """Share of the points that the robot is fitted to, and how often these are chosen anew."""
 
 LENGTHS = {
@@ -407,7 +407,7 @@ def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
         best = state, distance
         if k == ROUNDS // 2 and np.median(distance) > FAR:
             break
-        core = smallest(distance, CORE)
+        core = smallest(distance, TRIMMED_TO)
     return best
 
 
@@ -461,7 +461,6 @@ def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None
     names = [columns[int(j)] for j in order]
     if names != standard:
         options.append(f"columns.joints=[{', '.join(names)}]")
-    if names != standard:
         options.append(f"columns.programmed=[{', '.join('c' + name[1:] for name in names)}]")
     if radians:
         units = ["rad" if turns else "mm" for turns in turning]

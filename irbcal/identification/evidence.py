@@ -42,6 +42,7 @@ from irbcal.identification.fit_sections import (
 )
 from irbcal.identification.independence import independent
 from irbcal.identification.linear_model import Linearisation, LinearModel
+from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.problem import Problem, State
 from irbcal.identification.term_sets import WIDE, TermSet, TypePrior, chi_square_of_type, is_compared, like_type
 from irbcal.measurement.motions import usual_load
@@ -73,8 +74,6 @@ READINGS_GATE = 1.5
 """Factor by which the residuals must fall for readings to count as taken before the arm stood still, beyond what a few
 poses leave to chance."""
 GATE_CERTAINTY = 0.95
-MOST_OUTLYING = 0.1
-"""Share of the points that may contradict all others."""
 LAG_FAMILIES = ("move",)
 """Families that cannot be told from readings that lag: joints lag by somewhat different shares of their moves. Where
 readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
@@ -143,15 +142,18 @@ class Averaging:
         Of all its columns.
     independent : bool
         Whether the points of a pose err by themselves, so that each coordinate counts for itself.
+    rule : OutlierRule
     """
 
-    outlying: FloatArray
-    """Shape (measurements,). Of the average, see `irbcal.identification.leave_one_out.outlying`."""
-    alone: tuple[int, float] | None = None
-    """Of the average, see `irbcal.identification.leave_one_out.standing_alone`."""
+    outlier_distance: FloatArray
+    """Shape (measurements,). Of the average, see `irbcal.identification.leave_one_out.outliers`."""
+    leverage_pose: tuple[int, float] | None = None
+    """Of the average, see `irbcal.identification.leave_one_out.leverage_pose`."""
 
-    def __init__(self, linear: LinearModel, sums: NormalEquations, independent: bool = False) -> None:
-        self.linear, self.sums, self.independent = linear, sums, independent
+    def __init__(
+        self, linear: LinearModel, sums: NormalEquations, independent: bool = False, rule: OutlierRule = RULE
+    ) -> None:
+        self.linear, self.sums, self.independent, self.rule = linear, sums, independent, rule
         self.superset = list(linear.terms)
         self.compared: list[ComparedTermSet] = []
         per_pose = 1.0 if independent else linear.per_pose
@@ -311,8 +313,8 @@ class Averaging:
         loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
         e = np.concatenate([block.y - mean @ block.J for block in linear.blocks()])
         u = np.sum(single, axis=0)
-        self.outlying = leave_one_out.outlying(linear, e, u, row)
-        self.alone = leave_one_out.standing_alone(e[row >= 0], u[row >= 0], linear.place[pose[row >= 0]])
+        self.outlier_distance = leave_one_out.outliers(linear, e, u, row, self.rule)
+        self.leverage_pose = leave_one_out.leverage_pose(e[row >= 0], u[row >= 0], linear.place[pose[row >= 0]])
         return loo, blocks[0] if blocks else loo
 
     def _columns(self, flat: int) -> list[IntArray]:
@@ -320,8 +322,8 @@ class Averaging:
         places = (np.searchsorted(self.union, candidate.term_set.terms) for candidate in self.kept)
         return [np.concatenate([np.arange(flat), flat + place]) for place in places]
 
-    def contradicting(self, linear: Linearisation) -> FloatArray:
-        """Points that contradict all others, and those that do so once these are left out, (points,), mm, else zero.
+    def all_outliers(self, linear: Linearisation) -> FloatArray:
+        """Distances of outliers, and of those that show once these are left out, (points,), mm, else zero.
 
         Parameters
         ----------
@@ -329,8 +331,8 @@ class Averaging:
             In which the average was made: it is made again there without those points.
         """
         points, fits = linear.problem.points, [candidate.by_fit for candidate in self.kept]
-        out = more = self.outlying[: len(points)]
-        while more.any() and np.mean(out > 0.0) <= MOST_OUTLYING:
+        out = more = self.outlier_distance[: len(points)]
+        while more.any() and not self.rule.too_many(int(np.count_nonzero(out)), len(out)):
             if not np.bincount(points.target[out == 0.0], minlength=len(points.target_names)).all():
                 break
             rest = linear.without(out > 0.0)
@@ -341,7 +343,7 @@ class Averaging:
                 u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
                 mean[columns] += candidate.weight * fit.c
             e = np.concatenate([block.y - mean @ block.J for block in rest.blocks()])
-            more = leave_one_out.outlying(rest, e, u, row)[: len(points)]
+            more = leave_one_out.outliers(rest, e, u, row, self.rule)[: len(points)]
             out = out + more
         return out
 
@@ -496,6 +498,7 @@ def identify_evidence(
     payload_place: Sequence[float] | None = None,
     usual_kg: float | None = None,
     prior: TypePrior | None = None,
+    rule: OutlierRule = RULE,
     progress: Progress | None = None,
 ) -> EvidenceFit:
     """Identify base, targets and the averaged terms.
@@ -524,6 +527,8 @@ def identify_evidence(
     prior : TypePrior, optional
         What calibrated robots of the same type show. Term sets with it compete by their evidence with those without: a
         robot that is not like its type is identified without.
+    rule : OutlierRule
+        From where on a point is one that contradicts all others.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -546,13 +551,13 @@ def identify_evidence(
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
     say("fitting the geometry")
     linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
-    averaging = Averaging(linearised.linear, linearised.sums)
+    averaging = Averaging(linearised.linear, linearised.sums, rule=rule)
     tau = linearised.taus[-1] if linearised.taus else None
     choices = term_sets.candidates(averaging.superset, terms, tau)
     say(f"comparing {len(choices)} choices of terms")
     compared, weights, best = averaging.weighed(choices, linearised.taus)
     if _each_counts(averaging, compared):
-        averaging = Averaging(linearised.linear, linearised.sums, independent=True)
+        averaging = Averaging(linearised.linear, linearised.sums, independent=True, rule=rule)
         compared, weights, best = averaging.weighed(choices, linearised.taus)
     of_type = None
     if prior is not None:
@@ -569,7 +574,7 @@ def identify_evidence(
     else:
         sums = linearised.sums.part(np.concatenate([np.arange(flat), flat + union]))
     improved, mean, covariance, results = averaging.average(linear, sums)
-    wrong = averaging.contradicting(improved) if isinstance(improved, Linearisation) else averaging.outlying
+    wrong = averaging.all_outliers(improved) if isinstance(improved, Linearisation) else averaging.outlier_distance
     state, names = linear.moved(mean), points.target_names
     lagging = LAG_FAMILIES if project else ()
     used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
@@ -578,8 +583,8 @@ def identify_evidence(
     other_bases = dict(zip(linearised.problem.sessions[:-1], state.others, strict=True))
     loads = linearised.motion.inputs.get("payload_kg")
     stop = stop_numbers(points, motion) if len(linearised.motion) < len(motion) else np.arange(len(motion))
-    outlying = np.zeros((len(linearised.motion), len(names)))
-    outlying[linearised.problem.points.pose, linearised.problem.points.target] = wrong * MM
+    outlier_distance = np.zeros((len(linearised.motion), len(names)))
+    outlier_distance[linearised.problem.points.pose, linearised.problem.points.target] = wrong * MM
     averaged_terms, coefficients = tuple(terms_used[k] for k in used), scale[flat:] * mean[columns[flat:]]
     coefficient_of = {term.name: float(value) for term, value in zip(averaged_terms, coefficients, strict=True)}
     return EvidenceFit(
@@ -611,10 +616,10 @@ def identify_evidence(
         other_bases=other_bases,
         type_prior=of_type,
         independent=averaging.independent,
-        outlying=outlying[stop[points.pose], points.target],
-        alone=None
-        if averaging.alone is None
-        else (int(np.flatnonzero(linear.place[stop] == averaging.alone[0])[0]), averaging.alone[1]),
+        outlier_distance=outlier_distance[stop[points.pose], points.target],
+        leverage_pose=None
+        if averaging.leverage_pose is None
+        else (int(np.flatnonzero(linear.place[stop] == averaging.leverage_pose[0])[0]), averaging.leverage_pose[1]),
     )
 
 
@@ -699,7 +704,7 @@ def _with_longer_series(
     say(f"comparing harmonics to {LONGEST}")
     more = HARMONICS.terms(linearised.problem.arm, HIGHEST + 1, LONGEST)
     linear = linearised.linear.extended(more)
-    longer = Averaging(linear, linear.sums(), averaging.independent)
+    longer = Averaging(linear, linear.sums(), averaging.independent, averaging.rule)
     new_terms = range(len(averaging.superset), len(longer.superset))
     compared = list(averaging.compared)
     for candidate in averaging.kept:

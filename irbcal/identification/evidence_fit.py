@@ -158,12 +158,11 @@ class EvidenceFit(Result):
         What a prior of the robot's type did, where there was one.
     independent : bool
         Whether the points of a pose erred by themselves, see `irbcal.identification.independence`.
-    outlying : ndarray, shape (m,)
-        Of the points that contradict all others, how far they are from where the others put them, metres; zero for good
-        ones.
-    alone : (int, float) or None
+    outlier_distance : ndarray, shape (m,)
+        How far outliers are from where all other points put them, metres; zero for good points.
+    leverage_pose : (int, float) or None
         The pose that no other can check, and how far it is from where all others put it, metres; see
-        `irbcal.identification.leave_one_out.standing_alone`.
+        `irbcal.identification.leave_one_out.leverage_pose`.
     level, method, objective : str
     value, lower_bound : float or None
         Of another objective than the root mean square, metres.
@@ -191,8 +190,8 @@ class EvidenceFit(Result):
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
     type_prior: TypePriorResult | None = None
     independent: bool = False
-    outlying: FloatArray = field(default_factory=lambda: np.zeros(0))
-    alone: tuple[int, float] | None = None
+    outlier_distance: FloatArray = field(default_factory=lambda: np.zeros(0))
+    leverage_pose: tuple[int, float] | None = None
     level: Level | Literal["auto"] = "auto"
     method: Literal["evidence"] = "evidence"
     objective: Objective = "rms"

@@ -79,7 +79,7 @@ def doubts(fit: FeatureFit) -> list[str]:
     Parameters
     ----------
     fit : FeatureFit
-        Of the rows as they are, gross errors left out.
+        Of the rows as they are, outliers left out.
     """
     rows, arm = fit.problem.rows, fit.nominal
     if rows.flange is not None:

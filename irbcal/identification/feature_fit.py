@@ -18,7 +18,7 @@ import pandas as pd
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import feature_problem, term_sets
-from irbcal.identification.choices import Goal
+from irbcal.identification.choices import Goal, Level
 from irbcal.identification.evidence import Averaging, Progress
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import (
@@ -40,7 +40,8 @@ from irbcal.identification.feature_problem import (
 from irbcal.identification.fit_sections import ModelAverage, ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows
 from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_misses
-from irbcal.identification.outliers import CORE, FLOOR, FLOORS, limit
+from irbcal.identification.outlier_rule import RULE, OutlierRule
+from irbcal.identification.outliers import TRIMMED_TO
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.features import FeatureSet, Length
 from irbcal.measurement.motions import usual_load, usual_place
@@ -74,12 +75,8 @@ JOINTS = 200
 
 BASE_REASON = "nothing ties the features to a measuring frame: places are those of the base link"
 
-MOST_GROSS = 0.1
-"""Share of the rows that may be gross errors: of more, none is left out."""
-
-NOMINAL_FLOOR, NOMINAL_FAR = FLOORS["nominal"], 20 * MM
-"""Distance from the nominal robot below which no row is a gross error; and the median distance from which it is placed
-among parts of the rows, metres."""
+NOMINAL_FAR = 20 * MM
+"""Distance from the nominal robot, of the median or an outlier, from which it is placed among parts of rows, metres."""
 
 DRAWS, DRAWN, ROUGH = 8, 12, 30
 """Parts of the rows that the nominal robot is placed among, rows of each feature in one, and steps of least squares."""
@@ -313,6 +310,7 @@ def identify_features(
     start: FeatureState | None = None,
     bare: bool = False,
     goal: Goal = LEAST_SQUARES,
+    rule: OutlierRule = RULE,
 ) -> FeatureFit:
     """Identify base, tool, features and the averaged terms.
 
@@ -333,6 +331,7 @@ def identify_features(
         Leave out what only a report asks for: leave-one-out errors and what the rows show.
     goal : Goal
         What to make small from the evidence fit on.
+    rule : OutlierRule
 
     Raises
     ------
@@ -363,7 +362,7 @@ def identify_features(
             superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
     else:
         superset = sorted((term_of(spelling, arm) for spelling in terms), key=lambda term: term.family != "geometry")
-        terms, choices = term_sets.JOINT_MAP, [list({term.family for term in superset})]
+        terms, choices = term_sets.JOINT_MAP, [list(dict.fromkeys(term.family for term in superset))]
     problem = FeatureProblem(arm, features, superset)
     say(f"placing tool and features of {features.poses} poses")
     if start is None:
@@ -373,7 +372,7 @@ def identify_features(
     refuse_undetermined(problem, problem.sums(nominal, np.zeros(0, dtype=int)))
     say("fitting the geometry")
     model = FeatureModel(problem, _geometry(problem, nominal))
-    averaging = Averaging(model, model.sums())
+    averaging = Averaging(model, model.sums(), rule=rule)
     offered = _choices(superset, terms, choices, taus)
     say(f"comparing {len(offered)} choices of terms")
     averaging.weigh(*averaging.weighed(offered, give_up=np.inf)[:2])
@@ -418,22 +417,23 @@ def identify_features(
         state=state,
         nominal_state=replace(nominal, coefficients=nominal.coefficients[union]),
         step_covariance=covariance,
-        outlying=np.zeros(0) if bare else averaging.outlying * MM / smaller.weights,
+        outlier_distance=np.zeros(0) if bare else averaging.outlier_distance * MM / smaller.weights,
         **reached,
     )
 
 
-def identify_without_gross_errors(
+def identify_without_outliers(
     arm: Arm,
     rows: FeatureSet,
     terms: str | Sequence[Parameter] = term_sets.JOINT_MAP,
     progress: Progress | None = None,
     goal: Goal = LEAST_SQUARES,
+    rule: OutlierRule = RULE,
 ) -> tuple[FeatureFit, dict[int, float], str]:
     """Identify from the rows that do not contradict all others by far: a wrong feature, a slip, a mistyped joint.
 
-    A row is a gross error by the rules for a tracker's points: far from its feature (`irbcal.identification.outliers`,
-    within its kind), or contradicted by all others (`irbcal.identification.leave_one_out.outlying`). It bends the fit,
+    A row is an outlier by the rule for a tracker's points: far from its feature (`irbcal.identification.outliers`,
+    within its kind), or contradicted by all others (`irbcal.identification.leave_one_out.outliers`). It bends the fit,
     so that good rows beside it miss, too: only rows that miss at least half as much as the worst are left out before
     the others are fitted again. Where even the nominal robot cannot be placed among all rows, it is placed among parts
     of them, and rows far from where it then is are left out from the start.
@@ -443,17 +443,17 @@ def identify_without_gross_errors(
     arm : Arm
         Nominal.
     rows : FeatureSet
-    terms, progress, goal
+    terms, progress, goal, rule
         As of `identify_features`.
 
     Returns
     -------
     fit : FeatureFit
-        Of ``fit.problem.rows``: all rows where more than `MOST_GROSS` contradict the others, or the rest is too little.
+        Of ``fit.problem.rows``: all rows where the outliers are too many, or the rest is too little.
     left_out : dict of int to float
         How far each row that was left out is from its feature, by its row in the file, metres.
     doubt : str
-        Why gross errors were not left out; empty where they were, or where there are none.
+        Why outliers were not left out; empty where they were, or where there are none.
 
     Raises
     ------
@@ -461,51 +461,51 @@ def identify_without_gross_errors(
         As `identify_features`.
     """
     left_out: dict[int, float] = {}
-    placed = _placed_robustly(arm, rows)
+    placed = _placed_robustly(arm, rows, rule)
     remaining, start = rows, None
     if placed is not None:
         start, distance = placed
-        gross = distance > _limits(rows, distance, NOMINAL_FLOOR)
-        left_out = dict(zip(rows.row[gross].tolist(), distance[gross].tolist(), strict=True))
-        remaining = rows.select(~gross)
+        outlier = distance > _limits(rows, distance, rule, "nominal")
+        left_out = dict(zip(rows.row[outlier].tolist(), distance[outlier].tolist(), strict=True))
+        remaining = rows.select(~outlier)
     fit_of_all: FeatureFit | None = None
     while True:
         contradicting = ", ".join(map(str, sorted(left_out)[:10])) + (", …" if len(left_out) > 10 else "")
         doubt = f"Rows that contradict the others were not left out ({contradicting}): "
-        if len(left_out) > MOST_GROSS * len(rows):
+        if rule.too_many(len(left_out), len(rows)):
             try:
-                fit = fit_of_all or identify_features(arm, rows, terms, progress=progress, goal=goal)
+                fit = fit_of_all or identify_features(arm, rows, terms, progress=progress, goal=goal, rule=rule)
             except IdentificationError as error:
                 raise IdentificationError(
                     f"{error}; rows {contradicting} contradict the others ({len(left_out)} of {len(rows)}): look at "
                     "these first"
                 ) from None
-            return fit, {}, f"{doubt}they are more than {MOST_GROSS:.0%} of all rows. Look at these rows first."
+            return fit, {}, f"{doubt}they are more than {rule.share:.0%} of all rows. Look at these rows first."
         try:
-            fit = identify_features(arm, remaining, terms, progress=progress, start=start, goal=goal)
+            fit = identify_features(arm, remaining, terms, progress=progress, start=start, goal=goal, rule=rule)
         except IdentificationError as error:
             if fit_of_all is None:
                 raise
             return fit_of_all, {}, f"{doubt}without them, {error}"
         fit_of_all = fit_of_all or fit
         remaining, distance = fit.problem.rows, fit.problem.distances(fit.state)
-        gross = distance > _limits(remaining, distance)
-        if not gross.any():
-            gross, distance = fit.outlying > 0.0, fit.outlying
-        if not gross.any():
+        outlier = distance > _limits(remaining, distance, rule)
+        if not outlier.any():
+            outlier, distance = fit.outlier_distance > 0.0, fit.outlier_distance
+        if not outlier.any():
             return fit, left_out, ""
-        gross &= distance >= 0.5 * distance[gross].max()
-        left_out |= dict(zip(remaining.row[gross].tolist(), distance[gross].tolist(), strict=True))
-        remaining = remaining.select(~gross)
+        outlier &= distance >= 0.5 * distance[outlier].max()
+        left_out |= dict(zip(remaining.row[outlier].tolist(), distance[outlier].tolist(), strict=True))
+        remaining = remaining.select(~outlier)
 
 
-def _limits(rows: FeatureSet, distance: FloatArray, floor: float = FLOOR) -> FloatArray:
-    """Distance from which each row is a gross error, by its kind, metres."""
-    limits = {kind: limit(distance[rows.kind == kind], floor) for kind in set(rows.kind)}
+def _limits(rows: FeatureSet, distance: FloatArray, rule: OutlierRule, level: Level | None = None) -> FloatArray:
+    """Distance from which each row is an outlier, by its kind, metres."""
+    limits = {kind: rule.distance_limit(distance[rows.kind == kind], level) for kind in set(rows.kind)}
     return np.array([limits[kind] for kind in rows.kind])
 
 
-def _placed_robustly(arm: Arm, rows: FeatureSet) -> tuple[FeatureState, FloatArray] | None:
+def _placed_robustly(arm: Arm, rows: FeatureSet, rule: OutlierRule) -> tuple[FeatureState, FloatArray] | None:
     """The nominal robot placed among the part of the rows that it fits best, and how far all rows are from it, metres.
 
     None where it can be placed among all rows, and none is far from it.
@@ -514,9 +514,10 @@ def _placed_robustly(arm: Arm, rows: FeatureSet) -> tuple[FeatureState, FloatArr
     try:
         state = feature_problem.start(problem)
         distance = problem.distances(state)
-        if np.median(distance) < NOMINAL_FAR and not (distance > _limits(rows, distance, NOMINAL_FAR)).any():
+        far = distance > np.maximum(NOMINAL_FAR, _limits(rows, distance, rule, "nominal"))
+        if np.median(distance) < NOMINAL_FAR and not far.any():
             return None
-        best = float(np.quantile(distance, CORE)), state
+        best = float(np.quantile(distance, TRIMMED_TO)), state
     except IdentificationError:
         best = None
     rng, key = np.random.default_rng(0), rows.feature.astype(str)
@@ -533,7 +534,7 @@ def _placed_robustly(arm: Arm, rows: FeatureSet) -> tuple[FeatureState, FloatArr
             if not problem.layout.keys() <= state.values.keys():  # a feature or target has no row in this part
                 break
             distance = problem.distances(state)
-            core = float(np.quantile(distance, CORE))
+            core = float(np.quantile(distance, TRIMMED_TO))
             best = min((each for each in (best, (core, state)) if each is not None), key=lambda each: each[0])
             drawn = distance <= core
     return None if best is None else (best[1], problem.distances(best[1]))

@@ -450,7 +450,7 @@ def identify_by(
     power : float
         Of ``pnorm``, at least 2.
     loss : str
-        ``linear``, or ``soft_l1`` and ``huber``, which gross errors move less; with objective ``rms``.
+        ``linear``, or ``soft_l1`` and ``huber``, which outliers move less; with objective ``rms``.
     watched : dict of str to PointSet, optional
         Points that take no part in the fit; their errors go into the history.
     parallel : str

@@ -22,6 +22,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.identification.evidence_maximisation import NOISE, Posterior
 from irbcal.identification.linear_model import LinearModel
+from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.units import MM
 
 BLOCKS = 5
@@ -222,21 +223,16 @@ def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, bloc
     return np.concatenate(out)
 
 
-OUTLYING = 6.0
-"""Multiple of the median beyond which a point contradicts the others. Of an IRB 120, a UR10 and SIMULATED robots, 46 to
-400 poses, good points reach 3.9 (two of 300 on a grid more than 5); points that are 3 mm off stand at 4.5 to 30."""
-OUTLYING_NUMBER = 9.0
-"""The same for measurements of one or two numbers, whose median is a smaller part of their standard deviation."""
 SMALLEST = 10.0 * NOISE
-"""Length below which no point does, millimetres."""
+"""Length below which no measurement is an outlier, millimetres."""
 
 
-def outlying(linear: LinearModel, e: FloatArray, u: FloatArray, row: IntArray) -> FloatArray:
+def outliers(linear: LinearModel, e: FloatArray, u: FloatArray, row: IntArray, rule: OutlierRule = RULE) -> FloatArray:
     """Measurements that contradict all others: how far they are from where the others put them.
 
     They are judged by the root of the product of the fit's residual e and the left-out one u: unlike u it does not grow
     where the others hardly determine a pose, and unlike e it does not vanish where a point draws the fit to itself.
-    Wrong points spoil the fit at others: of those beyond `OUTLYING` medians only those count that reach half of the
+    Wrong points spoil the fit at others: of those beyond the rule's limit only those count that reach half of the
     largest.
 
     Parameters
@@ -246,6 +242,7 @@ def outlying(linear: LinearModel, e: FloatArray, u: FloatArray, row: IntArray) -
         Residuals of the average, and left-out residuals; where they are infinite nothing is said of a point.
     row : ndarray of int, shape (equations,)
         Which measurement each is of.
+    rule : OutlierRule
 
     Returns
     -------
@@ -260,18 +257,17 @@ def outlying(linear: LinearModel, e: FloatArray, u: FloatArray, row: IntArray) -
     if not numbers.any():
         return np.zeros(len(length))
     median = float(np.median(length[numbers > 0]))
-    factor = np.where(numbers < 3, OUTLYING_NUMBER, OUTLYING)
-    limit = np.maximum(factor * median, max(SMALLEST, 0.5 * float(length.max())))
+    limit = np.maximum(rule.contradiction_factor(numbers) * median, max(SMALLEST, 0.5 * float(length.max())))
     return np.where(length > limit, np.sqrt(distance), 0.0)
 
 
-ALONE, PASSED = 8.0, 0.1
-"""A pose stands alone if all others put it farther away than so many medians, and the fit passes it within that share
-of the distance. Of an IRB 120 with 15 to 100 poses drawn at random the farthest is 1.8 to 5.3 medians away; a good pose
-far from 20 to 60 others 5.4 to 13.5, and 28 to 59 if it is 2 mm off."""
+LEVERAGE, PASSED = 8.0, 0.1
+"""A pose is a leverage point if all others put it farther away than so many medians, and the fit passes it within that
+share of the distance. Of an IRB 120 with 15 to 100 poses drawn at random the farthest is 1.8 to 5.3 medians away; a
+good pose far from 20 to 60 others 5.4 to 13.5, and 28 to 59 if it is 2 mm off."""
 
 
-def standing_alone(e: FloatArray, u: FloatArray, pose: IntArray) -> tuple[int, float] | None:
+def leverage_pose(e: FloatArray, u: FloatArray, pose: IntArray) -> tuple[int, float] | None:
     """The pose that draws the fit to itself and that no other pose can check.
 
     Parameters
@@ -289,7 +285,7 @@ def standing_alone(e: FloatArray, u: FloatArray, pose: IntArray) -> tuple[int, f
     with np.errstate(invalid="ignore"):
         passed, away = (np.sqrt(3.0 * np.bincount(number, x * x) / np.bincount(number)) for x in (e, u))
     farthest = int(np.argmax(away))
-    if not np.isfinite(away).all() or away[farthest] < ALONE * np.median(away):
+    if not np.isfinite(away).all() or away[farthest] < LEVERAGE * np.median(away):
         return None
     return (int(poses[farthest]), float(away[farthest]) * MM) if passed[farthest] < PASSED * away[farthest] else None
 

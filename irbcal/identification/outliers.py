@@ -1,4 +1,4 @@
-"""Gross errors and files that do not fit, seen against robots that wrong points cannot bend, before identification."""
+"""Outliers and files that do not fit, seen against robots that wrong points cannot bend, before identification."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
+from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import TOO_FAR, PointSet, distances
 from irbcal.measurement.table import MeasurementSet
@@ -20,33 +21,21 @@ from irbcal.modeling.robot import Robot
 from irbcal.statistics import smallest
 from irbcal.units import MM
 
-FLOORS = {"nominal": 5 * MM, "offsets": 2 * MM}
-"""Distance from the robot fitted at a level below which no point is called a gross error, metres."""
+TRIMMED_TO = 0.6
+"""Share of the points whose squares are the least trimmed ones: a robot is fitted to these."""
 
-FLOOR = 1 * MM
-"""The same at the level that is built for an arm."""
-
-FACTOR = 12.0
-"""The same as a multiple of the distance that `QUANTILE` of the points stay below."""
-
-QUANTILE = 0.3
-"""It is that of the middle good point even if 40 % are wrong."""
-
-CORE = 0.6
-"""Share of the points that a robot is fitted to while gross errors are looked for."""
-
-STEPS = 20
-"""How often that share is chosen anew at most."""
+CONCENTRATION_STEPS = 20
+"""How often that share is chosen again at most."""
 
 EQUATIONS = 3.0
 """Equations of that share for each unknown, below which a level is not tried."""
 
 MOST_POSES = 2000
-"""Poses that robots are fitted to, while gross errors are looked for; of more, ones drawn at random."""
+"""Poses that robots are fitted to, while outliers are looked for; of more, ones drawn at random."""
 
 
 @dataclass(frozen=True, eq=False)
-class GrossErrors(Locked):
+class Outliers(Locked):
     """Points that no robot of this kind could have reached."""
 
     keep: BoolArray
@@ -59,16 +48,20 @@ class GrossErrors(Locked):
     """At which it was fitted."""
 
 
-def find_gross_errors(
-    arm: Arm, points: PointSet, source: str = "the measurements", measurements: MeasurementSet | None = None
-) -> GrossErrors:
+def find_outliers(
+    arm: Arm,
+    points: PointSet,
+    source: str = "the measurements",
+    measurements: MeasurementSet | None = None,
+    rule: OutlierRule = RULE,
+) -> Outliers:
     """Points that no robot of this kind could have reached.
 
     The nominal robot (base and tool identified) is fitted to the 60 % of the points that it fits best, which up to
     40 % of wrong points cannot bend (least trimmed squares by concentration). Then the same is done with offsets of
     all joints, and with the level that is built for the arm, as far as there are equations enough: a zero of a joint
-    that is off by a degree hides a gross error from the nominal robot. A point is a gross error if it is farther from
-    the last of these than 12 times what 30 % of all stay below, and than a floor of 5, 2 or 1 mm.
+    that is off by a degree hides an outlier from the nominal robot. A point is an outlier if it is farther from the
+    last of these than the rule's limit: 12 times what 30 % of all stay below, and a floor of 5, 2 or 1 mm.
 
     Parameters
     ----------
@@ -78,6 +71,7 @@ def find_gross_errors(
         File name for messages.
     measurements : MeasurementSet, optional
         The file, for the number of a row in messages.
+    rule : OutlierRule
 
     Raises
     ------
@@ -94,7 +88,7 @@ def find_gross_errors(
         if len(np.unique(subset.target)) < len(points.target_names):  # a target that few poses saw
             subset = points
     try:
-        robot = trimmed(arm, subset)
+        robot = least_trimmed_squares(arm, subset)
     except IdentificationError as error:
         _refuse_slip(arm, points, np.inf, source, measurements)
         raise IdentificationError(str(error), file=source) from None
@@ -110,35 +104,32 @@ def find_gross_errors(
         )
     level: Level = "nominal"
     for closer in dict.fromkeys(("offsets", default_level(arm))):
-        closer_robot = _closer(arm, subset, distances(robot, subset), closer)
+        closer_robot = _closer(arm, subset, distances(robot, subset), closer, rule)
         nearer = None if closer_robot is None else distances(closer_robot, points)
         if closer_robot is not None and nearer is not None and np.median(nearer) < np.median(distance):
             robot, level, distance = closer_robot, closer, nearer
-    return GrossErrors(distance <= limit(distance, FLOORS.get(level, FLOOR)), distance, robot, level)
+    return Outliers(distance <= rule.distance_limit(distance, level), distance, robot, level)
 
 
-def limit(distance: FloatArray, floor: float = FLOOR) -> float:
-    """Distance from where a robot puts it beyond which a point, or a row at a feature, is a gross error, metres."""
-    return max(floor, FACTOR * float(np.quantile(distance, QUANTILE)))
-
-
-def _closer(arm: Arm, points: PointSet, distance: FloatArray, level: Level) -> Robot | None:
+def _closer(arm: Arm, points: PointSet, distance: FloatArray, level: Level, rule: OutlierRule) -> Robot | None:
     """The robot of a level fitted to the good points; None where there are too few of them."""
     of_a_pose = min(3.0 * len(points) / points.poses, 6.0)
     unknowns = 6 + 3 * len(points.target_names) + len(level_parameters(level, arm))
-    if CORE * points.poses * of_a_pose < EQUATIONS * unknowns:
+    if TRIMMED_TO * points.poses * of_a_pose < EQUATIONS * unknowns:
         return None
     try:
-        robot = trimmed(arm, points, level, distance)
-        # what is good by now is more than the core, and gives a better robot
-        good = points.take((d := distances(robot, points)) <= limit(d, FLOORS.get(level, FLOOR))).without_empty_poses()
+        robot = least_trimmed_squares(arm, points, level, distance)
+        # what is good by now is more than that share, and gives a better robot
+        good = points.take((d := distances(robot, points)) <= rule.distance_limit(d, level)).without_empty_poses()
         better = identify(arm, good.with_seen_targets(), level).robot
     except IdentificationError:
         return None
     return better if set(better.targets) == set(points.target_names) else None
 
 
-def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: FloatArray | None = None) -> Robot:
+def least_trimmed_squares(
+    arm: Arm, points: PointSet, level: Level = "nominal", distance: FloatArray | None = None
+) -> Robot:
     """The robot of a level fitted to the part of the points that it fits best.
 
     Parameters
@@ -165,12 +156,12 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
         of_all = identify(arm, points, level).robot
         distance = distances(of_all, points)
     robot, core = of_all, None
-    for _ in range(STEPS):
-        new = smallest(distance, CORE)
+    for _ in range(CONCENTRATION_STEPS):
+        new = smallest(distance, TRIMMED_TO)
         if core is not None and state is not None:
             if (new == core).all():
                 break
-            new, state = _concentrated(arm, points, level, state, new)
+            new, state = _concentration_steps(arm, points, level, state, new)
         core = new
         try:
             fit = identify(arm, points.take(core).without_empty_poses().with_seen_targets(), level, start=state)
@@ -184,14 +175,16 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
     return robot
 
 
-def _concentrated(arm: Arm, points: PointSet, level: Level, state: State, core: BoolArray) -> tuple[BoolArray, State]:
+def _concentration_steps(
+    arm: Arm, points: PointSet, level: Level, state: State, core: BoolArray
+) -> tuple[BoolArray, State]:
     """The part of the points that a robot of the level fits best, and that robot, linearised at a state near it."""
     problem = Problem(arm, points, level_parameters(level, arm))
     J, r, at = np.empty((problem.unknowns, 3, problem.rows)), np.empty((3, problem.rows)), problem.arm_at(state)
     for k in range(problem.block_count):
         r[:, problem.rows_of(k)], J[:, :, problem.rows_of(k)] = problem.block(k, at, state)
     step, before = np.zeros(problem.unknowns), None
-    for _ in range(STEPS):
+    for _ in range(CONCENTRATION_STEPS):
         if before is not None and (core == before).all():
             break
         rows = np.concatenate([core, core[points.oriented()]])
@@ -200,7 +193,10 @@ def _concentrated(arm: Arm, points: PointSet, level: Level, state: State, core: 
         H += 1e-9 * H.diagonal().max() * np.eye(len(H))  # of what nothing tells, as a target without points
         H[problem.outer :, problem.outer :] += np.diag(np.mean(left * left) / problem.scales**2)
         step = np.linalg.solve(H, taken @ left)
-        before, core = core, smallest(np.linalg.norm((r - np.tensordot(step, J, 1))[:, : len(points)], axis=0), CORE)
+        before, core = (
+            core,
+            smallest(np.linalg.norm((r - np.tensordot(step, J, 1))[:, : len(points)], axis=0), TRIMMED_TO),
+        )
     return core, problem.moved(state, step)
 
 

@@ -493,7 +493,7 @@ def _groups(rows: pd.DataFrame) -> NameArray | None:
 
 def _far(exclusion: tuple[str, str, float], where: str) -> Exclusion:
     pose, target, off = exclusion
-    return Exclusion(pose=pose, target=target, reason=f"gross error: {off / MM:.3g} mm from {where}")
+    return Exclusion(pose=pose, target=target, reason=f"outlier: {off / MM:.3g} mm from {where}")
 
 
 def _named(source: str, function: Callable[..., T], *arguments: Any) -> T:

@@ -178,7 +178,7 @@ def analyse_residuals(
     frequency : float or None
         Periods per turn; None: free.
     cleaned : bool
-        Gross errors were left out before.
+        Outliers were left out before.
 
     Raises
     ------
@@ -221,11 +221,11 @@ def _usable(
     points = points.without_empty_poses()
     excluded: tuple[tuple[str, str, float], ...] = ()
     if points.poses >= FEWEST_POSES_FOR_EFFECTS and not cleaned:
-        gross, names = outliers.find_gross_errors(arm, points), points.names()
-        far = np.flatnonzero(~gross.keep)
-        excluded = tuple((str(points.pose_ids[points.pose[k]]), names[k], float(gross.distance[k])) for k in far)
-        used = np.isin(np.arange(points.poses), points.pose[gross.keep])
-        points, step = points.take(gross.keep).select(used).with_seen_targets(), step[used]
+        screened, names = outliers.find_outliers(arm, points), points.names()
+        far = np.flatnonzero(~screened.keep)
+        excluded = tuple((str(points.pose_ids[points.pose[k]]), names[k], float(screened.distance[k])) for k in far)
+        used = np.isin(np.arange(points.poses), points.pose[screened.keep])
+        points, step = points.take(screened.keep).select(used).with_seen_targets(), step[used]
     if points.poses < FEWEST_POSES_FOR_EFFECTS:
         raise IdentificationError(
             f"{points.poses} poses are too few to look for effects of single joints: at least "

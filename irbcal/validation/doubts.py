@@ -106,7 +106,7 @@ most 0.87 of one robot whose residuals fall to half."""
 CLEARLY = 4.0
 """Ratio of the squares of a pose's residuals under the other robot and under its own."""
 FEW = 0.1
-"""Share of the poses that the smaller part must have: fewer are gross errors."""
+"""Share of the poses that the smaller part must have: fewer are outliers."""
 STARTS, ROUNDS = 8, 40
 FOLDS = 5
 """Parts of the poses, each of which is explained by changes that were estimated from the others."""
@@ -351,8 +351,8 @@ def doubts(
         )
     if nominal.rms > LARGE_NOMINAL and fit.rms > 0.05 * nominal.rms:
         out += _too_far(nominal.rms)
-    if isinstance(fit, EvidenceFit) and fit.alone is not None:
-        pose, away = fit.alone
+    if isinstance(fit, EvidenceFit) and fit.leverage_pose is not None:
+        pose, away = fit.leverage_pose
         out.append(
             f"Pose {fit.points.pose_ids[pose]} stands alone: the fit passes it, but all other poses put it "
             f"{away / MM:.3g} mm elsewhere, and none can tell which is right. Measure it again, and poses near it."

@@ -110,7 +110,7 @@ def test_a_slip_is_named_and_its_remedy_mends_the_file(words, tmp_path, monkeypa
     assert slip is not None
     assert slip.looks_like == words
     # read so, the points are as near as before the slip was made
-    near = np.median(distances(outliers.trimmed(nominal, good), good))
+    near = np.median(distances(outliers.least_trimmed_squares(nominal, good), good))
     assert slip.after == pytest.approx(near, rel=0.2)
     remedy = slip.remedy("m.csv")
     if "one pose" in words:
@@ -120,10 +120,10 @@ def test_a_slip_is_named_and_its_remedy_mends_the_file(words, tmp_path, monkeypa
     write_measurements(tmp_path / "m.csv", seen)
     program(*shlex.split(remedy.removeprefix("to read them so: "))[1:])
     mended = cleaning.clean(table.read("mended.csv")).points
-    assert np.median(distances(outliers.trimmed(nominal, mended), mended)) == pytest.approx(near, rel=0.2)
+    assert np.median(distances(outliers.least_trimmed_squares(nominal, mended), mended)) == pytest.approx(near, rel=0.2)
 
 
-def test_a_slip_is_found_among_gross_errors():
+def test_a_slip_is_found_among_outliers():
     nominal = arm()
     rng = np.random.default_rng(4)
     seen = turned(2)(points(nominal))
@@ -227,7 +227,7 @@ def damaged(seen, how, place):
     return beside(seen, joints, positions), late
 
 
-def with_gross_errors(seen, share, seed=0):
+def with_outliers(seen, share, seed=0):
     rng = np.random.default_rng(seed)
     xyz = seen.xyz.copy()
     wrong = rng.random(len(xyz)) < share
@@ -248,10 +248,10 @@ def test_the_place_is_found_anywhere(how, place):
         assert found.before > 8 * found.after
 
 
-def test_it_is_found_among_gross_errors():
+def test_it_is_found_among_outliers():
     nominal = arm()
     wrong, late = damaged(points_lost_rows(nominal)[1], "position lost", 25)
-    found = data_entry_errors.find_lost_row(nominal, with_gross_errors(wrong, 0.1))
+    found = data_entry_errors.find_lost_row(nominal, with_outliers(wrong, 0.1))
     assert found is not None
     assert (found.late, abs(int(found.pose) - 26) <= 1) == (late, True)
 
@@ -261,7 +261,7 @@ def test_nothing_is_named_where_there_is_nothing_lost_rows(seed):
     nominal = arm(("irb1600", "irb120", "ur10", "panda")[seed % 4])
     robot, seen = points_lost_rows(nominal, seed, poses=(25, 60, 90)[seed % 3], targets=TOOL if seed % 2 else None)
     for share in (0.0, 0.1, 0.3):
-        wrong = with_gross_errors(seen, share, seed)
+        wrong = with_outliers(seen, share, seed)
         assert data_entry_errors.find_lost_row(nominal, wrong) is None
         assert data_entry_errors.lost_row_of_robot(robot, wrong) is None
     noise = np.random.default_rng(seed).normal(size=seen.xyz.shape)

@@ -206,7 +206,7 @@ def test_nelder_mead_starts_from_the_axes_and_stays_above_the_certified_minimum(
     assert largest(search, points) > 1.05 * best.lower_bound
 
 
-def test_robust_losses_shrug_off_gross_errors(data):
+def test_robust_losses_shrug_off_outliers(data):
     nominal, points, check = data
     xyz = points.xyz.copy()
     xyz[::29] += 0.008

@@ -142,7 +142,7 @@ def test_points_that_contradict_all_others_are_outlying(off):
     moved_by[[17, 90]] = off, 0.3 * off
     moved = replace(points, xyz=points.xyz + moved_by[:, None] * np.array([0.6, 0.0, 0.8]))
     found = identify_evidence(model, moved, Motion.in_order(points.q), gear_scan=False)
-    np.testing.assert_allclose(found.outlying, moved_by, rtol=0.2, atol=0.0)
+    np.testing.assert_allclose(found.outlier_distance, moved_by, rtol=0.2, atol=0.0)
 
 
 def test_a_pose_that_no_other_checks_is_named():
@@ -153,9 +153,9 @@ def test_a_pose_that_no_other_checks_is_named():
     points = measured(robot, np.vstack([near, far]), 3e-5, np.random.default_rng(2))
     moved = replace(points, xyz=points.xyz + 5e-3 * (points.pose == 25)[:, None])
     fit = identify_evidence(arm(), moved, gear_scan=False)
-    assert fit.alone[0] == 25
+    assert fit.leverage_pose[0] == 25
     without = identify_evidence(arm(), moved.select(np.arange(26) < 25), gear_scan=False)
-    assert without.alone is None
+    assert without.leverage_pose is None
     distance = distances(without.robot, moved.select(np.arange(26) == 25))
     # sizes of groups and weights of the term sets are other without it
-    assert fit.alone[1] == pytest.approx(np.sqrt(np.mean(distance**2)), rel=0.2)
+    assert fit.leverage_pose[1] == pytest.approx(np.sqrt(np.mean(distance**2)), rel=0.2)

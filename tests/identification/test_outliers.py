@@ -1,4 +1,4 @@
-"""Gross errors and mixed-up units against the nominal robot."""
+"""Outliers and mixed-up units against the nominal robot."""
 
 import dataclasses
 
@@ -9,10 +9,10 @@ from support import arm, measured, random_robot
 
 import irbcal
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.identification.outliers import find_gross_errors
+from irbcal.identification.outliers import find_outliers
 
 
-def test_gross_errors_are_found_and_good_points_kept():
+def test_outliers_are_found_and_good_points_kept():
     nominal = arm()
     rng = np.random.default_rng(28)
     truth = random_robot(nominal, "34", rng)
@@ -20,7 +20,7 @@ def test_gross_errors_are_found_and_good_points_kept():
     xyz = points.xyz.copy()
     wrong = [3, 40, 41, 99, 150]
     xyz[wrong] += rng.uniform(0.02, 0.5, (5, 3))
-    found = find_gross_errors(nominal, dataclasses.replace(points, xyz=xyz))
+    found = find_outliers(nominal, dataclasses.replace(points, xyz=xyz))
     keep, distance = found.keep, found.distance
     assert np.flatnonzero(~keep).tolist() == wrong
     assert distance[wrong].min() > 0.015
@@ -39,7 +39,7 @@ def test_other_units_are_named(q_factor, xyz_factor, words):
     points = measured(random_robot(nominal, "34", rng), nominal.random_joints(40, 1), 3e-5, rng)
     mixed = dataclasses.replace(points, q=points.q * q_factor, xyz=points.xyz * xyz_factor)
     with pytest.raises(MeasurementError, match=f"^m.csv: these look like {words}") as caught:
-        find_gross_errors(nominal, mixed, "m.csv")
+        find_outliers(nominal, mixed, "m.csv")
     assert caught.value.file == "m.csv"
 
 
@@ -50,7 +50,7 @@ def test_another_robot_is_refused():
     with pytest.raises(
         IdentificationError, match=r"^m\.csv: irb120.* misses the measured points by .* mm \(median\)"
     ) as caught:
-        find_gross_errors(arm("irb120"), points, "m.csv")
+        find_outliers(arm("irb120"), points, "m.csv")
     assert caught.value.file == "m.csv"
 
 
@@ -72,13 +72,13 @@ def test_a_positioner_whose_tip_lies_on_the_crossing_of_its_axes(tmp_path):
     rng = np.random.default_rng(2)
     truth = random_robot(nominal, "placement", rng)
     points = measured(truth, q, 3e-5, rng)
-    assert find_gross_errors(nominal, points).keep.all()
+    assert find_outliers(nominal, points).keep.all()
     xyz = points.xyz.copy()
     xyz[7] += [0.1, 0.0, 0.0]
-    assert np.flatnonzero(~find_gross_errors(nominal, dataclasses.replace(points, xyz=xyz)).keep).tolist() == [7]
+    assert np.flatnonzero(~find_outliers(nominal, dataclasses.replace(points, xyz=xyz)).keep).tolist() == [7]
 
 
-def test_a_lost_zero_does_not_hide_a_gross_error():
+def test_a_lost_zero_does_not_hide_an_outlier():
     """Against the nominal robot, points of a robot with a joint off by a degree lie some 20 mm off, all of them."""
     nominal = arm()
     rng = np.random.default_rng(31)
@@ -86,7 +86,7 @@ def test_a_lost_zero_does_not_hide_a_gross_error():
     q, xyz = points.q.copy(), points.xyz.copy()
     q[:, 2] += np.radians(1.0)
     xyz[100] += [0.005, 0.0, 0.0]
-    found = find_gross_errors(nominal, dataclasses.replace(points, q=q, xyz=xyz))
+    found = find_outliers(nominal, dataclasses.replace(points, q=q, xyz=xyz))
     assert np.flatnonzero(~found.keep).tolist() == [100]
     assert found.level == "34"
 
@@ -97,7 +97,7 @@ def test_a_third_of_poses_that_are_wrong_by_little():
     points = measured(random_robot(nominal, "34", rng), nominal.random_joints(60, 1), 3e-5, rng)
     wrong = points.pose % 3 == 0
     xyz = points.xyz + wrong[:, None] * np.repeat(3e-3 * np.sign(rng.normal(size=(60, 3))), 3, axis=0)
-    found = find_gross_errors(nominal, dataclasses.replace(points, xyz=xyz))
+    found = find_outliers(nominal, dataclasses.replace(points, xyz=xyz))
     assert (found.keep == ~wrong).all()
 
 
@@ -105,7 +105,7 @@ def test_few_poses_are_compared_with_the_nominal_robot():
     nominal = arm()
     rng = np.random.default_rng(33)
     points = measured(random_robot(nominal, "34", rng), nominal.random_joints(8, 1), 3e-5, rng)
-    found = find_gross_errors(nominal, points)
+    found = find_outliers(nominal, points)
     assert found.level == "nominal"
     assert found.keep.all()
 
@@ -124,6 +124,6 @@ def test_points_of_a_ur10_that_are_3_mm_off_are_named_and_left_out(shared_data, 
     made = irbcal.calibrate(tmp_path / "m.csv", **options)
     assert not good.record.excluded
     assert sorted(point.pose for point in made.record.excluded) == sorted(wrong)
-    assert all(point.reason.startswith("gross error") for point in made.record.excluded)
+    assert all(point.reason.startswith("outlier") for point in made.record.excluded)
     assert [note for note in made.record.notes if all(pose in note for pose in wrong)]
     assert made.record.heldout.all.mean_mm < 1.15 * good.record.heldout.all.mean_mm

@@ -35,7 +35,7 @@ def test_derivative_of_the_losses(loss):
 
 
 @pytest.mark.parametrize("loss", robust.LOSSES)
-def test_gross_outliers_barely_move_a_robust_fit(loss):
+def test_outliers_barely_move_a_robust_fit(loss):
     clean, clean_start, robot = simulated("34", poses=60)
     dirty, start, _ = simulated("34", poses=60, outliers=9)  # 9 of 180 points off by about 8 mm
 

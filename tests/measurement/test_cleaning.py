@@ -204,7 +204,7 @@ def test_by_shape():
     assert order.tolist() == [2, 0, 1]
 
 
-def test_a_gross_error_is_no_exchange():
+def test_an_outlier_is_no_exchange():
     _, points = simulated()
     seen = shaped(points)
     seen[4, 1] += 0.02

@@ -216,12 +216,12 @@ def test_any_number_of_points(calibration, poses, targets, groups):
 
 def test_left_out_points_are_counted_by_reason_and_listed(calibration):
     excluded = [Exclusion(pose=str(k), target=t, reason="lost: no position") for k in range(3000) for t in TARGETS]
-    excluded += [Exclusion(pose="9", target="smr1", reason=f"gross error: {k} mm") for k in range(2)]
+    excluded += [Exclusion(pose="9", target="smr1", reason=f"outlier: {k} mm") for k in range(2)]
     page = report_page.render(calibration.model_copy(update={"excluded": excluded, "poses_excluded": 3000}))
     (counts, listed) = html.document_fromstring(page).xpath("//section[@id='left-out']//table")
     assert [[cell.text_content() for cell in row] for row in counts.xpath("tbody/tr")] == [
         ["lost", "9000"],
-        ["gross error", "2"],
+        ["outlier", "2"],
     ]
     assert listed.xpath("ancestor::details")
     assert listed.xpath("tbody/tr")[1].text_content() == "1smr1, smr2, smr3lost: no position"

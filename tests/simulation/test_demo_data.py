@@ -171,9 +171,9 @@ def test_cleaning_finds_every_mistake_and_no_good_point(truth, runs):
     mistakes = {(str(item["pose"]), item["target"]) for item in truth["mistakes_in_demo_identification"]}
     doubtful = {pose for pose, target in mistakes if target.startswith("ref")}
     for pose, target in mistakes:
-        expected = "wrong reference" if target.startswith("ref") else "rigid tool|gross error"
+        expected = "wrong reference" if target.startswith("ref") else "rigid tool|outlier"
         assert re.search(expected, reasons[pose, target]), (pose, target)
-    for kind in ("lost", "wrong reference", "pose left out", "rigid tool", "gross error"):
+    for kind in ("lost", "wrong reference", "pose left out", "rigid tool", "outlier"):
         assert kind in " ".join(reasons.values())
     every = {*zip(run.table["pose"], run.table["target"], strict=True)}
     in_doubt = {key for key in every if key[0] in doubtful}

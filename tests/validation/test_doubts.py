@@ -225,7 +225,7 @@ def test_one_robot_is_one(seed):
     assert mixed_poses(PoseEquations(arm("irb1600"), points_of_mixed(np.zeros(60, dtype=bool), seed=seed))) == []
 
 
-def test_few_strange_poses_are_gross_errors_and_too_few_poses_tell_nothing():
+def test_few_strange_poses_are_outliers_and_too_few_poses_tell_nothing():
     assert mixed_poses(PoseEquations(arm("irb1600"), points_of_mixed(np.arange(60) < 2))) == []
     assert mixed_poses(PoseEquations(arm("irb1600"), points_of_mixed(np.arange(30) % 2 == 1, poses=30))) == []
 

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification.feature_fit import identify_features, identify_without_gross_errors
+from irbcal.identification.feature_fit import identify_features, identify_without_outliers
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
 from irbcal.validation.feature_proof import labels, prove
@@ -33,7 +33,7 @@ def test_real_contacts_agree_at_places_that_were_left_out(number, contradicting,
     folder = shared_data / "panda_two_sockets"
     arm = open_nominal(folder / "panda.urdf", None, "panda_hand_tcp", None).arm
     seen = features.read(folder / f"panda_{number}.csv", SOCKETS, arm)
-    fit, left_out, doubt = identify_without_gross_errors(arm, seen)
+    fit, left_out, doubt = identify_without_outliers(arm, seen)
     assert (sorted(left_out), doubt) == (contradicting, "")
     seen = fit.problem.rows
     proof = prove(arm, seen, "place")

@@ -66,7 +66,7 @@ def test_the_nominal_robot_is_no_better_than_itself():
 
 
 def test_lost_points_were_never_there_to_be_used():
-    reasons = ("lost: no position", "target unknown to the calibration", "gross error: 9 mm", "swapped: this is smr2")
+    reasons = ("lost: no position", "target unknown to the calibration", "outlier: 9 mm", "swapped: this is smr2")
     assert counted([Exclusion(pose="1", target="smr1", reason=reason) for reason in reasons]) == 2
 
 

@@ -13,5 +13,5 @@ def test_round_numbers():
     # 1 m of robot and 1 mm of mean error: vectors of 50 mm
     assert building.default_magnification([np.full(5, 1 * MM), np.full(5, 0.2 * MM)], 1.0) == 50.0
     assert building.scale_top([np.linspace(0, 2.3 * MM, 500), np.zeros(500)]) == pytest.approx(3 * MM)
-    gross = np.concatenate([np.linspace(0, 0.9 * MM, 1000), [80 * MM]])
-    assert building.scale_top([gross]) <= 1 * MM  # one gross error does not turn all others blue
+    outlier = np.concatenate([np.linspace(0, 0.9 * MM, 1000), [80 * MM]])
+    assert building.scale_top([outlier]) <= 1 * MM  # one outlier does not turn all others blue
