@@ -28,7 +28,7 @@ class OutlierRule:
     nominal_floor: float = 5 * MM
     offsets_floor: float = 2 * MM
     floor: float = 1 * MM
-    """Distance below which none is an outlier: from the nominal robot, from one with joint offsets, from others, metres."""
+    """Distance below which none is an outlier: from the nominal robot, one with joint offsets, any other; metres."""
     contradiction: float = 6.0
     """Multiple of the median left-out residual. Of an IRB 120, a UR10 and SIMULATED robots, 46 to 400 poses, good
     points reach 3.9 (two of 300 on a grid more than 5); points that are 3 mm off stand at 4.5 to 30."""
