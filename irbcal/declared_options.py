@@ -18,6 +18,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from textwrap import TextWrapper
 from typing import Any, ParamSpec, TypeVar
 
 from irbcal.options import checked, names, number
@@ -160,12 +161,15 @@ def _differs(value: Any, default: Any) -> bool:
         return True
 
 
+_INDENTED = TextWrapper(120, "    ", "    ", break_on_hyphens=False)
+
+
 def _with_parameters(docstring: str, options: Iterable[DeclaredOption]) -> str:
     """A docstring with a section of the parameters, before what it says of errors."""
     lines = ["Parameters", "----------"]
     for option in options:
         kind = re.sub(r"Literal\[(.*?)\]", r"{\1}", option.annotation)
-        lines += [f"{option.name} : {kind}", *(f"    {line}" for line in option.text.splitlines())]
+        lines += [f"{option.name} : {kind}", *_INDENTED.wrap(option.text)]
     begin, raises, end = docstring.partition("Raises\n------\n")
     return "\n".join([begin.rstrip(), "", *lines, "", raises + end])
 
@@ -338,7 +342,7 @@ def _texts(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
     section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
     for entry in re.finditer(
         r"^(\S[^\n]*?)(?: : ([^\n]*))?\n((?:(?:[ \t]+[^\n]*)?\n)*)",
-        (section[1] if section else "") + "\n",
+        re.sub(r",\n\s+(?=\")", ", ", section[1] if section else "") + "\n",  # choices on several lines
         re.MULTILINE,
     ):
         for name in entry[1].split(","):

@@ -12,8 +12,10 @@ import pytest
 
 import irbcal
 from irbcal.calibration_options import AT_FEATURES, OF_AUTO, OF_LEVELS, CalibrationOptions
-from irbcal.declared_options import fields_of, given
+from irbcal.declared_options import fields_of, given, options_of
 from irbcal.errors import OptionError
+from irbcal.planning.plan_options import PlanOptions
+from irbcal.validation.evaluation_options import EvaluationOptions
 
 PACKAGE = Path(irbcal.__file__).parent
 NEW = '''
@@ -80,12 +82,25 @@ def test_a_new_option_is_declared_in_one_place(tmp_path):
     assert "grease: expected a number, found 'much'" in told["refused"]
 
 
-def test_every_option_is_explained_and_has_a_type():
-    options = fields_of(CalibrationOptions)
-    assert [option.name for option in options] == list(inspect.signature(irbcal.calibrate).parameters)
+@pytest.mark.parametrize(
+    ("function", "options"), [("calibrate", CalibrationOptions), ("evaluate", EvaluationOptions), ("plan", PlanOptions)]
+)
+def test_every_option_is_explained_and_has_a_type(function, options):
+    call, options = getattr(irbcal, function), fields_of(options)
+    assert [option.name for option in options] == list(inspect.signature(call).parameters)
     assert all(option.text.endswith(".") and option.annotation for option in options)
-    assert {mark for option in options for mark in option.marks} >= {AT_FEATURES, OF_AUTO, OF_LEVELS}
-    assert irbcal.calibrate.__doc__.index("Parameters\n---") < irbcal.calibrate.__doc__.index("Raises\n---")
+    assert call.__doc__.index("Parameters\n---") < call.__doc__.index("Raises\n---")
+    assert options == options_of(function)[1]
+    assert "See `" not in call.__doc__, "what another function explains stands here, too"
+    assert max(map(len, call.__doc__.splitlines())) <= 120
+
+
+def test_marks_say_what_goes_together():
+    assert {mark for option in fields_of(CalibrationOptions) for mark in option.marks} >= {
+        AT_FEATURES,
+        OF_AUTO,
+        OF_LEVELS,
+    }
 
 
 def test_what_is_given_is_what_differs_from_the_defaults():

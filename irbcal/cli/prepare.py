@@ -76,11 +76,9 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
         "refit_zeros": LOST_JOINTS,
     },
     panels={
-        "Everyday": ("robot", "out", "targets", "tracker", "refit_zeros", "payload", "language", "pulses", "json"),
-        "Poses": ("axis", "cube", "all_range", "optimal", "candidates", "criterion", "volume", "level", "seed"),
+        "Options": ("out",),
+        "Everyday": ("json",),
         "A device in place of a tracker": ("device", "poses", "approach", "prior", "compare_devices"),
-        "Conditions": ("margin", "acceptance", "min_height", "cube_centre", "cube_edge", "without", "package_dirs"),
-        "Time and errors": ("wait_s", "references", "speed", "noise"),
     },
     optional=("device",),
     texts={

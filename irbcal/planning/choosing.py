@@ -1,4 +1,4 @@
-"""What a measuring plan should hold, where its poses come from, how they are chosen and put in order.
+"""Where the poses of a measuring plan come from, how they are chosen and put in order.
 
 These are the three groups of Nubiola 2011, section 7.2. Random poses are drawn uniformly in the joints, so that the
 configuration is not restrained, until enough of them meet the conditions.
@@ -14,33 +14,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import MeasurementError
 from irbcal.modeling.home import METRES_PER_DEGREE, home_joints, rounded
-from irbcal.options import MOST_POSES, number
-from irbcal.options import seed as check_seed
 from irbcal.planning import route
 from irbcal.planning.conditions import Setting, counted, touching_on
 from irbcal.planning.optimal_design import (
     CRITERIA,
-    IMAGINED_SIZE,
-    NOISE,
     Chosen,
     DesignComparison,
     Model,
     compare,
     exchange,
 )
+from irbcal.planning.plan_options import PlanOptions, Step
 from irbcal.planning.scene import Scene
 from irbcal.simulation.instruments import turned_away
-from irbcal.simulation.virtual_cell import SECONDS_PER_POINT, WAIT_S
 from irbcal.units import DEG, MM
 
 AXIS_CONDITIONS = ("limits", "collision", "sight")
 """Conditions of moves of one joint: an operator turns the reflector there (Nubiola 2011, section 7.1), and they are not
 random."""
-
-FEW, MANY = 18, 158
-"""Poses of the two sets of axis moves of a six-axis arm (Nubiola 2011, section 7.2)."""
 
 BATCH = 5_000, 50_000
 """Random joints that are looked at together: at first, and when few are found."""
@@ -218,69 +211,6 @@ def first_seen(visible: BoolArray, limit: int) -> BoolArray:
     return visible & (count <= limit)
 
 
-READINGS_S = SECONDS_PER_POINT
-"""Seconds that the tracker needs for a reflector."""
-VOLUMES = ("both", "cube", "range")
-
-
-@dataclass(frozen=True, eq=False)
-class PlanRequest:
-    """What a plan should hold: the options of `irbcal.planning.measuring_plan.plan`, checked.
-
-    Of axis moves there are 18 or 158 (of six joints; as many for each joint of others), or 0.
-    """
-
-    axis: int = FEW
-    cube: int = 52
-    all_range: int = 50
-    optimal: int = 0
-    candidates: int = 2000
-    criterion: str = "position"
-    volume: str = "both"
-    level: str | None = None
-    noise: float = NOISE
-    imagined: float = IMAGINED_SIZE
-    wait_s: float = WAIT_S
-    references: int = 3
-    speed: float = 0.5
-    payload_kg: float | None = None
-    seed: int = 0
-    must: bool = True
-    """Whether a plan without the axis moves is refused where these do not meet the conditions."""
-    language: str | None = None
-    pulses: tuple[float, ...] = ()
-    zeros: tuple[int, ...] = ()
-    """Joints, from 1, whose zeros the plan is to find, see `irbcal.planning.lost_zeros_plan`."""
-
-    def __post_init__(self) -> None:
-        if self.axis not in (0, FEW, MANY):
-            raise OptionError(f"expected {FEW}, {MANY} or 0 axis moves, found {self.axis}", parameter="axis")
-        for name, choices in (("criterion", tuple(CRITERIA)), ("volume", VOLUMES)):
-            if getattr(self, name) not in choices:
-                raise OptionError.unknown(name, getattr(self, name), choices)
-        if not (self.axis or self.cube or self.all_range or self.optimal or self.zeros):
-            raise OptionError("the plan has no poses: ask for axis moves, cube, all-range or optimal poses")
-        for name, smallest in (("cube", 0), ("all_range", 0), ("optimal", 0), ("candidates", 2), ("references", 0)):
-            number(name, getattr(self, name), whole=True)
-            if getattr(self, name) < smallest:
-                raise OptionError(f"{name}: expected at least {smallest}, found {getattr(self, name)}", parameter=name)
-        check_seed(self.seed)
-        for name in ("cube", "all_range", "optimal", "candidates"):
-            number(name, getattr(self, name), high=MOST_POSES)
-        for name in ("wait_s", "payload_kg", "imagined"):
-            if getattr(self, name) is not None:
-                number(name.removesuffix("_kg"), getattr(self, name), 0)
-        for name in ("noise", "speed"):
-            number(name, getattr(self, name))
-            if not getattr(self, name) > 0:
-                raise OptionError(f"{name}: expected more than zero, found {getattr(self, name)}", parameter=name)
-
-    def hold_s(self, measured: BoolArray) -> FloatArray:
-        """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
-        seconds: FloatArray = self.wait_s + READINGS_S * (measured.sum(axis=1) + self.references)
-        return seconds
-
-
 def ordered(setting: Setting, poses: Poses, start: FloatArray, speed: FloatArray) -> tuple[Poses, BoolArray, BoolArray]:
     """Random poses in an order that keeps motion short, with no move through the arm itself or below the heights.
 
@@ -329,9 +259,6 @@ MOST_REFLECTORS = 3
 """Reflectors measured in a pose; more tell little about the robot."""
 VOLUME_SAMPLES = 400
 
-Step: TypeAlias = "Callable[[str], object]"
-"""Called with a text at the beginning of each step."""
-
 
 def samples(scene: Scene, seeds: Sequence[int], step: Step) -> dict[str, FloatArray]:
     """Poses of cube and range where predicted positions are looked at, whether the tracker sees them or not."""
@@ -346,7 +273,7 @@ def samples(scene: Scene, seeds: Sequence[int], step: Step) -> dict[str, FloatAr
 
 def optimal(
     scene: Scene,
-    request: PlanRequest,
+    options: PlanOptions,
     model: Model,
     fixed_poses: Sequence[Poses],
     samples_of: Mapping[str, FloatArray],
@@ -358,7 +285,7 @@ def optimal(
     Parameters
     ----------
     scene : Scene
-    request : PlanRequest
+    options : PlanOptions
     model : Model
     fixed_poses : sequence of Poses
         Those that are measured anyway.
@@ -375,12 +302,12 @@ def optimal(
     tallies : dict of str to Tally
         Of the candidates.
     """
-    half = request.candidates // 2
+    half = options.candidates // 2
     pools: list[Poses] = []
     tallies: dict[str, Tally] = {}
     kinds: tuple[tuple[int, str, Region | None, int], ...] = (
         (half, "iso_cube", in_cube(*scene.cube), seeds[0]),
-        (request.candidates - half, "all_range", None, seeds[1]),
+        (options.candidates - half, "all_range", None, seeds[1]),
     )
     for count, group, region, seed in kinds:
         step(f"{count} candidates, {group}")
@@ -388,15 +315,15 @@ def optimal(
         tallies[f"candidates, {group}"] = pools[-1].tally
     pool = joined(pools)
     measured = first_seen(pool.seen, MOST_REFLECTORS)
-    step(f"{request.optimal} poses of {len(pool.q)} candidates")
-    imagined = request.imagined if CRITERIA[request.criterion].IN_METRES else 0.0
-    cared_for = np.concatenate([samples_of[name] for name in samples_of if request.volume in ("both", name)])
+    step(f"{options.optimal} poses of {len(pool.q)} candidates")
+    imagined = options.imagined if CRITERIA[options.criterion].IN_METRES else 0.0
+    cared_for = np.concatenate([samples_of[name] for name in samples_of if options.volume in ("both", name)])
     most_seen = int(np.argmax(measured.sum(axis=0)))
-    aim = model.aim(request.criterion, cared_for, most_seen, imagined)
+    aim = model.aim(options.criterion, cared_for, most_seen, imagined)
     for poses in fixed_poses:
         aim = aim.with_given(model.candidates(poses.q, first_seen(poses.seen, MOST_REFLECTORS), imagined))
     rated = model.candidates(pool.q, measured, imagined)
-    exchanged = exchange(rated, request.optimal, aim)
+    exchanged = exchange(rated, options.optimal, aim)
     step("random plans to compare with")
     comparison = compare(rated, exchanged, aim, seeds[0])
     if imagined:

@@ -54,6 +54,7 @@ from irbcal.planning.optimal_design import (
     compare,
     exchange,
 )
+from irbcal.planning.plan_options import PlanOptions, Step
 from irbcal.planning.route import shortest_order
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation import devices
@@ -65,7 +66,6 @@ from irbcal.units import DEG, MM
 if TYPE_CHECKING:
     import pandas as pd
 
-    from irbcal.planning.choosing import Step
     from irbcal.planning.collisions import CollisionModel
 
 
@@ -542,13 +542,15 @@ def device_plan(
     step: Callable[[str], object] = progress or (lambda text: None)
     step("robot")
     scene = open_scene(
-        robot,
-        without=("height", "acceptance", "sight", "way"),
-        margin=margin,
-        package_dirs=package_dirs,
-        base_link=base_link,
-        tip_link=tip_link,
-        coupling=coupling,
+        PlanOptions(
+            robot,
+            without=("height", "acceptance", "sight", "way"),
+            margin=margin,
+            package_dirs=package_dirs,
+            base_link=base_link,
+            tip_link=tip_link,
+            coupling=coupling,
+        )
     )
     return _choose_poses(scene, chosen_device, count, max(pool, count), cone, length, size, check_seed(seed), step)
 

@@ -6,7 +6,7 @@ poses that it was not fitted to is the error of a pose, which its reflectors sha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +15,9 @@ from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.modeling.lost_zeros import MANY, WELL, lost_joints
 from irbcal.modeling.parameters import parameter
-from irbcal.planning.choosing import MOST_REFLECTORS, PlanRequest
+from irbcal.planning.choosing import MOST_REFLECTORS
 from irbcal.planning.optimal_design import Model
+from irbcal.planning.plan_options import PlanOptions
 from irbcal.planning.prediction import PlanPrediction
 from irbcal.planning.scene import Scene
 from irbcal.units import DEG, MM
@@ -27,7 +28,7 @@ TRIALS, LAST_POSES = 4, 10
 """Plans that say so, one after the other, and poses that are then added one by one until they are enough."""
 
 
-def model_of_zeros(scene: Scene, joints: tuple[int, ...]) -> Model:
+def model_of_zeros(scene: Scene, joints: Sequence[int]) -> Model:
     """Base, reflectors and zeros as unknowns, and the error of a pose as the noise of its points.
 
     Raises
@@ -58,7 +59,7 @@ def half_widths(std: FloatArray, poses: IntArray | int, unknowns: int) -> FloatA
     return np.asarray(stdtrit(np.maximum(3 * np.asarray(poses) - unknowns, 1), 0.975) * std)
 
 
-def std_of_zeros(prediction: PlanPrediction, joints: tuple[int, ...]) -> FloatArray:
+def std_of_zeros(prediction: PlanPrediction, joints: Sequence[int]) -> FloatArray:
     """Predicted standard deviations of zeros, radians.
 
     Raises
@@ -75,45 +76,45 @@ def std_of_zeros(prediction: PlanPrediction, joints: tuple[int, ...]) -> FloatAr
     return np.array([p.std for p in parameters], dtype=float) * DEG
 
 
-def enough_poses(request: PlanRequest, predicted: Callable[[PlanRequest], PlanPrediction]) -> PlanRequest:
-    """The request with as many poses as give each zero within `WELL`, `MANY` at most, and one to judge them.
+def enough_poses(options: PlanOptions, predicted: Callable[[PlanOptions], PlanPrediction]) -> PlanOptions:
+    """The options with as many poses as give each zero within `WELL`, `MANY` at most, and one to judge them.
 
     Parameters
     ----------
-    request : PlanRequest
+    options : PlanOptions
     predicted : callable
-        What the poses that are chosen for a request promise.
+        What the poses that are chosen for a options promise.
     """
     counts, best = np.arange(1, MANY + 1), TRIAL
     for _ in range(TRIALS):
-        request = replace(request, optimal=best)
-        prediction = predicted(request)
-        unknowns = prediction.model.outer + len(request.zeros)
-        std = std_of_zeros(prediction, request.zeros).max() * np.sqrt(request.optimal / counts)
+        options = replace(options, optimal=best)
+        prediction = predicted(options)
+        unknowns = prediction.model.outer + len(options.refit_zeros)
+        std = std_of_zeros(prediction, options.refit_zeros).max() * np.sqrt(options.optimal / counts)
         good = half_widths(std, counts, unknowns) <= WELL
         best = int(counts[np.argmax(good)]) if good.any() else MANY
-        if best == request.optimal:
+        if best == options.optimal:
             break
-    request = replace(request, optimal=max(best, request.optimal) + 1)
+    options = replace(options, optimal=max(best, options.optimal) + 1)
     for _ in range(LAST_POSES):  # poses chosen for another number show a little less at times
-        placing = request.optimal - 1
-        if placing >= MANY or _promised(request, predicted(request), request.optimal).max() <= WELL:
+        placing = options.optimal - 1
+        if placing >= MANY or _promised(options, predicted(options), options.optimal).max() <= WELL:
             break
-        request = replace(request, optimal=request.optimal + 1)
-    return request
+        options = replace(options, optimal=options.optimal + 1)
+    return options
 
 
-def _promised(request: PlanRequest, prediction: PlanPrediction, poses: int) -> FloatArray:
+def _promised(options: PlanOptions, prediction: PlanPrediction, poses: int) -> FloatArray:
     """Halves of the 95 % intervals of zeros, radians, where all poses but one place them."""
-    std = std_of_zeros(prediction, request.zeros) * np.sqrt(poses / (poses - 1))
-    return half_widths(std, poses - 1, prediction.model.outer + len(request.zeros))
+    std = std_of_zeros(prediction, options.refit_zeros) * np.sqrt(poses / (poses - 1))
+    return half_widths(std, poses - 1, prediction.model.outer + len(options.refit_zeros))
 
 
-def zeros_of_plan_in_words(request: PlanRequest, prediction: PlanPrediction, poses: int) -> list[str]:
+def zeros_of_plan_in_words(options: PlanOptions, prediction: PlanPrediction, poses: int) -> list[str]:
     """What a plan promises of the zeros."""
-    placing, half = poses - 1, _promised(request, prediction, poses)
+    placing, half = poses - 1, _promised(options, prediction, poses)
     of_joints = ", ".join(
-        f"joint {joint} ± {value / DEG:.4f} degrees" for joint, value in zip(request.zeros, half, strict=True)
+        f"joint {joint} ± {value / DEG:.4f} degrees" for joint, value in zip(options.refit_zeros, half, strict=True)
     )
     enough = "enough" if half.max() <= WELL else "not enough"
     return [
@@ -122,5 +123,5 @@ def zeros_of_plan_in_words(request: PlanRequest, prediction: PlanPrediction, pos
         "what the calibration left over of a pose",
         "Then (without --refit-tool where the reflectors stayed, which narrows the intervals; last moves that are not "
         "known widen them): irbcal evaluate CALIBRATION MEASURED.csv --refit-base --refit-tool --refit-zeros "
-        f"{','.join(map(str, request.zeros))} --refit-from {placing}",
+        f"{','.join(map(str, options.refit_zeros))} --refit-from {placing}",
     ]

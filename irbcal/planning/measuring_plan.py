@@ -4,52 +4,44 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.correction import languages
 from irbcal.correction.language import Language
 from irbcal.correction.moves import JointMove, Moves
+from irbcal.declared_options import takes_fields_of
 from irbcal.errors import MeasurementError, OptionError, ProgramError
-from irbcal.io.opening import RobotLike
 from irbcal.measurement.columns import joint_columns
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import DECIMALS, home_joints
 from irbcal.modeling.parameters import default_level
 from irbcal.names import csv_bytes
-from irbcal.options import number, pulses_per_degree
 from irbcal.planning import choosing, route
 from irbcal.planning.choosing import (
-    FEW,
-    MANY,
     MOST_REFLECTORS,
-    READINGS_S,
-    PlanRequest,
     Poses,
     Region,
-    Step,
     Tally,
     axis_moves,
     first_seen,
     in_cube,
     random_poses,
 )
-from irbcal.planning.conditions import CONDITIONS, TargetsLike
+from irbcal.planning.conditions import CONDITIONS
 from irbcal.planning.lost_zeros_plan import enough_poses, model_of_zeros, zeros_of_plan_in_words
-from irbcal.planning.optimal_design import CRITERIA, IMAGINED_SIZE, NOISE, DesignComparison, Model
+from irbcal.planning.optimal_design import CRITERIA, DesignComparison, Model
+from irbcal.planning.plan_options import MANY, READINGS_S, PlanOptions, Step
 from irbcal.planning.prediction import PlanPrediction, predict
 from irbcal.planning.scene import Scene, open_scene
-from irbcal.simulation.instruments import ACCEPTANCE, FRONT
-from irbcal.simulation.virtual_cell import WAIT_S
+from irbcal.simulation.instruments import FRONT
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
@@ -63,7 +55,7 @@ def _measured(poses: Poses) -> tuple[FloatArray, BoolArray]:
 
 
 def stops(
-    scene: Scene, request: PlanRequest, q: FloatArray, measured: BoolArray, start: FloatArray, over_home: BoolArray
+    scene: Scene, options: PlanOptions, q: FloatArray, measured: BoolArray, start: FloatArray, over_home: BoolArray
 ) -> FloatArray:
     """When the robot stands still in each pose, seconds from the start, shape (n,).
 
@@ -71,21 +63,21 @@ def stops(
     """
     q_before = np.concatenate([start[None], q[:-1]])
     home = np.broadcast_to(start, q.shape)
-    direct = move_times(scene, request, q_before, q)
-    around = move_times(scene, request, q_before, home) + move_times(scene, request, home, q)
-    hold = request.hold_s(measured)
+    direct = move_times(scene, options, q_before, q)
+    around = move_times(scene, options, q_before, home) + move_times(scene, options, home, q)
+    hold = options.hold_s(measured)
     times: FloatArray = np.cumsum(np.where(over_home, around, direct) + np.concatenate([[0.0], hold[:-1]]))
     return times
 
 
-def move_times(scene: Scene, request: PlanRequest, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+def move_times(scene: Scene, options: PlanOptions, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
     """Seconds of each move, shape (m,)."""
     q_between, starts = route.between(q_from, q_to, scene.setting.arm.table.prismatic)
     tip = scene.setting.places(q_between)[0]
     pieces = np.append(np.linalg.norm(np.diff(tip, axis=0), axis=1), 0.0)
     pieces[starts[1:] - 1] = 0.0
     by_joint = route.move_times(q_from, q_to, scene.joint_speed)
-    return np.maximum(by_joint, np.add.reduceat(pieces, starts) / request.speed)
+    return np.maximum(by_joint, np.add.reduceat(pieces, starts) / options.speed)
 
 
 QUICKEST = 0.5
@@ -94,7 +86,7 @@ FIRST = 0.1
 """Share of the first move, which begins wherever the arm stands."""
 
 
-def language_of(arm: Arm, request: PlanRequest) -> tuple[str, str]:
+def language_of(arm: Arm, options: PlanOptions) -> tuple[str, str]:
     """The language of the plan's program by its short name, and why there is none.
 
     Returns
@@ -105,28 +97,28 @@ def language_of(arm: Arm, request: PlanRequest) -> tuple[str, str]:
     Raises
     ------
     OptionError
-        If the request names a language that is not known, or that cannot serve the arm.
+        If the options names a language that is not known, or that cannot serve the arm.
     """
     known_languages = languages.by_name()
-    if request.language is not None:
-        if request.language not in known_languages:
-            raise OptionError.unknown("language", request.language, tuple(known_languages))
-        fault = _fault(arm, known_languages[request.language], request)
+    if options.language is not None:
+        if options.language not in known_languages:
+            raise OptionError.unknown("language", options.language, tuple(known_languages))
+        fault = _fault(arm, known_languages[options.language], options)
         if fault:
             raise OptionError(f"language: {fault}", parameter="language")
-        return ("" if request.language == "csv" else request.language), ""
+        return ("" if options.language == "csv" else options.language), ""
     found = languages.of_robot(arm.name)
     if found is None:
         reason = "the name of the robot does not tell its maker" if arm.six_revolute else "it is not a six-axis arm"
         return "", f"no robot program was written, because {reason}: the joints are in poses.csv" + (
             "; --language names a language" if arm.six_revolute else ""
         )
-    fault = _fault(arm, found, request)
+    fault = _fault(arm, found, options)
     name = next(name for name, language in known_languages.items() if language is found)
     return ("", f"no robot program was written: {fault}") if fault else (name, "")
 
 
-def _fault(arm: Arm, language: Language, request: PlanRequest) -> str:
+def _fault(arm: Arm, language: Language, options: PlanOptions) -> str:
     """Why a language cannot serve an arm; empty where it can."""
     if language.name == "CSV":
         return ""
@@ -134,7 +126,7 @@ def _fault(arm: Arm, language: Language, request: PlanRequest) -> str:
         return f"{language.name} has no moves to write"
     if not arm.six_revolute:
         return f"{language.name} programs are of six revolute joints, {arm.name} has {arm.joints_listed}"
-    if language.maker is not None and language.maker.pulses and not request.pulses:
+    if language.maker is not None and language.maker.pulses and not options.pulses:
         return f"{language.name} holds pulses: give the pulses per degree of the six joints (--pulses)"
     try:
         if language.maker is not None:
@@ -157,13 +149,13 @@ def program_files(planned: Plan) -> dict[str, bytes]:
     ProgramError
         If what was written does not hold the plan's joints.
     """
-    name, _ = language_of(planned.scene.setting.arm, planned.request)
+    name, _ = language_of(planned.scene.setting.arm, planned.options)
     return languages.write(languages.by_name()[name], moves(planned)) if name else {}
 
 
 def moves(planned: Plan) -> Moves:
     """The moves of a plan: from home through all poses, over home where the direct way is not free, and back."""
-    arm, request = planned.scene.setting.arm, planned.request
+    arm, options = planned.scene.setting.arm, planned.options
     home = home_joints(arm)
     stops = [([home] if over else []) + [q] for q, over in zip(planned.q, planned.over_home, strict=True)]
     q = np.array([home, *chain.from_iterable(stops), home])
@@ -183,12 +175,12 @@ def moves(planned: Plan) -> Moves:
         ),
         head=(
             f"Measuring plan for {arm.name}: {len(planned.q)} poses, about {planned.duration_s / 60:.0f} minutes.",
-            f"In each pose: {request.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, "
-            f"{request.references} references among them.",
+            f"In each pose: {options.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, "
+            f"{options.references} references among them.",
             "Do not filter this program: it commands the joints of plan.csv.",
         ),
-        tip_speed=request.speed,
-        pulses=request.pulses,
+        tip_speed=options.speed,
+        pulses=tuple(options.pulses or ()),
     )
 
 
@@ -196,7 +188,7 @@ def _speeds(made: Plan, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Share of the joints' largest speeds and speed of the joint that turns most, rad/s, of the move to each row."""
     rates = made.scene.joint_speed
     fastest = route.move_times(q[:-1], q[1:], rates)
-    planned = np.maximum(move_times(made.scene, made.request, q[:-1], q[1:]), 1e-3)
+    planned = np.maximum(move_times(made.scene, made.options, q[:-1], q[1:]), 1e-3)
     share = np.concatenate([[FIRST], np.clip(fastest / planned, 0.01, QUICKEST)])
     rates_of_move = np.abs(np.diff(q, axis=0)).max(axis=1) / np.maximum(planned, fastest / QUICKEST)
     return share, np.concatenate([[FIRST * float(rates.min())], np.maximum(rates_of_move, 0.01)])
@@ -256,39 +248,37 @@ def plan_table(planned: Plan) -> pd.DataFrame:
     for k, axis in enumerate("xyz"):
         table[f"expected_{axis}_mm"] = xyz[:, k] / MM
     table["time_s"] = time
-    if planned.request.payload_kg is not None:
-        table["payload_kg"] = planned.request.payload_kg
+    if planned.options.payload is not None:
+        table["payload_kg"] = planned.options.payload
     return table
 
 
-def _compared(comparison: DesignComparison, request: PlanRequest) -> dict[str, Any]:
+def _compared(comparison: DesignComparison, options: PlanOptions) -> dict[str, Any]:
     """Chosen poses beside random ones; of a criterion in metres also as predicted errors, rms in mm."""
 
     def values(value: float) -> dict[str, float]:
-        in_metres = CRITERIA[request.criterion].IN_METRES
+        in_metres = CRITERIA[options.criterion].IN_METRES
         return {"value": value} | ({"error_mm": float(np.sqrt(value) / MM)} if in_metres else {})
 
     return {
-        "criterion": request.criterion,
-        "optimal": {"poses": request.optimal, **values(comparison.optimal)},
+        "criterion": options.criterion,
+        "optimal": {"poses": options.optimal, **values(comparison.optimal)},
         "random": [{"poses": n, **values(value)} for n, value in comparison.random.items()],
         "as_good_as_random_poses": comparison.as_good_as,
-        "scatter_alone": None if comparison.scatter is None else _compared(comparison.scatter, request),
+        "scatter_alone": None if comparison.scatter is None else _compared(comparison.scatter, options),
     }
 
 
 def _settings(planned: Plan) -> dict[str, Any]:
-    scene, request, setting = planned.scene, planned.request, planned.scene.setting
+    scene, options, setting = planned.scene, planned.options, planned.scene.setting
     return {
-        "seed": request.seed,
-        "axis": request.axis,
-        "cube": request.cube,
-        "all_range": request.all_range,
-        "optimal": request.optimal,
-        "candidates": request.candidates if request.optimal else 0,
-        "criterion": request.criterion,
-        "volume": request.volume,
-        "imagined_joint_errors_deg": request.imagined / DEG if CRITERIA[request.criterion].IN_METRES else 0.0,
+        "seed": options.seed,
+        **options.counts,
+        "optimal": options.optimal,
+        "candidates": options.candidates if options.optimal else 0,
+        "criterion": options.criterion,
+        "volume": options.volume,
+        "imagined_joint_errors_deg": options.imagined / DEG if CRITERIA[options.criterion].IN_METRES else 0.0,
         "margin_deg": round(setting.margin / DEG, 9),
         "acceptance_deg": round(setting.acceptance / DEG, 9),
         "min_height_mm": None if setting.heights is None else [value / MM for value in setting.heights],
@@ -301,10 +291,10 @@ def _settings(planned: Plan) -> dict[str, Any]:
         "targets_look_along": None
         if setting.targets.directions is None
         else dict(zip(setting.targets.names, setting.targets.directions.tolist(), strict=True)),
-        "wait_s": request.wait_s,
+        "wait_s": options.wait_s,
         "readings_s": READINGS_S,
-        "speed_mm_s": request.speed / MM,
-        "payload_kg": request.payload_kg,
+        "speed_mm_s": options.speed / MM,
+        "payload_kg": options.payload,
     }
 
 
@@ -317,7 +307,7 @@ class Plan(Result):
     """Poses to measure, in their order, and what they promise."""
 
     scene: Scene
-    request: PlanRequest
+    options: PlanOptions
     q: FloatArray
     """Shape (n, joints). Commanded joints in the order of the run, radians (metres for prismatic joints)."""
     asked: BoolArray
@@ -340,7 +330,7 @@ class Plan(Result):
     @property
     def hold_s(self) -> FloatArray:
         """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
-        return self.request.hold_s(self.asked)
+        return self.options.hold_s(self.asked)
 
     @property
     def duration_s(self) -> float:
@@ -360,7 +350,7 @@ class Plan(Result):
         pose, target = np.nonzero(self.asked)
         _, points, _ = self.scene.setting.places(self.q)
         number = (np.cumsum(self.asked, axis=1) - 1)[pose, target]
-        time = self.stops[pose] + self.request.wait_s + READINGS_S * number
+        time = self.stops[pose] + self.options.wait_s + READINGS_S * number
         return pose, target, frames.apply(self.scene.T_world_base, points[pose, target]), time
 
     def report(self) -> list[Paragraph]:
@@ -417,16 +407,16 @@ class Plan(Result):
         table.insert(1, "group", self.groups)
         names = np.array(self.scene.setting.targets.names, dtype=object)
         table["targets"] = [" ".join(names[row]) for row in self.asked]
-        table["wait_s"] = self.request.wait_s
+        table["wait_s"] = self.options.wait_s
         return table
 
     def to_dict(self) -> dict[str, Any]:
         """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
-        scene, request, setting = self.scene, self.request, self.scene.setting
+        scene, options, setting = self.scene, self.options, self.scene.setting
         return {
             "robot": setting.arm.name,
-            "source": scene.name,
-            "language": language_of(setting.arm, request)[0] or None,
+            "source": str(source) if isinstance(source := options.robot, (str, Path)) else scene.nominal.name,
+            "language": language_of(setting.arm, options)[0] or None,
             "poses": len(self.q),
             "points": int(self.asked.sum()),
             "duration_s": self.duration_s,
@@ -438,7 +428,7 @@ class Plan(Result):
                 for name, tally in self.tallies.items()
             },
             "predicted": {
-                "noise_mm": request.noise / MM,
+                "noise_mm": options.noise / MM,
                 "note": "from the scatter of the points alone: what the model does not describe is not in it",
                 "model": self.prediction.model.level,
                 "position_target": self.prediction.model.targets.names[0],
@@ -451,7 +441,7 @@ class Plan(Result):
                     for parameter in self.prediction.parameters
                 ],
             },
-            "compared_with_random": None if self.comparison is None else _compared(self.comparison, request),
+            "compared_with_random": None if self.comparison is None else _compared(self.comparison, options),
             "settings": _settings(self),
             "notes": list(self.notes),
         }
@@ -513,210 +503,50 @@ def _words(source: str) -> str:
     return source
 
 
-def plan(
-    robot: RobotLike,
-    *,
-    axis: int | None = None,
-    cube: int | None = None,
-    all_range: int | None = None,
-    optimal: int = 0,
-    candidates: int = 2000,
-    criterion: str = "position",
-    volume: str = "both",
-    level: str | int | None = None,
-    targets: TargetsLike | None = None,
-    tracker: ArrayLike | None = None,
-    cube_centre: ArrayLike | None = None,
-    cube_edge: float | None = None,
-    margin: float = 2 * DEG,
-    acceptance: float = ACCEPTANCE,
-    min_height: tuple[float, float] | None = None,
-    without: Sequence[str] = (),
-    payload: float | None = None,
-    wait_s: float = WAIT_S,
-    references: int = 3,
-    speed: float = 0.5,
-    noise: float = NOISE,
-    imagined: float = IMAGINED_SIZE,
-    seed: int = 0,
-    language: str | None = None,
-    pulses: Sequence[float] | None = None,
-    refit_zeros: Sequence[int] = (),
-    package_dirs: Sequence[str | Path] = (),
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    coupling: str | None = None,
-    progress: Step | None = None,
-) -> Plan:
+@takes_fields_of(PlanOptions)
+def plan(options: PlanOptions) -> Plan:
     """Plan measurements: poses that the robot reaches and the tracker sees, and what they promise.
 
     Unless other kinds or numbers are asked for, these are the 120 poses of Nubiola 2011, section 7.2. All lengths are
     metres, all angles radians.
-
-    Parameters
-    ----------
-    robot : str, Path or calibration
-        URDF, a robot's name (irbcal robots) or calibration folder.
-    axis : int, optional
-        Moves of one joint: three poses a joint (18), many (158) or none (0); 18 unless given, with ``optimal`` none.
-    cube : int, optional
-        Random poses in the ISO cube; 52 unless given, with ``optimal`` none.
-    all_range : int, optional
-        Random poses in the whole range; 50 unless given, with ``optimal`` none.
-    optimal : int
-        Poses chosen out of many candidates; other kinds then only where asked for.
-    candidates : int
-        Poses that ``optimal`` chooses from.
-    criterion : {"position", "D"}
-        What is best: predicted positions, or all parameters together (D).
-    volume : {"both", "cube", "range"}
-        Where predicted positions count.
-    level : str, optional
-        Error model to plan for: ``34`` unless given, ``placement`` for arms that it does not fit.
-    targets : str, Path, int, sequence of str or Targets, optional
-        Reflectors: a CSV (target, x_mm, y_mm, z_mm in the tip link and, at will, nx, ny, nz: where they look); how many
-        of the thesis tool's nine, or their names with commas. 3 unless given, or the calibration's.
-    tracker : array_like, shape (3,) or (4,), optional
-        Place in the base link, metres, and, at will, the turn of its axes about z, radians; as in the thesis's cell, or
-        as for the calibration, unless given.
-    cube_centre, cube_edge : array_like of shape (3,) and float, optional
-        ISO cube in the base link, metres, both or none: the largest cube in front unless given.
-    margin : float
-        From the joint limits, radians; on rails 10 mm a degree.
-    acceptance : float
-        Largest angle between reflector and beam, radians.
-    min_height : tuple of float, optional
-        Lowest z of tool and reflectors, in front (x from 150 mm) and at the back, metres: those of Nubiola 2011,
-        section 7.2, for the IRB 1600 unless given, none for others.
-    without : sequence of str
-        Conditions to switch off, of limits, height, acceptance, collision, sight and way.
-    payload : float, optional
-        Kilograms; goes into the plan's table.
-    wait_s : float
-        Rest before a measurement, seconds.
-    references : int
-        References on the floor to measure in each pose, too: they take time.
-    speed : float
-        Of the tool, metres a second.
-    noise : float
-        Standard deviation of a measured coordinate, metres.
-    imagined : float
-        Size of joint errors that no model describes, against which the criterion ``position`` guards, radians.
-    seed : int
-        Of the random poses.
-    language : str, optional
-        Of the robot program, ``csv`` for none: that of the robot's maker unless given, as far as its name tells it.
-    pulses : sequence of float, optional
-        Pulses per degree of the six joints, for Yaskawa jobs.
-    refit_zeros : sequence of int
-        Joints, from 1, whose zeros were lost: as many poses of a calibrated robot as find them within 0.01 degrees, or
-        ``optimal``, chosen for these zeros whatever the ``criterion``, and no others unless asked for.
-    package_dirs : sequence of str or Path
-        See `irbcal.read_urdf`.
-    base_link, tip_link, coupling : str, optional
-        See `irbcal.read_urdf`.
-    progress : callable, optional
-        Called with a text at the beginning of each step.
 
     Raises
     ------
     OptionError
         If an option has an unknown value or options need one another.
     IrbcalError
-        If an input is refused or the request cannot be met; the sentence counts what each condition removed.
+        If an input is refused or the poses cannot be found; the sentence counts what each condition removed.
 
     Examples
     --------
     >>> plan("irb1600", optimal=60).save("plan")  # doctest: +SKIP
     """
-    if (cube_centre is None) != (cube_edge is None):
-        raise OptionError("cube_centre and cube_edge go together", parameter="cube_centre")
-    if acceptance > 90 * DEG:
-        raise OptionError(
-            f"a reflector cannot be seen from behind: expected 90 degrees or less, found {acceptance / DEG:g}",
-            parameter="acceptance",
-        )
-    if refit_zeros and level is not None:
-        raise OptionError("level: a plan for lost zeros has no other parameters, leave it out", parameter="level")
-    number("optimal", optimal, 0, whole=True)
-    usual = {"axis": FEW, "cube": 52, "all_range": 50} if not (optimal or refit_zeros) else {}
-    counts_given = {"axis": axis, "cube": cube, "all_range": all_range}
-    counts = {name: usual.get(name, 0) if value is None else value for name, value in counts_given.items()}
-    request = PlanRequest(
-        **counts,
-        optimal=optimal,
-        candidates=candidates,
-        criterion="D" if refit_zeros else criterion,
-        volume=volume,
-        level=None if level is None else str(level),
-        noise=noise,
-        imagined=imagined,
-        wait_s=wait_s,
-        references=references,
-        speed=speed,
-        payload_kg=payload,
-        seed=seed,
-        must=axis is not None,
-        language=language,
-        pulses=pulses_per_degree(pulses),
-        zeros=tuple(refit_zeros),
-    )
-    scene = open_scene(
-        robot,
-        targets=targets,
-        tracker=tracker,
-        without=without,
-        margin=margin,
-        acceptance=acceptance,
-        min_height=min_height,
-        cube=None if cube_centre is None or cube_edge is None else (cube_centre, cube_edge),
-        package_dirs=package_dirs,
-        base_link=base_link,
-        tip_link=tip_link,
-        coupling=coupling,
-    )
-    return make(scene, request, progress)
-
-
-def make(scene: Scene, request: PlanRequest, step: Step | None = None) -> Plan:
-    """Make a plan.
-
-    Parameters
-    ----------
-    scene : Scene
-    request : PlanRequest
-    step : callable, optional
-        Called with a text at the beginning of each step.
-
-    Raises
-    ------
-    IrbcalError
-        If the request cannot be met; the sentence counts what each condition removed.
-    """
-    step = step or (lambda text: None)
+    step: Step = options.progress or (lambda text: None)
+    options, counts = replace(options, progress=None), options.counts
+    scene = open_scene(options)
     setting = scene.setting
-    _, no_program = language_of(setting.arm, request)
-    model = Model(scene.nominal, setting.targets, request.level or default_level(scene.nominal), request.noise)
-    if request.zeros:
-        model = model_of_zeros(scene, request.zeros)
-        request = replace(request, noise=model.noise)
-    seeds = [int(k) for k in np.random.SeedSequence(request.seed).generate_state(6)]
+    _, no_program = language_of(setting.arm, options)
+    model = Model(scene.nominal, setting.targets, str(options.level or default_level(scene.nominal)), options.noise)
+    if options.refit_zeros:
+        model = model_of_zeros(scene, options.refit_zeros)
+        options = replace(options, noise=model.noise)
+    seeds = [int(k) for k in np.random.SeedSequence(options.seed).generate_state(6)]
     axis: list[Poses] = []
     movable: list[Poses] = []
     tallies: dict[str, Tally] = {}
     missing: list[str] = []
-    if request.axis:
+    if counts["axis"]:
         step("axis moves")
         try:
-            axis.append(axis_moves(setting, request.axis == MANY))
+            axis.append(axis_moves(setting, counts["axis"] == MANY))
             tallies["axis"] = axis[0].tally
         except MeasurementError as error:
-            if request.must or request.axis == MANY:
+            if options.axis is not None:
                 raise
             missing.append(f"the plan is without axis moves, which only the method circles needs: {error}")
     kinds: tuple[tuple[int, str, Region | None, int], ...] = (
-        (request.cube, "iso_cube", in_cube(*scene.cube), seeds[0]),
-        (request.all_range, "all_range", None, seeds[1]),
+        (counts["cube"], "iso_cube", in_cube(*scene.cube), seeds[0]),
+        (counts["all_range"], "all_range", None, seeds[1]),
     )
     for count, group, region, seed in kinds:
         if count:
@@ -726,13 +556,13 @@ def make(scene: Scene, request: PlanRequest, step: Step | None = None) -> Plan:
     samples, comparison = choosing.samples(scene, seeds[4:], step), None
     fixed_poses = [*axis, *movable]
 
-    def chosen(request: PlanRequest) -> tuple[Poses, DesignComparison, dict[str, Tally]]:
-        return choosing.optimal(scene, request, model, fixed_poses, samples, seeds[2:4], step)
+    def chosen(options: PlanOptions) -> tuple[Poses, DesignComparison, dict[str, Tally]]:
+        return choosing.optimal(scene, options, model, fixed_poses, samples, seeds[2:4], step)
 
-    if request.zeros and not (request.optimal or fixed_poses):
-        request = enough_poses(request, lambda request: predict(model, *_measured(chosen(request)[0])))
-    if request.optimal:
-        poses_chosen, comparison, more = chosen(request)
+    if options.refit_zeros and not (options.optimal or fixed_poses):
+        options = enough_poses(options, lambda options: predict(model, *_measured(chosen(options)[0])))
+    if options.optimal:
+        poses_chosen, comparison, more = chosen(options)
         movable.append(poses_chosen)
         tallies |= more
     step("order")
@@ -741,16 +571,16 @@ def make(scene: Scene, request: PlanRequest, step: Step | None = None) -> Plan:
     measured = _measured(poses)[1]
     step("prediction")
     prediction = predict(model, poses.q, measured)
-    if request.zeros:
-        notes += zeros_of_plan_in_words(request, prediction, len(poses.q))
+    if options.refit_zeros:
+        notes += zeros_of_plan_in_words(options, prediction, len(poses.q))
     first = prediction.model.targets.names[0]
     std = {name: prediction.position_std(q_samples, first) for name, q_samples in samples.items()}
-    times = stops(scene, request, poses.q, measured, start, over_home)
+    times = stops(scene, options, poses.q, measured, start, over_home)
     outside = "" if scene.certainty is None else scene.certainty.outside_in_words(poses.q, "planned poses")
     notes = [*scene.notes, *missing, *notes, *(text for text in (outside, no_program) if text)]
     return Plan(
         scene,
-        request,
+        options,
         poses.q,
         measured,
         poses.groups,

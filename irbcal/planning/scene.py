@@ -13,16 +13,17 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.io import robots
-from irbcal.io.opening import RobotLike, open_robot
+from irbcal.io.opening import open_robot
 from irbcal.io.urdf import speed_limits
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
-from irbcal.options import length, names, place
-from irbcal.planning.conditions import CONDITIONS, SOLID, Setting, TargetsLike, reflectors
+from irbcal.options import length, place
+from irbcal.planning.conditions import CONDITIONS, SOLID, Setting, reflectors
+from irbcal.planning.plan_options import PlanOptions
 from irbcal.simulation.effects import size_of
-from irbcal.simulation.instruments import ACCEPTANCE, IRB1600_CUBE, IRB1600_HEIGHTS, IRB1600_P1
+from irbcal.simulation.instruments import IRB1600_CUBE, IRB1600_HEIGHTS, IRB1600_P1
 from irbcal.simulation.shipped_cells import T_TRACKER_BASE
 from irbcal.units import DEG, MM
 
@@ -116,12 +117,6 @@ USUAL_SPEED = (60 * DEG, 0.5)
 class Scene(Locked):
     """Where a plan is made for."""
 
-    source: RobotLike
-    """As the user named the robot."""
-    links: tuple[str | None, str | None]
-    """Base and tip link, where the user named them."""
-    package_dirs: tuple[str | Path, ...]
-    """Where the user's meshes are looked up."""
     setting: Setting
     nominal: Arm
     """What the controller believes: predictions are made there."""
@@ -135,51 +130,25 @@ class Scene(Locked):
     certainty: Certainty | None = None
     """Of a calibration: with the joint ranges of its fit."""
 
-    @property
-    def name(self) -> str:
-        """What the robot was called, or that of its calibration."""
-        return str(self.source) if isinstance(self.source, (str, Path)) else self.nominal.name
 
-
-def open_scene(
-    robot: RobotLike,
-    *,
-    targets: TargetsLike | None = None,
-    tracker: ArrayLike | None = None,
-    without: Sequence[str] = (),
-    margin: float = 2 * DEG,
-    acceptance: float = ACCEPTANCE,
-    min_height: tuple[float, float] | None = None,
-    cube: tuple[ArrayLike, float] | None = None,
-    package_dirs: Sequence[str | Path] = (),
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    coupling: str | None = None,
-) -> Scene:
-    """Robot, reflectors, tracker and conditions.
-
-    Parameters
-    ----------
-    robot : str, Path or calibration
-        Calibration folder, URDF, or shipped robot. A loaded calibration must be of a shipped robot: the URDF is needed.
-    targets, tracker, without, margin, acceptance, min_height, package_dirs
-        As `irbcal.planning.measuring_plan.plan`; without ``tracker`` that of the thesis's cell, scaled to the arm.
-    cube : tuple, optional
-        Centre (3,) in the base link and edge, metres; see `irbcal.planning.scene.iso_cube`.
-    base_link, tip_link : str, optional
-        Link names, for a URDF.
-    coupling : str, optional
-        How the controller of a URDF's robot counts joints, see `irbcal.io.urdf.declared_coupling`.
+def open_scene(options: PlanOptions) -> Scene:
+    """Robot, reflectors, tracker and conditions; without a tracker that of the thesis's cell, scaled to the arm.
 
     Raises
     ------
     IrbcalError
         If an input is refused.
     """
-    for name in names("without", without):
+    for name in options.without:
         if name not in CONDITIONS:
             raise OptionError.unknown("without", name, tuple(CONDITIONS))
-    opened = open_robot(robot, base_link=base_link, tip_link=tip_link, coupling=coupling, package_dirs=package_dirs)
+    opened = open_robot(
+        options.robot,
+        base_link=options.base_link,
+        tip_link=options.tip_link,
+        coupling=options.coupling,
+        package_dirs=options.package_dirs,
+    )
     if opened.urdf is None or opened.urdf_bytes is None:
         raise RobotError(
             f"{opened.name}: a plan needs the URDF, which a loaded calibration does not hold: give its folder",
@@ -187,26 +156,25 @@ def open_scene(
         )
     arm = opened.robot.arm
     notes: list[str] = []
-    T_world_base = _base(opened.robot, tracker, notes)
+    T_world_base = _base(opened.robot, options.tracker, notes)
     station = frames.inverse(T_world_base)[:3, 3]
-    targets_seen = reflectors(opened.robot, targets, station)
-    on = tuple(name for name in CONDITIONS if name not in without)
+    targets_seen = reflectors(opened.robot, options.targets, station)
+    on = tuple(name for name in CONDITIONS if name not in options.without)
     if targets_seen.directions is None and "acceptance" in on:
         notes.append(
             "the reflectors' directions are not known: the condition acceptance is off (--targets FILE with nx, ny, nz)"
         )
-    if min_height is None and has_thesis_cube(arm):
-        min_height = IRB1600_HEIGHTS
-    folders = [*package_dirs, *opened.mesh_folders, *([opened.folder] if opened.folder else [])]
+    heights = IRB1600_HEIGHTS if options.min_height is None and has_thesis_cube(arm) else options.min_height
+    folders = [*options.package_dirs, *opened.mesh_folders, *([opened.folder] if opened.folder else [])]
     solids = _solids(opened.urdf_bytes, arm, station, folders, notes) if SOLID & set(on) else None
     on = tuple(name for name in on if solids is not None or name not in SOLID)
-    setting = Setting(opened.robot, targets_seen, station, on, margin, acceptance, min_height, solids)
-    where = _cube(setting) if cube is None else (place("cube_centre", cube[0]), length("cube_edge", cube[1]))
+    margin, acceptance, centre, edge = options.margin, options.acceptance, options.cube_centre, options.cube_edge
+    setting = Setting(opened.robot, targets_seen, station, on, margin, acceptance, heights, solids)
+    cube = _cube(setting) if edge is None else (place("cube_centre", centre), length("cube_edge", edge))
     usual = np.where(arm.table.prismatic, USUAL_SPEED[1], USUAL_SPEED[0])
     limits = speed_limits(opened.urdf_bytes, arm.joint_names)
-    links, speed = (base_link, tip_link), np.where(np.isfinite(limits), limits, usual)
-    certainty, dirs = opened.robot.certainty, tuple(package_dirs)
-    return Scene(robot, links, dirs, setting, opened.nominal, T_world_base, where, speed, tuple(notes), certainty)
+    speed, certainty = np.where(np.isfinite(limits), limits, usual), opened.robot.certainty
+    return Scene(setting, opened.nominal, T_world_base, cube, speed, tuple(notes), certainty)
 
 
 def _solids(

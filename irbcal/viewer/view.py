@@ -383,15 +383,14 @@ def _errors(scene: PageScene) -> list[Paragraph]:
 
 def plan_page(plan: Plan) -> str:
     """The page of a plan, self-contained HTML: robot, tracker, cube, reflectors and their way from pose to pose."""
-    scene, setting = plan.scene, plan.scene.setting
-    base, tip = scene.links
+    scene, setting, options = plan.scene, plan.scene.setting, plan.options
     view_page = view(
-        scene.source,
+        options.robot,
         plan=np.array(plan.q),
-        package_dirs=scene.package_dirs,
+        package_dirs=options.package_dirs,
         cube=scene.cube,
-        base_link=base,
-        tip_link=tip,
+        base_link=options.base_link,
+        tip_link=options.tip_link,
     ).scene
     pose, target, xyz, _ = plan.expected()
     T_scene_world = frames.inverse(scene.T_world_base)

@@ -8,9 +8,10 @@ from support import arm, random_robot
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.modeling.robot import Robot
 from irbcal.planning import choosing, conditions, scene
-from irbcal.planning.choosing import READINGS_S, PlanRequest, axis_moves, random_poses
+from irbcal.planning.choosing import axis_moves, random_poses
 from irbcal.planning.conditions import SOLID, Setting, Targets
 from irbcal.planning.optimal_design import Model
+from irbcal.planning.plan_options import READINGS_S, PlanOptions
 from irbcal.planning.scene import open_scene
 from irbcal.simulation.instruments import IRB1600_CUBE
 from irbcal.units import DEG, MM
@@ -18,13 +19,16 @@ from irbcal.units import DEG, MM
 
 def test_the_robot_stands_still_for_rest_and_readings():
     asked = np.array([[True, True, False], [False, False, True]])
-    assert PlanRequest(wait_s=3.0, references=2).hold_s(asked).tolist() == [3.0 + 4 * READINGS_S, 3.0 + 3 * READINGS_S]
+    assert PlanOptions("irb1600", wait_s=3.0, references=2).hold_s(asked).tolist() == [
+        3.0 + 4 * READINGS_S,
+        3.0 + 3 * READINGS_S,
+    ]
 
 
 @pytest.mark.parametrize(("name", "value"), [("cube", -1), ("candidates", 1), ("references", -2), ("speed", 0.0)])
 def test_numbers_below_the_least_are_refused(name, value):
     with pytest.raises(OptionError, match=f"{name}: expected ") as refusal:
-        PlanRequest(**{name: value})
+        PlanOptions("irb1600", **{name: value})
     assert refusal.value.parameter == name
 
 
@@ -34,7 +38,7 @@ def test_numbers_below_the_least_are_refused(name, value):
 )
 def test_what_is_no_number_or_too_large_is_refused(name, value):
     with pytest.raises(OptionError, match=f"{name}: expected a .*found") as refused:
-        PlanRequest(**{name: value})
+        PlanOptions("irb1600", **{name: value})
     assert refused.value.parameter == name
 
 
@@ -154,7 +158,7 @@ def test_the_thesis_cube_is_for_the_irb_1600_calibrated_or_not():
     assert not scene.has_thesis_cube(arm("irb120"))
 
 
-SCENE = open_scene("irb1600", without=tuple(SOLID))
+SCENE = open_scene(PlanOptions("irb1600", without=tuple(SOLID)))
 
 
 def test_samples_fill_both_volumes_whether_the_tracker_sees_them_or_not():
@@ -177,7 +181,7 @@ def test_chosen_poses_come_from_both_kinds_of_candidates_and_beat_random_ones():
     steps = []
     there = choosing.samples(SCENE, [1, 2], steps.append)
     model = Model(SCENE.nominal, SCENE.setting.targets, "26")
-    request = PlanRequest(optimal=8, candidates=80, axis=0, cube=0, all_range=0)
+    request = PlanOptions("irb1600", optimal=8, candidates=80, axis=0, cube=0, all_range=0)
     poses, comparison, tallies = choosing.optimal(SCENE, request, model, [], there, [3, 4], steps.append)
     assert set(poses.groups) == {"optimal_iso_cube", "optimal_all_range"}
     assert comparison.optimal < comparison.random[8]

@@ -12,18 +12,19 @@ from irbcal.modeling import home
 from irbcal.modeling.robot import Robot
 from irbcal.planning import conditions
 from irbcal.planning.conditions import SOLID, Setting, Targets
+from irbcal.planning.plan_options import PlanOptions
 from irbcal.planning.scene import open_scene
 from irbcal.units import MM
 
 
 def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
     (tmp_path / "plain.csv").write_text("target,x_mm,y_mm,z_mm\na,10,20,30\nb,-40,0,50\n")
-    plain = open_scene("irb1600", targets=tmp_path / "plain.csv", without=SOLID)
+    plain = open_scene(PlanOptions("irb1600", targets=tmp_path / "plain.csv", without=SOLID))
     assert "acceptance" not in plain.setting.conditions
     assert any("directions are not known: the condition acceptance is off" in note for note in plain.notes)
     assert plain.setting.targets.places.tolist() == pytest.approx(np.array([[10, 20, 30], [-40, 0, 50]]) * MM)
     (tmp_path / "full.csv").write_text("target,x_mm,y_mm,z_mm,nx,ny,nz\na,10,20,30,0,0,2\nb,-40,0,50,3,0,4\n")
-    full = open_scene("irb1600", targets=tmp_path / "full.csv", without=SOLID)
+    full = open_scene(PlanOptions("irb1600", targets=tmp_path / "full.csv", without=SOLID))
     assert full.setting.conditions == ("limits", "height", "acceptance")
     assert full.setting.targets.directions.tolist() == pytest.approx(np.array([[0, 0, 1], [0.6, 0, 0.8]]))
     for text, message in (
@@ -36,7 +37,7 @@ def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
     ):
         (tmp_path / "bad.csv").write_text(text)
         with pytest.raises(MeasurementError, match=message):
-            open_scene("irb1600", targets=tmp_path / "bad.csv", without=SOLID)
+            open_scene(PlanOptions("irb1600", targets=tmp_path / "bad.csv", without=SOLID))
 
 
 def test_check_keeps_all_poses_that_meet_the_conditions():

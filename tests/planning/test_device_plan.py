@@ -11,6 +11,7 @@ from irbcal.errors import OptionError
 from irbcal.identification.observation_kind import vectors
 from irbcal.planning import device_plan as planning_of_devices
 from irbcal.planning.device_plan import Access, DeviceModel, compare_devices, device_plan, reached, with_stands
+from irbcal.planning.plan_options import PlanOptions
 from irbcal.planning.scene import open_scene
 from irbcal.simulation.devices import BALL, DEVICES, drawn, placed, poses
 from irbcal.units import DEG, MM
@@ -119,7 +120,7 @@ def test_planes_ballbars_and_boards_have_poses_for_each_feature():
 
 @pytest.fixture(scope="module")
 def setting():
-    return open_scene("irb1600", without=("height", "acceptance", "sight", "way")).setting
+    return open_scene(PlanOptions("irb1600", without=("height", "acceptance", "sight", "way"))).setting
 
 
 def _access(setting, name, cone=60 * DEG, approach=50 * MM):
@@ -176,7 +177,7 @@ def test_a_string_through_the_arm_is_refused(setting):
 
 
 def test_what_carries_a_socket_stands_in_the_way():
-    own = open_scene("irb1600", without=("height", "acceptance", "sight", "way")).setting
+    own = open_scene(PlanOptions("irb1600", without=("height", "acceptance", "sight", "way"))).setting
     found = placed(own.arm, DEVICES["plane"])
     q = own.arm.random_joints(150, 3)
     free = own.touching(q)

@@ -29,7 +29,7 @@ def test_the_promise_is_what_refits_scatter(planned, demo_calibration):
     rng, refit = np.random.default_rng(1), Refit(base=True, tool=True, zeros=(3, 5))
     estimates = []
     for _ in range(150):
-        noise = rng.normal(scale=planned.request.noise, size=exact.xyz.shape)
+        noise = rng.normal(scale=planned.options.noise, size=exact.xyz.shape)
         placed = refit.placed(true, replace(exact, xyz=exact.xyz + noise), "m.csv")
         estimates.append((placed.arm.table.theta - true.arm.table.theta)[[2, 4]])
     promised = [parameter.std * DEG for parameter in planned.prediction.parameters]

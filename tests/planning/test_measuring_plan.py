@@ -16,11 +16,10 @@ from irbcal.errors import OptionError
 from irbcal.identification.fit import identify
 from irbcal.modeling import frames
 from irbcal.planning import measuring_plan
-from irbcal.planning.choosing import READINGS_S, PlanRequest
 from irbcal.planning.conditions import SOLID
-from irbcal.planning.measuring_plan import make, plan
+from irbcal.planning.measuring_plan import plan
 from irbcal.planning.optimal_design import Model
-from irbcal.planning.scene import open_scene
+from irbcal.planning.plan_options import READINGS_S, PlanOptions
 from irbcal.safe_files import write_together
 from irbcal.simulation import pose_list, simulation
 from irbcal.simulation.shipped_cells import open_cell
@@ -45,12 +44,12 @@ def test_expected_points_and_times_are_those_of_the_poses():
 
 def test_times_follow_from_speed_wait_and_readings():
     """The first axis move: 30 degrees with the tip 815 mm from axis 1, at 250 mm/s."""
-    scene = open_scene("irb1600", without=SOLID)
-    made = make(scene, PlanRequest(cube=0, all_range=0, level="nominal", speed=0.25, wait_s=3.0, references=0))
+    moves = {"cube": 0, "all_range": 0, "level": "nominal", "wait_s": 3.0, "without": SOLID}
+    made = plan("irb1600", speed=0.25, references=0, **moves)
     _, _, _, time = made.expected()
     first = np.pi / 6 * 0.815 / 0.25
     assert time[:4] == pytest.approx([first + 3, first + 5.5, first + 8, first + 10.5 + first + 3], rel=1e-3)
-    quick = make(scene, PlanRequest(cube=0, all_range=0, level="nominal", speed=7.0, wait_s=3.0))
+    quick = plan("irb1600", speed=7.0, **moves)
     assert quick.stops[0] == pytest.approx(30 / 150)  # joint 1 turns 150 degrees a second
 
 
@@ -104,7 +103,7 @@ SMALL = {"axis": 0, "cube": 0, "all_range": 4, "level": "nominal"}
 
 @pytest.fixture(scope="module")
 def made():
-    return make(open_scene("irb1600", without=SOLID), PlanRequest(**SMALL))
+    return plan("irb1600", without=SOLID, **SMALL)
 
 
 def test_ways_over_home_stand_in_the_program(made):
@@ -132,20 +131,20 @@ def test_ways_over_home_stand_in_the_program(made):
 )
 def test_the_language_is_the_makers(robot, language):
     arm = robot_of(robot)[0]
-    assert measuring_plan.language_of(arm, PlanRequest(pulses=PULSES)) == (language, "")
-    assert measuring_plan.language_of(arm, PlanRequest(language="csv")) == ("", "")
+    assert measuring_plan.language_of(arm, PlanOptions("irb1600", pulses=PULSES)) == (language, "")
+    assert measuring_plan.language_of(arm, PlanOptions("irb1600", language="csv")) == ("", "")
     for name in ("", "noname_xy7"):
-        found, note = measuring_plan.language_of(replace(arm, name=name), PlanRequest())
+        found, note = measuring_plan.language_of(replace(arm, name=name), PlanOptions("irb1600"))
         assert found == ""
         assert "the name of the robot does not tell its maker" in note
 
 
 def test_what_cannot_be_written_is_said():
     arm = robot_of("gp8")[0]
-    assert "give the pulses per degree" in measuring_plan.language_of(arm, PlanRequest())[1]
+    assert "give the pulses per degree" in measuring_plan.language_of(arm, PlanOptions("irb1600"))[1]
     for language, expected in (("krl", "axes point along"), ("inform", "pulses"), ("basic", "basic")):
         with pytest.raises(OptionError, match=expected):
-            measuring_plan.language_of(arm, PlanRequest(language=language))
+            measuring_plan.language_of(arm, PlanOptions("irb1600", language=language))
 
 
 def test_the_run_takes_as_long_as_the_plan_says(made):
@@ -185,17 +184,15 @@ def test_files_hold_what_the_tables_say():
 
 
 def test_seeds_decide_the_plan():
-    scene = open_scene("irb1600", without=SOLID)
     kinds = {"axis": 0, "cube": 3, "all_range": 3, "optimal": 3, "candidates": 30, "level": "11"}
-    texts = [measuring_plan.files(make(scene, PlanRequest(seed=seed, **kinds)))["plan.csv"] for seed in (4, 4, 5)]
+    texts = [measuring_plan.files(plan("irb1600", seed=seed, without=SOLID, **kinds))["plan.csv"] for seed in (4, 4, 5)]
     assert texts[0] == texts[1] != texts[2]
 
 
 def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     """In the virtual cell with 2 mm to find a target: the base comes from 18 axis poses, then a plan for others."""
     cell = open_cell("irb1600", seed=3).with_targets(("smr1", "smr2", "smr3")).without("lost", "visibility")
-    scene = open_scene("irb1600", without=SOLID)
-    axis = make(scene, PlanRequest(cube=0, all_range=0, level="nominal"))
+    axis = plan("irb1600", cube=0, all_range=0, level="nominal", without=SOLID)
     (tmp_path / "poses.csv").write_bytes(measuring_plan.files(axis)["poses.csv"])
     asked = pose_list.read(tmp_path / "poses.csv", cell.arm)
     assert asked.targets is not None
@@ -204,10 +201,9 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     found = {}
     for model in ("nominal", "26"):
         irbcal.calibrate(tmp_path / "axis.csv", "irb1600", model=model, holdout=0).save(tmp_path / model)
-        scene = open_scene(tmp_path / model, without=SOLID, min_height=(0.7, 1.1))
-        made = make(scene, PlanRequest(axis=0, cube=60, all_range=60))
+        made = plan(tmp_path / model, axis=0, cube=60, all_range=60, without=SOLID, min_height=(0.7, 1.1))
         pose, target, expected, _ = made.expected()
-        index = [cell.tool.names.index(scene.setting.targets.names[k]) for k in target]
+        index = [cell.tool.names.index(made.scene.setting.targets.names[k]) for k in target]
         miss = np.linalg.norm(cell.measure(made.q, run=1).xyz[pose, index] - expected, axis=1) / MM
         found[model] = (miss < 2.0).mean(), miss.max()
     print(found)
@@ -302,12 +298,12 @@ def test_the_robot_must_be_named():
 
 def test_a_plan_takes_no_new_attributes_and_its_prediction_is_printed_short():
     found = plan("irb1600", axis=0, cube=6, all_range=6, level=11, without=("collision", "sight", "way"))
-    assert found.request.level == "11"
+    assert found.options.level == 11
     with pytest.raises(FrozenInstanceError):
         found.more = 1
     assert 10 < len(repr(found.prediction)) < 200
 
 
 def test_how_many_are_best_is_a_number():
-    with pytest.raises(OptionError, match="optimal: expected a whole number of at least 0, found 'x'"):
+    with pytest.raises(OptionError, match="optimal: expected a whole number from 0 to 100000, found 'x'"):
         plan("irb1600", optimal="x")
