@@ -143,6 +143,10 @@ class CalibrationOptions:
         twice = set(self.free) & set(self.hold)
         if twice:
             raise OptionError(f"hold: {min(twice)} is to be freed, too: choose one", parameter="hold")
+        if self.robot is None and self.with_ is None:
+            raise OptionError("robot: name the nominal robot, or an earlier calibration to add to", parameter="robot")
+        if "power" in given(self) and self.objective != "pnorm":
+            raise OptionError("power: only objective pnorm has a power", parameter="power")
         self._check_holdout()
         self._check_model()
         self._check_features()

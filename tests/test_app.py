@@ -201,6 +201,7 @@ def test_columns_that_are_not_recognised_are_corrected_by_click(context, samples
     def say(column, word):
         page.get_by_label(f"What column {column} of bad.csv means").click()
         page.get_by_role("option", name=word, exact=True).click()
+        page.get_by_role("option").first.wait_for(state="detached")  # before the next list opens
 
     say("B", "joint 1")  # the next five follow
     page.get_by_role("alert").filter(has_text="expected columns of points").wait_for()
@@ -211,7 +212,6 @@ def test_columns_that_are_not_recognised_are_corrected_by_click(context, samples
     forget.wait_for(state="hidden")
     for column, word in (("A", "joint 1"), ("G", "x of smr1"), ("J", "x of smr2"), ("M", "x of smr3")):
         say(column, word)
-        page.get_by_role("option").first.wait_for(state="detached")
     page.get_by_text("40 poses, 3 targets move, 0 stand still.").wait_for()
     page.get_by_text("The command line that does the same").click()
     page.get_by_text('columns.joints=["A", "B", "C", "D", "E", "F"]').wait_for()

@@ -105,8 +105,8 @@ def test_marks_say_what_goes_together():
 
 def test_what_is_given_is_what_differs_from_the_defaults():
     table = pd.DataFrame({"pose": [1, 2]})
-    options = CalibrationOptions(table, free=[], hold=["gain1"], verify=table, seed=0, frame=None)
-    assert given(options) == ["measurements", "verify", "hold"]
+    options = CalibrationOptions(table, "irb1600", free=[], hold=["gain1"], verify=table, seed=0, frame=None)
+    assert given(options) == ["measurements", "robot", "verify", "hold"]
     assert given(options, OF_LEVELS) == ["hold"]
 
 
@@ -122,7 +122,7 @@ def test_what_is_given_is_what_differs_from_the_defaults():
 )
 def test_wrong_options_are_named(options, parameter):
     with pytest.raises(OptionError) as refused:
-        CalibrationOptions("m.csv", **options)
+        CalibrationOptions("m.csv", "irb1600", **options)
     assert refused.value.parameter == parameter
 
 
@@ -133,6 +133,7 @@ def test_wrong_options_are_named(options, parameter):
         ({"holdout": -1}, "holdout", "holdout: expected a fraction below 1 or a whole number, found -1"),
         ({"seed": -1}, "seed", "seed: expected a whole number of at least 0, found -1"),
         ({"power": "8"}, "power", "power: expected a number of at least 2, found '8'"),
+        ({"power": 9.0}, "power", "power: only objective pnorm has a power"),
         ({"frame": "ref1,ref2,ref3"}, "frame", "one text: give ['ref1', 'ref2', 'ref3']"),
         ({"frame": ("ref1", "ref2")}, "frame", "three reference points, found 2"),
         ({"hold": "gain*"}, "hold", "hold: expected a sequence of names"),
@@ -142,13 +143,15 @@ def test_wrong_options_are_named(options, parameter):
 )
 def test_options_that_make_no_sense_are_refused_in_one_sentence(options, parameter, words):
     with pytest.raises(OptionError) as refused:
-        CalibrationOptions("m.csv", **options)
+        CalibrationOptions("m.csv", "irb1600", **options)
     assert words in str(refused.value)
     assert refused.value.parameter == parameter
 
 
 def test_the_share_held_out_is_a_quarter_unless_given():
-    assert [CalibrationOptions("m.csv", **options).share for options in ({}, {"holdout": 5}, {"verify": "v.csv"})] == [
+    assert [
+        CalibrationOptions("m.csv", "irb1600", **options).share for options in ({}, {"holdout": 5}, {"verify": "v.csv"})
+    ] == [
         0.25,
         5,
         0.25,
@@ -156,6 +159,6 @@ def test_the_share_held_out_is_a_quarter_unless_given():
 
 
 def test_a_level_may_be_given_as_a_number():
-    assert CalibrationOptions("m.csv", model=34).model == "34"
+    assert CalibrationOptions("m.csv", "irb1600", model=34).model == "34"
     with pytest.raises(OptionError, match="found '35'"):
-        CalibrationOptions("m.csv", model=35)
+        CalibrationOptions("m.csv", "irb1600", model=35)

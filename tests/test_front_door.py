@@ -160,7 +160,7 @@ def test_options_are_checked_as_on_the_command_line(option, value):
 
 
 def test_there_is_no_default_robot():
-    with pytest.raises(OptionError, match="expected a URDF or the name of a robot"):
+    with pytest.raises(OptionError, match="name the nominal robot, or an earlier calibration"):
         irbcal.calibrate(robots.demo_file("demo_identification.csv"))
 
 

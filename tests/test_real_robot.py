@@ -100,7 +100,7 @@ def test_calibrated_ur10_keeps_its_links_in_place(shared_data, tmp_path):
     assert urdf.largest_link_shift(proven.urdf, proven.fit.robot.arm) < 5e-3
     written = urdf.to_bytes(proven.urdf, proven.fit.robot.arm)
     check = urdf_check.check(written, proven.fit.robot.arm)
-    assert max(check["position_m"], check["rotation_rad"]) < 1e-12
+    assert max(check.position_m, check.rotation_rad) < 1e-12
 
 
 # --- model auto from end to end -----------------------------------------------------------------------------

@@ -59,10 +59,6 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report."""
-    if "robot" not in options and "with_" not in options:
-        raise typer.BadParameter("name the nominal robot, or an earlier calibration with --with", param_hint="--robot")
-    if "power" in options and options.get("objective") != "pnorm":
-        raise typer.BadParameter("only --objective pnorm has a power", param_hint="--power")
     links = {"world_link": world_link, "target_links": target_links, "mesh_paths": mesh_paths}
     run(options, out, json, force, verbose, fail_if_worse, **links)
 

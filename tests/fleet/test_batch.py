@@ -26,13 +26,14 @@ def read(folder, text):
 def test_a_row_is_a_robot(tmp_path):
     (tmp_path / "own.urdf").write_text("<robot/>")
     text = "id,serial,measurements,robot,date,options\nA-1,SN 7,a.csv,own.urdf,2026-03-17,"
-    text += '"model=34 free=gain3,gain2 power=6 as-poses=yes verify=v.csv"\n'
+    text += '"model=34 free=gain3,gain2 objective=pnorm power=6 as-poses=yes verify=v.csv"\n'
     (entry,) = read(tmp_path, text)
     assert (entry.id, entry.serial, entry.date) == ("A-1", "SN 7", "2026-03-17")
     assert entry.robot == str(tmp_path / "own.urdf")
     assert entry.measurements == str(tmp_path / "a.csv")
     assert entry.options == {
         "model": "34",
+        "objective": "pnorm",
         "power": 6.0,
         "free": ["gain3", "gain2"],
         "as_poses": True,

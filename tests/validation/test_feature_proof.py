@@ -70,4 +70,4 @@ def test_one_place_proves_nothing():
     two = seen.select((seen.feature == "point 0") | (np.arange(len(seen)) == 31))
     with pytest.raises(IdentificationError, match="without features point 0 the rest does not do"):
         prove(cases.arm(), two)
-    assert identify_features(cases.arm(), one).poses == 30
+    assert identify_features(cases.arm(), one).average.poses == 30
