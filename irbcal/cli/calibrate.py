@@ -13,11 +13,11 @@ from irbcal.cli.signature import (
     MM,
     NAMES,
     PLACE,
+    Command,
     FailIfWorse,
     Json,
     Typed,
     Verbose,
-    command,
     numbers,
     path_to_write,
     public,
@@ -31,7 +31,7 @@ from irbcal.units import MM as MM_PER_M
 STEPS = 6
 
 
-@command(
+@Command(
     "calibrate",
     arguments=("measurements",),
     typed={
@@ -158,7 +158,7 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
     return points
 
 
-@command(
+@Command(
     "evaluate",
     arguments=("calibration", "measurements"),
     typed={
@@ -208,7 +208,7 @@ def evaluate(
     show.fail(result.verdict, fail_if_worse)
 
 
-@command(
+@Command(
     "compare",
     arguments=("calibrations",),
     typed={"calibrations": Typed(list[Path], "PATH")},
@@ -243,7 +243,7 @@ def compare(
         show.say(f"Written: {', '.join(str(path) for path in written)}")
 
 
-@command("report", arguments=("calibration",))
+@Command("report", arguments=("calibration",))
 def report(options: dict[str, Any], json: Json = False) -> None:
     """Write report.html again from calibration.json; its figures (PNG, SVG) and data (CSV) on request."""
     with show.progress(3, quiet=json) as step:
@@ -262,7 +262,7 @@ def report(options: dict[str, Any], json: Json = False) -> None:
         show.say("The signature is of the earlier page: irbcal sign")
 
 
-@command(
+@Command(
     "view",
     arguments=("source", "measurements"),
     typed={"source": Typed(str, None)},

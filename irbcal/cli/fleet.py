@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.signature import MM, Guarded, Json, Typed, command, for_typer, path_to_write, public
+from irbcal.cli.signature import MM, Command, Guarded, Json, Typed, for_typer, path_to_write, public
 
 FAILED = 3
 """Exit code of a run in which robots failed."""
@@ -21,7 +21,7 @@ app = typer.Typer(
 )
 
 
-@command(
+@Command(
     "fleet_calibrate",
     arguments=("manifest",),
     typed={"out": WRITTEN},
@@ -39,7 +39,7 @@ def calibrate(options: dict[str, Any], json: Json = False) -> None:
         raise typer.Exit(FAILED)
 
 
-@command("fleet_add", arguments=("calibrations",), typed={"calibrations": Typed(list[Path], "PATH"), "store": STORE})
+@Command("fleet_add", arguments=("calibrations",), typed={"calibrations": Typed(list[Path], "PATH"), "store": STORE})
 def add(options: dict[str, Any], json: Json = False) -> None:
     """Add calibrations to a store, each whole or not at all, and once; goes on where it was stopped."""
     with show.progress(len(options["calibrations"]), quiet=json) as step:
@@ -47,19 +47,19 @@ def add(options: dict[str, Any], json: Json = False) -> None:
     show.result(result, json)
 
 
-@command("fleet_list", typed={"store": STORE, "tolerance": MM})
+@Command("fleet_list", typed={"store": STORE, "tolerance": MM})
 def list_(options: dict[str, Any], json: Json = False) -> None:
     """All robots of a store, what changed in their last calibration, and which stand out of their type."""
     show.result(public("fleet_list")(**options), json)
 
 
-@command("fleet_drift", arguments=("robot",), typed={"store": STORE})
+@Command("fleet_drift", arguments=("robot",), typed={"store": STORE})
 def drift(options: dict[str, Any], json: Json = False) -> None:
     """What changed in a robot, or in all, between their calibrations by more than their uncertainty."""
     show.result(public("fleet_drift")(**options), json)
 
 
-@command("fleet_prior", typed={"store": STORE, "out": WRITTEN})
+@Command("fleet_prior", typed={"store": STORE, "out": WRITTEN})
 def prior(options: dict[str, Any], json: Json = False) -> None:
     """Write what to expect of a robot from its calibrated sisters, for irbcal calibrate --prior: fewer poses do."""
     with show.progress(1, quiet=json) as step:
@@ -67,7 +67,7 @@ def prior(options: dict[str, Any], json: Json = False) -> None:
     show.result(result, json)
 
 
-@command("fleet_export", typed={"store": STORE, "out": WRITTEN})
+@Command("fleet_export", typed={"store": STORE, "out": WRITTEN})
 def export(options: dict[str, Any]) -> None:
     """Write a table of a store as CSV or Parquet."""
     rows = public("fleet_export")(**options)

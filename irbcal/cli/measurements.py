@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.signature import Json, OutFile, Typed, command, public
+from irbcal.cli.signature import Command, Json, OutFile, Typed, public
 from irbcal.safe_files import refuse_overwriting
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def _show_preset(name: str | None) -> None:
         raise typer.Exit
 
 
-@command(
+@Command(
     "import_measurements",
     arguments=("sources",),
     typed={"as_": Typed(str, "PRESET|MAP.yaml"), "set_": Typed(list[str], "KEY=VALUE")},
@@ -122,7 +122,7 @@ def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:
     return summary
 
 
-@command("corners", arguments=("images",), typed={"robot": Typed(str, None)})
+@Command("corners", arguments=("images",), typed={"robot": Typed(str, None)})
 def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """Find the corners of boards in pictures: rows for calibrate --features.
 
@@ -134,7 +134,7 @@ def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     show.result(result, json, f"Written to {out}", out=str(out))
 
 
-@command("lens", arguments=("images",), without=("out",))
+@Command("lens", arguments=("images",), without=("out",))
 def lens(
     options: dict[str, Any],
     out: Annotated[Path | None, typer.Option(help="File for the result, such as camera.csv or camera.yaml.")] = None,
@@ -148,7 +148,7 @@ def lens(
     show.result(result, json, "" if out is None else f"Written to {out}", out=None if out is None else str(out))
 
 
-@command(
+@Command(
     "hand_eye",
     arguments=("measurements",),
     typed={"robot": Typed(str, None)},

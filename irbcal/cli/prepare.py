@@ -16,10 +16,10 @@ from irbcal.cli.signature import (
     LOST_JOINTS,
     MM,
     PLACE,
+    Command,
     Json,
     OutFile,
     Typed,
-    command,
     for_function,
     numbers,
     public,
@@ -31,7 +31,7 @@ from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 
 
-@command("robots")
+@Command("robots")
 def robots(options: dict[str, Any], json: Json = False) -> None:
     """List the robots that --robot takes by name."""
     listed = public("robots")(**options)
@@ -41,7 +41,7 @@ def robots(options: dict[str, Any], json: Json = False) -> None:
         show.tell(listed.report())
 
 
-@command("urdf_from_dh")
+@Command("urdf_from_dh")
 def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """Write a URDF from a Denavit-Hartenberg table, for robots that have none."""
     refuse_overwriting({"out": out}, [options["dh"]])
@@ -55,7 +55,7 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     show.tell([*result.report(), f"Written to {out}"])
 
 
-@command(
+@Command(
     "plan device_plan compare_devices",
     typed={
         "robot": Typed(str, None),
@@ -142,7 +142,7 @@ def _write_plan(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tu
         return made, made.save(out, page)
 
 
-@command(
+@Command(
     "simulate simulate_device",
     arguments=("plan",),
     typed=PROGRAM_TYPED
@@ -218,7 +218,7 @@ def _list(json: bool) -> None:
     show.tell([f"{effect.name:{width}}  {effect.summary}" for effect in ALL])
 
 
-@command("samples", arguments=("folder",))
+@Command("samples", arguments=("folder",))
 def samples(options: dict[str, Any], json: Json = False) -> None:
     """Write small example files for every command, all SIMULATED, with the lines that try them."""
     written = public("samples")(**options)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.signature import LOST_JOINTS, MM, PLACE, Json, Typed, command, numbers, public
+from irbcal.cli.signature import LOST_JOINTS, MM, PLACE, Command, Json, Typed, numbers, public
 from irbcal.correction.known_languages import MAKERS
 from irbcal.units import DEG
 
@@ -104,7 +104,7 @@ def where(text: str, maker: Maker | None) -> tuple[FloatArray, FloatArray]:
 JOINTS = numbers("J1,…,J6", 6, units=[DEG])
 
 
-@command(
+@Command(
     "correct",
     arguments=("calibration", "program"),
     typed=PROGRAM_TYPED
@@ -226,7 +226,7 @@ TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
 """How touches are typed whose joints stand in a program."""
 
 
-@command(
+@Command(
     "cell_frames program_touches",
     arguments=("calibration", "touches"),
     typed=PROGRAM_TYPED | {"payload_place": PLACE, "program": Typed(list[Path], "PATH"), "refit_zeros": LOST_JOINTS},

@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -137,147 +137,120 @@ def _typed(option: DeclaredOption) -> Typed:
     return Typed(Path if option.is_file else str, None)
 
 
-def command(
-    api: str,
-    *,
-    arguments: Sequence[str] = (),
-    typed: Mapping[str, Typed] | None = None,
-    flags: Mapping[str, str] | None = None,
-    panels: Mapping[str, Sequence[str]] | None = None,
-    without: Sequence[str] = (),
-    optional: Sequence[str] = (),
-    texts: Mapping[str, str] | None = None,
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a command of a public function.
+@dataclass(frozen=True, eq=False)
+class Command:
+    """Makes a command of a public function.
 
-    Parameters
-    ----------
-    api : str
-        Its name at the front door; or several, with spaces between them: the first that has a parameter explains it.
-    arguments : sequence of str
-        Parameters that have no option: they are typed in this order.
-    typed : dict of str to Typed, optional
-        Parameters that a shell types otherwise.
-    flags : dict of str to str, optional
-        Options of other names, or several with spaces between them.
-    panels : dict of str to sequence of str, optional
-        Panels of the help with their options, those of the command, too. Where there are any, all other options are
-        for experts: --help-all shows them.
-    without : sequence of str
-        Parameters that are no options.
-    optional : sequence of str
-        Parameters that a shell may leave out although a function needs them.
-    texts : dict of str to str, optional
-        Explanations of parameters that a shell understands otherwise.
-
-    Returns
-    -------
-    callable
-        Decorates a function of the API's options (a dict of those that were typed, in the API's units) and of the
-        command's options, which typer knows by their annotations.
+    It decorates a function of the API's options (a dict of those that were typed, in the API's units) and of the
+    command's own options, which typer knows by their annotations.
     """
-    typed, flags = FOLDERS | dict(typed or {}), FOLDER_FLAGS | dict(flags or {})
-    settings = (api, arguments, typed, flags, panels or {}, without, optional, texts or {})
 
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        SETTINGS[function] = settings
+    api: str
+    """Its name at the front door; or several, with spaces between them: the first that has a parameter explains it."""
+    _: KW_ONLY
+    arguments: Sequence[str] = ()
+    """Parameters that have no option: they are typed in this order."""
+    typed: Mapping[str, Typed] = field(default_factory=dict)
+    """Parameters that a shell types otherwise."""
+    flags: Mapping[str, str] = field(default_factory=dict)
+    """Options of other names, or several with spaces between them."""
+    panels: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Panels of the help with their options, those of the command, too. Where there are any, all other options are for
+    experts: --help-all shows them.
+    """
+    without: Sequence[str] = ()
+    """Parameters that are no options."""
+    optional: Sequence[str] = ()
+    """Parameters that a shell may leave out although a function needs them."""
+    texts: Mapping[str, str] = field(default_factory=dict)
+    """Explanations of parameters that a shell understands otherwise."""
+
+    def __call__(self, function: Callable[..., None]) -> Callable[..., None]:
+        """The function as it is: what typer runs is made where it is called, see `for_typer`."""
+        COMMANDS[function] = self
         return function
 
-    return decorate
+    def for_typer(self, function: Callable[..., None]) -> Callable[..., None]:
+        """What typer runs of a function that this decorates."""
+        arguments, typed, flags = self.arguments, FOLDERS | {**self.typed}, FOLDER_FLAGS | {**self.flags}
+        first = ""
+        parameters: dict[str, DeclaredOption] = {}
+        help_of: dict[str, str] = {}
+        for name in self.api.split():
+            text, declared = options_of(name)
+            first = first or text
+            new = {item.name: item for item in declared if item.name not in (*LEFT_OUT, *self.without, *parameters)}
+            help_of |= {item.name: explained(item, [other.name for other in declared]) for item in new.values()}
+            parameters |= new
+        panel_of = {name: item.panel for name, item in parameters.items() if item.panel is not None}
+        panel_of |= {name: panel for panel, names in self.panels.items() for name in names}
+
+        hints = inspect.signature(function, eval_str=True).parameters
+        kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
+        hinted = [item for item in hints.values() if item.name != "options"]
+        shown = []
+        for name, item in parameters.items():
+            kind = kinds[name]
+            needed = item.default is REQUIRED and name not in self.optional
+            default = None if item.default in (REQUIRED, None, (), False) else kind.shown(item.default)
+            text = escape(self.texts.get(name) or _in_units(help_of[name], kind))
+            panel = panel_of.get(name, EXPERT if panel_of else None)
+            if name in arguments:
+                info: Any = typer.Argument(help=text, show_default=default is not None, metavar=None)
+            else:
+                info = typer.Option(
+                    *flags.get(name, option_of(name)).split(),
+                    help=text,
+                    show_default=default is not None,
+                    metavar=kind.metavar,
+                    rich_help_panel=None if needed else panel,
+                )
+            if kind.kind is bool:
+                default = False
+            annotation: Any = kind.kind if needed or kind.kind is bool else kind.kind | None
+            shown.append(_by_name(name, Annotated[annotation, info], REQUIRED if needed else default))
+        more = [_by_name(item.name, _in_panel(item, panel_of), item.default) for item in hinted]
+        if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panel_of:
+            more.append(_by_name("help_all", HELP_ALL, False))
+        more.append(_by_name("context", typer.Context))
+        order = {name: k for k, name in enumerate([*arguments, *panel_of])}
+        every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
+
+        @functools.wraps(function)
+        def call(context: typer.Context, **values: Any) -> None:
+            options, _ = {}, values.pop("help_all", None)
+            for name in parameters:
+                value = values.pop(name)
+                source = context.get_parameter_source(name)
+                if source is not None and source.name != "DEFAULT":  # else the function's own
+                    options[name] = kinds[name].read(value, flags.get(name, option_of(name)))
+            with refusals(arguments, flags, typed):
+                function(options, **values)
+
+        call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
+        call.__annotations__ = {item.name: item.annotation for item in every}
+        call.__doc__ = escape(function.__doc__ or for_shells(first, list(parameters)))
+        del call.__wrapped__  # typer would read the function within
+        return call
+
+
+def _by_name(name: str, annotation: Any, default: Any = REQUIRED) -> inspect.Parameter:
+    """A parameter as typer reads it."""
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 FOLDERS, FOLDER_FLAGS = {"package_dirs": Typed(list[Path], "FOLDER")}, {"package_dirs": "--package-dir"}
 """Folders of packages, as every command takes them: one an option."""
-SETTINGS: dict[Callable[..., None], tuple[Any, ...]] = {}
-"""Functions of commands, with what `command` says of them."""
+COMMANDS: dict[Callable[..., None], Command] = {}
+"""Functions of commands, with what decorates them."""
 
 
 def for_typer(function: Callable[..., None]) -> Callable[..., None]:
-    """What typer runs: of a function that `command` decorates with its options, any other one as it is.
+    """What typer runs: of a function that `Command` decorates with its options, any other one as it is.
 
     The sources that say them are read here, not by the decorator: of the commands of a file one is called.
     """
-    return _for_typer(function, *SETTINGS[function]) if function in SETTINGS else function
-
-
-def _for_typer(
-    function: Callable[..., None],
-    api: str,
-    arguments: Sequence[str],
-    typed: Mapping[str, Typed],
-    flags: Mapping[str, str],
-    panels: Mapping[str, Sequence[str]],
-    without: Sequence[str],
-    optional: Sequence[str],
-    texts: Mapping[str, str],
-) -> Callable[..., None]:
-    first = ""
-    parameters: dict[str, DeclaredOption] = {}
-    help_of: dict[str, str] = {}
-    for name in api.split():
-        text, declared = options_of(name)
-        first = first or text
-        new = {item.name: item for item in declared if item.name not in (*LEFT_OUT, *without, *parameters)}
-        help_of |= {item.name: explained(item, [other.name for other in declared]) for item in new.values()}
-        parameters |= new
-    panel_of = {name: item.panel for name, item in parameters.items() if item.panel is not None}
-    panel_of |= {name: panel for panel, names in panels.items() for name in names}
-
-    hints = inspect.signature(function, eval_str=True).parameters
-    kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
-    hinted = [item for item in hints.values() if item.name != "options"]
-    shown = []
-    for name, item in parameters.items():
-        kind = kinds[name]
-        needed = item.default is REQUIRED and name not in optional
-        default = None if item.default in (REQUIRED, None, (), False) else kind.shown(item.default)
-        text = escape(texts.get(name) or _in_units(help_of[name], kind))
-        panel = panel_of.get(name, EXPERT if panel_of else None)
-        if name in arguments:
-            info: Any = typer.Argument(help=text, show_default=default is not None, metavar=None)
-        else:
-            info = typer.Option(
-                *flags.get(name, option_of(name)).split(),
-                help=text,
-                show_default=default is not None,
-                metavar=kind.metavar,
-                rich_help_panel=None if needed else panel,
-            )
-        if kind.kind is bool:
-            default = False
-        annotation: Any = kind.kind if needed or kind.kind is bool else kind.kind | None
-        annotation = Annotated[annotation, info]
-        shown.append(
-            inspect.Parameter(
-                name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=REQUIRED if needed else default,
-                annotation=annotation,
-            )
-        )
-    more = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=_in_panel(item, panel_of)) for item in hinted]
-    if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panel_of:
-        more.append(inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HELP_ALL))
-    more.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
-    order = {name: k for k, name in enumerate([*arguments, *panel_of])}
-    every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
-
-    @functools.wraps(function)
-    def call(context: typer.Context, **values: Any) -> None:
-        options, _ = {}, values.pop("help_all", None)
-        for name in parameters:
-            value = values.pop(name)
-            source = context.get_parameter_source(name)
-            if source is not None and source.name != "DEFAULT":  # else the function's own
-                options[name] = kinds[name].read(value, flags.get(name, option_of(name)))
-        with refusals(arguments, flags, typed):
-            function(options, **values)
-
-    call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
-    call.__annotations__ = {item.name: item.annotation for item in every}
-    call.__doc__ = escape(function.__doc__ or for_shells(first, list(parameters)))
-    del call.__wrapped__  # typer would read the function within
-    return call
+    return COMMANDS[function].for_typer(function) if function in COMMANDS else function
 
 
 def escape(text: str) -> str:

@@ -8,11 +8,11 @@ from typing import Any
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.signature import PLACE, Json, JsonLines, Typed, command, numbers_in, public
+from irbcal.cli.signature import PLACE, Command, Json, JsonLines, Typed, numbers_in, public
 from irbcal.errors import IrbcalError
 
 
-@command(
+@Command(
     "forward_kinematics",
     arguments=("robot",),
     typed={"robot": Typed(str, None), "payload_place": PLACE},
@@ -33,7 +33,7 @@ def fk(options: dict[str, Any], json: JsonLines = False) -> None:
     show.print_rows(result.to_frame(as_written=not json), json)
 
 
-@command(
+@Command(
     "inverse_kinematics",
     arguments=("robot",),
     typed={"robot": Typed(str, None), "payload_place": PLACE, "near": Typed(str, "J1,J2,…")},
@@ -68,13 +68,13 @@ def ik(options: dict[str, Any], json: JsonLines = False) -> None:
         show.warn(f"{missing} of {len(result)} poses have no joints, see the column note")
 
 
-@command("export", arguments=("calibration",), typed={"payload_place": PLACE})
+@Command("export", arguments=("calibration",), typed={"payload_place": PLACE})
 def export(options: dict[str, Any], json: Json = False) -> None:
     """Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside."""
     show.result(public("export")(**options), json)
 
 
-@command(
+@Command(
     "stream",
     arguments=("calibration",),
     typed={
@@ -98,7 +98,7 @@ def stream(options: dict[str, Any]) -> None:
     run(live, sys.stdin.buffer, sys.stdout.buffer, show.warn)
 
 
-@command("verify", arguments=("calibration",), typed={"reseal": Typed(str, "WHY")})
+@Command("verify", arguments=("calibration",), typed={"reseal": Typed(str, "WHY")})
 def verify(options: dict[str, Any], json: Json = False) -> None:
     """Tell whether a calibration is as it was written, or a URDF or program its own; exit code 1 if it is not."""
     urdf, program = options.get("urdf"), options.get("program")
@@ -114,7 +114,7 @@ def verify(options: dict[str, Any], json: Json = False) -> None:
         raise typer.Exit(1)
 
 
-@command("sign", arguments=("path",))
+@Command("sign", arguments=("path",))
 def sign(options: dict[str, Any], json: Json = False) -> None:
     """Sign a calibration folder or a certificate with a laboratory's key; irbcal verify --public-key checks it."""
     out = public("sign")(**options)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.signature import DEG, MM, PLACE, Json, Typed, command, numbers, numbers_in, public
+from irbcal.cli.signature import DEG, MM, PLACE, Command, Json, Typed, numbers, numbers_in, public
 from irbcal.units import MM as MM_PER_M
 
 
@@ -28,7 +28,7 @@ def _frequency(text: str, option: str) -> float | Literal["free"]:
     return value
 
 
-@command(
+@Command(
     "joints",
     arguments=("measurements",),
     typed={"frequency": Typed(str, "NUMBER|free", _frequency), "robot": Typed(str, None)},
@@ -46,7 +46,7 @@ def joints(options: dict[str, Any], json: Json = False) -> None:
     show.result(result, json)
 
 
-@command(
+@Command(
     "circles",
     arguments=("measurements",),
     typed={"tolerance": DEG, "robot": Typed(str, None)},
@@ -60,7 +60,7 @@ def circles(options: dict[str, Any], json: Json = False) -> None:
     show.result(public("circles")(**options), json)
 
 
-@command("controller", arguments=("poses",), typed={"robot": Typed(str, None)})
+@Command("controller", arguments=("poses",), typed={"robot": Typed(str, None)})
 def controller(
     options: dict[str, Any],
     out: Annotated[Path | None, typer.Option(help="URDF that equals the controller.", metavar="FILE")] = None,
@@ -82,7 +82,7 @@ PLAN = ("center", "edge", "inset", "plane", "near")
 """Options of the test poses."""
 
 
-@command(
+@Command(
     "iso9283 iso9283_plan",
     arguments=("measurements",),
     typed={
@@ -143,7 +143,7 @@ def iso9283(
     table.to_csv(sys.stdout, float_format="%.6f")
 
 
-@command(
+@Command(
     "tracker",
     arguments=("readings",),
     typed={"length": MM, "band": MM},
@@ -166,7 +166,7 @@ def tracker(
 DIRECTION = numbers("X,Y,Z", 3)
 
 
-@command(
+@Command(
     "ballbar",
     arguments=("calibration", "measured"),
     typed={
