@@ -36,11 +36,11 @@ class LargestVariance(Criterion):
         return 1.0 / np.linalg.eigvalsh(M)[0]
 
 
-def random_aim(kind, p=9, h=4, outer=3, seed=1):
+def random_aim(kind, p=9, h=4, nuisance=3, seed=1):
     rng = np.random.default_rng(seed)
     J, E = rng.standard_normal((40, p)), rng.standard_normal((40, h))
     criteria = {
-        "D": LogDeterminant(outer),
+        "D": LogDeterminant(nuisance),
         "position": MeanSquaredError(J.T @ J / 40, np.zeros((p, 0))),
         "imagined": MeanSquaredError(J.T @ J / 40, J.T @ E / 40, float(np.sum(E**2)) / 40),
         "new": LargestVariance(),

@@ -29,7 +29,7 @@ def predicted_covariance(fit, q, target):
     at, none = np.arange(n), np.full(n, "")
     there = PointSet(q, at, np.full(n, names.index(target)), np.zeros((n, 3)), names, at, none)
     problem = Problem(fit.problem.arm, there, fit.problem.parameters, fit.problem.known)
-    C, turns = fit.solution.information.covariance(), np.arange(problem.outer, fit.problem.outer)
+    C, turns = fit.solution.information.covariance(), np.arange(problem.nuisance, fit.problem.nuisance)
     C = np.delete(np.delete(C, turns, axis=0), turns, axis=1)  # target frames do not move places
     J = state.T_world_base[:3, :3] @ problem.jacobian(state).reshape(n, 3, -1)
     return J @ C @ J.transpose(0, 2, 1)

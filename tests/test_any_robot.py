@@ -96,7 +96,7 @@ def test_six_numbers_a_joint_span_what_pinocchio_says_a_joint_placement_can_do(f
         regressors.append(np.kron(np.eye(2), R_base) @ whole)
     points = measured(Robot(arm, targets={"t": np.zeros(3)}), q)
     problem = Problem(arm, points, ours.values(), known_targets={"t": np.zeros(3)})
-    J = problem.jacobian(State(np.eye(4), np.zeros((1, 3)), np.zeros(len(ours))))[:, problem.outer :].reshape(
+    J = problem.jacobian(State(np.eye(4), np.zeros((1, 3)), np.zeros(len(ours))))[:, problem.nuisance :].reshape(
         len(q), 3, -1
     )
     for i in range(1, len(joints)):

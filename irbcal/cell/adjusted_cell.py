@@ -131,7 +131,7 @@ class Adjusted:
 
         Of an external axis the change of its screw; ``name`` is the frame that it moves.
         """
-        out = np.zeros((6, self.problem.flat + len(self.zeros)))
+        out = np.zeros((6, self.problem.nuisance + len(self.zeros)))
         if self._tip(kind, name) in self.problem.layout:
             at = self.problem.layout[self._tip(kind, name)][1]
             out[3:, at : at + 3] = R.T

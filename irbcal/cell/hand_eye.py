@@ -398,8 +398,8 @@ def _rig(problem: FeatureProblem, state: FeatureState, devices: Sequence[DeviceF
                 return np.asarray(frames.inverse(a) @ b)
 
             T, slopes = between(state), []
-            for k in range(problem.flat):
-                step = np.zeros(problem.flat)
+            for k in range(problem.nuisance):
+                step = np.zeros(problem.nuisance)
                 step[k] = SMALL
                 ahead, back = (between(problem.moved(state, sign * step)) for sign in (1.0, -1.0))
                 turned = T[:3, :3].T @ (ahead - back)[:3, :3]
@@ -476,5 +476,5 @@ def left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray, pa
         aside = FeatureProblem(problem.arm, rows.select(~rest), [], dict(fitted.values), robot=problem.robot)
         placed = feature_problem.settle(aside, FeatureState({**state.values, **fitted.values}, np.zeros(0)))
         numbers = 2.0 * float(np.isfinite(np.asarray(aside.rows.corners)[:, :, 2]).sum())
-        out[~rest] = aside.distances(placed) / scale[~rest] * np.sqrt(numbers / max(numbers - aside.flat, 1.0))
+        out[~rest] = aside.distances(placed) / scale[~rest] * np.sqrt(numbers / max(numbers - aside.nuisance, 1.0))
     return out

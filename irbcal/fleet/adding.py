@@ -83,7 +83,7 @@ def stored(
 
 def _estimate(certainty: Certainty, sizes: Mapping[str, float] | None = None, count: float = 1.0) -> Estimate:
     """Parameters of a certainty; ``count`` times their variance."""
-    terms, flat = certainty.terms, len(certainty.covariance) - len(certainty.terms)
+    terms, nuisance = certainty.terms, len(certainty.covariance) - len(certainty.terms)
     natural = np.array([term.size for term in terms])
     expected = [sizes.get(term.group, 1.0) for term in terms] if sizes else [np.inf] * len(terms)
     return Estimate(
@@ -92,7 +92,7 @@ def _estimate(certainty: Certainty, sizes: Mapping[str, float] | None = None, co
         np.array(certainty.coefficients),
         natural * expected,
         natural,
-        count * np.array(certainty.covariance)[flat:, flat:],
+        count * np.array(certainty.covariance)[nuisance:, nuisance:],
     )
 
 
@@ -180,9 +180,9 @@ def _expected(record: Record, certainty: Certainty) -> Mapping[str, float]:
     """
     if record.evidence is None:
         return {}
-    terms, flat = certainty.terms, len(certainty.covariance) - len(certainty.terms)
+    terms, nuisance = certainty.terms, len(certainty.covariance) - len(certainty.terms)
     natural = np.array([term.size for term in terms])
-    moments = (np.diagonal(certainty.covariance)[flat:] + certainty.coefficients**2) / natural**2
+    moments = (np.diagonal(certainty.covariance)[nuisance:] + certainty.coefficients**2) / natural**2
     out = {}
     for group in record.evidence.groups:
         of_group = np.array([term.group == group.name and not high_wave(name_of(term)) for term in terms], dtype=bool)

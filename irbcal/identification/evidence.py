@@ -28,8 +28,8 @@ from irbcal.identification.evidence_fit import (
 from irbcal.identification.evidence_maximisation import (
     NormalEquations,
     Posterior,
-    evidence_temper,
-    fit_temper,
+    evidence_likelihood_power,
+    fit_likelihood_power,
     maximise_evidence,
 )
 from irbcal.identification.fit_sections import (
@@ -68,7 +68,7 @@ FEWEST_FOR_LONGEST = 120
 LONGEST_OPTIMISM = 1.1
 """By how much left-out residuals of the longest series are too small: its 144 variances are from the same poses. On a
 UR10 (300 poses) 95 % intervals hold 91 to 93 % without."""
-GIVE_UP = 80.0
+EVIDENCE_DROP = 80.0
 """Nats below the best term set at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
 """Factor by which the residuals must fall for readings to count as taken before the arm stood still, beyond what a few
@@ -87,11 +87,11 @@ class ComparedTermSet:
 
     term_set: TermSet
     by_evidence: Posterior
-    """At the temper of the log evidence."""
+    """At the likelihood power of the log evidence."""
     weight: float = 0.0
     """In the average."""
     by_fit: Posterior | None = None
-    """At the temper of a fit; of term sets with weight."""
+    """At the likelihood power of a fit; of term sets with weight."""
     leave_one_out: float | None = None
     """Root mean square length of its leave-one-pose-out residuals, metres."""
 
@@ -107,9 +107,9 @@ def fit_term_set(
     term_set: TermSet,
     t: float,
     start: Posterior | None = None,
-    give_up: float = -np.inf,
+    evidence_floor: float = -np.inf,
 ) -> Posterior:
-    """Coefficients and variances of a term set from the sums of its columns, tempered by ``t``.
+    """Coefficients and variances of a term set from the sums of its columns; ``t``: power of the likelihood.
 
     It starts from the variances of another fit, where one is given: new groups from one.
     """
@@ -119,13 +119,13 @@ def fit_term_set(
         variances[: len(start.variances)] = start.variances
     return maximise_evidence(
         sums,
-        linear.flat,
+        linear.nuisance,
         term_set.group,
         term_set.caps,
         t,
         variances,
         s2,
-        give_up=give_up,
+        evidence_floor=evidence_floor,
         noise=linear.noise,
         expected=term_set.expected,
     )
@@ -157,18 +157,23 @@ class Averaging:
         self.superset = list(linear.terms)
         self.compared: list[ComparedTermSet] = []
         per_pose = 1.0 if independent else linear.per_pose
-        self.fit_temper, self.evidence_temper = fit_temper(per_pose), evidence_temper(per_pose)
+        self.fit_likelihood_power, self.evidence_likelihood_power = (
+            fit_likelihood_power(per_pose),
+            evidence_likelihood_power(per_pose),
+        )
 
-    def fit(self, term_set: TermSet, t: float, start: Posterior | None = None, give_up: float = -np.inf) -> Posterior:
+    def fit(
+        self, term_set: TermSet, t: float, start: Posterior | None = None, evidence_floor: float = -np.inf
+    ) -> Posterior:
         """A term set's fit to the model that is compared on; see `fit_term_set`."""
-        return fit_term_set(self.linear, self.part(term_set), term_set, t, start, give_up)
+        return fit_term_set(self.linear, self.part(term_set), term_set, t, start, evidence_floor)
 
     def part(self, term_set: TermSet) -> NormalEquations:
         """The sums of a term set's columns."""
-        return self.sums.part(term_set.columns(self.linear.flat))
+        return self.sums.part(term_set.columns(self.linear.nuisance))
 
     def weighed(
-        self, choices: Sequence[TermSet], taus: Sequence[float] = (), give_up: float = GIVE_UP
+        self, choices: Sequence[TermSet], taus: Sequence[float] = (), evidence_drop: float = EVIDENCE_DROP
     ) -> tuple[list[ComparedTermSet], FloatArray, float]:
         """Term sets with their log evidence, their weights among each other, and the largest log evidence.
 
@@ -178,7 +183,7 @@ class Averaging:
         taus : sequence of float
             Time constants of warm-up, from short to long; of each term set the best is taken, looked for from the best
             of the term set before. Without any that of the choices stays.
-        give_up : float
+        evidence_drop : float
             Nats below the best at which a fit is not brought to its end.
         """
         best, tau, out = -np.inf, None, list[ComparedTermSet]()
@@ -187,8 +192,10 @@ class Averaging:
             if first_tau is not None:
                 tau = tau or first_tau
                 choice = term_sets.with_tau(choice, self.superset, tau)
-            candidate = ComparedTermSet(choice, self.fit(choice, self.evidence_temper, give_up=best - give_up))
-            if tau is not None and first_tau is not None and candidate.by_evidence.log_evidence > best - give_up:
+            candidate = ComparedTermSet(
+                choice, self.fit(choice, self.evidence_likelihood_power, evidence_floor=best - evidence_drop)
+            )
+            if tau is not None and first_tau is not None and candidate.by_evidence.log_evidence > best - evidence_drop:
                 tau = self._choose_tau(candidate, tau, taus)
             out.append(candidate)
             best = max(best, candidate.by_evidence.log_evidence)
@@ -200,7 +207,7 @@ class Averaging:
         for others in (taus[:place][::-1], taus[place + 1 :]):
             for other in others:
                 changed = term_sets.with_tau(candidate.term_set, self.superset, other)
-                fit = self.fit(changed, self.evidence_temper, candidate.by_evidence)
+                fit = self.fit(changed, self.evidence_likelihood_power, candidate.by_evidence)
                 if fit.log_evidence <= candidate.by_evidence.log_evidence:
                     break
                 candidate.term_set, candidate.by_evidence, tau = changed, fit, other
@@ -214,10 +221,10 @@ class Averaging:
         chosen, precision = np.flatnonzero(weights), weights.copy()
         for k in chosen:
             candidate = compared[k]
-            candidate.by_fit = self.fit(candidate.term_set, self.fit_temper, candidate.by_evidence)
+            candidate.by_fit = self.fit(candidate.term_set, self.fit_likelihood_power, candidate.by_evidence)
             if len(chosen) > 1:
                 u, _, row = leave_one_out.residuals(
-                    self.linear, candidate.term_set.columns(self.linear.flat), candidate.by_fit
+                    self.linear, candidate.term_set.columns(self.linear.nuisance), candidate.by_fit
                 )
                 precision[k] /= np.mean(u[row >= 0] ** 2)  # zero where a direction is open
         for candidate, weight in zip(
@@ -253,17 +260,17 @@ class Averaging:
         -------
         linear : LinearModel
             The improved one.
-        mean, covariance : ndarray, shape (flat + terms,), (flat + terms, flat + terms)
+        mean, covariance : ndarray, shape (nuisance + terms,), (nuisance + terms, nuisance + terms)
             In units of its columns.
         results : dict
             Those fields of `ModelAverage` that say how the average came about.
         """
-        averaged, flat = self.kept, linear.flat
-        columns_of, width = self._columns(flat), flat + len(self.union)
+        averaged, nuisance = self.kept, linear.nuisance
+        columns_of, width = self._columns(nuisance), nuisance + len(self.union)
         starts: list[Posterior | None] = [candidate.by_fit or candidate.by_evidence for candidate in averaged]
         for last in (False, True):
             fits = [
-                fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_temper, start)
+                fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_likelihood_power, start)
                 for candidate, columns, start in zip(averaged, columns_of, starts, strict=True)
             ]
             mean, second = np.zeros(width), np.zeros((width, width))
@@ -285,7 +292,9 @@ class Averaging:
         if report:
             names = [self.superset[k].family for k in averaged[top].term_set.terms]
             top_model = sums.part(columns_of[top])
-            families = families_shown(top_model, flat, names, averaged[top].term_set, self.evidence_temper, fits[top])
+            families = families_shown(
+                top_model, nuisance, names, averaged[top].term_set, self.evidence_likelihood_power, fits[top]
+            )
         sigma = np.sqrt(sum(candidate.weight * fit.s2 for candidate, fit in zip(averaged, fits, strict=True)))
         results = {
             "sigma_mm": float(sigma),
@@ -317,10 +326,10 @@ class Averaging:
         self.leverage_pose = leave_one_out.leverage_pose(e[row >= 0], u[row >= 0], linear.place[pose[row >= 0]])
         return loo, blocks[0] if blocks else loo
 
-    def _columns(self, flat: int) -> list[IntArray]:
+    def _columns(self, nuisance: int) -> list[IntArray]:
         """Columns of each term set with weight in a linear model of their `union`."""
         places = (np.searchsorted(self.union, candidate.term_set.terms) for candidate in self.kept)
-        return [np.concatenate([np.arange(flat), flat + place]) for place in places]
+        return [np.concatenate([np.arange(nuisance), nuisance + place]) for place in places]
 
     def all_outliers(self, linear: Linearisation) -> FloatArray:
         """Distances of outliers, and of those that show once these are left out, (points,), mm, else zero.
@@ -336,9 +345,11 @@ class Averaging:
             if not np.bincount(points.target[out == 0.0], minlength=len(points.target_names)).all():
                 break
             rest = linear.without(out > 0.0)
-            sums, u, mean = rest.sums(), np.zeros(0), np.zeros(linear.flat + len(self.union))
-            for k, (candidate, columns) in enumerate(zip(self.kept, self._columns(linear.flat), strict=True)):
-                fits[k] = fit = fit_term_set(rest, sums.part(columns), candidate.term_set, self.fit_temper, fits[k])
+            sums, u, mean = rest.sums(), np.zeros(0), np.zeros(linear.nuisance + len(self.union))
+            for k, (candidate, columns) in enumerate(zip(self.kept, self._columns(linear.nuisance), strict=True)):
+                fits[k] = fit = fit_term_set(
+                    rest, sums.part(columns), candidate.term_set, self.fit_likelihood_power, fits[k]
+                )
                 left_out, _, row = leave_one_out.residuals(rest, columns, fit)
                 u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
                 mean[columns] += candidate.weight * fit.c
@@ -352,7 +363,7 @@ class Averaging:
         return tuple(
             TermSetResult(
                 name=candidate.term_set.name,
-                terms=self.linear.flat + len(candidate.term_set.terms),
+                terms=self.linear.nuisance + len(candidate.term_set.terms),
                 log_evidence=candidate.by_evidence.log_evidence,
                 weight=candidate.weight,
                 sigma_mm=None if candidate.by_fit is None else np.sqrt(candidate.by_fit.s2),
@@ -370,12 +381,12 @@ def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list
         fit, d = candidate.by_fit, candidate.term_set
         if fit is None:
             continue
-        flat = len(fit.c) - len(d.terms)
+        nuisance = len(fit.c) - len(d.terms)
         counts = np.bincount(d.group, minlength=len(d.groups))
         unit = 1.0 if d.expected is None else np.bincount(d.group, d.expected.std**2, len(d.groups)) / counts
         unit = np.broadcast_to(unit, counts.shape)
-        squares = np.bincount(d.group, fit.c[flat:] ** 2, len(d.groups)) / counts
-        scatter = np.bincount(d.group, np.diagonal(fit.covariance)[flat:], len(d.groups)) / counts
+        squares = np.bincount(d.group, fit.c[nuisance:] ** 2, len(d.groups)) / counts
+        scatter = np.bincount(d.group, np.diagonal(fit.covariance)[nuisance:], len(d.groups)) / counts
         for k, name in enumerate(d.groups):
             row = np.array([fit.gammas[k], fit.variances[k] * unit[k], squares[k], scatter[k], 1.0])
             totals[name] = totals.get(name, np.zeros(5)) + candidate.weight * row
@@ -477,10 +488,10 @@ def _lagging(
         states.append(linear_model.geometry_solution(problem, motion, geometry, project))
         linear = Linearisation(problem, states[-1], motion, superset, project)
         middle = term_sets.make(superset, ["gravity", "gain", "harmonics"], 2, None)
-        sums, t = linear.sums(middle.columns(linear.flat)), fit_temper(linear.per_pose)
+        sums, t = linear.sums(middle.columns(linear.nuisance)), fit_likelihood_power(linear.per_pose)
         fit = fit_term_set(linear, sums, middle, t)
         sizes.append(np.sqrt(fit.s2))
-        spare.append(max(t * sums.equations - linear.flat - float(fit.gammas.sum()), 1.0))
+        spare.append(max(t * sums.equations - linear.nuisance - float(fit.gammas.sum()), 1.0))
     ratio = float(sizes[0] / sizes[1])
     project = f_beyond((ratio / READINGS_GATE) ** 2, *spare) < 1.0 - GATE_CERTAINTY
     return project, ratio, states[project]
@@ -566,26 +577,26 @@ def identify_evidence(
     linearised, averaging = _with_longer_series(linearised, averaging, say)
     harmonics, spectrum = _scan(averaging, linearised.linear, say) if gear_scan else ([], None)
     say("averaging")
-    union, flat, project = averaging.union, linearised.linear.flat, linearised.linear.projected
+    union, nuisance, project = averaging.union, linearised.linear.nuisance, linearised.linear.projected
     terms_used = [averaging.superset[k] for k in union]
     linear = Linearisation(linearised.problem, linearised.state, linearised.motion, terms_used, project)
     if harmonics or len(linearised.motion) != len(linearised.linear.motion):
         sums = linear.sums()
     else:
-        sums = linearised.sums.part(np.concatenate([np.arange(flat), flat + union]))
+        sums = linearised.sums.part(np.concatenate([np.arange(nuisance), nuisance + union]))
     improved, mean, covariance, results = averaging.average(linear, sums)
     wrong = averaging.all_outliers(improved) if isinstance(improved, Linearisation) else averaging.outlier_distance
     state, names = linear.moved(mean), points.target_names
     lagging = LAG_FAMILIES if project else ()
     used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
-    columns = np.concatenate([np.arange(flat), flat + used])
+    columns = np.concatenate([np.arange(nuisance), nuisance + used])
     scale = linear.sizes[columns]
     other_bases = dict(zip(linearised.problem.sessions[:-1], state.others, strict=True))
     loads = linearised.motion.inputs.get("payload_kg")
     stop = stop_numbers(points, motion) if len(linearised.motion) < len(motion) else np.arange(len(motion))
     outlier_distance = np.zeros((len(linearised.motion), len(names)))
     outlier_distance[linearised.problem.points.pose, linearised.problem.points.target] = wrong * MM
-    averaged_terms, coefficients = tuple(terms_used[k] for k in used), scale[flat:] * mean[columns[flat:]]
+    averaged_terms, coefficients = tuple(terms_used[k] for k in used), scale[nuisance:] * mean[columns[nuisance:]]
     coefficient_of = {term.name: float(value) for term, value in zip(averaged_terms, coefficients, strict=True)}
     return EvidenceFit(
         nominal=arm,
@@ -632,11 +643,16 @@ def _with_amplitude(gear: GearWave, coefficient_of: Mapping[str, float]) -> Gear
 def _each_counts(averaging: Averaging, compared: Sequence[ComparedTermSet]) -> bool:
     """Whether the likeliest term set, fitted as if each coordinate counted for itself, leaves errors that do so."""
     linear = averaging.linear
-    if averaging.evidence_temper == 1.0 or linear.projected or linear.session is not None or (linear.target < 0).any():
+    if (
+        averaging.evidence_likelihood_power == 1.0
+        or linear.projected
+        or linear.session is not None
+        or (linear.target < 0).any()
+    ):
         return False
     best = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence)
     fit = averaging.fit(best.term_set, 1.0, best.by_evidence)
-    return independent(linear, best.term_set.columns(linear.flat), fit)
+    return independent(linear, best.term_set.columns(linear.nuisance), fit)
 
 
 def log_evidence(
@@ -687,7 +703,7 @@ def _with_type(
     top = max(with_type, key=lambda candidate: candidate.by_evidence.log_evidence)
     without = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence).by_evidence
     part = averaging.part(top.term_set)
-    test = chi_square_of_type(part, averaging.linear.flat, top.term_set, top.by_evidence, without.s2)
+    test = chi_square_of_type(part, averaging.linear.nuisance, top.term_set, top.by_evidence, without.s2)
     weight = term_sets.share(theirs - best) if like_type(*test) else 0.0
     shares = np.concatenate([(1.0 - weight) * weights, weight * their_weights])
     result = TypePriorResult(prior.type, len(prior.sisters), prior.simulated, theirs - best, weight, *test)
@@ -711,7 +727,7 @@ def _with_longer_series(
         if candidate.term_set.highest == HIGHEST:
             term_set = candidate.term_set.longer(new_terms, [band_group(term, LONGEST) for term in more], LONGEST)
             compared.append(
-                ComparedTermSet(term_set, longer.fit(term_set, longer.evidence_temper, candidate.by_evidence))
+                ComparedTermSet(term_set, longer.fit(term_set, longer.evidence_likelihood_power, candidate.by_evidence))
             )
     longer.weigh(compared, term_sets.weights([candidate.by_evidence for candidate in compared]))
     return replace(linearised, linear=linear, sums=longer.sums), longer
@@ -783,17 +799,17 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
         If the poses do not determine base and targets.
     """
     linearised = prepare(arm, points, motion)
-    superset, flat = linearised.linear.terms, linearised.linear.flat
+    superset, nuisance = linearised.linear.terms, linearised.linear.nuisance
     names = [*term_sets.TYPE_FAMILIES, "warm_up"]
     choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, linearised.taus[-1] if linearised.taus else None)
-    sums = linearised.sums.part(choice.columns(flat))
-    t = evidence_temper(linearised.linear.per_pose)
-    posterior = maximise_evidence(sums, flat, choice.group, choice.caps, t)
+    sums = linearised.sums.part(choice.columns(nuisance))
+    t = evidence_likelihood_power(linearised.linear.per_pose)
+    posterior = maximise_evidence(sums, nuisance, choice.group, choice.caps, t)
     terms = [superset[k] for k in choice.terms]
     of_type = np.array([is_compared(term) for term in terms], dtype=bool)
     prior = np.where(of_type, WIDE**-2.0, 1.0 / posterior.variances[choice.group])
-    A = (t / posterior.s2) * sums.H + np.diag(np.concatenate([np.zeros(flat), prior]))
-    of_type_columns = np.concatenate([np.zeros(flat, dtype=bool), of_type])
+    A = (t / posterior.s2) * sums.H + np.diag(np.concatenate([np.zeros(nuisance), prior]))
+    of_type_columns = np.concatenate([np.zeros(nuisance, dtype=bool), of_type])
     covariance = np.linalg.inv(A)
     values = covariance @ ((t / posterior.s2) * sums.g)
     size = np.array([term.size for term in terms])[of_type]

@@ -14,10 +14,10 @@ from irbcal.identification.choices import Objective
 from irbcal.identification.evidence_maximisation import (
     NormalEquations,
     Posterior,
+    evidence_of_each,
     maximise_evidence,
-    worth_of_each,
 )
-from irbcal.identification.fit import outer_reports
+from irbcal.identification.fit import nuisance_reports
 from irbcal.identification.fit_sections import (
     AverageChoice,
     FamilyShown,
@@ -50,7 +50,7 @@ COMPARED = 3000
 
 
 def families_shown(
-    sums: NormalEquations, flat: int, families: Sequence[str], term_set: TermSet, t: float, start: Posterior
+    sums: NormalEquations, nuisance: int, families: Sequence[str], term_set: TermSet, t: float, start: Posterior
 ) -> tuple[FamilyShown, ...]:
     """Fit a term set, and again without each of its families; geometry is always there.
 
@@ -58,13 +58,13 @@ def families_shown(
     ----------
     sums : NormalEquations
         Of the term set's columns.
-    flat : int
+    nuisance : int
         Columns of base and targets.
     families : sequence of str
         Family of each of the term set's terms.
     term_set : TermSet
     t : float
-        Tempering.
+        Power of the likelihood.
     start : Posterior
         A fit with its groups, whose variances are the start.
 
@@ -74,9 +74,11 @@ def families_shown(
         In the order of the terms.
     """
     known = term_set.expected
-    found = maximise_evidence(sums, flat, term_set.group, term_set.caps, t, start.variances, start.s2, expected=known)
+    found = maximise_evidence(
+        sums, nuisance, term_set.group, term_set.caps, t, start.variances, start.s2, expected=known
+    )
     labels = [None if family == "geometry" else family for family in families]
-    worth = worth_of_each(sums, found, flat, labels, term_set.group, term_set.caps, known)
+    worth = evidence_of_each(sums, found, nuisance, labels, term_set.group, term_set.caps, known)
     return tuple(
         FamilyShown(family=name, seen=w.determined, evidence=w.evidence, moves_mm=w.moves / MM)
         for name, w in worth.items()
@@ -134,7 +136,7 @@ class EvidenceFit(Result):
         Union of the term sets with weight, geometry first.
     coefficients : ndarray, shape (terms,)
         Averaged, in the terms' units.
-    covariance : ndarray, shape (flat + terms, flat + terms)
+    covariance : ndarray, shape (nuisance + terms, nuisance + terms)
         Of base (turn, shift in the base link), free targets, target frames and coefficients, SI units; scatter within
         and between term sets.
     T_world_base : ndarray, shape (4, 4)
@@ -243,7 +245,7 @@ class EvidenceFit(Result):
         return np.asarray(np.einsum("mij,mj->mi", away[:, :3, :3], targets) + away[:, :3, 3])
 
     @property
-    def _flat(self) -> int:
+    def _nuisance(self) -> int:
         """Number of unknowns of base and targets."""
         return len(self.covariance) - len(self.terms)
 
@@ -255,12 +257,12 @@ class EvidenceFit(Result):
     @property
     def rank(self) -> int:
         """Number of coefficients that the data determine, base and targets included, rounded."""
-        return self._flat + round(sum(group.seen for group in self.average.groups if group.name != "warm_up"))
+        return self._nuisance + round(sum(group.seen for group in self.average.groups if group.name != "warm_up"))
 
     @property
     def parameter_count(self) -> int:
         """Number of parameters, base and targets included, warm-up excluded."""
-        return self._flat + len(self._used)
+        return self._nuisance + len(self._used)
 
     @property
     def rms(self) -> float:
@@ -276,7 +278,7 @@ class EvidenceFit(Result):
         bases = {"base": self.T_world_base} | {f"base@{name}": T for name, T in self.other_bases.items()}
         places = {name: self.targets[name] for name in self.free_targets}
         rotations = {name: self.target_rotations[name] for name in self.framed_targets}
-        rows = outer_reports(bases, places, rotations, self.covariance)
+        rows = nuisance_reports(bases, places, rotations, self.covariance)
         std, constants = self.std, iter(self.constants())
         for k in self._used:
             name = next(constants) if self.terms[k].family == "geometry" else self.terms[k].name
@@ -414,7 +416,7 @@ class EvidenceFit(Result):
     @property
     def std(self) -> FloatArray:
         """Standard deviations of the coefficients, shape (terms,), in the terms' units."""
-        return np.sqrt(np.maximum(np.diagonal(self.covariance)[self._flat :], 0.0))
+        return np.sqrt(np.maximum(np.diagonal(self.covariance)[self._nuisance :], 0.0))
 
     def term_map(self, warm: bool = True) -> TermMap:
         """All terms but the constants: of the warm arm, or with the warm-up terms, which are zero at use."""
@@ -444,8 +446,8 @@ class EvidenceFit(Result):
     @cached_property
     def certainty(self) -> Certainty:
         """What is known of the robot, the warm-up left out."""
-        used, flat = self._used, self._flat
-        rows = np.concatenate([np.arange(flat), flat + np.array(used, dtype=int)])
+        used, nuisance = self._used, self._nuisance
+        rows = np.concatenate([np.arange(nuisance), nuisance + np.array(used, dtype=int)])
         return Certainty(
             nominal=self.nominal,
             terms=tuple(self.terms[k] for k in used),

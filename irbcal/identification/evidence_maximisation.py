@@ -1,8 +1,9 @@
 """Evidence: coefficients with one prior variance a group, and those variances from the data.
 
 The model is ``y = J c + noise`` with noise of variance ``s2 / t`` a coordinate, prior ``N(0, v_g)`` on the coefficients
-of group g, none on the flat columns. ``t`` (tempering) says how much a coordinate counts: those of one pose are not
-independent. All lengths in millimetres, coefficients in units of their natural sizes.
+of group g, none on the nuisance columns (base, tool, features). ``t`` (the power of the likelihood) says how much a
+coordinate counts: those of one pose are not independent. All lengths in millimetres, coefficients in units of their
+natural sizes.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from irbcal.units import MM
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of all columns, flat ones first."""
+    """Normal equations of all columns, nuisance ones first."""
 
     H: FloatArray
     """Shape (columns, columns). ``J^T J``, mm^2."""
@@ -67,9 +68,9 @@ class CoefficientPrior(Locked):
 
     mean: FloatArray
     std: FloatArray
-    """Shape (k - flat,). In natural sizes: zero and one where nothing is known."""
+    """Shape (k - nuisance,). In natural sizes: zero and one where nothing is known."""
     known: BoolArray
-    """Shape (k - flat,). Whether something is; the same for all coefficients of a group."""
+    """Shape (k - nuisance,). Whether something is; the same for all coefficients of a group."""
 
     def part(self, chosen: BoolArray | IntArray) -> CoefficientPrior:
         """Of some of the coefficients."""
@@ -81,19 +82,19 @@ class CoefficientPrior(Locked):
         return CoefficientPrior(np.r_[self.mean, none], np.r_[self.std, none + 1.0], np.r_[self.known, none > 0.0])
 
 
-def fit_temper(per_pose: float) -> float:
-    """Tempering of a fit with so many measured vectors a pose: a pose counts as six numbers at most."""
+def fit_likelihood_power(per_pose: float) -> float:
+    """Power of the likelihood in a fit with so many measured vectors a pose: a pose counts as six numbers at most."""
     return min(1.0, 6.0 / (3.0 * per_pose))
 
 
-def evidence_temper(per_pose: float) -> float:
-    """Tempering of the log evidence: a pose counts as one vector."""
+def evidence_likelihood_power(per_pose: float) -> float:
+    """Power of the likelihood in the log evidence: a pose counts as one vector."""
     return min(1.0, 1.0 / per_pose)
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Outcome of a fit; columns are ordered as in the sums, flat ones first."""
+    """Outcome of a fit; columns are ordered as in the sums, nuisance ones first."""
 
     c: FloatArray
     """Shape (k,). Coefficients."""
@@ -107,7 +108,7 @@ class Posterior:
     log_evidence: float
     """At these variances."""
     iterations: int
-    temper: float
+    likelihood_power: float
     freedom: float = np.inf
     """Coordinates that ``s2`` rests on, what was known of it before included."""
 
@@ -119,7 +120,7 @@ class Posterior:
 
 def maximise_evidence(
     sums: NormalEquations,
-    flat: int,
+    nuisance: int,
     group: IntArray,
     caps: FloatArray,
     t: float,
@@ -127,7 +128,7 @@ def maximise_evidence(
     s2: float | None = None,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
-    give_up: float = -np.inf,
+    evidence_floor: float = -np.inf,
     noise: float = NOISE,
     expected: CoefficientPrior | None = None,
 ) -> Posterior:
@@ -139,20 +140,20 @@ def maximise_evidence(
     Parameters
     ----------
     sums : NormalEquations
-    flat : int
+    nuisance : int
         Number of columns without a prior; they stand first.
-    group : ndarray of int, shape (k - flat,)
+    group : ndarray of int, shape (k - nuisance,)
         Group of each other column.
     caps : ndarray, shape (groups,)
         Largest variance of each.
     t : float
-        Tempering.
+        Power of the likelihood.
     variances, s2 : optional
         Start; one, and what is left by ridge, unless given.
     tolerance : float
         Of the log evidence, nats.
     iterations : int
-    give_up : float
+    evidence_floor : float
         Log evidence; a fit that is below it after `EARLY` iterations is not brought to its end.
     noise : float
         Standard deviation of a coordinate that is plausible before anything is measured, mm.
@@ -164,7 +165,7 @@ def maximise_evidence(
     IdentificationError
         If the data do not determine base and targets.
     """
-    problem = _Problem.of(sums, flat, group, len(caps), t, noise, expected)
+    problem = _Problem.of(sums, nuisance, group, len(caps), t, noise, expected)
     v = np.ones(len(caps)) if variances is None else variances
     s2 = _start_variance(problem) if s2 is None else s2
     x, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
@@ -175,7 +176,7 @@ def maximise_evidence(
         if plain is not None and moment.goal < last - 1e-9 and iteration < iterations:
             x, plain = plain, None
             continue
-        if iteration == EARLY and moment.evidence < give_up:
+        if iteration == EARLY and moment.evidence < evidence_floor:
             break
         # rounding alone makes it negative, where data determine next to nothing
         mackay = np.log(np.maximum(moment.up / moment.down, np.finfo(float).tiny)) - x
@@ -191,12 +192,12 @@ def maximise_evidence(
         if 0.5 * float(slope @ step) < tolerance or iteration == iterations:
             break
         x = np.minimum(x + step, highest)
-    moment.c[flat:] += 0.0 if expected is None else expected.mean
+    moment.c[nuisance:] += 0.0 if expected is None else expected.mean
     freedom = float(moment.down[-1])
     return Posterior(moment.c, moment.whitened, v, moment.gammas, s2, moment.evidence, iteration, t, freedom)
 
 
-class Worth(NamedTuple):
+class FamilyEvidence(NamedTuple):
     """What the data say of a part of the coefficients, beside all others."""
 
     evidence: float
@@ -207,15 +208,15 @@ class Worth(NamedTuple):
     """Number of its coefficients that the data determine."""
 
 
-def worth_of_each(
+def evidence_of_each(
     sums: NormalEquations,
     fit: Posterior,
-    flat: int,
+    nuisance: int,
     labels: Sequence[Hashable],
     group: IntArray,
     caps: FloatArray,
     expected: CoefficientPrior | None = None,
-) -> dict[Hashable, Worth]:
+) -> dict[Hashable, FamilyEvidence]:
     """Fit again without each part of the coefficients.
 
     Parameters
@@ -223,8 +224,8 @@ def worth_of_each(
     sums : NormalEquations
     fit : Posterior
         The fit with all of them.
-    flat : int
-    labels : sequence of hashable, length k - flat
+    nuisance : int
+    labels : sequence of hashable, length k - nuisance
         Which part each coefficient belongs to; those of ``None`` always stay.
     group, caps, expected
         As `maximise_evidence`; parts have groups that no other part has.
@@ -234,20 +235,20 @@ def worth_of_each(
     dict
         In the order of the labels.
     """
-    out: dict[Hashable, Worth] = {}
+    out: dict[Hashable, FamilyEvidence] = {}
     for label in dict.fromkeys(labels):
         if label is None:
             continue
         stays = np.array([other != label for other in labels], dtype=bool)
         groups = np.unique(group[stays])
-        columns = np.concatenate([np.arange(flat), flat + np.flatnonzero(stays)])
+        columns = np.concatenate([np.arange(nuisance), nuisance + np.flatnonzero(stays)])
         remaining = None if expected is None else expected.part(stays)
         without = maximise_evidence(
             sums.part(columns),
-            flat,
+            nuisance,
             np.searchsorted(groups, group[stays]),
             caps[groups],
-            fit.temper,
+            fit.likelihood_power,
             fit.variances[groups],
             fit.s2,
             expected=remaining,
@@ -256,7 +257,7 @@ def worth_of_each(
         change[columns] -= without.c
         moved = np.sqrt(max(3.0 * float(change @ sums.H @ change) / sums.equations, 0.0)) * MM
         lost = float(fit.log_evidence - without.log_evidence)
-        out[label] = Worth(lost, float(moved), float(fit.gammas[np.unique(group[~stays])].sum()))
+        out[label] = FamilyEvidence(lost, float(moved), float(fit.gammas[np.unique(group[~stays])].sum()))
     return out
 
 
@@ -285,7 +286,7 @@ class _Problem:
     """What stays the same while variances are looked for."""
 
     sums: NormalEquations
-    flat: int
+    nuisance: int
     group: IntArray
     unit: FloatArray
     t: float
@@ -293,17 +294,17 @@ class _Problem:
     count: FloatArray
     noise: float
     members: FloatArray
-    """Shape (k - flat, groups). The unit of each coefficient in the column of its group, else zero."""
+    """Shape (k - nuisance, groups). The unit of each coefficient in the column of its group, else zero."""
 
     @property
     def spare(self) -> float:
-        """How many numbers the data tell beyond the flat columns."""
-        return self.t * self.sums.equations - self.flat
+        """How many numbers the data tell beyond the nuisance columns."""
+        return self.t * self.sums.equations - self.nuisance
 
     @staticmethod
     def of(
         sums: NormalEquations,
-        flat: int,
+        nuisance: int,
         group: IntArray,
         groups: int,
         t: float,
@@ -317,20 +318,20 @@ class _Problem:
         IdentificationError
             If the data do not determine base and targets.
         """
-        if t * sums.equations <= flat:
+        if t * sums.equations <= nuisance:
             raise IdentificationError(
                 f"{sums.equations} equations are too few for base and targets: measure more poses"
             )
         unit = np.ones(len(group)) if expected is None else expected.std**-2.0
-        sums = sums if expected is None else _about(sums, flat, expected)
+        sums = sums if expected is None else _about(sums, nuisance, expected)
         members = (unit[:, None] * (group[:, None] == np.arange(groups))).astype(np.float32)
-        return _Problem(sums, flat, group, unit, t, *_kept_from_zero(group, groups, expected), noise, members)
+        return _Problem(sums, nuisance, group, unit, t, *_kept_from_zero(group, groups, expected), noise, members)
 
     def at(self, v: FloatArray, s2: float) -> _Moment:
         """Fit with given variances."""
-        sums, flat, group, unit, t, groups = self.sums, self.flat, self.group, self.unit, self.t, len(v)
+        sums, nuisance, group, unit, t, groups = self.sums, self.nuisance, self.group, self.unit, self.t, len(v)
         N = sums.equations
-        prior = np.concatenate([np.zeros(flat), unit / v[group]])
+        prior = np.concatenate([np.zeros(nuisance), unit / v[group]])
         whitened, log_det = _factor(sums.H, prior, t / s2)
         b = (t / s2) * sums.g
         c = whitened.T @ (whitened @ b)
@@ -339,12 +340,12 @@ class _Problem:
         rss = max(sums.yy - 2.0 * float(c @ sums.g) + (s2 / t) * (float(c @ b) - penalty), 1e-12 * sums.yy)
         counts = np.bincount(group, minlength=groups).astype(float)
         evidence = -0.5 * (t * N * np.log(2 * np.pi * s2) + t * rss / s2 + penalty + log_det)
-        evidence += 0.5 * (flat * np.log(2 * np.pi) - float(counts @ np.log(v)) + float(np.log(unit).sum()))
-        diagonal = np.einsum("ij,ij->j", whitened, whitened)[flat:]
+        evidence += 0.5 * (nuisance * np.log(2 * np.pi) - float(counts @ np.log(v)) + float(np.log(unit).sum()))
+        diagonal = np.einsum("ij,ij->j", whitened, whitened)[nuisance:]
         gammas = counts - np.bincount(group, unit * diagonal, groups) / v
         known = float((self.count * np.log(v) + self.square / v).sum())
         known += NOISE_COUNT * float(np.log(s2) + self.noise**2 / s2)
-        squares = np.bincount(group, unit * c[flat:] ** 2, groups)
+        squares = np.bincount(group, unit * c[nuisance:] ** 2, groups)
         up = np.append(squares + self.square, t * rss + NOISE_COUNT * self.noise**2)
         down = np.append(gammas + self.count, max(self.spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
         return _Moment(c, whitened, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
@@ -354,9 +355,9 @@ class _Problem:
 
         Steps need few digits of them: the covariance that they are made of has those of single precision.
         """
-        groups, c = len(v), moment.c[self.flat :].astype(np.float32)
+        groups, c = len(v), moment.c[self.nuisance :].astype(np.float32)
         whitened = moment.whitened.astype(np.float32, order="F")
-        lower = _linear_algebra()[1].slauum(whitened, lower=1, overwrite_c=1)[0][self.flat :, self.flat :]
+        lower = _linear_algebra()[1].slauum(whitened, lower=1, overwrite_c=1)[0][self.nuisance :, self.nuisance :]
         diagonal = self.unit * np.diagonal(lower)
         twice = np.bincount(self.group, diagonal * (diagonal + 2.0 * self.unit * c**2), groups)
         traces = np.bincount(self.group, diagonal, groups) / v
@@ -387,17 +388,17 @@ def _kept_from_zero(group: IntArray, groups: int, expected: CoefficientPrior | N
     return np.where(has_prior, KNOWN_COUNT, PRIOR_C2), np.where(has_prior, KNOWN_COUNT, PRIOR_GAMMA)
 
 
-def _about(sums: NormalEquations, flat: int, expected: CoefficientPrior) -> NormalEquations:
+def _about(sums: NormalEquations, nuisance: int, expected: CoefficientPrior) -> NormalEquations:
     """The sums of coefficients that are counted from their means."""
-    m = np.concatenate([np.zeros(flat), expected.mean])
+    m = np.concatenate([np.zeros(nuisance), expected.mean])
     Hm = sums.H @ m
     return NormalEquations(sums.H, sums.g - Hm, sums.yy - 2.0 * float(m @ sums.g) + float(m @ Hm), sums.equations)
 
 
 def _start_variance(problem: _Problem) -> float:
     """Residual variance of base and targets alone, in part: a start between that and the end."""
-    sums, flat = problem.sums, problem.flat
-    explained = _factor(sums.H[:flat, :flat], np.zeros(flat), 1.0)[0] @ sums.g[:flat]
+    sums, nuisance = problem.sums, problem.nuisance
+    explained = _factor(sums.H[:nuisance, :nuisance], np.zeros(nuisance), 1.0)[0] @ sums.g[:nuisance]
     return max(0.01 * problem.t * (sums.yy - float(explained @ explained)) / problem.spare, 1e-8)
 
 

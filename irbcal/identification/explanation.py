@@ -15,7 +15,7 @@ from irbcal.arrays import FloatArray
 from irbcal.identification import leave_one_out, linear_model, term_sets
 from irbcal.identification.evidence import LAG_FAMILIES, average_repeats
 from irbcal.identification.evidence_fit import EvidenceFit
-from irbcal.identification.evidence_maximisation import fit_temper, maximise_evidence
+from irbcal.identification.evidence_maximisation import fit_likelihood_power, maximise_evidence
 from irbcal.identification.fit_sections import Stage
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, INPUTS, TermSet, input_families
@@ -64,14 +64,14 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
     plan = _plan(fit)
     terms = [term for _, added, _ in plan for term in added]
     linear = Linearisation(problem, state, stops, terms, fit.average.readings_lag)
-    sums, t = linear.sums(), fit_temper(linear.per_pose)
+    sums, t = linear.sums(), fit_likelihood_power(linear.per_pose)
     use = found.joint_map.motion(heldout.q, heldout.previous, **heldout.inputs)
     count, out = 0, []
     for words, added, carried in plan:
         count += len(added)
         choice = _choice(terms[:count])
-        columns = choice.columns(linear.flat)
-        got = maximise_evidence(sums.part(columns), linear.flat, choice.group, choice.caps, t)
+        columns = choice.columns(linear.nuisance)
+        got = maximise_evidence(sums.part(columns), linear.nuisance, choice.group, choice.caps, t)
         u = leave_one_out.residuals(linear, columns, got)[0].reshape(-1, 3)
         predicted = _Predicted(linear, got.c, fit.average.readings_lag)
         errors = predicted.errors(heldout, use)

@@ -25,7 +25,7 @@ from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
     NormalEquations,
     Posterior,
-    fit_temper,
+    fit_likelihood_power,
     maximise_evidence,
 )
 from irbcal.identification.feature_objectives import minimise
@@ -107,8 +107,8 @@ class FeatureModel(LinearModel):
     def __init__(self, problem: FeatureProblem, state: FeatureState, chosen: IntArray | None = None) -> None:
         self.problem, self.state = problem, state
         self.chosen = np.arange(len(problem.terms)) if chosen is None else chosen
-        self.flat, self.terms = problem.flat, [problem.terms[k] for k in self.chosen]
-        self.sizes = np.concatenate([problem.sizes[: self.flat], problem.sizes[self.flat + self.chosen]])
+        self.nuisance, self.terms = problem.nuisance, [problem.terms[k] for k in self.chosen]
+        self.sizes = np.concatenate([problem.sizes[: self.nuisance], problem.sizes[self.nuisance + self.chosen]])
         self.per_pose, self.noise = problem.per_pose / 3.0, problem.noise
         names, self.target = np.unique(problem.rows.target.astype(str), return_inverse=True)
         self.target_names = tuple(str(name) for name in names)
@@ -133,8 +133,11 @@ class FeatureModel(LinearModel):
 
     def improved(self, coefficients: FloatArray) -> FeatureModel:
         """The rows linearised where some coefficients lead."""
-        step = np.zeros(self.flat + len(self.problem.terms))
-        step[: self.flat], step[self.flat + self.chosen] = coefficients[: self.flat], coefficients[self.flat :]
+        step = np.zeros(self.nuisance + len(self.problem.terms))
+        step[: self.nuisance], step[self.nuisance + self.chosen] = (
+            coefficients[: self.nuisance],
+            coefficients[self.nuisance :],
+        )
         return FeatureModel(self.problem, self.problem.moved(self.state, step), self.chosen)
 
     def widening(self, fit: Posterior) -> float:
@@ -159,7 +162,7 @@ class FeatureFit(EvidenceFit):
     nominal_state: FeatureState
     """Base, tool and features of the nominal robot, from the same rows."""
     step_covariance: FloatArray
-    """Shape (flat + terms, flat + terms). Of steps of the problem's flat unknowns and coefficients, SI units."""
+    """Shape (nuisance + terms, nuisance + terms). Of the problem's nuisance steps and coefficients, SI units."""
 
     def std_of(self, key: UnknownKey) -> FloatArray:
         """Standard deviations of an unknown of tool or features, SI units."""
@@ -209,11 +212,11 @@ class FeatureFit(EvidenceFit):
 
         Lengths that no row of this kind could tell (along the last axis, where the tool is unknown) are part of it.
         """
-        flat, table = len(self.covariance) - len(self.terms), self.nominal.table
+        nuisance, table = len(self.covariance) - len(self.terms), self.nominal.table
         length = np.zeros(len(self.covariance))
         for k, term in enumerate(self.terms):
             if term.family == "geometry" and term.axis[0] == "t":
-                length[flat + k] = getattr(table, DHM_COLUMNS[term.axis])[term.joint]
+                length[nuisance + k] = getattr(table, DHM_COLUMNS[term.axis])[term.joint]
         sizes = {group.name: group.size for group in self.average.groups}
         before = sizes.get("geometry", 1.0) * GEOMETRY_SIZES["t"] * float(np.linalg.norm(length))
         return float(np.sqrt(length @ self.covariance @ length)) / before if before > 0.0 else 0.0
@@ -270,7 +273,7 @@ class FeatureFit(EvidenceFit):
         motion = self.joint_map.motion(_between(self.problem.rows.q))
         path = chain.walk(self.nominal, motion.q)
         sizes = {group.name: group.size for group in self.average.groups}
-        flat = len(self.covariance) - len(self.terms)
+        nuisance = len(self.covariance) - len(self.terms)
         prior = np.array([(sizes.get(t.group, 0.0) * t.size) ** 2 for t in self.terms])
         worst = 0.0, 0.0
         for k, name in enumerate(self.free_targets or ("",)):
@@ -282,7 +285,7 @@ class FeatureFit(EvidenceFit):
             across = J.transpose(0, 2, 1).reshape(len(J), -1)
             across = across - (across @ (B := _whole(p.T))) @ np.linalg.pinv(B)
             G = across @ across.T / JOINTS
-            columns = np.r_[6 + 3 * k : 9 + 3 * k, flat : len(self.covariance)]
+            columns = np.r_[6 + 3 * k : 9 + 3 * k, nuisance : len(self.covariance)]
             variance_left = float(np.sqrt(np.sum(G * self.covariance[np.ix_(columns, columns)])))
             if variance_left >= worst[1]:
                 worst = float(np.sqrt(prior @ np.diagonal(G)[3:])), variance_left
@@ -375,10 +378,10 @@ def identify_features(
     averaging = Averaging(model, model.sums(), rule=rule)
     offered = _choices(superset, terms, choices, taus)
     say(f"comparing {len(offered)} choices of terms")
-    averaging.weigh(*averaging.weighed(offered, give_up=np.inf)[:2])
+    averaging.weigh(*averaging.weighed(offered, evidence_drop=np.inf)[:2])
     say("averaging")
-    union, flat = averaging.union, problem.flat
-    part = averaging.sums.part(np.concatenate([np.arange(flat), flat + union]))
+    union, nuisance = averaging.union, problem.nuisance
+    part = averaging.sums.part(np.concatenate([np.arange(nuisance), nuisance + union]))
     narrow = FeatureModel(problem, model.state, union)
     linear, _, covariance, results = averaging.average(narrow, part, report=not bare)
     assert isinstance(linear, FeatureModel)
@@ -561,18 +564,21 @@ def _choices(
 
 def _geometry(problem: FeatureProblem, state: FeatureState) -> FeatureState:
     """Base, tool, features and constants by Gauss-Newton steps with their prior, its variance by evidence."""
-    columns, t = np.flatnonzero(problem.geometry), fit_temper(problem.per_pose / 3.0)
+    columns, t = np.flatnonzero(problem.geometry), fit_likelihood_power(problem.per_pose / 3.0)
     group, caps = np.zeros(len(columns), dtype=int), np.array([GEOMETRY_CAP])
     posterior: Posterior | None = None
     for _ in range(STEPS):
         v, s2 = (None, None) if posterior is None else (posterior.variances, posterior.s2)
         posterior = maximise_evidence(
-            problem.sums(state, columns), problem.flat, group, caps, t, v, s2, noise=problem.noise
+            problem.sums(state, columns), problem.nuisance, group, caps, t, v, s2, noise=problem.noise
         )
-        step = np.zeros(problem.flat + len(problem.terms))
-        step[: problem.flat], step[problem.flat + columns] = posterior.c[: problem.flat], posterior.c[problem.flat :]
+        step = np.zeros(problem.nuisance + len(problem.terms))
+        step[: problem.nuisance], step[problem.nuisance + columns] = (
+            posterior.c[: problem.nuisance],
+            posterior.c[problem.nuisance :],
+        )
         state_before, state = state, problem.moved(state, step)
-        far = np.abs(posterior.c[: problem.flat] * problem.sizes[: problem.flat]).max(initial=0.0)
+        far = np.abs(posterior.c[: problem.nuisance] * problem.sizes[: problem.nuisance]).max(initial=0.0)
         if max(far, np.abs(state.coefficients - state_before.coefficients).max()) < 1e-7:
             break
     return state
@@ -592,7 +598,7 @@ def _of_robot(
         for name in nouns:
             at = problem.layout[label, name][1]
             columns += range(at, at + 3)
-    columns += range(problem.flat, len(covariance))
+    columns += range(problem.nuisance, len(covariance))
     where = np.array(columns)
     C = covariance[np.ix_(where, where)] * np.outer(where >= 0, where >= 0)
     return _with_base(problem, state, C, names) if BASE not in problem.layout and names and follow else C
@@ -604,7 +610,7 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
     Places are then those among the features: how the arm as a whole stands on its base link (its height along axis 1,
     its zero of joint 1) cannot be seen, and does not count as uncertainty of points.
     """
-    flat, rows = len(C) - len(problem.terms), problem.rows
+    nuisance, rows = len(C) - len(problem.terms), problem.rows
     q, usual = _between(rows.q), usual_load(rows.inputs.get("payload_kg"))
     motion = Motion(q, inputs={} if usual is None else {"payload_kg": np.full(len(q), usual)})
     path = chain.walk(problem.arm_of(state), *problem.term_map(state).split(motion))
@@ -613,7 +619,7 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
         p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], state.values[TOOL, name])
         by_base = np.zeros((len(C), JOINTS, 3))
         by_base[6 + 3 * k : 9 + 3 * k] = path.tip[:3].transpose(0, 2, 1)
-        by_base[flat:] = problem.points_by_terms(path, p.T, motion).transpose(0, 2, 1)
+        by_base[nuisance:] = problem.points_by_terms(path, p.T, motion).transpose(0, 2, 1)
         B.append(_whole(p.T))
         J.append(by_base.reshape(len(C), -1))
     A = np.eye(len(C))

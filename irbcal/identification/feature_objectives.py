@@ -38,7 +38,7 @@ class FeatureVectors:
     refusal = "the rows leave base, tool or features open: measure at more places"
 
     def __init__(self, problem: FeatureProblem, state: FeatureState) -> None:
-        self.problem, self.outer, self.poses = problem, problem.flat, problem.rows.poses
+        self.problem, self.nuisance, self.poses = problem, problem.nuisance, problem.rows.poses
         self.scales: FloatArray = np.ones(len(problem.terms))
         blocks = list(problem.dense(state, NO_TERMS))
         self.equations = sum(len(block.y) for block in blocks)
@@ -46,9 +46,9 @@ class FeatureVectors:
         self.weights: FloatArray = np.ones(self.rows)
 
     def moved(self, state: FeatureState, step: FloatArray) -> FeatureState:
-        """The state after a step (flat and terms,) in the problem's units."""
+        """The state after a step (nuisance and terms,) in the problem's units."""
         from_nominal = step.copy()
-        from_nominal[self.outer :] += state.coefficients / self.problem.sizes[self.outer :]
+        from_nominal[self.nuisance :] += state.coefficients / self.problem.sizes[self.nuisance :]
         return self.problem.moved(state, from_nominal)
 
     def residuals(self, state: FeatureState) -> FloatArray:

@@ -202,7 +202,7 @@ class FeatureProblem:
             size = np.full(observations.DIMENSIONS[shape], observations.STEPS[unit])
             size[: {"line": 2, "frame": 3, "screw": 3}.get(shape, 0)] = RAD
             units.append(size)
-        self.flat = int(sum(map(len, units)))
+        self.nuisance = int(sum(map(len, units)))
         """Number of unknowns of base, tool and features."""
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
         self._walked: tuple[FloatArray | None, dict[int, chain.Walk]] = None, {}
@@ -255,14 +255,14 @@ class FeatureProblem:
         return replace(self.others, coefficients=state.coefficients[~self.geometry])
 
     def moved(self, state: FeatureState, step: FloatArray) -> FeatureState:
-        """A state after a step of the flat columns, in their units; coefficients stay unless the step has them, too."""
-        si = step[: self.flat] * self.sizes[: self.flat]
+        """A state after a step of the nuisance columns, in their units; coefficients stay unless the step has them."""
+        si = step[: self.nuisance] * self.sizes[: self.nuisance]
         values = dict(state.values)
         for key, (shape, at) in self.layout.items():
             values[key] = observations.moved(shape, values[key], si[at : at + observations.DIMENSIONS[shape]])
-        if len(step) == self.flat:
+        if len(step) == self.nuisance:
             return replace(state, values=values)
-        return FeatureState(values, step[self.flat :] * self.sizes[self.flat :])
+        return FeatureState(values, step[self.nuisance :] * self.sizes[self.nuisance :])
 
     # ---------------------------------------------------------------- predictions
 
@@ -361,28 +361,28 @@ class FeatureProblem:
     # ---------------------------------------------------------------- the linear model
 
     def dense(self, state: FeatureState, columns: IntArray | None = None) -> Iterator[Rows]:
-        """The linear model in blocks of rows; the flat columns are steps, the terms' count from nominal.
+        """The linear model in blocks of rows; the nuisance columns are steps, the terms' count from nominal.
 
         Parameters
         ----------
         state : FeatureState
         columns : ndarray of int, optional
-            Numbers of the terms' columns wanted beside the flat ones, from 0; all unless given.
+            Numbers of the terms' columns wanted beside the nuisance ones, from 0; all unless given.
         """
         chosen = np.arange(len(self.terms)) if columns is None else columns
-        width = self.flat + len(chosen)
-        sizes = np.concatenate([self.sizes[: self.flat], self.sizes[self.flat + chosen]])
-        values = state.coefficients[chosen] / sizes[self.flat :]
+        width = self.nuisance + len(chosen)
+        sizes = np.concatenate([self.sizes[: self.nuisance], self.sizes[self.nuisance + chosen]])
+        values = state.coefficients[chosen] / sizes[self.nuisance :]
         for of_group in self.group_residuals(state):
             rows, r = of_group.group.rows, of_group.residuals.r
             J = np.zeros((width, *r.shape))
             if len(chosen):
-                J[self.flat :] = self._by_terms(of_group, chosen)
+                J[self.nuisance :] = self._by_terms(of_group, chosen)
             self._flat_columns(J, of_group, state)
             w = self.weights[rows][:, None] / MM
             J *= w
             J *= sizes[:, None, None]
-            y = np.einsum("c,cmk->mk", values, J[self.flat :]) - r * w
+            y = np.einsum("c,cmk->mk", values, J[self.nuisance :]) - r * w
             each = np.repeat(rows, r.shape[1])
             yield Rows(J.reshape(width, r.size), y.ravel(), self.pose[each], each)
         if self.lengths:
@@ -394,7 +394,7 @@ class FeatureProblem:
 
     def sums(self, state: FeatureState, columns: IntArray | None = None) -> NormalEquations:
         """Normal equations of the linear model; columns as `dense`."""
-        width = self.flat + (len(self.terms) if columns is None else len(columns))
+        width = self.nuisance + (len(self.terms) if columns is None else len(columns))
         H, g, yy, equations = np.zeros((width, width)), np.zeros(width), 0.0, 0
         for block in self.dense(state, columns):
             H += block.J @ block.J.T
@@ -473,7 +473,7 @@ class FeatureProblem:
 
     def lengths_linear(self, state: FeatureState, width: int | None = None) -> Rows:
         """Known lengths as rows of so many columns, all unless given; they belong to no row of the file."""
-        width = self.flat + len(self.terms) if width is None else width
+        width = self.nuisance + len(self.terms) if width is None else width
         J, y = np.zeros((width, len(self.lengths))), np.zeros(len(self.lengths))
         for k, length in enumerate(self.lengths):
             keys = ("centre", length.first), ("centre", length.second)
@@ -586,9 +586,9 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
     IdentificationError
         With what is open.
     """
-    if not problem.flat:
+    if not problem.nuisance:
         return
-    H = sums.H[: problem.flat, : problem.flat]
+    H = sums.H[: problem.nuisance, : problem.nuisance]
     scale = np.sqrt(np.maximum(np.diagonal(H), 1e-30))
     value, vector = np.linalg.eigh(H / np.outer(scale, scale))
     if value[0] > 1e-11 and scale.min() > 1e-12:
@@ -611,7 +611,7 @@ STEPS = 200
 """Steps of the damped least squares."""
 
 ENOUGH = 1e-9
-"""Steps, in units of the flat columns, that are lost in rounding."""
+"""Steps, in units of the nuisance columns, that are lost in rounding."""
 
 FALL = 1e-10
 """Relative fall of the sum of squares below which it has arrived."""
@@ -674,7 +674,7 @@ def start_of_features(problem: FeatureProblem, state: FeatureState) -> FeatureSt
 
 def settle(problem: FeatureProblem, state: FeatureState, steps: int = STEPS) -> FeatureState:
     """Least squares of base, tool and features, the robot held (Levenberg and Marquardt)."""
-    if not problem.flat:
+    if not problem.nuisance:
         return state
     none = np.zeros(0, dtype=int)
     sums, damp = problem.sums(state, none), 1e-6

@@ -115,7 +115,7 @@ class Fit(Result):
     @property
     def parameter_count(self) -> int:
         """Number of parameters as the thesis counts them (Nubiola 2011, section 5.4), targets included."""
-        return thesis_count(self.problem.parameters) + self.problem.outer - 6
+        return thesis_count(self.problem.parameters) + self.problem.nuisance - 6
 
     @property
     def rms(self) -> float:
@@ -214,8 +214,8 @@ def _report(fit: Fit) -> list[ParameterReport]:
     bases = {"base": state.T_world_base} | {f"base@{session}": T for session, T in fit.other_bases.items()}
     places = {names[j]: state.targets[j] for j in fit.problem.free}
     rotations = {names[j]: state.rotations[j] for j in fit.problem.framed}
-    rows = outer_reports(bases, places, rotations, covariance, information.outer_null)
-    b = fit.problem.outer
+    rows = nuisance_reports(bases, places, rotations, covariance, information.nuisance_null)
+    b = fit.problem.nuisance
     held_fraction = information.held_fraction()
     sentences = _held_sentences(fit)
     for j, unknown in enumerate(fit.problem.parameters):
@@ -231,7 +231,7 @@ def _report(fit: Fit) -> list[ParameterReport]:
     return rows
 
 
-def outer_reports(
+def nuisance_reports(
     bases: Mapping[str, FloatArray],
     places: Mapping[str, FloatArray],
     rotations: Mapping[str, FloatArray],
@@ -248,7 +248,7 @@ def outer_reports(
         Identified places of targets, and target frames, in the tip link.
     covariance : ndarray
         Of base (turn, shift in the base link), places, frames (turns in the tip link), other bases, then others; SI.
-    null : ndarray, shape (outer unknowns, k), optional
+    null : ndarray, shape (nuisance unknowns, k), optional
         Directions that no pose of the arm can show, unit vectors.
     """
     out: list[ParameterReport] = []

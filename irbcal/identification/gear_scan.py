@@ -33,7 +33,7 @@ class WaveSums:
         self.joints, self.q = joints, linear.motion.q
         probes = [gear_terms(j, 0)[0] for j in joints]  # cos 0: the axis column itself, times the natural size
         wide = linear.extended(probes)
-        start = linear.flat + len(linear.terms)
+        start = linear.nuisance + len(linear.terms)
         n, m, k = len(self.q), len(columns), len(joints)
         self.KJ, self.Ky, self.KK = np.zeros((k, n, m)), np.zeros((k, n)), np.zeros((k, k, n))
         for block in wide.blocks(np.concatenate([columns, start + np.arange(k)])):
@@ -47,7 +47,7 @@ class WaveSums:
 
     def chi2(self, cycles: FloatArray, pairs: list[tuple[int, int]], found: Posterior) -> FloatArray:
         """By how much each frequency of each joint would explain the residuals, shape (joints, frequencies)."""
-        a = found.temper / found.s2
+        a = found.likelihood_power / found.s2
         W = np.linalg.cholesky(found.covariance)
         taken = [self._wave(*pair) for pair in pairs]
 
@@ -108,7 +108,7 @@ def scan(
     sums : NormalEquations
         Of the term set's columns.
     start : (Posterior, Posterior)
-        The term set's fits at the temper of the evidence and at that of the fit.
+        The term set's fits at the likelihood power of the evidence and at that of the fit.
     progress : callable, optional
     each_counts : bool
         Whether points of a pose err by themselves.
@@ -121,7 +121,7 @@ def scan(
     """
     joints = revolute(linear.problem.arm)
     cycles = np.arange(LOWEST, HIGHEST + 1)
-    reduced = WaveSums(linear, term_set.columns(linear.flat), joints)
+    reduced = WaveSums(linear, term_set.columns(linear.nuisance), joints)
     limit = 2.0 * np.log(len(joints) * len(cycles)) + (9.2 if each_counts else 4.0)
     by_evidence, by_fit = start
     pairs: list[tuple[int, int]] = []
@@ -129,7 +129,9 @@ def scan(
     first: FloatArray | None = None
     group, caps, expected = term_set.group, term_set.caps, term_set.expected
     while len(out) < MOST:
-        strength = (by_evidence.temper / by_fit.temper) * reduced.chi2(cycles.astype(float), pairs, by_fit)
+        strength = (by_evidence.likelihood_power / by_fit.likelihood_power) * reduced.chi2(
+            cycles.astype(float), pairs, by_fit
+        )
         first = strength.copy() if first is None else first
         for place, c in pairs:
             strength[place, c - LOWEST] = 0.0
@@ -142,7 +144,14 @@ def scan(
         expected = None if expected is None else expected.extended(2)
         fits = [
             maximise_evidence(
-                wide, linear.flat, group, caps, old.temper, np.append(old.variances, 1.0), old.s2, expected=expected
+                wide,
+                linear.nuisance,
+                group,
+                caps,
+                old.likelihood_power,
+                np.append(old.variances, 1.0),
+                old.s2,
+                expected=expected,
             )
             for old in (by_evidence, by_fit)
         ]

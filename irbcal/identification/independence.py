@@ -1,9 +1,9 @@
 """Whether the points of a pose err by themselves, or together.
 
 What a model does not describe of the robot moves all reflectors of a pose as one body; a tracker's noise does not. A
-fit takes coordinates of a pose for dependent (`irbcal.identification.evidence_maximisation.fit_temper`), as they are on
-measured robots. Where a pose's residuals are no larger in the six directions of a rigid motion than across these, all
-that is left is noise, and each coordinate counts for itself.
+fit takes coordinates of a pose for dependent, as they are on measured robots
+(`irbcal.identification.evidence_maximisation.fit_likelihood_power`). Where a pose's residuals are no larger in the six
+directions of a rigid motion than across these, all that is left is noise, and each coordinate counts for itself.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def along_and_across(linear: LinearModel, columns: IntArray, fit: Posterior) -> 
             share = np.einsum("prk,pr->pk", U, e[rows]) ** 2 * along
             squares += share.sum(), (e[rows] ** 2).sum() - share.sum()
             freedom += along.sum(), rows.size - along.sum()
-    shape = max(linear.flat - 2 * RIGID, 0)  # of the reflectors to one another
-    return squares, freedom - [linear.flat - shape + float(fit.gammas.sum()), shape]
+    shape = max(linear.nuisance - 2 * RIGID, 0)  # of the reflectors to one another
+    return squares, freedom - [linear.nuisance - shape + float(fit.gammas.sum()), shape]
 
 
 def independent(linear: LinearModel, columns: IntArray, fit: Posterior) -> bool:

@@ -49,7 +49,7 @@ class VectorProblem(Protocol[S]):
     `irbcal.identification.feature_objectives.FeatureVectors` one of rows at features.
     """
 
-    outer: int
+    nuisance: int
     """Number of unknowns without a nominal value; they stand before the error parameters."""
     rows: int
     """Number of vectors."""
@@ -70,7 +70,7 @@ class VectorProblem(Protocol[S]):
 
     @property
     def refusal(self) -> str:
-        """Why the measurements cannot serve where they leave outer unknowns open; empty where these may stay open."""
+        """Why measurements cannot serve where they leave nuisance unknowns open; empty where these may stay open."""
 
     def moved(self, state: S, step: FloatArray) -> S:
         """The state after a step (unknowns,)."""
@@ -111,7 +111,7 @@ class Information(Locked):
     """Shape (b, k). How base and targets follow the (unscaled) error parameters: ``dn = -follow @ de``."""
     sigma: float
     """Standard deviation of one coordinate residual, metres."""
-    outer_null: FloatArray
+    nuisance_null: FloatArray
     """Shape (b, k). Directions of base and targets that no pose of the arm can show, unit vectors; only arms whose axes
     are all parallel have any.
     """
@@ -119,7 +119,7 @@ class Information(Locked):
     @property
     def rank(self) -> int:
         """Number of seen directions, base and targets included."""
-        return len(self.H_nn_inverse) - self.outer_null.shape[1] + int(self.seen.sum())
+        return len(self.H_nn_inverse) - self.nuisance_null.shape[1] + int(self.seen.sum())
 
     def weakest(self, rank: int) -> FloatArray:
         """The directions that are held if no more than ``rank`` (base and targets included) are seen, shape (k, h)."""
@@ -258,7 +258,7 @@ def information_of(
         If the poses do not determine base and targets although those of another choice would, or if there are no
         equations to spare.
     """
-    b = problem.outer
+    b = problem.nuisance
     values, vectors = np.linalg.eigh(H[:b, :b])
     null = values < 1e-9 * values[-1]
     if null.any() and problem.refusal:
@@ -277,18 +277,18 @@ def judged_again(
     problem: Problem, information: Information, rss: float, fixed: FloatArray | None = None
 ) -> Information:
     """The `information` of the same normal matrix with another sum of squares."""
-    outer = len(information.H_nn_inverse) - information.outer_null.shape[1]
-    identified, sigma = _judged(problem, information.eigenvalues, outer, rss, fixed)
+    nuisance = len(information.H_nn_inverse) - information.nuisance_null.shape[1]
+    identified, sigma = _judged(problem, information.eigenvalues, nuisance, rss, fixed)
     return replace(information, seen=identified, sigma=sigma)
 
 
 def _judged(
-    problem: VectorProblem[Any], eigenvalues: FloatArray, outer: int, rss: float, fixed: FloatArray | None
+    problem: VectorProblem[Any], eigenvalues: FloatArray, nuisance: int, rss: float, fixed: FloatArray | None
 ) -> tuple[BoolArray, float]:
-    """Which directions are seen, and the standard deviation of a coordinate, with so many outer unknowns seen."""
+    """Which directions are seen, and the standard deviation of a coordinate, with so many nuisance unknowns seen."""
     equations = problem.equations
     solid = eigenvalues > ROUNDING * max(eigenvalues.max(initial=0.0), 0.0)
-    unknowns = outer + int(solid.sum())
+    unknowns = nuisance + int(solid.sum())
     spare = equations - unknowns
     if spare < 1:
         raise IdentificationError(
@@ -646,11 +646,11 @@ def _put_back(problem: Problem, information: Information, state: State) -> State
 def _step(information: Information, g: FloatArray, state: State) -> FloatArray:
     """Gauss-Newton step of base, targets and error parameters; held directions go back to nominal."""
     b = len(information.H_nn_inverse)
-    outer = information.H_nn_inverse @ g[:b]
+    nuisance = information.H_nn_inverse @ g[:b]
     gradient = information.scale * (g[b:] - information.follow.T @ g[:b])
     V, fixed = information.directions[:, information.seen], information.directions[:, ~information.seen]
     errors = V @ ((V.T @ gradient) / information.eigenvalues[information.seen]) - fixed @ (
         fixed.T @ (state.errors / information.scale)
     )
     errors = information.scale * errors
-    return np.concatenate([outer - information.follow @ errors, errors])
+    return np.concatenate([nuisance - information.follow @ errors, errors])

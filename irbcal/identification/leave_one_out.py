@@ -48,7 +48,7 @@ def residuals(linear: LinearModel, columns: IntArray, fit: Posterior) -> tuple[F
         without its pose.
     pose, row : ndarray of int, shape (equations,)
     """
-    a = fit.temper / fit.s2
+    a = fit.likelihood_power / fit.s2
     repeats = linear.place
     repeated = np.bincount(repeats)[repeats] > 1
     out, blocks = [], []
@@ -73,7 +73,7 @@ def _together(blocks: list[tuple[FloatArray, FloatArray]], repeats: IntArray, fi
     repeats : ndarray of int, shape (rows,)
     fit : Posterior
     """
-    a = fit.temper / fit.s2
+    a = fit.likelihood_power / fit.s2
     J, e = (
         np.concatenate([J_block for J_block, _ in blocks], axis=1),
         np.concatenate([e_block for _, e_block in blocks]),
@@ -163,7 +163,7 @@ def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray,
     pose : ndarray of int, shape (rows,)
     covariance : ndarray, shape (columns, columns)
     a : float
-        One over the variance of a row, tempered as the fit was.
+        One over the variance of a row, times its power in the fit.
 
     Returns
     -------
@@ -198,7 +198,7 @@ def block_numbers(repeats: IntArray, session: NameArray | None, blocks: int = BL
 
 def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, blocks: int = BLOCKS) -> FloatArray:
     """As `residuals`, leaving out contiguous blocks of poses in place of single ones, shape (equations,)."""
-    a = fit.temper / fit.s2
+    a = fit.likelihood_power / fit.s2
     number = block_numbers(linear.place, linear.session, blocks)
     k = len(columns)
     if 3 * len(linear.target) <= k * blocks:  # solved among the rows, of which there are fewer

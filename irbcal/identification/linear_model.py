@@ -1,9 +1,9 @@
 """All terms linearised once about the geometry solution; sums for any choice of them.
 
-Residuals and derivatives are in millimetres: the log evidence depends on that unit. Columns are ordered: base and
-targets (*flat*, without prior: turns count in units of ten radians, shifts in millimetres), then the terms, each for
-one natural size of its coefficient. The target of the linear model is the residual of the nominal constants, so that
-the coefficients of the geometry are counted from the nominal arm, as its prior is.
+Residuals and derivatives are in millimetres: the log evidence depends on that unit. Columns are ordered: nuisance (base
+and targets, without prior: turns count in units of ten radians, shifts in millimetres), then the terms, each for one
+natural size of its coefficient. The target of the linear model is the residual of the nominal constants, so that the
+coefficients of the geometry are counted from the nominal arm, as its prior is.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from irbcal.identification.evidence_maximisation import (
     NOISE,
     NormalEquations,
     Posterior,
-    fit_temper,
+    fit_likelihood_power,
     maximise_evidence,
 )
 from irbcal.identification.initial_guess import MIN_POSES, first_state
@@ -66,11 +66,11 @@ class Rows:
 class LinearModel(ABC):
     """Measurements of any kind, linearised at one state: what evidence and leave-one-out errors need of them."""
 
-    flat: int
+    nuisance: int
     """Unknowns without prior; their columns stand first."""
     terms: list[Term]
     sizes: FloatArray
-    """Shape (flat + terms,). SI value of one unit of each column."""
+    """Shape (nuisance + terms,). SI value of one unit of each column."""
     per_pose: float
     """Measured vectors in a pose, on average."""
     noise: float = NOISE
@@ -94,12 +94,12 @@ class LinearModel(ABC):
         Parameters
         ----------
         columns : ndarray of int, optional
-            Numbers of the columns wanted, flat ones first; all unless given.
+            Numbers of the columns wanted, nuisance ones first; all unless given.
         """
 
     @abstractmethod
     def improved(self, coefficients: FloatArray) -> LinearModel:
-        """The model nearer to some coefficients (flat + terms,), in units of the columns."""
+        """The model nearer to some coefficients (nuisance + terms,), in units of the columns."""
 
     @property
     @abstractmethod
@@ -112,7 +112,7 @@ class LinearModel(ABC):
 
     def sums(self, columns: IntArray | None = None) -> NormalEquations:
         """Sums over all poses of some columns, all unless given."""
-        k = self.flat + len(self.terms) if columns is None else len(columns)
+        k = self.nuisance + len(self.terms) if columns is None else len(columns)
         H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
         for block in self._block_sums(columns):
             H += block.H
@@ -162,12 +162,12 @@ class Linearisation(LinearModel):
         errors = np.zeros(len(self.problem.terms))
         errors[: len(problem.parameters)] = state.errors[: len(problem.parameters)]
         self.state = replace(state, errors=errors)
-        self.flat = problem.outer
+        self.nuisance = problem.nuisance
         self.sizes = np.concatenate([flat_units(problem), np.array([t.size for t in self.terms])])
         self.per_pose = float(problem.rows / motion.q.shape[0])
         self.target_names, self.session = problem.points.target_names, problem.points.session
         self.target = np.concatenate([problem.points.target, np.full(problem.rows - len(problem.points), -1)])
-        self.bend: FloatArray | None = None
+        self.nonlinearity: FloatArray | None = None
         self.counts = np.ones(problem.rows, dtype=bool)
 
     @property
@@ -184,46 +184,46 @@ class Linearisation(LinearModel):
 
     def _of_blocks(self, take: Callable[[Rows], T], columns: IntArray | None) -> Iterator[T]:
         """What is taken from each block, in their order; large problems in threads."""
-        columns = np.arange(self.flat + len(self.terms)) if columns is None else columns
+        columns = np.arange(self.nuisance + len(self.terms)) if columns is None else columns
         arm = self.problem.arm_at(self.state)
         cost = NUMBER_S * 3 * self.problem.rows * len(columns)
         return parallel.threads(lambda k: take(self._rows(k, arm, columns)), range(self.problem.block_count), cost)
 
     def _rows(self, k: int, arm: Arm, columns: IntArray) -> Rows:
         """Block number ``k`` in the units of the columns: weighted, ordered by pose, the last move projected out."""
-        points, flats = self.problem.points, columns[columns < self.flat]
+        points, flats = self.problem.points, columns[columns < self.nuisance]
         moves = np.arange(len(self.terms), len(self.problem.terms))
-        chosen = np.concatenate([columns[len(flats) :] - self.flat, moves])
+        chosen = np.concatenate([columns[len(flats) :] - self.nuisance, moves])
         r, J = self.problem.block(k, arm, self.state, chosen)
         rows = self.problem.rows_of(k)
         pose = np.concatenate([points.pose, points.pose[points.oriented()]])[rows]
-        if self.bend is not None:
-            r = r + self.bend[rows].T
+        if self.nonlinearity is not None:
+            r = r + self.nonlinearity[rows].T
         order = np.argsort(pose, kind="stable")
         order = order[self.counts[rows[order]]]
         pose, rows = pose[order], rows[order]
-        if len(flats) < self.flat:
-            J = J[np.concatenate([flats, self.flat + np.arange(len(chosen))])]
+        if len(flats) < self.nuisance:
+            J = J[np.concatenate([flats, self.nuisance + np.arange(len(chosen))])]
         weights = self.problem.weights[rows] / MM
         scale = np.outer(np.append(self.sizes[columns], np.ones(len(moves))), weights)
         scaled = np.empty((len(J), len(rows), 3))
         for axis in range(3):  # a copy of all at once takes twice as long
             np.multiply(J[:, axis].take(order, axis=1), scale, out=scaled[..., axis])
-        flat = scaled.reshape(len(J), -1)
+        stacked = scaled.reshape(len(J), -1)
         y, pose, rows = (r[:, order] * weights).T.ravel(), np.repeat(pose, 3), np.repeat(rows, 3)
-        flat, along = flat[: len(columns)], flat[len(columns) :]
+        stacked, along = stacked[: len(columns)], stacked[len(columns) :]
         # counted from the nominal constants: all geometry columns are in every term set
-        terms = columns[len(flats) :] - self.flat
-        y = y + (self.state.errors[terms] / self.sizes[columns[len(flats) :]]) @ flat[len(flats) :]
+        terms = columns[len(flats) :] - self.nuisance
+        y = y + (self.state.errors[terms] / self.sizes[columns[len(flats) :]]) @ stacked[len(flats) :]
         if self.projected:
             move = along.sum(axis=0)
             first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])
             each = np.diff(np.r_[first, len(pose)])
             length = np.add.reduceat(move * move, first)
             share = np.where(length > 0.0, 1.0 / np.where(length > 0.0, length, 1.0), 0.0)
-            flat = flat - np.repeat(np.add.reduceat(flat * move, first, axis=1) * share, each, axis=1) * move
+            stacked = stacked - np.repeat(np.add.reduceat(stacked * move, first, axis=1) * share, each, axis=1) * move
             y = y - np.repeat(np.add.reduceat(y * move, first) * share, each) * move
-        return Rows(flat, y, pose, rows)
+        return Rows(stacked, y, pose, rows)
 
     def improved(self, coefficients: FloatArray) -> Linearisation:
         """The linear model made exact at some coefficients: what it misses there is taken from the measurements.
@@ -234,24 +234,24 @@ class Linearisation(LinearModel):
 
         Parameters
         ----------
-        coefficients : ndarray, shape (flat + terms,)
+        coefficients : ndarray, shape (nuisance + terms,)
             In units of the columns.
         """
         if self.projected:
             return self
         out, count = copy(self), len(self.problem.points)
-        out.bend = np.zeros((self.problem.rows, 3))
+        out.nonlinearity = np.zeros((self.problem.rows, 3))
         linear = np.empty((self.problem.rows, 3))
         for block in self.blocks():
             linear[block.row[::3]] = (block.y - coefficients @ block.J).reshape(-1, 3)
         linear = linear[:count] * MM / self.problem.weights[:count, None]
-        out.bend[:count] = self.problem.residuals(self.moved(coefficients))[:count] - linear
+        out.nonlinearity[:count] = self.problem.residuals(self.moved(coefficients))[:count] - linear
         return out
 
     def extended(self, terms: Sequence[Term]) -> Linearisation:
         """The same linear model with more terms at its end."""
         out = Linearisation(self.problem, self.state, self.motion, [*self.terms, *terms], self.projected)
-        out.bend, out.counts = self.bend, self.counts
+        out.nonlinearity, out.counts = self.nonlinearity, self.counts
         return out
 
     def without(self, points: BoolArray) -> Linearisation:
@@ -261,10 +261,10 @@ class Linearisation(LinearModel):
         return out
 
     def moved(self, coefficients: FloatArray) -> State:
-        """The state as some coefficients say (columns: flat, terms; those that are left out are zero)."""
+        """The state as some coefficients say (columns: nuisance, terms; those that are left out are zero)."""
         step = np.zeros(self.problem.unknowns)
         step[: len(coefficients)] = self.sizes[: len(coefficients)] * coefficients
-        step[self.flat :] -= self.state.errors
+        step[self.nuisance :] -= self.state.errors
         return self.problem.moved(self.state, step)
 
 
@@ -275,7 +275,7 @@ def _moves_of(problem: Problem) -> list[Term]:
 
 
 def flat_units(problem: Problem) -> FloatArray:
-    """SI value of one unit of each flat column, shape (flat,)."""
+    """SI value of one unit of each nuisance column, shape (nuisance,)."""
     base = np.r_[np.full(3, TURN_UNIT), np.full(3, MM)]
     shifts, turns = np.full(3 * len(problem.free), MM), np.full(3 * len(problem.framed), TURN_UNIT)
     return np.concatenate([base, shifts, turns, np.tile(base, len(problem.sessions) - 1)])
@@ -305,8 +305,8 @@ def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term]
     size = np.inf
     for _ in range(STEPS + 8):  # more only from a start far away
         linear = Linearisation(problem, state, motion, geometry, project)
-        t = fit_temper(linear.per_pose)
-        fit = maximise_evidence(linear.sums(), linear.flat, group, caps, t)
+        t = fit_likelihood_power(linear.per_pose)
+        fit = maximise_evidence(linear.sums(), linear.nuisance, group, caps, t)
         previous, state = state, linear.moved(fit.c)
         state = replace(state, errors=state.errors[: len(geometry)])
         size = float(max(np.abs(state.targets - previous.targets).max(), np.abs(state.errors - previous.errors).max()))

@@ -191,7 +191,7 @@ def _concentration_steps(
         taken, left = ((problem.weights * x)[..., rows].reshape(*x.shape[:-2], -1) for x in (J, r))
         H = taken @ taken.T
         H += 1e-9 * H.diagonal().max() * np.eye(len(H))  # of what nothing tells, as a target without points
-        H[problem.outer :, problem.outer :] += np.diag(np.mean(left * left) / problem.scales**2)
+        H[problem.nuisance :, problem.nuisance :] += np.diag(np.mean(left * left) / problem.scales**2)
         step = np.linalg.solve(H, taken @ left)
         before, core = (
             core,

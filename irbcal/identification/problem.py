@@ -188,7 +188,7 @@ class Problem:
 
     The unknowns are ordered: base (rotation vector, translation, in the base link), positions of the targets
     that are not known, orientations of the targets that were measured with one, bases of the sessions before the last
-    one, coefficients of the terms. All but the last kind have no nominal value and are called *outer*.
+    one, coefficients of the terms. All but the last kind have no nominal value and are called *nuisance*.
 
     Points of different sessions (`PointSet.session`) are in different measuring frames, which share nothing: each
     has a base. That of the last pose's session is *the* base.
@@ -217,8 +217,8 @@ class Problem:
         One without a name where the points have none.
     rows : int
         Number of measured vectors, positions and orientations.
-    outer : int
-        Number of outer unknowns.
+    nuisance : int
+        Number of nuisance unknowns.
     weights : ndarray, shape (rows,)
         Factor on each row: median uncertainty over the row's; 1 where no uncertainty is given.
     """
@@ -243,7 +243,7 @@ class Problem:
         self.free = np.array([k for k, name in enumerate(names) if name not in self.known], dtype=int)
         self.framed = np.unique(points.target[oriented])
         self.others = 6 + 3 * len(self.free) + 3 * len(self.framed)
-        self.outer = self.others + 6 * (len(self.sessions) - 1)
+        self.nuisance = self.others + 6 * (len(self.sessions) - 1)
         self.rows = len(points) + int(oriented.sum())
         self.weights = _weights(points, oriented)
         self._take([term_of(parameter, arm) for parameter in self.parameters], Motion(points.q))
@@ -283,7 +283,7 @@ class Problem:
     @property
     def unknowns(self) -> int:
         """Number of unknowns: base, targets and coefficients."""
-        return self.outer + len(self.terms)
+        return self.nuisance + len(self.terms)
 
     @property
     def poses(self) -> int:
@@ -322,7 +322,7 @@ class Problem:
         targets[self.free] += step[6:k].reshape(-1, 3)
         for j, turn in zip(self.framed, step[k : self.others].reshape(-1, 3), strict=True):
             rotations[j] = frames.rotation_from_one(turn) @ rotations[j]
-        steps = step[self.others : self.outer].reshape(-1, 6)
+        steps = step[self.others : self.nuisance].reshape(-1, 6)
         bases = [
             T @ frames.transform(frames.rotation_from_one(s[:3]), s[3:])
             for T, s in zip(state.others, steps, strict=True)
@@ -330,7 +330,7 @@ class Problem:
         return State(
             state.T_world_base @ shift,
             targets,
-            state.errors + step[self.outer :],
+            state.errors + step[self.nuisance :],
             rotations,
             np.array(bases).reshape(-1, 4, 4),
         )
@@ -524,7 +524,7 @@ class Problem:
         -------
         r : ndarray, shape (3, rows)
             Metres.
-        J : ndarray, shape (outer + terms, 3, rows)
+        J : ndarray, shape (nuisance + terms, 3, rows)
         """
         block, (theta, xi) = self._blocks[k], self._joints(k, state)
         layout = self._layout if chosen is None else self._layout_of(chosen)
@@ -536,7 +536,7 @@ class Problem:
         tip = path.tip
         r, p = self._residuals(block, tip, state)
         m = block.target.size
-        J = np.zeros((self.outer + (len(self.terms) if chosen is None else len(chosen)), 3, r.shape[1]))
+        J = np.zeros((self.nuisance + (len(self.terms) if chosen is None else len(chosen)), 3, r.shape[1]))
         at_points = J[:, :, :m].reshape(*J.shape[:2], *block.target.shape)  # a view
         for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             np.multiply(p[j], -1.0, out=at_points[axis, i])
@@ -546,7 +546,7 @@ class Problem:
             for slot, target in enumerate(self.free):
                 at_target = (block.target == target).astype(float)
                 np.multiply(tip[:3, :, None], at_target, out=at_points[6 + 3 * slot : 9 + 3 * slot])
-            _fill(at_points[self.outer :], layout, lambda key: _point_motion(path, p, key), values)
+            _fill(at_points[self.nuisance :], layout, lambda key: _point_motion(path, p, key), values)
         if len(block.turned):
             self._orientation_columns(J[:, :, m:], path, block, layout, values)
         self.share_out(J, block.session)
@@ -590,7 +590,7 @@ class Problem:
         def turn(key: BlockKey) -> FloatArray | None:
             return None if key[0][0] == "t" else length * _axis(path, key)[0][..., turned]
 
-        _fill(J[self.outer :], layout, turn, values[:, turned] if layout.moving else values)
+        _fill(J[self.nuisance :], layout, turn, values[:, turned] if layout.moving else values)
 
 
 def _fill(J: FloatArray, layout: _Layout, motion: Callable[[BlockKey], FloatArray | None], values: FloatArray) -> None:

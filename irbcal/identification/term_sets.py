@@ -105,9 +105,9 @@ class TermSet:
         """Largest variance of each group."""
         return np.array([GEOMETRY_CAP if name == "geometry" else VARIANCE_CAP for name in self.groups])
 
-    def columns(self, flat: int) -> IntArray:
-        """Columns of a linearisation of the superset: the flat ones and its terms."""
-        return np.concatenate([np.arange(flat), flat + self.terms])
+    def columns(self, nuisance: int) -> IntArray:
+        """Columns of a linearisation of the superset: the nuisance ones and its terms."""
+        return np.concatenate([np.arange(nuisance), nuisance + self.terms])
 
     def longer(self, indices: Sequence[int], names: Sequence[str], highest: int) -> TermSet:
         """With harmonics of the superset up to a higher order at its end, each with the name of its group."""
@@ -360,7 +360,7 @@ def like_type(chi2: float, directions: int) -> bool:
 
 
 def chi_square_of_type(
-    sums: NormalEquations, flat: int, term_set: TermSet, fit: Posterior, largest: float = np.inf
+    sums: NormalEquations, nuisance: int, term_set: TermSet, fit: Posterior, largest: float = np.inf
 ) -> tuple[float, int]:
     """Chi-square of a robot against its sisters, and its degrees of freedom.
 
@@ -371,11 +371,11 @@ def chi_square_of_type(
     ----------
     sums : NormalEquations
         Of the term set's columns.
-    flat : int
+    nuisance : int
     term_set : TermSet
         One that knows of sisters.
     fit : Posterior
-        Its fit: residual variance, tempering and the variances of groups of which nothing is known.
+        Its fit: residual variance, likelihood power and the variances of groups of which nothing is known.
     largest : float
         Residual variance without sisters, mm^2: of a stranger what contradicts them is taken for noise by the fit.
 
@@ -388,10 +388,10 @@ def chi_square_of_type(
     expected = term_set.expected
     if expected is None:
         raise IdentificationError("this choice of terms knows of no sisters")
-    a = fit.temper / min(fit.s2, largest)
-    free = np.concatenate([np.zeros(flat), np.where(expected.known, 0.0, 1.0 / fit.variances[term_set.group])])
+    a = fit.likelihood_power / min(fit.s2, largest)
+    free = np.concatenate([np.zeros(nuisance), np.where(expected.known, 0.0, 1.0 / fit.variances[term_set.group])])
     A, b = a * sums.H + np.diag(free), a * sums.g
-    of_type = np.concatenate([np.zeros(flat, dtype=bool), expected.known])
+    of_type = np.concatenate([np.zeros(nuisance, dtype=bool), expected.known])
     crossed = np.linalg.solve(
         A[np.ix_(~of_type, ~of_type)], np.column_stack([A[np.ix_(~of_type, of_type)], b[~of_type]])
     )

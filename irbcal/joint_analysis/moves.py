@@ -15,8 +15,8 @@ from irbcal.identification import axes
 from irbcal.identification.evidence_maximisation import (
     VARIANCE_CAP,
     NormalEquations,
+    evidence_of_each,
     maximise_evidence,
-    worth_of_each,
 )
 from irbcal.joint_analysis.series import Series, error_size, home_poses, one_series, series_dict
 from irbcal.joint_analysis.terms import (
@@ -221,9 +221,9 @@ def _log_evidence(beside: FloatArray, X: FloatArray, y: FloatArray, kind: Effect
     mm = lever / MM
     J = np.concatenate([beside.T, X.T * SIZES[kind]]) * mm
     sums = NormalEquations(J @ J.T, J @ (y * mm), float(y @ y) * mm**2, len(y))
-    flat, group, caps = beside.shape[1], np.zeros(X.shape[1], dtype=int), np.array([VARIANCE_CAP])
-    found = maximise_evidence(sums, flat, group, caps, 1.0)
-    return worth_of_each(sums, found, flat, [kind] * len(group), group, caps)[kind].evidence
+    nuisance, group, caps = beside.shape[1], np.zeros(X.shape[1], dtype=int), np.array([VARIANCE_CAP])
+    found = maximise_evidence(sums, nuisance, group, caps, 1.0)
+    return evidence_of_each(sums, found, nuisance, [kind] * len(group), group, caps)[kind].evidence
 
 
 class _Fit(NamedTuple):

@@ -2,7 +2,7 @@
 
 All terms of all joints are fitted together to what the geometry leaves (`irbcal.identification.linear_model`), each
 with a variance for its joint; the fit is repeated without each of them. A term is needed where the log evidence and the
-fitted points say so (`irbcal.identification.evidence_maximisation.worth_of_each`), whatever a calibration has of it.
+fitted points say so (`irbcal.identification.evidence_maximisation.evidence_of_each`), whatever a calibration has of it.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
     VARIANCE_CAP,
     Posterior,
-    evidence_temper,
+    evidence_likelihood_power,
+    evidence_of_each,
     maximise_evidence,
-    worth_of_each,
 )
 from irbcal.identification.gear_scan import WaveSums
 from irbcal.identification.linear_model import Linearisation
@@ -291,15 +291,15 @@ class _Fitted:
         self.group = np.concatenate([np.zeros(geometry, dtype=int), number])
         self.caps = np.array([GEOMETRY_CAP, *[VARIANCE_CAP] * len(tested)])
         self.keys = [(candidates[k].kind, candidates[k].joint) for k in tested]
-        self.temper = evidence_temper(linear.per_pose)
-        rough = maximise_evidence(linear.sums(), linear.flat, self.group, self.caps, self.temper)
+        self.likelihood_power = evidence_likelihood_power(linear.per_pose)
+        rough = maximise_evidence(linear.sums(), linear.nuisance, self.group, self.caps, self.likelihood_power)
         self.linear = linear.improved(rough.c)
         self.sums = self.linear.sums()
         self.found = maximise_evidence(
-            self.sums, linear.flat, self.group, self.caps, self.temper, rough.variances, rough.s2
+            self.sums, linear.nuisance, self.group, self.caps, self.likelihood_power, rough.variances, rough.s2
         )
         labels = [None if number == 0 else self.keys[number - 1] for number in self.group]
-        self.worth = worth_of_each(self.sums, self.found, linear.flat, labels, self.group, self.caps)
+        self.worth = evidence_of_each(self.sums, self.found, linear.nuisance, labels, self.group, self.caps)
 
     def joint_term(self, candidate: _Candidate) -> JointTerm:
         """A candidate with its values and what it is worth; joints are counted from 1."""
@@ -308,7 +308,7 @@ class _Fitted:
         if candidate.note:
             return JointTerm(candidate.kind, joint, candidate.names, note=candidate.note, frequency=frequency)
         key = (candidate.kind, candidate.joint)
-        columns = self.linear.flat + np.flatnonzero(self.group == 1 + self.keys.index(key))
+        columns = self.linear.nuisance + np.flatnonzero(self.group == 1 + self.keys.index(key))
         size = candidate.factor * self.linear.sizes[columns]
         value = size * self.found.c[columns]
         std = np.abs(size) * np.sqrt(np.diagonal(self.found.covariance)[columns])
@@ -328,9 +328,13 @@ class _Fitted:
 
     def of_geometry(self) -> Posterior:
         """The fit of geometry alone."""
-        stays = np.concatenate([np.arange(self.linear.flat), self.linear.flat + np.flatnonzero(self.group == 0)])
-        group = np.zeros(len(stays) - self.linear.flat, dtype=int)
-        return maximise_evidence(self.sums.part(stays), self.linear.flat, group, self.caps[:1], self.temper)
+        stays = np.concatenate(
+            [np.arange(self.linear.nuisance), self.linear.nuisance + np.flatnonzero(self.group == 0)]
+        )
+        group = np.zeros(len(stays) - self.linear.nuisance, dtype=int)
+        return maximise_evidence(
+            self.sums.part(stays), self.linear.nuisance, group, self.caps[:1], self.likelihood_power
+        )
 
     def rms(self, fit: Posterior) -> float:
         """Root mean square distance of the points, metres; columns of the fit are the first ones."""
@@ -348,7 +352,7 @@ class _Fitted:
         sums = WaveSums(self.linear, np.arange(len(self.found.c)), [series.joint])
         each = np.arange(1.0, order + 1.0)
         tried = frequencies(extent, highest)
-        k, a, c = len(self.found.c), self.found.temper / self.found.s2, self.found.c
+        k, a, c = len(self.found.c), self.found.likelihood_power / self.found.s2, self.found.c
 
         def misfit(f: float) -> float:
             wide = sums.extended(self.sums, [(0, cycles) for cycles in f * each])
@@ -375,7 +379,7 @@ class _Fitted:
             for j in joints:
                 turn = block.J[k + j]
                 number = sides.get(("backlash", j))
-                columns = self.linear.flat + np.flatnonzero(self.group == number)  # none where nothing is known
+                columns = self.linear.nuisance + np.flatnonzero(self.group == number)  # none where nothing is known
                 r = left + self.found.c[columns] @ block.J[columns]
                 square[:, j] += np.bincount(block.pose, turn * turn, n)
                 along[:, j] += np.bincount(block.pose, turn * r, n)

@@ -91,8 +91,8 @@ class Certainty(Locked):
     and terms of the joint map and the frames.
     """
     covariance: FloatArray
-    """Shape (flat + terms, flat + terms). Of the base (turn, shift in the base link), places of the free targets, turns
-    of target frames, and the coefficients, SI units.
+    """Shape (nuisance + terms, nuisance + terms). Of the base (turn, shift in the base link), places of the free
+    targets, turns of target frames, and the coefficients, SI units.
     """
     free_targets: tuple[str, ...]
     """Targets whose places were identified, in the order of their columns."""
@@ -232,7 +232,7 @@ class Certainty(Locked):
         ndarray, shape (columns, 3, n)
             In the order of the covariance's columns, SI units.
         """
-        n, flat = len(motion), len(self.covariance) - len(self.terms)
+        n, nuisance = len(motion), len(self.covariance) - len(self.terms)
         J = np.zeros((len(self.covariance), 3, n))
         if target is not None:
             for k in range(3):
@@ -244,7 +244,7 @@ class Certainty(Locked):
         values = basis_values(self.terms, Situation(self.nominal, motion, self.gravity))
         history = np.array([t.basis in HISTORY for t in self.terms], dtype=bool)
         values[np.ix_(history, ~has_move)] = 1.0
-        J[flat:] = term_columns(self.terms, path, values, p)
+        J[nuisance:] = term_columns(self.terms, path, values, p)
         return J
 
     def predict(

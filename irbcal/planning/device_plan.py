@@ -161,18 +161,18 @@ class DeviceModel:
         blocks = list(problem.dense(state))
         J = np.concatenate([block.J for block in blocks], axis=1)
         row = np.concatenate([block.row for block in blocks])
-        natural = problem.sizes[problem.flat :]
-        J = J * (np.r_[np.full(problem.flat, FREE), self.sizes / natural] * MM / noise)[:, None]
+        natural = problem.sizes[problem.nuisance :]
+        J = J * (np.r_[np.full(problem.nuisance, FREE), self.sizes / natural] * MM / noise)[:, None]
         size = max(group.kind.size for group in problem.groups)
         order_of = np.argsort(row[row >= 0], kind="stable")
         rows = J[:, row >= 0][:, order_of].reshape(len(J), len(seen), size).transpose(1, 2, 0)
         G = np.zeros((len(J), len(J)))
         if (TOOL, target) in problem.layout:
             at = problem.layout[TOOL, target][1]
-            columns = np.r_[at : at + 3, problem.flat : len(J)]
+            columns = np.r_[at : at + 3, problem.nuisance : len(J)]
             G[np.ix_(columns, columns)] = self.G
         else:  # an inclinometer does not see where it is on the tool
-            G[problem.flat :, problem.flat :] = self.G[3:, 3:]
+            G[problem.nuisance :, problem.nuisance :] = self.G[3:, 3:]
         nuisance = J[:, row < 0]
         aim = Aim(MeanSquaredError(G, np.zeros((len(J), 0))), (nuisance @ nuisance.T, 0.0))
         return Rated(Candidates.without_errors(rows), aim)

@@ -89,7 +89,7 @@ def enough_poses(options: PlanOptions, predicted: Callable[[PlanOptions], PlanPr
     for _ in range(TRIALS):
         options = replace(options, optimal=best)
         prediction = predicted(options)
-        unknowns = prediction.model.outer + len(options.refit_zeros)
+        unknowns = prediction.model.nuisance + len(options.refit_zeros)
         std = std_of_zeros(prediction, options.refit_zeros).max() * np.sqrt(options.optimal / counts)
         good = half_widths(std, counts, unknowns) <= WELL
         best = int(counts[np.argmax(good)]) if good.any() else MANY
@@ -107,7 +107,7 @@ def enough_poses(options: PlanOptions, predicted: Callable[[PlanOptions], PlanPr
 def _promised(options: PlanOptions, prediction: PlanPrediction, poses: int) -> FloatArray:
     """Halves of the 95 % intervals of zeros, radians, where all poses but one place them."""
     std = std_of_zeros(prediction, options.refit_zeros) * np.sqrt(poses / (poses - 1))
-    return half_widths(std, poses - 1, prediction.model.outer + len(options.refit_zeros))
+    return half_widths(std, poses - 1, prediction.model.nuisance + len(options.refit_zeros))
 
 
 def zeros_of_plan_in_words(options: PlanOptions, prediction: PlanPrediction, poses: int) -> list[str]:

@@ -67,8 +67,8 @@ class Model:
     ) -> None:
         self.arm, self.targets, self.level, self.noise = arm, targets, level, float(noise)
         self.parameters = level_parameters(level, arm) if parameters is None else tuple(parameters)
-        self.outer = 6 + 3 * len(targets.names)
-        self.scale = np.concatenate([np.ones(self.outer), [p.scale for p in self.parameters]])
+        self.nuisance = 6 + 3 * len(targets.names)
+        self.scale = np.concatenate([np.ones(self.nuisance), [p.scale for p in self.parameters]])
 
     def problem(self, q: FloatArray, visible: BoolArray) -> tuple[Problem, State]:
         """The identification from the reflectors seen in poses, and the state it is linearised at."""
@@ -125,7 +125,7 @@ class Model:
         kinds = [parameter(f"delta_{'d' if slides[i] else 'theta'}{i + 1}") for i in range(joints)]
         kinds += [parameter(f"delta_beta{i + 1}") for i in range(1, joints)]
         problem = Problem(self.arm, self.problem(q, visible)[0].points, kinds)
-        J = problem.jacobian(State(np.eye(4), self.targets.places, np.zeros(len(kinds))))[:, self.outer :]
+        J = problem.jacobian(State(np.eye(4), self.targets.places, np.zeros(len(kinds))))[:, self.nuisance :]
         J = J.reshape(-1, 3, len(kinds)) * (size / self.noise)
         pose = np.nonzero(visible)[0]
         slot = (np.cumsum(visible, axis=1) - 1)[visible]
@@ -237,24 +237,24 @@ class Criterion(ABC):
 
 @dataclass(frozen=True)
 class LogDeterminant(Criterion):
-    """Minus log det of the information about the error parameters, the ``outer`` unknowns before them eliminated."""
+    """Minus log det of the information about the error parameters, the ``nuisance`` unknowns before them eliminated."""
 
-    outer: int
+    nuisance: int
 
     WORDS = "the information that scatter leaves (log det, less is better)"
 
     @classmethod
     def of(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
         """Base and targets of the model are eliminated."""
-        return cls(model.outer)
+        return cls(model.nuisance)
 
     def value(self, M: FloatArray, N: FloatArray) -> float:
         """The logarithm of a quotient of determinants."""
-        return float(np.linalg.slogdet(M[: self.outer, : self.outer])[1] - np.linalg.slogdet(M)[1])
+        return float(np.linalg.slogdet(M[: self.nuisance, : self.nuisance])[1] - np.linalg.slogdet(M)[1])
 
     def blocks(self, ratings: Ratings) -> FloatArray:
         """``J C J^T`` of base and targets alone."""
-        block = slice(self.outer)
+        block = slice(self.nuisance)
         return ratings.products(_inverse(ratings.M[block, block]), block)
 
     def gains(self, ratings: Ratings) -> FloatArray:
@@ -264,7 +264,7 @@ class LogDeterminant(Criterion):
 
     def change(self, ratings: Ratings, X: FloatArray, C: FloatArray, sign: float, full: Turn) -> None:
         """Woodbury's formula once more."""
-        block = slice(self.outer)
+        block = slice(self.nuisance)
         ratings.turn(ratings.blocks, X, _inverse(ratings.M[block, block]), block, sign)
 
 

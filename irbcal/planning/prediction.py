@@ -80,7 +80,7 @@ def predict(model: Model, q: FloatArray, visible: BoolArray) -> PlanPrediction:
     solid = information.eigenvalues > ROUNDING * information.eigenvalues.max(initial=0.0)
     information = replace(information, sigma=model.noise, seen=solid & (information.eigenvalues > model.noise**2))
     covariance = information.covariance()
-    std = np.sqrt(np.diag(covariance)[problem.outer :])
+    std = np.sqrt(np.diag(covariance)[problem.nuisance :])
     out: list[Predicted] = []
     for parameter, value, share in zip(model.parameters, std, information.held_fraction(), strict=True):
         unit, factor = UNIT_OUTSIDE[parameter.unit]

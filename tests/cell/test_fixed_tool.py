@@ -140,7 +140,7 @@ def test_residuals_have_their_derivatives_and_intervals_hold(robot, fixed):
     problem, state = adjusted.problem, adjusted.state
     assert_derivative(
         lambda u: Adjusted(problem, problem.moved(state, u / problem.sizes)).rows[1],
-        np.zeros(problem.flat),
+        np.zeros(problem.nuisance),
         adjusted.rows[0],
         1e-3,
         1e-5,

@@ -172,7 +172,7 @@ def test_residuals_have_their_derivatives(robot, every_kind):
     def residuals(u):
         return Adjusted(problem, problem.moved(state, u / problem.sizes)).rows[1]
 
-    assert_derivative(residuals, np.zeros(problem.flat), adjusted.rows[0], 1e-3, 1e-5)
+    assert_derivative(residuals, np.zeros(problem.nuisance), adjusted.rows[0], 1e-3, 1e-5)
     frames_and_tools = {key[1] for key in problem.layout if key[0] in ("frame", "tool")}
     assert frames_and_tools == {"work object fixture", "work object cast", "tool torch", "grip", "probe", "ball"}
 

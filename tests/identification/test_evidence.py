@@ -394,7 +394,7 @@ def test_other_masses_and_orientations_are_not_averaged():
 def test_the_best_time_constant_is_looked_for_on_both_sides(monkeypatch, start, best):
     monkeypatch.setattr(term_sets, "with_tau", lambda term_set, terms, tau: tau)
     averaging, tried = object.__new__(evidence.Averaging), []
-    averaging.superset, averaging.evidence_temper = [], 1.0
+    averaging.superset, averaging.evidence_likelihood_power = [], 1.0
 
     def fit(tau, *_):
         tried.append(tau)

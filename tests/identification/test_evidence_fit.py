@@ -74,17 +74,17 @@ def test_covariance_is_that_of_sampled_robots(found, test_motion):
     rng = np.random.default_rng(4)
     L = np.linalg.svd(found.covariance)
     draws = (L[0] * np.sqrt(np.maximum(L[1], 0.0))) @ rng.standard_normal((len(found.covariance), 400))
-    flat = len(found.covariance) - len(found.terms)
+    nuisance = len(found.covariance) - len(found.terms)
     name = found.free_targets[1]
     rows = [k for k, t in enumerate(found.terms) if t.family not in ("geometry", "warm_up")]
     out = []
     for d in draws.T:
         columns = {key: getattr(found.arm.table, key).copy() for key in DHM_COLUMNS.values()}
-        for t, step in zip(found.terms, d[flat:], strict=True):
+        for t, step in zip(found.terms, d[nuisance:], strict=True):
             if t.family == "geometry":
                 columns[DHM_COLUMNS[t.axis]][t.joint] += step
         arm = found.arm.with_table(replace(found.arm.table, **columns))
-        c = found.coefficients[rows] + d[flat:][rows]
+        c = found.coefficients[rows] + d[nuisance:][rows]
         T = TermMap(found.nominal, tuple(found.terms[k] for k in rows), c).forward(arm, Motion(q, test_motion.moves))
         p = T[:, :3, :3] @ (found.targets[name] + d[9:12]) + T[:, :3, 3]
         turn = frames.transform(None, d[3:6]) @ _turn(d[:3])

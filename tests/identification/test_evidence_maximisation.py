@@ -16,8 +16,8 @@ from irbcal.identification.evidence_maximisation import (
     VARIANCE_CAP,
     CoefficientPrior,
     NormalEquations,
-    evidence_temper,
-    fit_temper,
+    evidence_likelihood_power,
+    fit_likelihood_power,
     maximise_evidence,
 )
 
@@ -49,7 +49,7 @@ def test_log_evidence_is_the_dense_integral(t, expected_before):
     if expected_before is not None:
         y, prior = y - R @ expected_before.mean, prior * expected_before.std**2
     S = found.s2 / t * np.eye(N) + R @ np.diag(prior) @ R.T
-    # integral over the flat columns: a Gaussian about their own least-squares solution
+    # integral over the nuisance columns: a Gaussian about their own least-squares solution
     precision = F.T @ np.linalg.solve(S, F)
     best = np.linalg.solve(precision, F.T @ np.linalg.solve(S, y))
     expected = multivariate_normal(F @ best, S).logpdf(y)
@@ -152,15 +152,15 @@ def test_true_variances_are_found():
     assert np.mean(np.abs(found.c - c) < 1.96 * np.sqrt(np.diag(found.covariance))) > 0.92
 
 
-def test_tempers_count_a_pose_as_six_numbers_and_as_one_vector():
-    assert [fit_temper(m) for m in (1, 2, 3, 6)] == [1.0, 1.0, pytest.approx(2 / 3), pytest.approx(1 / 3)]
-    assert [evidence_temper(m) for m in (0.5, 1, 3)] == [1.0, 1.0, pytest.approx(1 / 3)]
+def test_likelihood_powers_count_a_pose_as_six_numbers_and_as_one_vector():
+    assert [fit_likelihood_power(m) for m in (1, 2, 3, 6)] == [1.0, 1.0, pytest.approx(2 / 3), pytest.approx(1 / 3)]
+    assert [evidence_likelihood_power(m) for m in (0.5, 1, 3)] == [1.0, 1.0, pytest.approx(1 / 3)]
 
 
 def test_a_hopeless_fit_is_given_up_early():
     _, _, sums = small_case()
     whole = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=0.0)
-    early = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=0.0, give_up=whole.log_evidence + 1.0)
+    early = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=0.0, evidence_floor=whole.log_evidence + 1.0)
     assert early.iterations == EARLY < whole.iterations
 
 

@@ -61,7 +61,7 @@ def test_derivatives_of_the_vectors(kind):
     assert r.shape == (vectors.rows, 3)
     assert np.count_nonzero(r) <= vectors.equations
     numeric = central_differences(
-        lambda step: -vectors.residuals(vectors.moved(state, step)).ravel(), np.zeros(problem.flat + 4), 1e-4
+        lambda step: -vectors.residuals(vectors.moved(state, step)).ravel(), np.zeros(problem.nuisance + 4), 1e-4
     )
     analytic = vectors.jacobian(state)
     assert np.abs(analytic - numeric).max() < 1e-6 * np.abs(analytic).max()

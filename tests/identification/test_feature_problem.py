@@ -40,23 +40,23 @@ def mixed():
 def test_the_linear_model_is_that_of_central_differences(mixed):
     state = start(mixed)
     rng = np.random.default_rng(1)
-    flat, width = mixed.flat, mixed.flat + len(mixed.terms)
+    nuisance, width = mixed.nuisance, mixed.nuisance + len(mixed.terms)
     assert BASE in mixed.layout
     assert len(mixed.lengths) == 1
-    state = FeatureState(state.values, 0.3 * mixed.sizes[flat:] * rng.standard_normal(len(mixed.terms)))
+    state = FeatureState(state.values, 0.3 * mixed.sizes[nuisance:] * rng.standard_normal(len(mixed.terms)))
 
     def model(one):
         blocks = list(mixed.dense(one))
-        values = one.coefficients / mixed.sizes[flat:]
+        values = one.coefficients / mixed.sizes[nuisance:]
         J = np.concatenate([b.J for b in blocks], axis=1)
-        return J, values @ J[flat:] - np.concatenate([b.y for b in blocks])
+        return J, values @ J[nuisance:] - np.concatenate([b.y for b in blocks])
 
     J, _ = model(state)
-    for k in [*range(0, flat, 3), *rng.choice(np.arange(flat, width), 8, replace=False)]:
+    for k in [*range(0, nuisance, 3), *rng.choice(np.arange(nuisance, width), 8, replace=False)]:
         ends = []
         for h in (1e-3, -1e-3):
             step = np.zeros(width)
-            step[flat:] = state.coefficients / mixed.sizes[flat:]
+            step[nuisance:] = state.coefficients / mixed.sizes[nuisance:]
             step[k] += h
             ends.append(model(mixed.moved(state, step))[1])
         np.testing.assert_allclose(J[k], (ends[0] - ends[1]) / 2e-3, atol=2e-5 * max(1.0, np.abs(J[k]).max()))

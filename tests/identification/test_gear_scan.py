@@ -21,9 +21,9 @@ def fitted():
     problem, state, motion, terms = linear_case(40)
     linear = Linearisation(problem, state, motion, terms)
     chosen = make(terms, ["gravity", "gain"], 0, None)
-    columns = chosen.columns(linear.flat)
+    columns = chosen.columns(linear.nuisance)
     sums = linear.sums(columns)
-    found = maximise_evidence(sums, linear.flat, chosen.group, chosen.caps, 2 / 3)
+    found = maximise_evidence(sums, linear.nuisance, chosen.group, chosen.caps, 2 / 3)
     return linear, chosen, columns, sums, found
 
 
@@ -31,7 +31,7 @@ def dense(linear, columns, waves):
     """Rows of the chosen columns, then of the waves' two columns each, by another linearisation; and the target."""
     gears = [term for pair in waves for term in gear_terms(*pair)]
     wide = Linearisation(linear.problem, linear.state, linear.motion, [*linear.terms, *gears])
-    places = linear.flat + len(linear.terms) + np.arange(len(gears))
+    places = linear.nuisance + len(linear.terms) + np.arange(len(gears))
     block = rows_of(wide, np.concatenate([columns, places]))
     return block.J, block.y
 
@@ -54,10 +54,10 @@ def test_chi2_is_what_a_fit_with_the_frequency_gains(fitted, taken):
     reduced = gear_scan.WaveSums(linear, columns, list(range(6)))
     group = np.concatenate([chosen.group, np.repeat(len(chosen.caps) + np.arange(taken), 2)]).astype(int)
     caps = np.append(chosen.caps, np.full(taken, VARIANCE_CAP))
-    found = maximise_evidence(reduced.extended(sums, pairs), linear.flat, group, caps, 2 / 3)
+    found = maximise_evidence(reduced.extended(sums, pairs), linear.nuisance, group, caps, 2 / 3)
     cycles = np.array([7.0, 100.0, 241.0, 400.0])
     strength = reduced.chi2(cycles, pairs, found)
-    a, prior = found.temper / found.s2, np.r_[np.zeros(linear.flat), 1.0 / found.variances[group]]
+    a, prior = found.likelihood_power / found.s2, np.r_[np.zeros(linear.nuisance), 1.0 / found.variances[group]]
 
     def least(J, y, extra):
         """Smallest a |y - c J|^2 + c' P c; the ``extra`` last columns have no prior."""

@@ -47,7 +47,7 @@ def test_parts_are_those_of_rigid_motions():
     ready = prepare(arm(), points, Motion(points.q))
     averaging = Averaging(ready.linear, ready.sums)
     term_set = candidates(averaging.superset, "joint-map", None)[0]
-    columns, fit = term_set.columns(ready.linear.flat), averaging.fit(term_set, 1.0)
+    columns, fit = term_set.columns(ready.linear.nuisance), averaging.fit(term_set, 1.0)
     squares, freedom = along_and_across(ready.linear, columns, fit)
     expected = np.zeros(2)
     for block in ready.linear.blocks(columns):

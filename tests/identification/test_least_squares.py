@@ -206,8 +206,8 @@ def test_singular_values_and_indices_by_hand():
     information, problem = fit.solution.information, fit.problem
     J = problem.jacobian(fit.solution.state)
     scale = np.array([p.scale for p in problem.parameters])
-    base = J[:, : problem.outer]
-    rest = J[:, problem.outer :] * scale
+    base = J[:, : problem.nuisance]
+    rest = J[:, problem.nuisance :] * scale
     rest -= base @ np.linalg.lstsq(base, rest, rcond=None)[0]
     s = np.linalg.svd(rest, compute_uv=False)
     seen = information.seen.sum()

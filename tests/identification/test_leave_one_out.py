@@ -16,17 +16,17 @@ from irbcal.measurement.points import distances
 from irbcal.modeling.terms.situation import Motion
 
 
-@pytest.mark.parametrize(("temper", "families"), [(1.0, []), (2 / 3, ["gravity", "gain", "direction"])])
-def test_leaving_out_agrees_with_fits_without_the_poses(temper, families):
+@pytest.mark.parametrize(("likelihood_power", "families"), [(1.0, []), (2 / 3, ["gravity", "gain", "direction"])])
+def test_leaving_out_agrees_with_fits_without_the_poses(likelihood_power, families):
     """With fewer columns than a block has rows, and with more."""
     case_problem, state, motion, terms = linear_case()
     linear = Linearisation(case_problem, state, motion, terms)
     chosen = make(terms, families, 0, None)
-    columns = chosen.columns(linear.flat)
-    found = maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, temper)
+    columns = chosen.columns(linear.nuisance)
+    found = maximise_evidence(linear.sums(columns), linear.nuisance, chosen.group, chosen.caps, likelihood_power)
     rows = rows_of(linear, columns)
-    prior = np.r_[np.zeros(linear.flat), 1.0 / found.variances[chosen.group]]
-    a = temper / found.s2
+    prior = np.r_[np.zeros(linear.nuisance), 1.0 / found.variances[chosen.group]]
+    a = likelihood_power / found.s2
 
     def without(mine):
         J, y = rows.J[:, ~mine], rows.y[~mine]
@@ -53,8 +53,8 @@ def test_residuals_are_the_same_in_any_blocks(monkeypatch):
     for size in (2048, 4):
         monkeypatch.setattr(problem, "BLOCK", size)
         linear = Linearisation(*case)
-        columns = chosen.columns(linear.flat)
-        found = found or maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
+        columns = chosen.columns(linear.nuisance)
+        found = found or maximise_evidence(linear.sums(columns), linear.nuisance, chosen.group, chosen.caps, 1.0)
         u, pose, row = leave_one_out.residuals(linear, columns, found)
         assert sorted(row[::3]) == list(range(case[0].rows))
         order = np.lexsort([row, pose])
@@ -67,8 +67,8 @@ def test_left_out_errors_are_larger_than_residuals():
     case_problem, state, motion, terms = linear_case(20)
     linear = Linearisation(case_problem, state, motion, terms)
     chosen = make(terms, ["gravity", "gain"], 0, None)
-    columns = chosen.columns(linear.flat)
-    found = maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 2 / 3)
+    columns = chosen.columns(linear.nuisance)
+    found = maximise_evidence(linear.sums(columns), linear.nuisance, chosen.group, chosen.caps, 2 / 3)
     rows = rows_of(linear, columns)
     fitted = leave_one_out.rms_length((rows.y - found.c @ rows.J).reshape(-1, 3))
     one = leave_one_out.rms_length(leave_one_out.residuals(linear, columns, found)[0].reshape(-1, 3))
@@ -85,10 +85,10 @@ def test_repeats_of_a_place_are_left_out_together(monkeypatch):
     case = linear_case()
     terms, linear = case[-1], Linearisation(*case)
     chosen = make(terms, ["gravity", "gain"], 0, None)
-    columns = chosen.columns(linear.flat)
-    found = maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
+    columns = chosen.columns(linear.nuisance)
+    found = maximise_evidence(linear.sums(columns), linear.nuisance, chosen.group, chosen.caps, 1.0)
     rows = rows_of(linear, columns)
-    prior = np.r_[np.zeros(linear.flat), 1.0 / found.variances[chosen.group]]
+    prior = np.r_[np.zeros(linear.nuisance), 1.0 / found.variances[chosen.group]]
     place = np.arange(30)
     place[[9, 21]] = 2
     monkeypatch.setattr(linear_model, "repeat_groups", lambda points: place)

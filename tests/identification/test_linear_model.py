@@ -29,7 +29,7 @@ def test_geometry_columns_are_the_jacobian_of_the_problem(orientations, sessions
         sums.H / np.outer(scale, scale), H * np.outer(units, units) / np.outer(scale, scale), atol=1e-9
     )
     # the target counts the geometry from the nominal arm
-    c = np.r_[np.zeros(problem.outer), state.errors / linear.sizes[problem.outer : k]]
+    c = np.r_[np.zeros(problem.nuisance), state.errors / linear.sizes[problem.nuisance : k]]
     left = sums.yy - 2 * c @ sums.g + c @ sums.H @ c
     assert left == pytest.approx(1e6 * rss, rel=1e-6)
     np.testing.assert_allclose((sums.g - sums.H @ c) / scale, g * units * 1e3 / scale, atol=1e-6)
@@ -49,7 +49,7 @@ def test_projection_takes_the_last_move_out_of_each_pose():
     problem, state, motion, terms = linear_case(12)
     chosen = make(terms, ["gravity", "gain"], 0, None)
     linear = Linearisation(problem, state, motion, terms, project=True)
-    columns = chosen.columns(linear.flat)
+    columns = chosen.columns(linear.nuisance)
     free = Linearisation(problem, state, motion, terms)
     # the same as one free column a pose in the dense problem: any share of the move leaves the rows as they are
     rows, plain = rows_of(linear, columns), rows_of(free, columns)
@@ -73,7 +73,7 @@ def test_columns_of_terms_are_central_differences_of_the_points(orientations):
     arm = problem.arm_at(state)
     places = [k for k, t in enumerate(terms) if t.family in ("gravity", "wobble", "direction", "warm_up", "bending")]
     chosen, sizes = tuple(terms[k] for k in places), np.array([terms[k].size for k in places])
-    rows = rows_of(linear, np.array(places) + linear.flat)
+    rows = rows_of(linear, np.array(places) + linear.nuisance)
     points = problem.points
     local = state.targets[points.target]
     positions = np.concatenate([np.arange(rows_of) < seen for rows_of, seen in _rows_of_poses(points)]).repeat(3)
@@ -102,7 +102,7 @@ def _rows_of_poses(points):
 def test_flat_columns_count_in_their_units():
     problem = linear_case(8, True)[0]
     units = linear_model.flat_units(problem)
-    assert len(units) == problem.outer
+    assert len(units) == problem.nuisance
     np.testing.assert_array_equal(units[:6], [TURN_UNIT] * 3 + [1e-3] * 3)
     assert set(units[6:]) <= {TURN_UNIT, 1e-3}
 
@@ -117,7 +117,7 @@ def test_the_geometry_solution_is_a_fixed_point_and_moved_goes_there():
     nominal = linear.moved(zero)
     np.testing.assert_array_equal(nominal.errors, 0.0)
     np.testing.assert_array_equal(nominal.targets, state.targets)
-    zero[problem.outer] = 2.0
+    zero[problem.nuisance] = 2.0
     assert linear.moved(zero).errors[0] == pytest.approx(2.0 * geometry[0].size)
     zero[3] = 1.0
     assert np.linalg.norm(linear.moved(zero).T_world_base[:3, 3] - state.T_world_base[:3, 3]) == pytest.approx(1e-3)
@@ -147,14 +147,14 @@ def test_a_straightened_model_is_exact_where_it_was_straightened(orientations, m
     monkeypatch.setattr(problem_module, "BLOCK", 5)
     problem, state, motion, terms = linear_case(12, orientations)
     linear = Linearisation(problem, state, motion, terms)
-    c = 0.5 * np.random.default_rng(1).standard_normal(linear.flat + len(terms))
+    c = 0.5 * np.random.default_rng(1).standard_normal(linear.nuisance + len(terms))
     c[3:6] = 0.1
-    c[: linear.flat] *= 1e-2  # of base and targets, whose units are large
+    c[: linear.nuisance] *= 1e-2  # of base and targets, whose units are large
     before, after = (rows.y - c @ rows.J for rows in (rows_of(linear), rows_of(linear.improved(c))))
     # what is measured minus what the moved robot with all terms predicts
     moved = linear.moved(c)
     rows = [k for k, term in enumerate(terms) if term.family != "geometry"]
-    values = (linear.sizes * c)[linear.flat :][rows]
+    values = (linear.sizes * c)[linear.nuisance :][rows]
     term_map = TermMap(problem.arm, tuple(terms[k] for k in rows), values)
     T = moved.T_world_base @ term_map.forward(linear.problem.arm_at(moved), motion)
     points = problem.points

@@ -89,7 +89,7 @@ def test_jacobian_of_sessions_agrees_with_central_differences():
     numeric = -central_differences(
         lambda x: problem.residuals(problem.moved(state, x)).ravel(), np.zeros(problem.unknowns), 1e-3
     )
-    bases = np.r_[0:6, problem.others : problem.outer]
+    bases = np.r_[0:6, problem.others : problem.nuisance]
     scale = np.abs(analytic).max(axis=0)
     assert (np.abs(np.delete(analytic - numeric, bases, axis=1)) / np.delete(scale, bases)).max() < 1e-7
     # bases: exact for the point, first order for the residual, whose size is some centimetres here
@@ -378,6 +378,6 @@ def test_shared_frames_give_the_residuals_and_derivatives_of_frames_at_every_poi
         initial_guess.closed_form(shared)[0], errors=1e-3 * np.random.default_rng(3).standard_normal(len(chosen))
     )
     np.testing.assert_allclose(shared.residuals(state), each.residuals(state)[: len(points)], rtol=0, atol=1e-14)
-    outer = [*range(shared.others), *range(each.others, each.unknowns)]
-    J = each.jacobian(state)[: 3 * len(points), outer]
+    nuisance = [*range(shared.others), *range(each.others, each.unknowns)]
+    J = each.jacobian(state)[: 3 * len(points), nuisance]
     np.testing.assert_allclose(shared.jacobian(state), J, rtol=0, atol=1e-13)

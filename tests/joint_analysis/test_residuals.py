@@ -11,9 +11,9 @@ from irbcal.identification import linear_model
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
     VARIANCE_CAP,
-    evidence_temper,
+    evidence_likelihood_power,
+    evidence_of_each,
     maximise_evidence,
-    worth_of_each,
 )
 from irbcal.identification.linear_model import Linearisation
 from irbcal.joint_analysis import behaviour
@@ -50,11 +50,17 @@ def test_worth_is_the_difference_of_two_fits():
         group = np.concatenate([np.zeros(len(geometry), dtype=int), 1 + np.arange(len(some))])
         caps = np.array([GEOMETRY_CAP, *[VARIANCE_CAP] * len(some)])
         sums = linear.sums()
-        return linear, sums, group, caps, maximise_evidence(sums, linear.flat, group, caps, evidence_temper(3.0))
+        return (
+            linear,
+            sums,
+            group,
+            caps,
+            maximise_evidence(sums, linear.nuisance, group, caps, evidence_likelihood_power(3.0)),
+        )
 
     linear, sums, group, caps, found = fitted(sides)
     labels = [None] * len(geometry) + [term.joint for term in sides]
-    worth = worth_of_each(sums, found, linear.flat, labels, group, caps)
+    worth = evidence_of_each(sums, found, linear.nuisance, labels, group, caps)
     assert list(worth) == list(range(6))
     shorter, *_, without = fitted(sides[1:])
     assert worth[0].evidence == pytest.approx(found.log_evidence - without.log_evidence, abs=0.05)
