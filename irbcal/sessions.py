@@ -21,7 +21,7 @@ from irbcal.identification.axes import GROUPS
 from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.io import robots
 from irbcal.io.calibration_folder import folder_of
-from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.io.opening import SAME_ROBOT, CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import cleaning
 from irbcal.measurement.cleaning import Cleaned, Exclusion
@@ -45,8 +45,6 @@ APART, RATIO = 1.0 * MM, 3.0
 and as a multiple of that with its own. Bases and tools that stayed where they were give little more than one."""
 SURELY_APART = 5.0 * MM
 """The same that no error of a robot explains: groups are sessions then, without being asked."""
-SAME_ROBOT = 1e-9
-"""Nominal constants (metres, radians) that agree within this are those of one robot."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,8 @@ from irbcal.section import Section
 from irbcal.units import DEG, MM
 
 _SMALLEST = 1e-300
+NORMAL_95 = 1.96
+"""Half of the interval that holds 95 % of a normal distribution, in standard deviations."""
 
 
 def normal_below(z: ArrayLike) -> FloatArray:

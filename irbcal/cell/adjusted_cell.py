@@ -36,9 +36,10 @@ from irbcal.identification.feature_problem import (
 )
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.cell_graph import FLANGE, WORLD, Edge
-from irbcal.modeling.certainty import COVERAGE, Certainty
+from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
+from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
 
 STEPS, SMALL = 20, 1e-12
@@ -80,7 +81,7 @@ class Adjusted:
         touch : ndarray of int, shape (equations,)
         """
         blocks = list(self.problem.dense(self.state, np.zeros(0, dtype=int)))
-        unit = COVERAGE * MM / self.problem.typical
+        unit = NORMAL_95 * MM / self.problem.typical
         A = np.concatenate([block.J for block in blocks], axis=1).T / self.problem.sizes * unit
         A = np.hstack([A, self._stacked([self._by_zeros(of_group) for of_group in self.by_group], len(A))])
         return A, -unit * np.concatenate([block.y for block in blocks]), np.concatenate([block.row for block in blocks])
@@ -96,7 +97,7 @@ class Adjusted:
 
     def _stacked(self, by_group: Sequence[FloatArray], equations: int) -> FloatArray:
         """Derivatives of the groups' residuals (count, m, k) as rows of equations, shape (equations, count)."""
-        unit = COVERAGE / self.problem.typical
+        unit = NORMAL_95 / self.problem.typical
         rows = [
             (J * self.problem.weights[of_group.group.rows][:, None] * unit).reshape(len(J), np.prod(J.shape[1:])).T
             for J, of_group in zip(by_group, self.by_group, strict=True)
@@ -225,7 +226,7 @@ def adjust(
             break
     framed = {frame_name(t.frame, t.name) for t in touches if shows_axes(t)}
     root = external_axes.root(axes)
-    rows = rows_of_touches(touches, framed, COVERAGE * sigma, robot.arm, source, root)
+    rows = rows_of_touches(touches, framed, NORMAL_95 * sigma, robot.arm, source, root)
     rows = replace(rows, inputs=robot.joint_map.motion(rows.q).inputs)
     carried = sorted({frame_name(*t.on_flange) for t in touches} & framed)
     edges = [Edge(FLANGE, name) for name in carried]

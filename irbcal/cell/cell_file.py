@@ -24,10 +24,10 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
 from irbcal.io.robot_section import PoseMatrix
 from irbcal.modeling import frames
-from irbcal.modeling.certainty import COVERAGE
 from irbcal.options import shown
 from irbcal.safe_files import read_bytes, write_set
 from irbcal.section import Date, Fingerprint, Name, Numbers, Sentence
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table, html_page
 from irbcal.units import DEG, MM
 
@@ -268,7 +268,7 @@ class CellFile(Result):
             std = np.sqrt(np.maximum(np.diagonal(self.covariance)[rows], 0.0))
             points = [one.T_true[:3, 3] for name, one in self.work_objects.items() if name.lower() in axis.carries]
             turn, shift = axis.departure(e, (points or [np.zeros(3)])[0])
-            direction = COVERAGE * std[3:].max() if axis.slides else COVERAGE * std[:3].max()
+            direction = NORMAL_95 * std[3:].max() if axis.slides else NORMAL_95 * std[:3].max()
             out.append(
                 f"External axis {axis.column} from {e.min() / axis.unit:g} to {e.max() / axis.unit:g}: it carries "
                 f"{' and '.join(axis.carries)} up to {shift / MM:.3f} mm and {turn / DEG:.4f} deg beside where the "
@@ -279,7 +279,7 @@ class CellFile(Result):
     def u95(self, frame: str, name: str, covariance: FloatArray) -> tuple[float, float]:
         """Half-widths that hold 95 % of a coordinate's errors (metres) and an angle's (radians), largest of three."""
         std = np.sqrt(np.maximum(np.diagonal(covariance)[self.rows(frame, name)], 0.0))
-        return float(COVERAGE * std[3:].max()), float(COVERAGE * std[:3].max())
+        return float(NORMAL_95 * std[3:].max()), float(NORMAL_95 * std[:3].max())
 
     def _all(self) -> list[tuple[str, FrameInCell]]:
         pairs = ((TOOL, self.tools), (WORK_OBJECT, self.work_objects))

@@ -40,10 +40,11 @@ from irbcal.io.robot_section import RobotSection
 from irbcal.measurement.columns import TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.certainty import COVERAGE, Certainty
+from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.lost_zeros import lost_joints, zeros_in_words
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.safe_files import refuse_overwriting
+from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
 
 OUTLIER_CHANCE = 6.3e-5
@@ -203,8 +204,8 @@ def _without_outliers(
     """Adjust, leave out the worst touch, and again, as long as one is far out and the others are enough without it."""
     left_out: list[str] = []
     u95 = np.array([touch.u95 for touch in rows])
-    variance = adjust(rows, robot, u95 / COVERAGE, source, axes, zeros=zeros).by_robot(certainty)[1]
-    sigma = np.sqrt((u95 / COVERAGE) ** 2 + variance)
+    variance = adjust(rows, robot, u95 / NORMAL_95, source, axes, zeros=zeros).by_robot(certainty)[1]
+    sigma = np.sqrt((u95 / NORMAL_95) ** 2 + variance)
     most = len(rows) // ROWS_FOR_AN_OUTLIER
     adjusted = adjust(rows, robot, sigma, source, axes, zeros=zeros)
     while True:
@@ -236,7 +237,7 @@ def _zeros_in_words(adjusted: Adjusted, arm: Arm, before: Sequence[Touch], C: Fl
         return []
     row = {touch.row: touch for touch in before}[adjusted.touches[0].row]
     moved = (adjusted.touches[0].q - row.q)[np.array(adjusted.zeros) - 1]
-    half = COVERAGE * np.sqrt(np.diagonal(C)[-len(adjusted.zeros) :])
+    half = NORMAL_95 * np.sqrt(np.diagonal(C)[-len(adjusted.zeros) :])
     return [
         *zeros_in_words(arm, adjusted.zeros, moved, half),
         "tools and work objects here are those after mastering, and so are the joints of the touches in this file",
@@ -283,7 +284,7 @@ def _covariance(
     if contacts is not None:
         kept = [k for k, row in enumerate(contacts.rows) if row in rows]
         equations = np.concatenate([np.flatnonzero(touch == rows.index(contacts.rows[k])) for k in kept])
-        weight = adjusted.problem.weights[touch[equations]] * COVERAGE / adjusted.problem.typical
+        weight = adjusted.problem.weights[touch[equations]] * NORMAL_95 / adjusted.problem.typical
         moved = pseudo[:, equations] * weight
         points = (3 * np.array(kept)[:, None] + np.arange(3)).ravel()
         C = C + moved @ contacts.covariance[np.ix_(points, points)] @ moved.T

@@ -33,9 +33,9 @@ from irbcal.measurement.lens import with_lenses
 from irbcal.measurement.recordings import FLANGE, easy_handeye
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.certainty import COVERAGE
 from irbcal.modeling.robot import Robot
 from irbcal.safe_files import refuse_overwriting, write_set
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Content, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
@@ -439,7 +439,7 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
         by_poses += (by[:, told] @ (V.T @ y[pose == k] / np.sqrt(np.maximum(share, ALL_TOLD)))[told]) ** 2
         by_poses += noise * (by[:, ~told] ** 2).sum(axis=1)
     student = stdtrit(max(len(poses) - 1, 1), 0.975)
-    return np.asarray(np.maximum(COVERAGE * np.sqrt(of_corners * variance), student * np.sqrt(by_poses)))
+    return np.asarray(np.maximum(NORMAL_95 * np.sqrt(of_corners * variance), student * np.sqrt(by_poses)))
 
 
 def within_pixels(problem: FeatureProblem, state: FeatureState) -> float:

@@ -14,11 +14,10 @@ from pydantic import Field, model_validator
 from irbcal.arrays import FloatArray
 from irbcal.modeling.levels import Level
 from irbcal.section import Name, Section, Sentence, Word
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM, UNIT_OUTSIDE
 
-NORMAL_95 = 1.959964
-"""Standard deviations of an interval that holds 95 % of a Gaussian's values."""
 ParameterState: TypeAlias = Literal["identified", "tied", "held"]
 NATS = 5.0
 """Log evidence that a part of the terms must be worth to count as shown: odds of 150 to 1; false alarms are counted on

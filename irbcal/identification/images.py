@@ -33,6 +33,7 @@ from irbcal.identification.observation_kind import (
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel, typical_u95
 from irbcal.modeling import frames
+from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
 
 NEAREST = 1e-3
@@ -354,7 +355,7 @@ class Image(Kind):
         assert misses.size is not None
         corners = _corners(obs)
         count = np.isfinite(corners[:, :, 2]).sum(axis=1)
-        expected = float(np.nanmedian(corners[:, :, 4])) / 1.96
+        expected = float(np.nanmedian(corners[:, :, 4])) / NORMAL_95
         spare = np.maximum(2 * count - misses.r.shape[1], 1)
         residual = np.maximum(misses.size**2 - (misses.r**2).sum(axis=1), 0.0) * count / spare
         pixel = per_pixel(corners)

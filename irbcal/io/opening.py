@@ -25,7 +25,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.options import shown
 
 SAME_ROBOT = 1e-9
-"""Metres and radians within which a nominal robot put together again is the one that the calibration began from."""
+"""Metres and radians within which two nominal robots are the same: one put together again, or of two calibrations."""
 
 
 MOST_REMEMBERED, LARGEST_REMEMBERED = 8, 2**25

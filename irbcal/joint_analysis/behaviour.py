@@ -75,6 +75,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, span
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table, simulated_mark
 from irbcal.units import DEG, MM
 
@@ -716,7 +717,7 @@ def _binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> FloatArray:
     for k in range(len(edges) - 1):
         in_bin = y[which == k]
         if len(in_bin) >= 5:
-            out.append((x[which == k].mean(), in_bin.mean(), 1.96 * in_bin.std(ddof=1) / np.sqrt(len(in_bin))))
+            out.append((x[which == k].mean(), in_bin.mean(), NORMAL_95 * in_bin.std(ddof=1) / np.sqrt(len(in_bin))))
     return np.array(out).reshape(-1, 3).T
 
 

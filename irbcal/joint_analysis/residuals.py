@@ -56,6 +56,7 @@ from irbcal.modeling.terms import geometry as geometry_terms
 from irbcal.modeling.terms import move as last_move
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term, own_axis, own_unit
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
@@ -131,7 +132,7 @@ class ResidualAnalysis(Result):
             return np.bincount(which, values, len(count)) / np.maximum(count, 1)
 
         middle, level = mean(q[here]), mean(angle[here])
-        half = 1.96 * np.sqrt(mean((angle[here] - level[which]) ** 2) / np.maximum(count - 1, 1))
+        half = NORMAL_95 * np.sqrt(mean((angle[here] - level[which]) ** 2) / np.maximum(count - 1, 1))
         return np.column_stack([middle, level, half])[count >= FEWEST_IN_BIN]
 
     def report(self) -> Sequence[Paragraph]:

@@ -19,6 +19,7 @@ from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Content
 
 LEAST = 5
@@ -229,7 +230,7 @@ def _fit(
     except cv2.error:
         raise MeasurementError("the pictures do not tell the lens: tilt the board more", file=source) from None
     numbers = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *np.ravel(d)[:5]], dtype=float)
-    u95 = 1.96 * np.ravel(deviations)[:9].astype(float)
+    u95 = NORMAL_95 * np.ravel(deviations)[:9].astype(float)
     if not (np.isfinite(numbers).all() and np.isfinite(u95).all()):
         raise MeasurementError("the pictures do not tell the lens: tilt the board more", file=source)
     return numbers, u95, np.ravel(each).astype(float)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.measurement.columns import joint_units
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table
 
 if TYPE_CHECKING:
@@ -31,9 +32,6 @@ readings that are off by a constant or by a share of the joint itself (a gear ra
 
 BESIDE = 0.1
 """A pose counts for a joint if the others, which tell the factor, moved by this share of its own move or more."""
-
-NORMAL_95 = 1.96
-"""Half-width of a 95 % interval in standard errors."""
 
 VERDICT = "the readings were taken before the arm stood still"
 

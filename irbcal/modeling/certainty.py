@@ -22,11 +22,10 @@ from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import BLOCK, basis_values, term_columns
 from irbcal.section import Name, Section
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 
-COVERAGE = 1.96
-"""Standard deviations of an interval that holds 95 % of a Gaussian's values."""
 HISTORY = ("direction", "share_of_move")
 """Bases whose value is between -1 and 1, and unknown without the stop before."""
 OUTSIDE = 0.01
@@ -283,7 +282,7 @@ class Certainty(Locked):
         loo = self.determined_left_out(target, in_order)
         position, covariance, outside = self.positions(walk, motion, previous, point, target, T_world_base)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
-        return Prediction(position, covariance, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0), outside)
+        return Prediction(position, covariance, NORMAL_95 * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0), outside)
 
     def positions(
         self,
@@ -335,7 +334,7 @@ class Certainty(Locked):
             for end in (slice(None, -1), slice(1, None)):
                 spread += np.sum(np.einsum("hkm,km->hm", sides[..., end], u) ** 2, axis=0) * ~known[end]
             length[start : start + BLOCK], variance[start : start + BLOCK] = each, spread
-        return length, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + 2.0 * loo**2 / 3.0)
+        return length, NORMAL_95 * np.sqrt(np.maximum(variance, 0.0) + 2.0 * loo**2 / 3.0)
 
 
 def known_moves(motion: Motion, previous: ArrayLike | None) -> BoolArray:

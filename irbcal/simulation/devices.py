@@ -43,6 +43,7 @@ from irbcal.options import seed as check_seed
 from irbcal.simulation import shipped_cells
 from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
 from irbcal.simulation.virtual_cell import VirtualCell
+from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, LARGEST_PAYLOAD_KG, MM
 
@@ -74,7 +75,7 @@ def camera_imaging(reach: float, noise: float) -> Imaging:
     square = max(round(SQUARE * reach / MM), 2.0) * MM
     board = Board("charuco", *SQUARES, square, MARKER * square, "DICT_5X5_100")
     imaging = Imaging(np.array(LENS), (), board, SIZE)
-    return Imaging(imaging.lens, (), board, SIZE, round(1.96 * pixel_noise(imaging, reach, noise), 4) or 1e-3)
+    return Imaging(imaging.lens, (), board, SIZE, round(NORMAL_95 * pixel_noise(imaging, reach, noise), 4) or 1e-3)
 
 
 def pixel_noise(imaging: Imaging, reach: float, noise: float) -> float:

@@ -18,11 +18,11 @@ from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
-from irbcal.modeling.certainty import COVERAGE
 from irbcal.modeling.home import home_joints
 from irbcal.modeling.inverse import closed_form
 from irbcal.simulation.effects import size_of
 from irbcal.simulation.virtual_cell import VirtualCell
+from irbcal.statistics import NORMAL_95
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class PartCell(Locked):
             "name": ["tGrip"] * SIDES + ["wPart"] * len(POINTS),
             "point": ["socket"] * SIDES + [*POINTS],
             "tool": "tGrip",
-            "u95_mm": max(COVERAGE * noise, 0.001 * MM) / MM,
+            "u95_mm": max(NORMAL_95 * noise, 0.001 * MM) / MM,
         }
         arm = self.cell.arm
         joints = np.round(arm.to_controller(q) / arm.joint_units, 7)

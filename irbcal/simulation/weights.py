@@ -21,12 +21,10 @@ from irbcal.io import urdf_xml
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.gravity import VECTORS
+from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import AXES, Term
 from irbcal.modeling.terms.term_map import TermMap
-
-GRAVITY = 9.81
-"""Metres per second squared, along -z of the base link."""
 
 Amounts: TypeAlias = list[tuple[Term, float]]
 """Terms of the error model and their coefficients, in the terms' units."""
@@ -161,7 +159,7 @@ def weight_terms(arm: Arm, bodies: Bodies, compliance: Mapping[str, ArrayLike]) 
             out += [
                 (
                     Term(int(j), axis, "gravity", 1.0, family, family, "rad", {"link": k + 1, "vector": VECTORS[b]}),
-                    float(GRAVITY * soft[j] * lever[k, b]),
+                    float(STANDARD_GRAVITY * soft[j] * lever[k, b]),
                 )
                 for k in range(j, len(V))
                 for b in range(3)
