@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.declared_options import takes_fields_of
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Record
@@ -34,17 +35,6 @@ from irbcal.validation.cleaned_points import (
     refuse_far_points,
 )
 from irbcal.validation.conformity import Conformity, Region, conformity, region
-from irbcal.validation.length_scale import length_scale, scale_in_words
-from irbcal.validation.provenance import Origin, origin
-from irbcal.validation.refit import Refit
-from irbcal.validation.verdict import Verdict, counted
-from irbcal.validation.verdict import verdict as verdict_of_points
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from irbcal.plotting.pose_errors import PoseErrorPlots
-from irbcal.declared_options import takes_fields_of
 from irbcal.validation.evaluation_options import EvaluationOptions
 from irbcal.validation.frame_of_calibration import carrying
 from irbcal.validation.judged_points import (
@@ -58,6 +48,16 @@ from irbcal.validation.judged_points import (
     joined_pieces,
     prepared,
 )
+from irbcal.validation.length_scale import length_scale, scale_in_words
+from irbcal.validation.provenance import Origin, origin
+from irbcal.validation.refit import Refit
+from irbcal.validation.verdict import Verdict, counted
+from irbcal.validation.verdict import verdict as verdict_of_points
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from irbcal.plotting.pose_errors import PoseErrorPlots
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -29,13 +29,13 @@ from irbcal.validation.cleaned_points import (
     without_fitted,
 )
 from irbcal.validation.conformity import Requirement, requirement
+from irbcal.validation.evaluation_options import EvaluationOptions
+from irbcal.validation.frame_of_calibration import carrying, in_frame_of_calibration
 from irbcal.validation.provenance import checked_info
 from irbcal.validation.refit import Refit
 
 if TYPE_CHECKING:
     import pandas as pd
-from irbcal.validation.evaluation_options import EvaluationOptions
-from irbcal.validation.frame_of_calibration import carrying, in_frame_of_calibration
 
 PARTS = ("per_target", "per_group", "per_payload", "per_group_payload")
 MODELS = ("nominal", "calibrated")
