@@ -72,6 +72,6 @@ from .validation.iso9283_check import iso9283 as iso9283
 from .validation.iso9283_check import iso9283_plan as iso9283_plan
 from .validation.tracker_check import tracker as tracker
 from .validation.verification import verify as verify
-from .viewer.view import view as view
+from .viewer.building import view as view
 
 __version__: str

@@ -126,14 +126,14 @@ def plan(
 def _write_plan(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tuple[Path, ...]]:
     """A plan and its files; a folder that had to be made for it goes where there is none."""
     from irbcal.safe_files import made_folders
-    from irbcal.viewer import view
+    from irbcal.viewer.building import plan_page
 
     with made_folders(out), show.progress(12, quiet=json) as step:
         step("robot")
         made = public("plan")(**options, progress=step)
         step("files")
         try:
-            page = view.plan_page(made)
+            page = plan_page(made)
         except ModuleNotFoundError as error:
             if error.name != "meshcat":
                 raise

@@ -453,7 +453,7 @@ class Plan(Result):
         ----------
         folder : str or Path
         page : str, optional
-            The plan to look at, HTML; see `irbcal.viewer.view.plan_page`.
+            The plan to look at, HTML; see `irbcal.viewer.building.plan_page`.
 
         Returns
         -------

@@ -1,12 +1,12 @@
-"""A scene from what a view is asked for."""
+"""A view from what it is asked for: `irbcal.view`, and the page of a plan."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -23,6 +23,7 @@ from irbcal.io.urdf_xml import MeshFolders, MeshProblem, XmlElement
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import home_joints
 from irbcal.modeling.robot import Robot
 from irbcal.simulation.instruments import IRB1600_CUBE, IRB1600_P1
 from irbcal.units import MM
@@ -32,6 +33,10 @@ from irbcal.viewer import scene as point_sets
 from irbcal.viewer import shapes
 from irbcal.viewer.scene import CellFrame, Drawn, Mode, PageScene, PlanLike, Points, WhichModel
 from irbcal.viewer.shapes import Link, links, origin, reach, vector
+from irbcal.viewer.view import View
+
+if TYPE_CHECKING:
+    from irbcal.planning.measuring_plan import Plan
 
 MAX_MESH_BYTES = 100_000_000
 MAX_TRIANGLES = 2_000_000
@@ -257,21 +262,64 @@ CubeLike: TypeAlias = tuple[ArrayLike, float]
 """Centre (3,) and edge of a cube, metres."""
 
 
-def build(
+def view(
     source: RobotLike,
     measurements: MeasurementsLike | None = None,
     *,
     plan: PlanLike | None = None,
     magnify: float | None = None,
     package_dirs: Sequence[str | Path] = (),
-    cube: CubeLike | None = None,
+    cube: tuple[ArrayLike, float] | None = None,
     refit_base: bool = False,
     refit_tool: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     cell: CellFile | str | Path | None = None,
-) -> PageScene:
-    """Gather a scene; arguments and errors as `irbcal.viewer.view.view`."""
+) -> View:
+    """Look at a calibration, or at a robot.
+
+    Parameters
+    ----------
+    source : str, Path, or a calibration
+        Calibration folder or a calibration; a URDF or a shipped robot's name (then there is nothing measured to show).
+    measurements : str, Path, DataFrame or MeasurementSet, optional
+        Measured points; a table that holds joints only is taken as a plan. Without it, the joints have sliders.
+    plan : str, Path, DataFrame or array_like of shape (n, joints), optional
+        Joints to walk through, linearly from pose to pose: a table (columns q1_deg …), or an array in radians (metres
+        for prismatic joints).
+    magnify : float, optional
+        Magnification of the error vectors; by default a round number that makes them visible.
+    package_dirs : sequence of str or Path
+        See `irbcal.read_urdf`.
+    cube : (array_like of shape (3,), float), optional
+        ISO 9283 cube: centre in the base link and edge, metres. By default that of the IRB 1600, for it only.
+    refit_base : bool
+        Place the base anew on the measurements (tracker or robot was moved).
+    refit_tool : bool
+        Place the targets anew (reflectors were mounted anew, or a calibration without a tracker has none): on half of
+        the poses, the others are shown.
+    base_link, tip_link : str, optional
+        See `irbcal.read_urdf`.
+    cell : CellFile, str or Path, optional
+        Tools and work objects to draw, of a file that ``irbcal cell`` wrote with this calibration; labels have what
+        holds 95 % of the errors of their coordinates.
+
+    Raises
+    ------
+    OptionError
+        If the magnification is not above zero and at most 1e6.
+    RobotError
+        If there is no such robot, its URDF cannot be used, or plan or cube do not fit it.
+    CalibrationError
+        If a calibration cannot be read, or does not hold the robot's looks.
+    MeasurementError
+        If measurements are refused, or given together with a plan or for a robot that is not calibrated.
+
+    Examples
+    --------
+    >>> view = irbcal.view("my-robot", "verification.csv", magnify=200)  # doctest: +SKIP
+    >>> view.save("view.html")  # doctest: +SKIP
+    """
     if magnify is not None and not 0 < magnify <= LARGEST_MAGNIFICATION:
         raise OptionError(f"the magnification must be above 0 and at most 1e6, found {magnify:g}", parameter="magnify")
     opened = open_robot(source, base_link=base_link, tip_link=tip_link, package_dirs=package_dirs)
@@ -301,7 +349,7 @@ def build(
     errors = list(each.values()) or None
     size = reach(tree)
     section = None if opened.record is None else opened.record.features
-    return PageScene(
+    scene = PageScene(
         title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
         simulated=shown.simulated,
         mode=shown.mode,
@@ -333,6 +381,10 @@ def build(
         at_features=rows,
         cell=_cell_frames(cell, opened),
     )
+    return View(scene)
+
+
+setattr(view, "show", view)  # noqa: B010 - `irbcal.view.show` is what the function was called first
 
 
 def _cell_frames(cell: CellFile | str | Path | None, opened: Opened) -> tuple[CellFrame, ...]:
@@ -511,3 +563,40 @@ def _cube(cube: CubeLike | None, nominal: Arm) -> tuple[FloatArray, float] | Non
         return None
     flange = nominal.forward(IRB1600_P1)[0, :3, 3]
     return IRB1600_CUBE if np.linalg.norm(flange - IRB1600_CUBE[0]) < 0.02 * MM else None
+
+
+def plan_page(plan: Plan) -> str:
+    """The page of a plan, self-contained HTML: robot, tracker, cube, reflectors and their way from pose to pose."""
+    scene, setting, options = plan.scene, plan.scene.setting, plan.options
+    view_page = view(
+        options.robot,
+        plan=np.array(plan.q),
+        package_dirs=options.package_dirs,
+        cube=scene.cube,
+        base_link=options.base_link,
+        tip_link=options.tip_link,
+    ).scene
+    pose, target, xyz, _ = plan.expected()
+    T_scene_world = frames.inverse(scene.T_world_base)
+    return View(
+        replace(
+            view_page,
+            robot=setting.robot.replace(T_world_base=scene.T_world_base),
+            targets=dict(zip(setting.targets.names, setting.targets.places, strict=True)),
+            points=Points(pose, target, frames.apply(T_scene_world, xyz)),
+            groups=plan.groups,
+            path=_way(plan),
+            over_home=(home_joints(setting.arm), np.flatnonzero(plan.over_home)),
+            T_scene_world=T_scene_world,
+            tracker=True,
+        )
+    ).html
+
+
+def _way(plan: Plan) -> FloatArray:
+    """Way of the first reflector from home over all poses and back in the base link, (k, 3), metres."""
+    from irbcal.planning import measuring_plan, route
+
+    setting, q_stops = plan.scene.setting, measuring_plan.moves(plan).q
+    q, _ = route.between(q_stops[:-1], q_stops[1:], setting.arm.table.prismatic)
+    return setting.places(q)[1][:, 0]

@@ -12,9 +12,9 @@ from irbcal.correction.fake_targets import next_to_singularities
 from irbcal.correction.filtered import Filtered
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG
-from irbcal.viewer.building import default_magnification, scale_top
+from irbcal.viewer.building import default_magnification, scale_top, view
 from irbcal.viewer.scene import Points, WhichModel
-from irbcal.viewer.view import View, view
+from irbcal.viewer.view import View
 
 if TYPE_CHECKING:
     from irbcal.io.opening import CalibrationLike

@@ -16,9 +16,9 @@ do not know, and whoever asks for anything else gets nothing.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -27,23 +27,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
 from irbcal.errors import IrbcalError
-from irbcal.modeling import frames
-from irbcal.modeling.home import home_joints
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
-from irbcal.viewer.scene import Points
 
 if TYPE_CHECKING:
     import pandas as pd
-    from numpy.typing import ArrayLike
 
-    from irbcal.cell.cell_file import CellFile
-    from irbcal.io.opening import RobotLike
-    from irbcal.measurement.table import MeasurementsLike
-    from irbcal.planning.measuring_plan import Plan
-    from irbcal.viewer.scene import PageScene, PlanLike, WhichModel
+    from irbcal.viewer.scene import PageScene, WhichModel
 
 
 ADDRESS = "127.0.0.1"
@@ -142,89 +133,6 @@ def _handler(body: bytes, token: str) -> type[BaseHTTPRequestHandler]:
     return Handler
 
 
-__all__ = ["View", "view"]
-
-
-def view(
-    source: RobotLike,
-    measurements: MeasurementsLike | None = None,
-    *,
-    plan: PlanLike | None = None,
-    magnify: float | None = None,
-    package_dirs: Sequence[str | Path] = (),
-    cube: tuple[ArrayLike, float] | None = None,
-    refit_base: bool = False,
-    refit_tool: bool = False,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    cell: CellFile | str | Path | None = None,
-) -> View:
-    """Look at a calibration, or at a robot.
-
-    Parameters
-    ----------
-    source : str, Path, or a calibration
-        Calibration folder or a calibration; a URDF or a shipped robot's name (then there is nothing measured to show).
-    measurements : str, Path, DataFrame or MeasurementSet, optional
-        Measured points; a table that holds joints only is taken as a plan. Without it, the joints have sliders.
-    plan : str, Path, DataFrame or array_like of shape (n, joints), optional
-        Joints to walk through, linearly from pose to pose: a table (columns q1_deg …), or an array in radians (metres
-        for prismatic joints).
-    magnify : float, optional
-        Magnification of the error vectors; by default a round number that makes them visible.
-    package_dirs : sequence of str or Path
-        See `irbcal.read_urdf`.
-    cube : (array_like of shape (3,), float), optional
-        ISO 9283 cube: centre in the base link and edge, metres. By default that of the IRB 1600, for it only.
-    refit_base : bool
-        Place the base anew on the measurements (tracker or robot was moved).
-    refit_tool : bool
-        Place the targets anew (reflectors were mounted anew, or a calibration without a tracker has none): on half of
-        the poses, the others are shown.
-    base_link, tip_link : str, optional
-        See `irbcal.read_urdf`.
-    cell : CellFile, str or Path, optional
-        Tools and work objects to draw, of a file that ``irbcal cell`` wrote with this calibration; labels have what
-        holds 95 % of the errors of their coordinates.
-
-    Raises
-    ------
-    OptionError
-        If the magnification is not above zero and at most 1e6.
-    RobotError
-        If there is no such robot, its URDF cannot be used, or plan or cube do not fit it.
-    CalibrationError
-        If a calibration cannot be read, or does not hold the robot's looks.
-    MeasurementError
-        If measurements are refused, or given together with a plan or for a robot that is not calibrated.
-
-    Examples
-    --------
-    >>> view = irbcal.view("my-robot", "verification.csv", magnify=200)  # doctest: +SKIP
-    >>> view.save("view.html")  # doctest: +SKIP
-    """
-    from irbcal.viewer import building
-
-    return View(
-        building.build(
-            source,
-            measurements,
-            plan=plan,
-            magnify=magnify,
-            package_dirs=package_dirs,
-            cube=cube,
-            refit_base=refit_base,
-            refit_tool=refit_tool,
-            base_link=base_link,
-            tip_link=tip_link,
-            cell=cell,
-        )
-    )
-
-
-setattr(view, "show", view)  # noqa: B010 - `irbcal.view.show` is what the function was called first
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class View(Result):
     """A scene and its page."""
@@ -269,7 +177,6 @@ class View(Result):
         predicts it), and where they are known ``measured_x_m`` …, ``nominal_x_m`` …, ``error_calibrated_m``,
         ``error_nominal_m``, ``turn_calibrated_rad``, ``turn_nominal_rad``.
         """
-        import numpy as np
         import pandas as pd
 
         scene, points = self.scene, self.scene.points
@@ -379,40 +286,3 @@ def _errors(scene: PageScene) -> list[Paragraph]:
         ]
         lines += [f"{title}{kind}: {'; '.join(figures)}"] if figures else []
     return lines
-
-
-def plan_page(plan: Plan) -> str:
-    """The page of a plan, self-contained HTML: robot, tracker, cube, reflectors and their way from pose to pose."""
-    scene, setting, options = plan.scene, plan.scene.setting, plan.options
-    view_page = view(
-        options.robot,
-        plan=np.array(plan.q),
-        package_dirs=options.package_dirs,
-        cube=scene.cube,
-        base_link=options.base_link,
-        tip_link=options.tip_link,
-    ).scene
-    pose, target, xyz, _ = plan.expected()
-    T_scene_world = frames.inverse(scene.T_world_base)
-    return View(
-        replace(
-            view_page,
-            robot=setting.robot.replace(T_world_base=scene.T_world_base),
-            targets=dict(zip(setting.targets.names, setting.targets.places, strict=True)),
-            points=Points(pose, target, frames.apply(T_scene_world, xyz)),
-            groups=plan.groups,
-            path=_way(plan),
-            over_home=(home_joints(setting.arm), np.flatnonzero(plan.over_home)),
-            T_scene_world=T_scene_world,
-            tracker=True,
-        )
-    ).html
-
-
-def _way(plan: Plan) -> FloatArray:
-    """Way of the first reflector from home over all poses and back in the base link, (k, 3), metres."""
-    from irbcal.planning import measuring_plan, route
-
-    setting, q_stops = plan.scene.setting, measuring_plan.moves(plan).q
-    q, _ = route.between(q_stops[:-1], q_stops[1:], setting.arm.table.prismatic)
-    return setting.places(q)[1][:, 0]

@@ -19,7 +19,7 @@ from irbcal.viewer import scene as points
 
 @pytest.fixture(scope="module")
 def shown(cell):
-    return building.build(cell / "cal", cell / "poses.csv")
+    return building.view(cell / "cal", cell / "poses.csv").scene
 
 
 def tips(drawn, values):
@@ -52,7 +52,7 @@ def test_orientation_errors_are_those_that_evaluate_reports(cell, tmp_path):
     irbcal.save(irbcal.calibrate(cell / "fit.csv", "irb1600", "26", holdout=10, as_poses=True), tmp_path)
     saved = irbcal.load(tmp_path)
     reported = irbcal.evaluate(saved, cell / "poses.csv").orientation
-    points = building.build(saved, cell / "poses.csv").points
+    points = building.view(saved, cell / "poses.csv").scene.points
     for name in ("nominal", "calibrated"):
         turns = np.degrees(getattr(points, f"turn_{name}"))
         assert len(turns) == reported[name]["n"] == 40
@@ -85,10 +85,10 @@ def test_no_tracker_where_the_frame_is_made_of_references(shown):
 
 
 def test_without_measurements_there_are_sliders(cell):
-    alone = building.build(cell / "cal")
+    alone = building.view(cell / "cal").scene
     assert (alone.mode, alone.points, len(alone.q)) == ("sliders", None, 0)
     assert set(alone.targets) == {"smr1", "smr2", "smr3"}
-    bare = building.build("irb120")
+    bare = building.view("irb120").scene
     assert bare.ghost is None
     assert set(bare.targets) == {"tool0"}
 
@@ -97,7 +97,7 @@ def test_joints_alone_are_a_plan(cell, tmp_path):
     q = arm().random_joints(4, 8)
     path = tmp_path / "plan.csv"
     pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)]).to_csv(path, index=False)
-    planned = building.build(cell / "cal", path)
+    planned = building.view(cell / "cal", path).scene
     calibrated = irbcal.load(cell / "cal").robot_calibrated()
     assert planned.mode == "plan"
     assert planned.points.measured is None
@@ -110,54 +110,54 @@ def test_joints_alone_are_a_plan(cell, tmp_path):
     halfway = calibrated.points((q[1:2] + q[2:3]) / 2, "smr1")
     found = frames.apply(frames.inverse(planned.T_scene_world), planned.path[[steps + steps // 2]])
     np.testing.assert_allclose(found, halfway, rtol=0, atol=1e-9)
-    assert building.build("irb1600", plan=q).notes == ()
+    assert building.view("irb1600", plan=q).scene.notes == ()
     q[2:, 1] += 10
-    assert "pose 3 and 1 more" in building.build("irb1600", plan=q).notes[0]
+    assert "pose 3 and 1 more" in building.view("irb1600", plan=q).scene.notes[0]
     assert points.is_plan(path)
     assert not points.is_plan(cell / "poses.csv")
     assert not points.is_plan(tmp_path / "absent.csv")
 
 
 def test_cube_of_the_irb1600_and_of_no_other():
-    centre, edge = building.build("irb1600").cube
+    centre, edge = building.view("irb1600").scene.cube
     # erratum: P2 to P5 lie 271.93 mm along each axis from P1, 91.9 mm from the corners along the diagonal
     assert abs(np.sqrt(3) * (edge / 2 - 0.27193) - 0.0919) < 1e-4
     assert np.allclose(centre, [0.6456547, 0.0, 1.165707], rtol=0, atol=1e-12)
-    assert building.build("irb120").cube is None
-    assert building.build("irb120", cube=([0.3, 0, 0.4], 0.2)).cube[1] == 0.2
+    assert building.view("irb120").scene.cube is None
+    assert building.view("irb120", cube=([0.3, 0, 0.4], 0.2)).scene.cube[1] == 0.2
 
 
 @pytest.mark.parametrize("cube", [([0, 0], 0.5), ([0, 0, 0], 0.0), ([0, 0, np.nan], 0.5)])
 def test_wrong_cubes_are_refused(cube):
     with pytest.raises(RobotError, match="cube"):
-        building.build("irb120", cube=cube)
+        building.view("irb120", cube=cube)
 
 
 def test_refusals(cell, tmp_path):
     q = np.zeros((2, 6))
     with pytest.raises(MeasurementError, match="calibration folder only"):
-        building.build("irb1600", cell / "poses.csv")
+        building.view("irb1600", cell / "poses.csv")
     with pytest.raises(MeasurementError, match="not both"):
-        building.build(cell / "cal", cell / "poses.csv", plan=q)
+        building.view(cell / "cal", cell / "poses.csv", plan=q)
     with pytest.raises(RobotError, match="shape"):
-        building.build("irb1600", plan=np.zeros((2, 5)))
+        building.view("irb1600", plan=np.zeros((2, 5)))
     with pytest.raises(IrbcalError, match="magnification"):
-        building.build(cell / "cal", cell / "poses.csv", magnify=-3)
+        building.view(cell / "cal", cell / "poses.csv", magnify=-3)
     with pytest.raises(MeasurementError, match="no such file"):
-        building.build(cell / "cal", tmp_path / "absent.csv")
+        building.view(cell / "cal", tmp_path / "absent.csv")
     with pytest.raises(RobotError, match="does not exist"):
-        building.build("no-such-robot")
+        building.view("no-such-robot")
     table = pd.read_csv(cell / "poses.csv")
     table[["x_mm", "y_mm", "z_mm"]] += 3000
     table.to_csv(tmp_path / "elsewhere.csv", index=False)
     with pytest.raises(MeasurementError, match="refit-base"):
-        building.build(cell / "cal", tmp_path / "elsewhere.csv")
-    moved = building.build(cell / "cal", tmp_path / "elsewhere.csv", refit_base=True)
+        building.view(cell / "cal", tmp_path / "elsewhere.csv")
+    moved = building.view(cell / "cal", tmp_path / "elsewhere.csv", refit_base=True).scene
     assert np.linalg.norm(moved.points.error(), axis=1).max() < 2 * MM
 
 
 def test_a_calibration_of_a_shipped_robot_needs_no_folder(cell, shown):
-    again = building.build(irbcal.load(cell / "cal"), cell / "poses.csv")
+    again = building.view(irbcal.load(cell / "cal"), cell / "poses.csv").scene
     assert_same_poses(tips(again.drawn, again.effective), tips(shown.drawn, shown.effective), 1e-12, 1e-12)
     assert_same_poses(tips(again.ghost, again.q), tips(shown.ghost, shown.q), 1e-12, 1e-12)
 
@@ -166,13 +166,13 @@ def test_a_record_of_another_robot_has_no_looks(cell):
     record = open_calibration(irbcal.load(cell / "cal"))
     other = record.model_copy(update={"robot": record.robot.model_copy(update={"urdf_sha256": "0" * 64})})
     with pytest.raises(CalibrationError, match="does not hold the robot's looks: give its folder"):
-        building.build(other)
+        building.view(other)
 
 
 def test_links_are_chosen_for_a_urdf_only(cell):
-    assert building.build("irb120", tip_link="link_5").robot.arm.tip_link == "link_5"
+    assert building.view("irb120", tip_link="link_5").scene.robot.arm.tip_link == "link_5"
     with pytest.raises(RobotError, match="choose links for a URDF only"):
-        building.build(cell / "cal", tip_link="link_5")
+        building.view(cell / "cal", tip_link="link_5")
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +189,7 @@ def remembering(tmp_path_factory):
 def test_last_moves_and_frame_terms_count_as_in_report_and_evaluate(remembering):
     """Of the same points the report shows the same errors, evaluate too, and the robot stands where it was moved to."""
     saved = irbcal.load(remembering / "cal")
-    scene = building.build(remembering / "cal", remembering / "m.csv")
+    scene = building.view(remembering / "cal", remembering / "m.csv").scene
     table = saved.record.points
     reported = dict(zip(zip(table.pose, table.target, strict=True), table.calibrated_mm, strict=True))
     names = list(scene.targets)
@@ -210,7 +210,7 @@ def test_last_moves_and_frame_terms_count_as_in_report_and_evaluate(remembering)
 def test_intervals_of_the_shown_points_are_those_of_predict(remembering):
     saved = irbcal.load(remembering / "cal")
     robot = saved.robot_calibrated()
-    scene = building.build(remembering / "cal", remembering / "m.csv")
+    scene = building.view(remembering / "cal", remembering / "m.csv").scene
     mine = scene.points.target == 1
     rows = scene.points.pose[mine]
     before = np.concatenate([[np.full(6, np.nan)], scene.q[:-1]])
@@ -218,10 +218,10 @@ def test_intervals_of_the_shown_points_are_those_of_predict(remembering):
     np.testing.assert_allclose(scene.points.u95[mine], expected, rtol=0, atol=1e-7)
     size = np.abs(scene.points.error()).max(axis=1)
     assert 0.8 < np.mean(size < scene.points.u95) <= 1.0
-    planned = building.build(remembering / "cal", plan=scene.q[:5]).points
+    planned = building.view(remembering / "cal", plan=scene.q[:5]).scene.points
     expected = robot.predict(scene.q[:5], None, list(scene.targets)[1]).interval.max(axis=1)
     np.testing.assert_allclose(planned.u95[planned.target == 1], expected, rtol=0, atol=1e-12)
-    assert building.build("irb120", plan=scene.q[:5]).points.u95 is None
+    assert building.view("irb120", plan=scene.q[:5]).scene.points.u95 is None
 
 
 def test_meshes_stand_where_the_urdf_puts_them(packages):

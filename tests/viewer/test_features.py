@@ -46,7 +46,7 @@ def touched():
 
 def test_features_stand_at_their_fitted_places(touched):
     found, table = touched
-    scene = building.build(found, table)
+    scene = building.view(found, table).scene
     drawn = {one.name: one for one in scene.features}
     rows = {row.name: row.found | row.known for row in found.record.features.features}
     assert list(drawn) == [*TRUTH, "50 mm"]
@@ -93,18 +93,18 @@ def test_rows_miss_their_features_by_what_the_calibration_says(touched):
 
 def test_joints_alone_are_a_plan_and_features_still_stand(touched):
     found, table = touched
-    scene = building.build(found, table[[f"q{k}_deg" for k in range(1, 7)]].assign(pose=range(len(table))))
+    scene = building.view(found, table[[f"q{k}_deg" for k in range(1, 7)]].assign(pose=range(len(table)))).scene
     assert scene.mode == "plan"
     assert not scene.at_features
-    assert len(scene.features) == len(building.build(found).features) == 8
+    assert len(scene.features) == len(building.view(found).scene.features) == 8
 
 
 def test_strangers_are_named(touched):
     found, table = touched
     with pytest.raises(MeasurementError, match="does not know the feature elsewhere/0: it has left/0"):
-        building.build(found, table.assign(place="elsewhere"))
+        building.view(found, table.assign(place="elsewhere"))
     with pytest.raises(OptionError, match="do not place the base"):
-        building.build(found, table, refit_base=True)
+        building.view(found, table, refit_base=True)
 
 
 def test_figures_of_such_a_calibration_do_not_speak_of_position_errors(touched):
@@ -137,7 +137,7 @@ def test_cameras_and_boards_are_drawn_where_they_stand():
         table, known = cases.rows(kind, cases.arm(), 4, 0, 1e-6)
         own = cases.unknowns(kind, np.random.default_rng(0))
         found = irbcal.calibrate(table, "irb1600", features=known.fillna(""), leave_out="none")
-        scene = building.build(found, table)
+        scene = building.view(found, table).scene
         drawn = {one.name: one for one in scene.features}
         at = own["centre"]
         if kind == "image-on-tool":
@@ -159,7 +159,7 @@ def test_a_level_and_the_frame_of_whole_poses_have_bodies():
     found = irbcal.calibrate(
         table.where(table.notna(), "").assign(simulated="yes"), "irb1600", features=known, leave_out="none"
     )
-    drawn = {one.name: one for one in building.build(found).features}
+    drawn = {one.name: one for one in building.view(found).scene.features}
     assert set(drawn) == {"angle 0", "measuring frame"}
     up = frames.rotation_from_vector(np.array([0.01, -0.02, 0.0]))[:, 2]
     assert np.abs(drawn["angle 0"].T_scene[:3, 2] - up).max() < 1e-4
@@ -178,6 +178,6 @@ def test_a_tracker_looks_at_a_calibration_without_one(touched):
     table = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
     xyz = (p @ T[:3, :3].T + T[:3, 3]) / MM
     table = table.assign(pose=range(40), target="ball", x_mm=xyz[:, 0], y_mm=xyz[:, 1], z_mm=xyz[:, 2], simulated="yes")
-    scene = building.build(found, table, refit_base=True, refit_tool=True)
+    scene = building.view(found, table, refit_base=True, refit_tool=True).scene
     assert len(scene.q) == 20
     assert scene.points.distance("calibrated").max() < 2e-4

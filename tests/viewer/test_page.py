@@ -72,7 +72,7 @@ def test_robot_names_are_escaped_in_the_title(tmp_path):
 
 
 def test_every_body_is_recorded(cell):
-    scene = building.build(cell / "cal", cell / "poses.csv")
+    scene = building.view(cell / "cal", cell / "poses.csv").scene
     recorder = page.record(scene)
     commands = [umsgpack.unpackb(command) for command in recorder.commands]
     drawn = {command["path"] for command in commands if command["type"] == "set_object"}
@@ -82,7 +82,7 @@ def test_every_body_is_recorded(cell):
 
 
 def test_positions_reach_the_viewer_as_they_are(cell):
-    scene = building.build(cell / "cal", plan=np.zeros((2, 6)))
+    scene = building.view(cell / "cal", plan=np.zeros((2, 6))).scene
     commands = [umsgpack.unpackb(command) for command in page.record(scene).commands]
     k, mesh = next(iter(scene.meshes.items()))
     (command,) = [c for c in commands if c.get("path") == f"/irbcal/robot/{k}" and c["type"] == "set_object"]

@@ -9,13 +9,13 @@ from irbcal.modeling.home import home_joints
 from irbcal.planning import route
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import plan
-from irbcal.viewer import view
+from irbcal.viewer import building
 
 
 def test_the_page_opens_with_the_next_move(browser, tmp_path):
     made = plan("irb1600", axis=18, cube=0, all_range=2, without=SOLID, level="nominal")
     made = replace(made, over_home=np.arange(len(made.q)) == 2)
-    text = view.plan_page(made)
+    text = building.plan_page(made)
     for name in ("irb1600_6_145", "axis6", "all_range", "smr1"):
         assert name in text
     (tmp_path / "plan.html").write_text(text, encoding="utf-8")
@@ -62,4 +62,4 @@ def test_the_whole_way_is_that_of_the_program():
     q, _ = route.between(stops[:-1], stops[1:], arm.table.prismatic)
     T = arm.forward(q)
     expected = T[:, :3, :3] @ place + T[:, :3, 3]
-    np.testing.assert_allclose(view._way(made), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(building._way(made), expected, rtol=0, atol=1e-9)
