@@ -20,10 +20,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, Locked
+from irbcal.arrays import FloatArray, Locked, locked
 from irbcal.modeling import frames
 
 WORLD, FLOOR, BASE, FLANGE = "world", "floor", "base", "flange"
@@ -91,8 +92,14 @@ def screw_derivative(screw: FloatArray, e: FloatArray) -> FloatArray:
 
 def _shares(screw: FloatArray, e: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shares (s, 1) of the way to the largest turn, and their weights (s,), by Gauss and Legendre."""
-    x, weight = np.polynomial.legendre.leggauss(12 + int(np.abs(e).max(initial=0.0) * np.linalg.norm(screw[:3])))
-    return 0.5 * (x[:, None] + 1.0), 0.5 * weight
+    return _gauss(12 + int(np.abs(e).max(initial=0.0) * np.linalg.norm(screw[:3])))
+
+
+@cache
+def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
+    """So many shares and weights: numpy computes them anew each time, which took most of a screw's time."""
+    x, weight = np.polynomial.legendre.leggauss(count)
+    return locked(0.5 * (x[:, None] + 1.0)), locked(0.5 * weight)
 
 
 def screw_prior(screw: FloatArray, slides: bool) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -150,7 +150,7 @@ def test_residuals_have_their_derivatives_and_intervals_hold(robot, fixed):
     M = np.concatenate([exact.motions(*name, np.eye(3)) for name in names])
     std = np.sqrt(np.diagonal(M @ _covariance(exact, robot.certainty)[0] @ M.T))
     errors = []
-    for _ in range(100):
+    for _ in range(50):
         steps = [frames.inverse(exact.frame(*name)) @ found for name in names for found in [adjusted.frame(*name)]]
         errors.append(np.concatenate([np.r_[frames.vector_from_rotation(s[:3, :3]), s[:3, 3]] for s in steps]))
         adjusted = drawn(1e-4)
@@ -370,7 +370,7 @@ def test_drawn_errors_are_as_large_as_expected():
     q_true = np.array([row for name, row in zip(found.targets, found.q, strict=True) if name[0] == "p"])
     mean, u95 = part_errors(robot, cell, q_true, at).T
     errors = []
-    for _ in range(1500):
+    for _ in range(600):
         m, moved = size * rng.standard_normal(12), q_true.copy()
         moved[:, 1] += 2e-4 * rng.standard_normal()
         motions = [frames.transform(Rotation.from_rotvec(m[k : k + 3]).as_matrix(), m[k + 3 : k + 6]) for k in (0, 6)]

@@ -99,7 +99,7 @@ def test_intervals_hold_and_are_not_too_wide(monkeypatch, cameras, error):
     """Widths are those of the largest of three coordinates. What the robot errs is alike for both cameras of a rig."""
     monkeypatch.setattr("irbcal.cell.hand_eye.left_out", lambda problem, state, scale: 0.0 * scale)
     inside, width, off = [], [], []
-    for seed in range(10):
+    for seed in range(6):
         rows, known, truth = rig_cases.on_flange(12, seed, NOISE_PX, error, ("left", "right")[:cameras])
         result = hand_eye(rows, known)
         both = [
@@ -112,7 +112,7 @@ def test_intervals_hold_and_are_not_too_wide(monkeypatch, cameras, error):
     assert inside > 0.9
     scatter = 1.96 * np.sqrt(np.mean(off**2, axis=0)).reshape(-1, 2, 3).max(axis=2)
     ratio = width.mean(axis=0)[:, ::3] / scatter
-    assert ratio.max() < 1.7, ratio  # scatter of ten repetitions is known to a quarter
+    assert ratio.max() < 1.7, ratio  # scatter of six repetitions is known to a third
     assert len(result.rig) == cameras - 1
     assert ratio[-1].max() < 1.4, ratio
 
@@ -149,7 +149,7 @@ def test_it_is_never_worse_than_opencv():
     """All methods of calibrateHandEye and calibrateRobotWorldHandEye, from board poses by solvePnP; SIMULATED."""
     cv2 = pytest.importorskip("cv2")
     errors = {}
-    for seed in range(6):
+    for seed in range(4):
         rows, known, (T_flange_camera, _), T = simulated("image-on-tool", 12, seed, 0.3, 0.2 * MM)
         lens = np.array([[cases.LENS_OF[0], 0, cases.LENS_OF[2]], [0, cases.LENS_OF[1], cases.LENS_OF[3]], [0, 0, 1.0]])
         boards = []

@@ -222,7 +222,7 @@ def test_standard_deviations_of_the_last_row_with_a_known_tool(monkeypatch):
     q, groups = one_joint_moves(degrees=(-40, -20, 0, 20, 40))
     rng = np.random.default_rng(5)
     clean = measured(robot, q, groups=groups)
-    noisy = [replace(clean, xyz=clean.xyz + 3e-5 * rng.standard_normal(clean.xyz.shape)) for _ in range(30)]
+    noisy = [replace(clean, xyz=clean.xyz + 3e-5 * rng.standard_normal(clean.xyz.shape)) for _ in range(20)]
     calibrate = partial(calibrate_by_axes, nominal, known_targets=TARGETS)
     trials, first = with_deviations_of_the_first([partial(calibrate, p) for p in noisy], monkeypatch)
     scatter = np.std([[t.corrections.theta[5], t.corrections.d[5]] for t in trials], axis=0)
@@ -401,7 +401,7 @@ def test_standard_deviations_are_those_of_many_trials():
     q, groups = one_joint_moves(0.0, degrees=(-60, -40, -20, 0, 20, 40, 60))
     rng = np.random.default_rng(1)
     bases, tools, claimed = [], [], []
-    for _ in range(60):
+    for _ in range(30):
         points = measured(robot, q, 3e-5, rng, groups)
         base, tool = base_of_axes(nominal, points), tool_of_axes(nominal, points)
         turn = base.T_world_base[:3, :3] @ robot.T_world_base[:3, :3].T

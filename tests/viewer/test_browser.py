@@ -21,7 +21,7 @@ def measured(painting_browser, cell, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     table.to_csv(folder / "poses.csv", index=False)
     view = irbcal.view.show(cell / "cal", folder / "poses.csv")
-    return Opened(painting_browser, view.save(folder / "view.html")), view.scene
+    return Opened(painting_browser, view.save(folder / "view.html"), width=400, height=300), view.scene
 
 
 def test_page_of_measurements(measured, cell):

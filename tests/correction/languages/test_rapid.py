@@ -110,7 +110,7 @@ def check_rewriting(content, numbers):
     return True
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     st.lists(EDIT, min_size=0, max_size=4),
     NUMBERS,
