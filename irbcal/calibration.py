@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from irbcal.calibration_options import CalibrationOptions, Progress
+from irbcal.calibration_options import CalibrationOptions
 from irbcal.calibration_record import recorded
 from irbcal.declared_options import takes_fields_of
 from irbcal.errors import CalibrationError, OptionError
@@ -23,6 +23,7 @@ from irbcal.measurement.cleaning import left_out
 from irbcal.measurement.points import Errors
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
+from irbcal.options import Progress
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Proven, clean, doubt, fit, prove, read, split, with_commands
 from irbcal.reports.languages import PageLanguage

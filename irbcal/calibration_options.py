@@ -7,15 +7,15 @@ refused. An option that goes with others only is refused in `CalibrationOptions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
 
 from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields, given
 from irbcal.errors import OptionError
 from irbcal.identification.choices import FitMethod, Goal, Loss, ModelName, Objective, Parallel, Terms
-from irbcal.options import names, number, place
+from irbcal.options import Progress, names, number, place
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
@@ -31,8 +31,6 @@ HoldoutSplit: TypeAlias = Literal["random", "last"]
 SPLITS: tuple[HoldoutSplit, ...] = get_args(HoldoutSplit)
 HOLDOUT = 0.25
 """Share of the poses that are held out unless another is asked for."""
-Progress: TypeAlias = Callable[[str], Any]
-"""Called with a short text at each step."""
 
 URDF = HelpPanel("URDF")
 AT_FEATURES = "rows at features take it"

@@ -25,7 +25,7 @@ from irbcal.options import checked, names, number
 
 P = ParamSpec("P")
 Options = TypeVar("Options")
-Result = TypeVar("Result")
+R = TypeVar("R")
 
 REQUIRED = inspect.Parameter.empty
 
@@ -96,7 +96,7 @@ class DeclaredOption:
 # --- of an object's class -------------------------------------------------------------------------------------
 
 
-def takes_fields_of(options: Callable[P, Options]) -> Callable[[Callable[[Options], Result]], Callable[P, Result]]:
+def takes_fields_of(options: Callable[P, Options]) -> Callable[[Callable[[Options], R]], Callable[P, R]]:
     """Make a function of an object one of the object's fields: its signature and docstring list these.
 
     Parameters
@@ -110,9 +110,9 @@ def takes_fields_of(options: Callable[P, Options]) -> Callable[[Callable[[Option
         Decorates a function of one argument, an instance of that class.
     """
 
-    def decorate(function: Callable[[Options], Result]) -> Callable[P, Result]:
+    def decorate(function: Callable[[Options], R]) -> Callable[P, R]:
         @functools.wraps(function)
-        def call(*args: P.args, **kwargs: P.kwargs) -> Result:
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
             return function(options(*args, **kwargs))
 
         declared = fields_of(options)

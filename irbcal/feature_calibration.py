@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import FloatArray, locked
-from irbcal.calibration_options import CalibrationOptions, Progress
+from irbcal.calibration_options import CalibrationOptions
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_errors
 from irbcal.identification.choices import LEVELS
@@ -39,7 +39,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
-from irbcal.options import checked
+from irbcal.options import Progress, checked
 from irbcal.pipeline import Doubted, Inputs, PointErrors, Proven, next_step, robot_notes, source_of
 from irbcal.units import MM
 from irbcal.validation.feature_proof import FeatureProof

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, overload
 
 from irbcal.errors import OptionError
 
@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
 
 T = TypeVar("T", bound=str)
+
+Progress: TypeAlias = Callable[[str], object]
+"""Called with a short text at the beginning of each step."""
 
 LARGEST_PLACE = 100.0
 """Metres; a larger place or length in a robot cell is meant in millimetres."""

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, Locked, locked
-from irbcal.calibration_options import SPLITS, CalibrationOptions, Progress
+from irbcal.calibration_options import SPLITS, CalibrationOptions
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses
 from irbcal.identification.axes import GROUPS
@@ -53,7 +53,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
 from irbcal.names import check_names
-from irbcal.options import checked
+from irbcal.options import Progress, checked
 from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_outliers
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words

@@ -110,12 +110,25 @@ def test_no_circle():
             del arrows[module]
 
 
-def test_a_class_name_stands_once():
+def types_in(path):
+    """Names of classes and of aliases for types."""
+    for node in ast.walk(tree_of(path)):
+        match node:
+            case ast.ClassDef(name=name):
+                yield name
+            case ast.AnnAssign(target=ast.Name(id=name), annotation=ast.Name(id="TypeAlias")):
+                yield name
+            case ast.Assign(
+                targets=[ast.Name(id=name)], value=ast.Subscript(value=ast.Name(id="Literal" | "Callable"))
+            ):
+                yield name
+
+
+def test_a_name_of_a_type_stands_once():
     places = {}
     for path in FILES:
-        for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.ClassDef):
-                places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+        for name in types_in(path):
+            places.setdefault(name, []).append(str(path.relative_to(ROOT)))
     assert {name: paths for name, paths in places.items() if len(paths) > 1} == {}
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -30,7 +29,7 @@ from irbcal.io.urdf import speed_limits
 from irbcal.measurement import pieces
 from irbcal.modeling.robot import loaded
 from irbcal.names import csv_bytes
-from irbcal.options import number
+from irbcal.options import Progress, number
 from irbcal.safe_files import refuse_overwriting, write_set
 
 CHANGES = "changes.csv"
@@ -80,7 +79,7 @@ def correct(
     split_points: bool = False,
     frames_measured: bool = False,
     strict: bool = False,
-    progress: Callable[[str], Any] | None = None,
+    progress: Progress | None = None,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +20,7 @@ from irbcal.errors import ProgramError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import pieces
 from irbcal.modeling.robot import loaded
+from irbcal.options import Progress
 from irbcal.safe_files import write_set
 
 ROWS_BEFORE = 100
@@ -74,7 +74,7 @@ def correct_long_table(
     allow_partial: bool,
     payload: float | None,
     payload_place: ArrayLike | None,
-    progress: Callable[[str], Any] | None,
+    progress: Progress | None,
 ) -> Filtered:
     """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
     record = open_calibration(calibration)

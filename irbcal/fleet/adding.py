@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, timezone
 from pathlib import Path
@@ -26,6 +26,7 @@ from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
+from irbcal.options import Progress
 from irbcal.safe_files import read_bytes
 from irbcal.sessions import earlier_of
 from irbcal.summary import Paragraph, Result
@@ -224,7 +225,7 @@ def fleet_add(
     serial: str | None = None,
     date: str | None = None,
     jobs: int | None = None,
-    progress: Callable[[str], Any] | None = None,
+    progress: Progress | None = None,
 ) -> Added:
     """Add calibrations to a store; what it has already is found, not added again.
 

@@ -19,6 +19,7 @@ from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.columns import InputTable
 from irbcal.names import check_names
+from irbcal.options import Progress
 from irbcal.safe_files import check_writable, read_bytes, write_together
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.validation.verdict import verdict_of
@@ -308,7 +309,7 @@ def fleet_calibrate(
     *,
     jobs: int | None = None,
     engine: str | None = None,
-    progress: Callable[[str], Any] | None = None,
+    progress: Progress | None = None,
 ) -> CalibratedFleet:
     """Calibrate every robot of a list, each into its own folder, whole or not at all.
 

@@ -8,10 +8,9 @@ looked for: with some tens of sisters there is nothing to tell them from.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from irbcal.fleet.store import Estimate, Store, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.term_sets import WIDE, TypePrior
 from irbcal.io import prior_file
+from irbcal.options import Progress
 from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result, Table
 
@@ -69,7 +69,7 @@ def fleet_prior(
     store: str | Path = STORE,
     *,
     without: str | None = None,
-    progress: Callable[[str], Any] | None = None,
+    progress: Progress | None = None,
 ) -> FleetPrior:
     """Write what to expect of a robot of a type, from the last calibration of each sister.
 

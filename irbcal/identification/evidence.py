@@ -8,7 +8,7 @@ of the tracker's noise, not of the robot's errors elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -57,6 +57,7 @@ from irbcal.modeling.terms.harmonics import HIGHEST, LONGEST, band_group
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
+from irbcal.options import Progress
 from irbcal.section import in_unit
 from irbcal.statistics import f_beyond
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
@@ -77,8 +78,6 @@ GATE_CERTAINTY = 0.95
 LAG_FAMILIES = ("move",)
 """Families that cannot be told from readings that lag: joints lag by somewhat different shares of their moves. Where
 readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
-
-Progress = Callable[[str], object]
 
 
 @dataclass(eq=False)

@@ -19,7 +19,7 @@ from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import feature_problem, term_sets
 from irbcal.identification.choices import Goal, Level
-from irbcal.identification.evidence import Averaging, Progress
+from irbcal.identification.evidence import Averaging
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
@@ -57,6 +57,7 @@ from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
+from irbcal.options import Progress
 from irbcal.units import MM
 
 LEAST_SQUARES = Goal()

@@ -55,7 +55,7 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, levels_of, parameter, thesis_count
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.options import checked
+from irbcal.options import Progress, checked
 from irbcal.section import in_unit
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
@@ -673,7 +673,7 @@ def choose_level(
     points: PointSet,
     seed: int = 0,
     levels: Sequence[Level] | None = None,
-    progress: Callable[[str], object] | None = None,
+    progress: Progress | None = None,
     known_targets: Mapping[str, ArrayLike] | None = None,
 ) -> LevelChoice:
     """Compare levels by cross-validation over poses and choose one.

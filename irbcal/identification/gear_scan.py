@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from irbcal.identification.term_sets import TermSet
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.gear import HIGHEST, LOWEST, gear_terms
 from irbcal.modeling.terms.term import revolute
+from irbcal.options import Progress
 
 MOST = 12
 """Largest number of frequencies that are taken."""
@@ -91,7 +92,7 @@ def scan(
     term_set: TermSet,
     sums: NormalEquations,
     start: tuple[Posterior, Posterior],
-    progress: Callable[[str], object] | None = None,
+    progress: Progress | None = None,
     each_counts: bool = False,
 ) -> tuple[list[GearWave], GearSpectrum]:
     """Take the strongest frequency while it is beyond chance and the log evidence grows.

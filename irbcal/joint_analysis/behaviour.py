@@ -74,6 +74,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
+from irbcal.options import Progress
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, span
 from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table, simulated_mark
@@ -275,7 +276,7 @@ def joints(
     order: int = 2,
     frequency: float | Literal["free"] = 1.0,
     plots: str | Path | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> JointBehaviour:
     """Backlash, Fourier series, gains and stiffness joint by joint, and which of them this robot needs.
 

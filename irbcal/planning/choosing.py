@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.modeling.home import METRES_PER_DEGREE, home_joints, rounded
+from irbcal.options import Progress
 from irbcal.planning import route
 from irbcal.planning.conditions import Setting, counted, touching_on
 from irbcal.planning.optimal_design import (
@@ -26,9 +26,10 @@ from irbcal.planning.optimal_design import (
     compare,
     exchange,
 )
-from irbcal.planning.plan_options import PlanOptions, Step
+from irbcal.planning.plan_options import PlanOptions
 from irbcal.planning.scene import Scene
 from irbcal.simulation.instruments import turned_away
+from irbcal.simulation.pose_list import InRegion
 from irbcal.units import DEG, MM
 
 AXIS_CONDITIONS = ("limits", "collision", "sight")
@@ -39,9 +40,6 @@ BATCH = 5_000, 50_000
 """Random joints that are looked at together: at first, and when few are found."""
 MOST_TRIED = 2_000_000
 """Random joints after which the search for poses is given up."""
-
-Region: TypeAlias = "Callable[[FloatArray], BoolArray]"
-"""From tips (n, 3) in the base link, metres, to a mask (n,) of those inside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +81,7 @@ def joined(sources: Sequence[Poses]) -> Poses:
     return Poses(q, visible, groups, Tally())
 
 
-def in_cube(centre: ArrayLike, edge: float) -> Region:
+def in_cube(centre: ArrayLike, edge: float) -> InRegion:
     """A region: tip inside a cube with edges along the base link's axes."""
     middle = np.asarray(centre, dtype=float)
     return lambda tip: np.all(np.abs(tip - middle) <= edge / 2, axis=1)
@@ -94,7 +92,7 @@ def random_poses(
     count: int,
     group: str,
     seed: int,
-    region: Region | None = None,
+    region: InRegion | None = None,
     step: Callable[[int], None] | None = None,
 ) -> Poses:
     """Random poses that meet the conditions (Nubiola 2011, section 7.2).
@@ -260,11 +258,11 @@ MOST_REFLECTORS = 3
 VOLUME_SAMPLES = 400
 
 
-def samples(scene: Scene, seeds: Sequence[int], step: Step) -> dict[str, FloatArray]:
+def samples(scene: Scene, seeds: Sequence[int], step: Progress) -> dict[str, FloatArray]:
     """Poses of cube and range where predicted positions are looked at, whether the tracker sees them or not."""
     step("the workspace")
     wide = replace(scene.setting, conditions=tuple({*scene.setting.conditions} & {"limits", "height", "collision"}))
-    regions: dict[str, Region | None] = {"cube": in_cube(*scene.cube), "range": None}
+    regions: dict[str, InRegion | None] = {"cube": in_cube(*scene.cube), "range": None}
     return {
         name: random_poses(wide, VOLUME_SAMPLES, name, seed, region).q
         for (name, region), seed in zip(regions.items(), seeds, strict=True)
@@ -278,7 +276,7 @@ def optimal(
     fixed_poses: Sequence[Poses],
     samples_of: Mapping[str, FloatArray],
     seeds: Sequence[int],
-    step: Step,
+    step: Progress,
 ) -> tuple[Poses, DesignComparison, dict[str, Tally]]:
     """The poses that serve best of many candidates, half in the cube, half in the whole range.
 
@@ -305,7 +303,7 @@ def optimal(
     half = options.candidates // 2
     pools: list[Poses] = []
     tallies: dict[str, Tally] = {}
-    kinds: tuple[tuple[int, str, Region | None, int], ...] = (
+    kinds: tuple[tuple[int, str, InRegion | None, int], ...] = (
         (half, "iso_cube", in_cube(*scene.cube), seeds[0]),
         (options.candidates - half, "all_range", None, seeds[1]),
     )

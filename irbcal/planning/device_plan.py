@@ -14,7 +14,7 @@ with what model ``auto`` fits beside it (gain, gravity, harmonics of the joints)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -41,7 +41,7 @@ from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.names import csv_bytes
-from irbcal.options import MOST_POSES, checked, number
+from irbcal.options import MOST_POSES, Progress, checked, number
 from irbcal.options import seed as check_seed
 from irbcal.planning.conditions import Setting, counted
 from irbcal.planning.optimal_design import (
@@ -54,7 +54,7 @@ from irbcal.planning.optimal_design import (
     compare,
     exchange,
 )
-from irbcal.planning.plan_options import PlanOptions, Step
+from irbcal.planning.plan_options import PlanOptions
 from irbcal.planning.route import shortest_order
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation import devices
@@ -498,7 +498,7 @@ def device_plan(
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
-    progress: Step | None = None,
+    progress: Progress | None = None,
 ) -> DevicePlan:
     """The best poses at a device's features that the robot reaches, with a free way to them.
 
@@ -539,7 +539,7 @@ def device_plan(
     cone = chosen_device.cone if acceptance is None else number("acceptance", acceptance, 1 * DEG, 180 * DEG)
     length = number("approach", approach, 0.0, 1.0)
     size = None if prior is None else number("prior", prior, 1e-6, 0.1)
-    step: Callable[[str], object] = progress or (lambda text: None)
+    step: Progress = progress or (lambda text: None)
     step("robot")
     scene = open_scene(
         PlanOptions(
@@ -564,7 +564,7 @@ def _choose_poses(
     length: float,
     prior: float | None,
     seed: int,
-    step: Callable[[str], object],
+    step: Progress,
 ) -> DevicePlan:
     """The plan of a scene, see `device_plan`."""
     setting = scene.setting
@@ -750,7 +750,7 @@ def compare_devices(
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
-    progress: Step | None = None,
+    progress: Progress | None = None,
 ) -> DeviceComparison:
     """Predict the position error that a tracker and each device in its place would leave.
 
@@ -783,7 +783,7 @@ def compare_devices(
     check_seed(seed)
     counts = sorted({number("poses", count, 5, 100_000, whole=True) for count in poses})
     arm = open_robot(robot, base_link=base_link, tip_link=tip_link, coupling=coupling).robot.arm
-    say: Callable[[str], object] = progress or (lambda text: None)
+    say: Progress = progress or (lambda text: None)
     size = None if prior is None else number("prior", prior, 1e-6, 0.1)
     models = [DeviceModel(arm, seed, wide, size) for wide in (False, True)]
     rows: list[RemainingError] = []

@@ -24,11 +24,11 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import DECIMALS, home_joints
 from irbcal.modeling.parameters import default_level
 from irbcal.names import csv_bytes
+from irbcal.options import Progress
 from irbcal.planning import choosing, route
 from irbcal.planning.choosing import (
     MOST_REFLECTORS,
     Poses,
-    Region,
     Tally,
     axis_moves,
     first_seen,
@@ -38,10 +38,11 @@ from irbcal.planning.choosing import (
 from irbcal.planning.conditions import CONDITIONS
 from irbcal.planning.lost_zeros_plan import enough_poses, model_of_zeros, zeros_of_plan_in_words
 from irbcal.planning.optimal_design import CRITERIA, DesignComparison, Model
-from irbcal.planning.plan_options import MANY, READINGS_S, PlanOptions, Step
+from irbcal.planning.plan_options import MANY, READINGS_S, PlanOptions
 from irbcal.planning.prediction import PlanPrediction, predict
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation.instruments import FRONT
+from irbcal.simulation.pose_list import InRegion
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 
@@ -521,7 +522,7 @@ def plan(options: PlanOptions) -> Plan:
     --------
     >>> plan("irb1600", optimal=60).save("plan")  # doctest: +SKIP
     """
-    step: Step = options.progress or (lambda text: None)
+    step: Progress = options.progress or (lambda text: None)
     options, counts = replace(options, progress=None), options.counts
     scene = open_scene(options)
     setting = scene.setting
@@ -544,7 +545,7 @@ def plan(options: PlanOptions) -> Plan:
             if options.axis is not None:
                 raise
             missing.append(f"the plan is without axis moves, which only the method circles needs: {error}")
-    kinds: tuple[tuple[int, str, Region | None, int], ...] = (
+    kinds: tuple[tuple[int, str, InRegion | None, int], ...] = (
         (counts["cube"], "iso_cube", in_cube(*scene.cube), seeds[0]),
         (counts["all_range"], "all_range", None, seeds[1]),
     )

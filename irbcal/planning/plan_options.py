@@ -5,14 +5,14 @@ Robot, reflectors, tracker and conditions make the scene (`irbcal.planning.scene
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from irbcal.declared_options import EVERYDAY, Bounds, HelpPanel, check_fields
 from irbcal.errors import OptionError
-from irbcal.options import MOST_POSES, number, pulses_per_degree
+from irbcal.options import MOST_POSES, Progress, number, pulses_per_degree
 from irbcal.planning.optimal_design import IMAGINED_SIZE, NOISE
 from irbcal.simulation.instruments import ACCEPTANCE
 from irbcal.simulation.virtual_cell import SECONDS_PER_POINT, WAIT_S
@@ -29,9 +29,6 @@ FEW, MANY = 18, 158
 """Poses of the two sets of axis moves of a six-axis arm (Nubiola 2011, section 7.2)."""
 READINGS_S = SECONDS_PER_POINT
 """Seconds that the tracker needs for a reflector."""
-
-Step: TypeAlias = "Callable[[str], object]"
-"""Called with a text at the beginning of each step."""
 
 POSES = HelpPanel("Poses")
 CONDITIONS = HelpPanel("Conditions")
@@ -114,7 +111,7 @@ class PlanOptions:
     """See `irbcal.read_urdf`."""
     coupling: str | None = None
     """See `irbcal.read_urdf`."""
-    progress: Step | None = None
+    progress: Progress | None = None
     """Called with a text at the beginning of each step."""
 
     def __post_init__(self) -> None:

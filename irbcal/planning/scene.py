@@ -35,12 +35,12 @@ LARGEST_CORRECTION = 10 * MM
 BATCH = 50_000
 """Random joints that are looked at together."""
 
-Keep: TypeAlias = "Callable[[FloatArray], BoolArray]"
+KeepPlaces: TypeAlias = "Callable[[FloatArray], BoolArray]"
 """From joints (n, joints) to a mask (n,) of those that may be used."""
 
 
 def largest_cube(
-    arm: Arm, keep: Keep | None = None, samples: int = 1_000_000, seed: int = 0
+    arm: Arm, keep: KeepPlaces | None = None, samples: int = 1_000_000, seed: int = 0
 ) -> tuple[FloatArray, float]:
     """The largest cube in front of an arm that its tip reaches everywhere, in any orientation.
 
@@ -102,7 +102,7 @@ def has_thesis_cube(arm: Arm) -> bool:
     )
 
 
-def iso_cube(arm: Arm, keep: Keep | None = None) -> tuple[FloatArray, float]:
+def iso_cube(arm: Arm, keep: KeepPlaces | None = None) -> tuple[FloatArray, float]:
     """The ISO cube of an arm: that of the thesis for the IRB 1600, `largest_cube` for others; centre and edge."""
     return IRB1600_CUBE if has_thesis_cube(arm) else largest_cube(arm, keep)
 

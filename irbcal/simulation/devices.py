@@ -127,7 +127,7 @@ BALL = (12.0 * MM, -7.0 * MM, 110.0 * MM)
 TRIES, STEPS, LARGEST_STEP, THERE = 20, 25, 0.25, 1e-9
 """Random joints tried for a pose, Newton steps and the largest of them (radians), and what counts as met, metres."""
 
-Keep = Callable[[FloatArray], BoolArray]
+KeepPoses = Callable[[FloatArray], BoolArray]
 Tips = Callable[[FloatArray], FloatArray]
 
 
@@ -465,7 +465,7 @@ def _seeing(arm: Arm, features: Placed, feature: str, q: FloatArray, seed: int) 
 
 
 def poses(
-    arm: Arm, features: Placed, count: int, seed: int = 0, keep: Keep | None = None
+    arm: Arm, features: Placed, count: int, seed: int = 0, keep: KeepPoses | None = None
 ) -> tuple[FloatArray, IntArray]:
     """Poses of the nominal arm at a device's features, shared out evenly.
 

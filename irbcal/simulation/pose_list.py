@@ -34,7 +34,7 @@ from irbcal.simulation.virtual_cell import WAIT_S, VirtualCell
 if TYPE_CHECKING:
     import pandas as pd
 
-Region: TypeAlias = "Callable[[FloatArray], BoolArray]"
+InRegion: TypeAlias = "Callable[[FloatArray], BoolArray]"
 """From tip positions (n, 3) in the base link, metres, to a mask (n,) of those inside."""
 
 BLOCK = 20_000
@@ -69,7 +69,7 @@ def random_poses(
     cell: VirtualCell,
     count: int,
     seed: int | Sequence[int] = 0,
-    region: Region = above_floor,
+    region: InRegion = above_floor,
     targets: IntArray | None = None,
 ) -> FloatArray:
     """Random joints inside the limits with targets in sight, rounded to 1e-4 degrees (mm) as they are commanded.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields
 from irbcal.errors import OptionError
-from irbcal.options import place
+from irbcal.options import Progress, place
 from irbcal.validation.conformity import Rule
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class EvaluationOptions:
     """Of the bootstrap and of the poses for ``refit_from``."""
     jobs: int | None = None
     """See `irbcal.parallel.using`."""
-    progress: Callable[[str], Any] | None = None
+    progress: Progress | None = None
     """Called with a short text after each piece of a long file."""
 
     def __post_init__(self) -> None:

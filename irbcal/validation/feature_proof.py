@@ -5,7 +5,7 @@ Never single rows: the other rows at a feature would tell its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import Parameter
+from irbcal.options import Progress
 
 PLACE = "place"
 """The column that names places unless another is named."""
@@ -130,7 +131,7 @@ def prove(
     leave_out: str | None = None,
     terms: str | Sequence[Parameter] = "joint-map",
     seed: int = 0,
-    progress: Callable[[str], object] | None = None,
+    progress: Progress | None = None,
     goal: Goal = LEAST_SQUARES,
 ) -> FeatureProof | None:
     """Leave each place out in turn: fit the rest, place its features anew, see how well its rows agree.

@@ -21,6 +21,7 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.lost_zeros import lost_joints
 from irbcal.modeling.robot import Robot
+from irbcal.options import Progress
 from irbcal.statistics import rotation_statistics, statistics
 from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import (
@@ -277,9 +278,7 @@ PIECE_S = 1.0
 """Seconds that a piece of a long file takes, about."""
 
 
-def joined_pieces(
-    asked: Asked, file: pieces.LongFile, progress: Callable[[str], Any] | None
-) -> tuple[JudgedPoints, pd.DataFrame]:
+def joined_pieces(asked: Asked, file: pieces.LongFile, progress: Progress | None) -> tuple[JudgedPoints, pd.DataFrame]:
     """What the pieces of a long file say together, and rows of poses drawn from it.
 
     After Ctrl-C these are the pieces that were judged before, and a note of that.

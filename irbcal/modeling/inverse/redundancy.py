@@ -28,11 +28,11 @@ STARTS = 6
 TOLERANCE = 1e-10
 """Metres and radians."""
 
-Criterion = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+CriterionAt = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """From joints (n, joints) to values (n,), slopes (n, joints) and curvatures (n, joints): a sum over the joints."""
 
 
-def criterion(name: str, arm: Arm, near: FloatArray) -> Criterion:
+def criterion(name: str, arm: Arm, near: FloatArray) -> CriterionAt:
     """A criterion by its name.
 
     Parameters
@@ -75,7 +75,7 @@ def settled(
     chain: newton.CalibratedChain,
     H: FloatArray,
     q: FloatArray,
-    criterion_at: Criterion,
+    criterion_at: CriterionAt,
     tolerance: tuple[float, float],
 ) -> FloatArray:
     """Joints that reach the same poses with the least of a criterion, downhill from where they are.
