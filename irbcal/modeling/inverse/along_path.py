@@ -17,7 +17,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm, closed_form, newton, redundancy
 from irbcal.modeling.inverse.poses import pose_columns
-from irbcal.modeling.inverse.redundancy import Criterion
+from irbcal.modeling.inverse.redundancy import CriterionAt
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 
@@ -74,7 +74,7 @@ class Followed(Locked):
 class _Way:
     """Several solutions that are followed at a time."""
 
-    def __init__(self, robot: Robot, nominal: Arm, criterion: Criterion | None, tolerance: float) -> None:
+    def __init__(self, robot: Robot, nominal: Arm, criterion: CriterionAt | None, tolerance: float) -> None:
         self.chain, self.tolerance = newton.CalibratedChain(robot, any_arm.reach(nominal)), (tolerance, tolerance)
         self.wanted = criterion
 
