@@ -37,7 +37,7 @@ HELD_PART, FIXED_TOOL = "held_part", "fixed_tool"
 """A part on the flange counts among the tools, the tool that stands and works on it among the work objects."""
 ON_FLANGE, STANDING = (TOOL, HELD_PART), (WORK_OBJECT, FIXED_TOOL)
 RESIDUALS = ("residual", "residual_nominal")
-IN_FILE = ConfigDict(extra="forbid", allow_inf_nan=False)
+IN_FILE = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
 Joints: TypeAlias = Annotated[FloatArray, Numbers(-1)]
 CellPoint: TypeAlias = Annotated[FloatArray, Numbers(3, unit=MM)]
 FrameMatrix: TypeAlias = Annotated[FloatArray, Numbers(-1, -1)]
