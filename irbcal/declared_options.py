@@ -113,6 +113,10 @@ def takes_fields_of(options: Callable[P, Options]) -> Callable[[Callable[[Option
     def decorate(function: Callable[[Options], R]) -> Callable[P, R]:
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                inspect.signature(options).bind(*args, **kwargs)
+            except TypeError as error:
+                raise TypeError(f"{function.__name__}() {error}") from None
             return function(options(*args, **kwargs))
 
         declared = fields_of(options)

@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -383,6 +383,8 @@ class Guarded(TyperCommand):
                 param.metavar = ""
             elif kind is not None and kind.is_choice and param.metavar is None:
                 param.metavar = f"<{' | '.join(str(getattr(choice, 'value', choice)) for choice in kind.choices)}>"
+            elif kind is not None and kind.annotation == list[Path]:
+                param.type_descriptor = replace(kind, annotation=Path)
             if getattr(param, "rich_help_panel", None) == EXPERT:
                 param.hidden = HELP_ALL_KEY not in ctx.meta
         super().format_help(ctx, formatter)

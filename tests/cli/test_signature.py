@@ -65,6 +65,7 @@ def test_options_for_experts_are_shown_on_request():
     assert "│ --power " not in short
     assert "│ --power " in whole
     assert "bool" not in whole
+    assert "list[" not in whole
     assert "nelder-mead" in whole, "choices come from the docstring"
 
 
