@@ -383,11 +383,14 @@ class Guarded(TyperCommand):
                 param.metavar = ""
             elif kind is not None and kind.is_choice and param.metavar is None:
                 param.metavar = f"<{' | '.join(str(getattr(choice, 'value', choice)) for choice in kind.choices)}>"
-            elif kind is not None and kind.annotation == list[Path]:
-                param.type_descriptor = replace(kind, annotation=Path)
             if getattr(param, "rich_help_panel", None) == EXPERT:
                 param.hidden = HELP_ALL_KEY not in ctx.meta
+        several = [(param, param.type_descriptor) for param in params if param.type_descriptor.annotation == list[Path]]
+        for param, kind in several:
+            param.type_descriptor = replace(kind, annotation=Path)  # shown as a path: that there are more, dots say
         super().format_help(ctx, formatter)
+        for param, kind in several:
+            param.type_descriptor = kind
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the options; a wrong value is refused in a sentence that says what was expected, and what is nearest."""
