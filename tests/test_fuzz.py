@@ -26,7 +26,7 @@ from fuzzing import commands, corpus, kill, run  # noqa: E402
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux")
 
-CASES = 20
+CASES = 32
 WITHOUT = {"calibrate", "plan", "joints", "report", "simulate"}
 """Commands that compute for long: the script has them."""
 
