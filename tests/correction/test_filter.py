@@ -147,7 +147,7 @@ def test_tables_of_joints_and_poses(robots, tmp_path):
     (tmp_path / "f.csv").write_bytes(found.data)
     again = table.read(tmp_path / "f.csv")
     assert_same_poses(robot.poses(again.values), nominal.forward(q), 1e-7, 2e-7)
-    assert (again.table["speed"] == "v100").all()
+    assert (again.table.texts("speed") == "v100").all()
     with pytest.raises(ProgramError, match="fake targets already"):
         filter_program(again, CorrectionModel(robot, nominal, "f"))
 
