@@ -385,7 +385,10 @@ class Guarded(TyperCommand):
                 param.metavar = f"<{' | '.join(str(getattr(choice, 'value', choice)) for choice in kind.choices)}>"
             if getattr(param, "rich_help_panel", None) == EXPERT:
                 param.hidden = HELP_ALL_KEY not in ctx.meta
-        several = [(param, param.type_descriptor) for param in params if param.type_descriptor.annotation == list[Path]]
+        described: list[Any] = [
+            (param, getattr(param, "type_descriptor", None)) for param in params
+        ]  # older typer has none
+        several = [(param, kind) for param, kind in described if getattr(kind, "annotation", None) == list[Path]]
         for param, kind in several:
             param.type_descriptor = replace(kind, annotation=Path)  # shown as a path: that there are more, dots say
         super().format_help(ctx, formatter)
