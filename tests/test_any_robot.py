@@ -344,7 +344,7 @@ def test_full_poses_on_a_grid_over_two_of_seven_joints_are_enough(tmp_path):
 
 @pytest.mark.parametrize(("name", "moving"), [("rs007n", (0, 1)), ("gp8", (1, 2)), ("rx160", (5,))])
 def test_points_with_few_joints_moving_end_in_a_result_or_a_sentence(name, moving, shared_data, tmp_path):
-    """Of which base and tool are not told no slip is named, as nearly any would fit."""
+    """Of which base and tool are not told no data-entry error is named, as nearly any would fit."""
     file = shared_data / "other_arms" / f"{name}.urdf"
     arm = urdf.read(file).arm
     rng = np.random.default_rng(4)

@@ -142,7 +142,7 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
     Raises
     ------
     IdentificationError
-        If the poses are nowhere near those of the arm; a slip of the pen that explains it is named.
+        If the poses are nowhere near those of the arm; a data-entry error that explains it is named.
     """
     start = _ControllerModel(arm, np.eye(4), np.eye(4))
     size = _sizes(start, q, T)
@@ -229,9 +229,9 @@ def _with_frames(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> _Contro
             corners = np.array([robot.targets[name] for name in ("origin", "x", "y", "z")])
             R = frames.nearest_rotation((corners[1:] - corners[0]).T / LEVER)
             return _ControllerModel(arm, robot.T_world_base, frames.transform(R, corners[0]))
-    slip = data_entry_errors.find_entry_error(arm, virtual_points(q, T))
-    if slip is not None:
-        raise IdentificationError(slip.in_words(), file=source)
+    data_entry_error = data_entry_errors.find_data_entry_error(arm, virtual_points(q, T))
+    if data_entry_error is not None:
+        raise IdentificationError(data_entry_error.in_words(), file=source)
     return _ControllerModel(arm, np.eye(4), np.eye(4))
 
 

@@ -6,7 +6,7 @@ before or behind. All are tried, alone and in pairs. Of each, the points are fit
 tool in closed form, the base being any affine map: its rotation's sign then tells left-handed points, its scale another
 unit of length, without a hypothesis of their own. The best are judged with a rigid base by their median distance.
 
-Nothing is changed here: a slip is named, with what would mend it.
+Nothing is changed here: a data-entry error is named, with what would mend it.
 
 A row lost or doubled in the middle of a file: from some pose on, positions stand beside their neighbour's joints.
 
@@ -39,13 +39,13 @@ from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 FACTOR = 5.0
-"""How many times nearer the points must be for a slip to be named; for two slips at once its square root more."""
+"""How many times nearer the points must be for a data-entry error to be named; for two at once its square root more."""
 
 NEAR, NEAR_SHARE = 10.0 * MM, 0.01
-"""Median distance that a named slip leaves at most, metres and as a share of the spread of the measured points."""
+"""Median distance that a named data-entry error leaves at most, metres and as a share of the spread of the points."""
 
 SUSPECT = 4.0 * MM
-"""Median distance from the nominal robot below which no slip is looked for, metres."""
+"""Median distance from the nominal robot below which no data-entry error is looked for, metres."""
 
 FEWEST_POSES_FOR_HYPOTHESES, FEWEST_EQUATIONS = 10, 2.0
 """Poses, and equations for each unknown, below which nothing is named: too many hypotheses would fit."""
@@ -134,8 +134,8 @@ class Hypothesis(Locked):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EntryError(Result):
-    """A slip that explains why a file does not fit a robot."""
+class DataEntryError(Result):
+    """A data-entry error that explains why a file does not fit a robot."""
 
     hypothesis: Hypothesis
     before: float
@@ -195,8 +195,10 @@ class EntryError(Result):
         return [text[0].upper() + text[1:]]
 
 
-def find_entry_error(arm: Arm, points: PointSet, misfit: float | None = None, pairs: bool = True) -> EntryError | None:
-    """Look for a slip that explains why points do not fit a robot.
+def find_data_entry_error(
+    arm: Arm, points: PointSet, misfit: float | None = None, pairs: bool = True
+) -> DataEntryError | None:
+    """Look for a data-entry error that explains why points do not fit a robot.
 
     Parameters
     ----------
@@ -208,7 +210,7 @@ def find_entry_error(arm: Arm, points: PointSet, misfit: float | None = None, pa
         Median distance from the nominal robot as the points are, metres, where it is known; infinite where it cannot
         be fitted at all.
     pairs : bool
-        Try two slips at once where one does not explain it.
+        Try two data-entry errors at once where one does not explain it.
 
     Returns
     -------
@@ -225,14 +227,14 @@ def find_entry_error(arm: Arm, points: PointSet, misfit: float | None = None, pa
     if misfit < SUSPECT:
         return None
     single = list(hypotheses(arm))
-    entry_error = _best(arm, points, single, misfit, FACTOR)
-    if entry_error is None and pairs:
-        entry_error = _best(arm, points, list(_pairs(single)), misfit, FACTOR**1.5)
-    return entry_error
+    data_entry_error = _best(arm, points, single, misfit, FACTOR)
+    if data_entry_error is None and pairs:
+        data_entry_error = _best(arm, points, list(_pairs(single)), misfit, FACTOR**1.5)
+    return data_entry_error
 
 
 def hypotheses(arm: Arm) -> Iterator[Hypothesis]:
-    """All single slips of an arm's joints, the file as it is first, in the order in which two of them are applied."""
+    """All single data-entry errors of an arm's joints, the file as it is first, in the order in which two are applied."""
     n = len(arm.joint_names)
     turning = np.flatnonzero(~arm.table.prismatic)
     eye, none = np.eye(n), np.zeros(n)
@@ -279,7 +281,7 @@ def _turned(joints: Sequence[int]) -> str:
 
 
 def _pairs(single: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
-    """Two slips at once; of signs that are turned at most three."""
+    """Two data-entry errors at once; of signs that are turned at most three."""
     likely = [hypothesis for hypothesis in single if 0 < hypothesis.cost < 3.5]
     for first, second in combinations(likely, 2):
         signs = [bool(hypothesis.words[0].endswith("turned")) for hypothesis in (first, second)]
@@ -287,7 +289,9 @@ def _pairs(single: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
             yield first.then(second)
 
 
-def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], misfit: float, factor: float) -> EntryError | None:
+def _best(
+    arm: Arm, points: PointSet, tried: Sequence[Hypothesis], misfit: float, factor: float
+) -> DataEntryError | None:
     """The simplest of the hypotheses that fit clearly better than the file as it is."""
     spread = float(np.sqrt(np.var(points.xyz, axis=0).sum()))
     fits: list[tuple[float, Hypothesis]] = []
@@ -304,7 +308,7 @@ def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], misfit: float
     near = AS_GOOD * smallest + SAME
     good = sorted((fit for fit in fits if fit[0] <= near), key=lambda item: item[1].cost)
     also = tuple(hypothesis for _, hypothesis in good[1:] if hypothesis.cost < good[0][1].cost + 0.6)
-    return EntryError(good[0][1], misfit, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
+    return DataEntryError(good[0][1], misfit, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
 
 
 def _subset(points: PointSet) -> tuple[PointSet, FloatArray]:

@@ -434,7 +434,7 @@ def identify_without_outliers(
     goal: Goal = LEAST_SQUARES,
     rule: OutlierRule = RULE,
 ) -> tuple[FeatureFit, dict[int, float], str]:
-    """Identify from the rows that do not contradict all others by far: a wrong feature, a slip, a mistyped joint.
+    """Identify from all rows but outliers, such as a wrong feature, a tool that slipped, a mistyped joint.
 
     A row is an outlier by the rule for a tracker's points: far from its feature (`irbcal.identification.outliers`,
     within its kind), or contradicted by all others (`irbcal.identification.leave_one_out.outliers`). It bends the fit,

@@ -90,12 +90,12 @@ def find_outliers(
     try:
         robot = least_trimmed_squares(arm, subset)
     except IdentificationError as error:
-        _refuse_slip(arm, points, np.inf, source, measurements)
+        _refuse_data_entry_error(arm, points, np.inf, source, measurements)
         raise IdentificationError(str(error), file=source) from None
     distance = distances(robot, points)
     median = np.median(distance)
     if median > TOO_FAR * points.spread():
-        _refuse_slip(arm, points, median, source, measurements)
+        _refuse_data_entry_error(arm, points, median, source, measurements)
         raise IdentificationError(
             f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "
             "wrong robot file, joint order or joint signs, rows that belong to other poses, a left-handed measuring "
@@ -200,11 +200,13 @@ def _concentration_steps(
     return core, problem.moved(state, step)
 
 
-def _refuse_slip(arm: Arm, points: PointSet, median: float, source: str, measurements: MeasurementSet | None) -> None:
-    """Name the lost row or the slip of the pen that explains why a file does not fit."""
+def _refuse_data_entry_error(
+    arm: Arm, points: PointSet, median: float, source: str, measurements: MeasurementSet | None
+) -> None:
+    """Name the lost row or the data-entry error that explains why a file does not fit."""
     lost = data_entry_errors.find_lost_row(arm, points)
     if lost is not None:
         raise MeasurementError(lost.in_words(measurements), file=source)
-    slip = data_entry_errors.find_entry_error(arm, points, median)
-    if slip is not None:
-        raise MeasurementError(slip.in_words(source), file=source)
+    data_entry_error = data_entry_errors.find_data_entry_error(arm, points, median)
+    if data_entry_error is not None:
+        raise MeasurementError(data_entry_error.in_words(source), file=source)

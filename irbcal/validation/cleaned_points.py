@@ -280,9 +280,9 @@ def refuse_far_points(
     lost = data_entry_errors.lost_row_of_robot(robot, points) or data_entry_errors.find_lost_row(robot.arm, points)
     if lost is not None:
         raise MeasurementError(lost.in_words(measured), file=source)
-    slip = data_entry_errors.find_entry_error(robot.arm, points, float(median))
-    if slip is not None:
-        raise MeasurementError(slip.in_words(source), file=source)
+    data_entry_error = data_entry_errors.find_data_entry_error(robot.arm, points, float(median))
+    if data_entry_error is not None:
+        raise MeasurementError(data_entry_error.in_words(source), file=source)
     hint = (
         ""
         if refitted

@@ -336,7 +336,7 @@ def doubts(
     if fit.level == "nominal":
         out = [text for points in measured for text in moved_notes(points, fit.robot)]
         out += _too_far(nominal.rms) if nominal.rms > LARGE_NOMINAL else []
-        return [*out, *_slip(nominal, fitted)]
+        return [*out, *_data_entry_error(nominal, fitted)]
     out = []
     for points, elapsed in zip(measured, times or [None] * len(measured), strict=True):
         warmth = fit.warmth(points, elapsed) if isinstance(fit, EvidenceFit) and elapsed is not None else None
@@ -357,18 +357,20 @@ def doubts(
             f"Pose {fit.points.pose_ids[pose]} stands alone: the fit passes it, but all other poses put it "
             f"{away / MM:.3g} mm elsewhere, and none can tell which is right. Measure it again, and poses near it."
         )
-    out += _slip(nominal, fitted)
+    out += _data_entry_error(nominal, fitted)
     out += _scale(nominal, fitted) or _lengths(nominal.problem.arm, fit.robot.arm)
     beyond = workspace_coverage(fit.robot, nominal.robot, fitted.q, None if proof is None else proof.q)
     return [*out, beyond.in_words()] if beyond is not None and beyond.narrow else out
 
 
-def _slip(nominal: Fit, fitted: PointSet) -> list[str]:
-    """A slip of the pen that explains why the nominal robot is far off."""
+def _data_entry_error(nominal: Fit, fitted: PointSet) -> list[str]:
+    """A data-entry error that explains why the nominal robot is far off."""
     if nominal.rms <= data_entry_errors.SUSPECT:
         return []
-    slip = data_entry_errors.find_entry_error(nominal.problem.arm, fitted, pairs=nominal.rms > LARGE_NOMINAL)
-    return [] if slip is None else [f"{slip.headline()}."]
+    data_entry_error = data_entry_errors.find_data_entry_error(
+        nominal.problem.arm, fitted, pairs=nominal.rms > LARGE_NOMINAL
+    )
+    return [] if data_entry_error is None else [f"{data_entry_error.headline()}."]
 
 
 def _scale(nominal: Fit, fitted: PointSet) -> list[str]:

@@ -100,19 +100,19 @@ PAIRS = {
 
 
 @pytest.mark.parametrize("words", [*CASES, *PAIRS])
-def test_a_slip_is_named_and_its_remedy_mends_the_file(words, tmp_path, monkeypatch, program):
+def test_a_data_entry_error_is_named_and_its_remedy_mends_the_file(words, tmp_path, monkeypatch, program):
     monkeypatch.chdir(tmp_path)
     nominal = arm()
     good = seen = points(nominal, poses=40)
     for change in PAIRS.get(words) or (CASES[words],):
         seen = change(seen)
-    slip = data_entry_errors.find_entry_error(nominal, seen)
-    assert slip is not None
-    assert slip.looks_like == words
-    # read so, the points are as near as before the slip was made
+    data_entry_error = data_entry_errors.find_data_entry_error(nominal, seen)
+    assert data_entry_error is not None
+    assert data_entry_error.looks_like == words
+    # read so, the points are as near as before the data-entry error was made
     near = np.median(distances(outliers.least_trimmed_squares(nominal, good), good))
-    assert slip.after == pytest.approx(near, rel=0.2)
-    remedy = slip.remedy("m.csv")
+    assert data_entry_error.after == pytest.approx(near, rel=0.2)
+    remedy = data_entry_error.remedy("m.csv")
     if "one pose" in words:
         where = "up" if "late" in words else "down"
         assert remedy == f"to mend it, move the columns of target and position 1 pose {where}"
@@ -123,55 +123,55 @@ def test_a_slip_is_named_and_its_remedy_mends_the_file(words, tmp_path, monkeypa
     assert np.median(distances(outliers.least_trimmed_squares(nominal, mended), mended)) == pytest.approx(near, rel=0.2)
 
 
-def test_a_slip_is_found_among_outliers():
+def test_a_data_entry_error_is_found_among_outliers():
     nominal = arm()
     rng = np.random.default_rng(4)
     seen = turned(2)(points(nominal))
     xyz = seen.xyz.copy()
     wrong = rng.random(len(xyz)) < 0.15
     xyz[wrong] += rng.uniform(-0.5, 0.5, (wrong.sum(), 3))
-    slip = data_entry_errors.find_entry_error(nominal, dataclasses.replace(seen, xyz=xyz))
-    assert slip is not None
-    assert slip.looks_like == "joint 3 with its sign turned"
+    data_entry_error = data_entry_errors.find_data_entry_error(nominal, dataclasses.replace(seen, xyz=xyz))
+    assert data_entry_error is not None
+    assert data_entry_error.looks_like == "joint 3 with its sign turned"
 
 
 def test_what_cannot_be_told_apart_is_told():
     # a wrist's joint 5 turned the other way is joint 4 half a turn on: base and tool take up the rest
     nominal = arm()
-    slip = data_entry_errors.find_entry_error(nominal, turned(4)(points(nominal)))
-    assert [other.words for other in slip.also] == [("joint 4 with its zero elsewhere (±180 degrees)",)]
-    assert "as well with joint 4" in slip.in_words()
+    data_entry_error = data_entry_errors.find_data_entry_error(nominal, turned(4)(points(nominal)))
+    assert [other.words for other in data_entry_error.also] == [("joint 4 with its zero elsewhere (±180 degrees)",)]
+    assert "as well with joint 4" in data_entry_error.in_words()
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_named_where_there_is_nothing(seed):
     nominal = arm()
     seen = points(nominal, seed, poses=(15, 40, 60, 120)[seed])
-    assert data_entry_errors.find_entry_error(nominal, seen) is None
+    assert data_entry_errors.find_data_entry_error(nominal, seen) is None
     noise = np.random.default_rng(seed).normal(size=seen.xyz.shape)
-    assert data_entry_errors.find_entry_error(nominal, dataclasses.replace(seen, xyz=noise)) is None
-    assert data_entry_errors.find_entry_error(arm("irb120"), seen) is None
+    assert data_entry_errors.find_data_entry_error(nominal, dataclasses.replace(seen, xyz=noise)) is None
+    assert data_entry_errors.find_data_entry_error(arm("irb120"), seen) is None
 
 
 def test_too_few_poses_name_nothing():
     nominal = arm()
-    assert data_entry_errors.find_entry_error(nominal, turned(2)(points(nominal, poses=9))) is None
+    assert data_entry_errors.find_data_entry_error(nominal, turned(2)(points(nominal, poses=9))) is None
 
 
 @pytest.mark.parametrize(
     ("name", "robot"),
     [("irb120_laser_tracker/measurements.csv", "irb120"), ("ur10_laser_tracker_6d/measurements.csv", "ur10")],
 )
-def test_measured_robots_have_no_slip_unless_one_is_made(shared_data, name, robot):
+def test_measured_robots_have_no_data_entry_error_unless_one_is_made(shared_data, name, robot):
     nominal = irbcal.read_urdf(robot).arm
     seen = cleaning.clean(table.read(shared_data / name)).points
     seen = seen.select((seen.groups == seen.groups[-1]) & (np.arange(seen.poses) % 4 < 2))  # base and tool of one group
-    assert data_entry_errors.find_entry_error(nominal, seen) is None
-    slip = data_entry_errors.find_entry_error(nominal, turned(2)(seen))
-    assert slip.looks_like == "joint 3 with its sign turned"
+    assert data_entry_errors.find_data_entry_error(nominal, seen) is None
+    data_entry_error = data_entry_errors.find_data_entry_error(nominal, turned(2)(seen))
+    assert data_entry_error.looks_like == "joint 3 with its sign turned"
 
 
-def test_calibrate_names_the_slip(tmp_path):
+def test_calibrate_names_the_data_entry_error(tmp_path):
     nominal = arm()
     write_measurements(tmp_path / "m.csv", turned(2)(points(nominal)))
     with pytest.raises(
@@ -192,7 +192,7 @@ def test_none_is_named_where_points_do_not_tell_base_and_tool(seed):
     grid = np.array(np.meshgrid(*[np.linspace(-0.8, 0.8, 10)] * 2)).reshape(2, -1).T
     q = np.tile(middle + 0.3 * rng.uniform(-1, 1, 7), (100, 1))
     q[:, :2] = middle[:2] + 1.5 * grid
-    assert data_entry_errors.find_entry_error(nominal, measured(robot, q, 3e-5, rng)) is None
+    assert data_entry_errors.find_data_entry_error(nominal, measured(robot, q, 3e-5, rng)) is None
 
 
 TOOL = {"smr": np.array([0.05, 0.02, 0.1])}
