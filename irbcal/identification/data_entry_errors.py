@@ -234,7 +234,7 @@ def find_data_entry_error(
 
 
 def hypotheses(arm: Arm) -> Iterator[Hypothesis]:
-    """All single data-entry errors of an arm's joints, the file as it is first, in the order in which two are applied."""
+    """All single data-entry errors of an arm's joints, the file as it is first, in the order of applying two."""
     n = len(arm.joint_names)
     turning = np.flatnonzero(~arm.table.prismatic)
     eye, none = np.eye(n), np.zeros(n)
