@@ -111,17 +111,18 @@ def takes_fields_of(options: Callable[P, Options]) -> Callable[[Callable[[Option
     """
 
     def decorate(function: Callable[[Options], R]) -> Callable[P, R]:
+        signature = inspect.signature(options)
+
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
             try:
-                inspect.signature(options).bind(*args, **kwargs)
+                signature.bind(*args, **kwargs)
             except TypeError as error:
                 raise TypeError(f"{function.__name__}() {error}") from None
             return function(options(*args, **kwargs))
 
         declared = fields_of(options)
         hints = {option.name: option.annotation for option in declared} | {"return": function.__annotations__["return"]}
-        signature = inspect.signature(options)
         parameters = [item.replace(annotation=hints[name]) for name, item in signature.parameters.items()]
         call.__signature__ = signature.replace(  # type: ignore[attr-defined]  # what help() shows
             parameters=parameters, return_annotation=hints["return"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,17 +20,11 @@ from irbcal.validation.cleaned_points import (
     prepare,
     refuse_far_points,
 )
-from irbcal.validation.refit import Refit
-
-if TYPE_CHECKING:
-    pass
-
-NOTHING = Refit()
-"""Base and tool stay where the calibration has them."""
+from irbcal.validation.refit import NO_REFIT, Refit
 
 
 def in_frame_of_calibration(
-    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NOTHING, same_tool: bool = False
+    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NO_REFIT, same_tool: bool = False
 ) -> tuple[CleanedPoints, dict[str, Robot]]:
     """Clean measurements in the frame of a calibration, and its robots.
 

@@ -208,6 +208,10 @@ class Refit:
             )
 
 
+NO_REFIT = Refit()
+"""Base and tool stay where the calibration has them."""
+
+
 def _cross(p: FloatArray) -> FloatArray:
     """Matrices (m, 3, 3) of the products p x."""
     out = np.zeros((len(p), 3, 3))

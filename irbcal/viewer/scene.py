@@ -28,7 +28,7 @@ from irbcal.safe_files import read_bytes
 from irbcal.validation.accuracy import predictions
 from irbcal.validation.cleaned_points import without_fitted
 from irbcal.validation.frame_of_calibration import in_frame_of_calibration
-from irbcal.validation.refit import Refit
+from irbcal.validation.refit import NO_REFIT, Refit
 from irbcal.viewer.shapes import Link, Mesh, reach
 
 if TYPE_CHECKING:
@@ -229,9 +229,6 @@ MOST_KNOWN = 30_000
 
 PlanLike: TypeAlias = "str | Path | pd.DataFrame | ArrayLike"
 """Joints to walk through: a table in degrees (and mm), or an array in radians (and metres)."""
-
-
-NO_REFIT = Refit()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
