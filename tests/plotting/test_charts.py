@@ -267,6 +267,25 @@ def test_models_directions_and_words_are_told_apart():
     assert not set(page.SERIES) & {page.NOMINAL, page.CALIBRATED}, "a run is no model"
 
 
+def contrast(colour, ground):
+    """By WCAG 2.2, from 1 to 21."""
+
+    def luminance(text):
+        parts = np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+        return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+    dark, light = sorted((luminance(colour), luminance(ground)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize("colours", [page.LIGHT, page.LIGHT | page.DARK], ids=["light", "dark"])
+def test_words_and_marks_can_be_told_from_the_ground(colours):
+    for role in ("ink", "soft", "state", "proof", "bad", "action"):
+        assert contrast(colours[role], colours["page"]) > 4.5, role
+    for role in page.PAINT.keys() - {"page", "line", "error2"}:  # the middle of a scale stands between its ends
+        assert contrast(colours[role], colours["page"]) > 2.9, role
+
+
 def test_no_minus_stands_before_zero():
     assert charts.fixed(-0.04, 1) == "0.0"
     assert 'd="M0 0L-1.1 2"' in charts.Lines([np.array([[-0.04, 0.0], [-1.06, 2.04]])], "red").svg(str)
