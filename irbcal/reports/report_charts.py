@@ -64,8 +64,8 @@ def explained(record: Record) -> Chart:
     timed = [stage.timed_mean_mm for stage, _ in rows if stage.timed_mean_mm is not None and not left_out]
     caption = (
         f"What each family of terms explains: {kind}, in fits of their own with one family after the other (of a "
-        "family's coefficients, so many were seen). Of this calibration, which is an average of several choices, the "
-        "dark bar"
+        "family's coefficients, so many are determined). Of this calibration, which is an average of several choices, "
+        "the dark bar"
     )
     if timed:
         caption += (
@@ -96,7 +96,7 @@ def explained(record: Record) -> Chart:
 
 def _stage_words(stage: Stage, value: float, gain: float, k: int) -> str:
     more = "" if k == 0 else "+ "
-    return f"{more}{stage.added}: {fixed(value, 3)} mm ({max(gain, 0.0):.0f} seen)"
+    return f"{more}{stage.added}: {fixed(value, 3)} mm ({max(gain, 0.0):.0f} determined)"
 
 
 def _bar(panel: Panel, drawing: Drawing, y: float, value: float, text: str, colour: str, opacity: float) -> None:
@@ -374,7 +374,7 @@ def singular_values(observability: Observability) -> Chart:
     number = np.arange(1, len(values) + 1)
     legend: list[LegendEntry] = []
     kinds: tuple[tuple[BoolArray, str, MarkerShape, str], ...] = (
-        (identified, "ink", "o", "seen"),
+        (identified, "ink", "o", "determined"),
         (~identified, "accent", "v", f"held (below {floor:.2g} mm drawn there)"),
     )
     for mask, colour, mark, label in kinds:

@@ -258,7 +258,9 @@ def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit
     measured, notes = cleaned.measurements, list(cleaned.notes)
     if cleaned.excluded:
         count = len(cleaned.excluded)
-        notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
+        notes.insert(
+            0, f"{count} point{' is' if count == 1 else 's are'} left out (lost, or wrong); irbcal evaluate lists them."
+        )
     notes += without_fitted(cleaned, calibration, include=True).notes[len(cleaned.notes) :]
     used = calibration.used_points(heldout=False)
     fit = None if used is None else repeats.near_fitted(cleaned.points, used[0], calibration.arm().table.prismatic)
