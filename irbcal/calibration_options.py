@@ -174,7 +174,7 @@ class CalibrationOptions:
                 )
         level = f"model {self.model}" if self.model not in (None, "auto") else next(iter(self.of_levels), None)
         for option in given(self, OF_AUTO) if level is not None else ():
-            raise OptionError(f"{option}: only model auto takes it, leave out {level} or {option}", parameter=option)
+            raise OptionError(f"{option}: only model auto takes it: leave it out, or {level}", parameter=option)
         if self.prior is not None and self.terms != "joint-map":
             raise OptionError(f"prior: it is for terms joint-map: leave out terms {self.terms}", parameter="prior")
         if self.method == "circles" and self.model not in (None, "26"):

@@ -38,7 +38,12 @@ def checked(parameter: str, value: str, choices: Sequence[T]) -> T:
 
 @overload
 def number(
-    parameter: str, value: Any, low: float | None = None, high: float | None = None, whole: Literal[False] = False
+    parameter: str,
+    value: Any,
+    low: float | None = None,
+    high: float | None = None,
+    whole: Literal[False] = False,
+    example: str = "",
 ) -> float: ...
 
 
@@ -47,7 +52,12 @@ def number(parameter: str, value: Any, low: float | None = None, high: float | N
 
 
 def number(
-    parameter: str, value: Any, low: float | None = None, high: float | None = None, whole: bool = False
+    parameter: str,
+    value: Any,
+    low: float | None = None,
+    high: float | None = None,
+    whole: bool = False,
+    example: str = "",
 ) -> float:
     """The value of an option that is a number.
 
@@ -61,6 +71,8 @@ def number(
         The smallest and the largest number that make sense.
     whole : bool
         Whether only whole numbers do.
+    example : str
+        What helps who gave it in Python, such as what a millimetre is.
 
     Raises
     ------
@@ -74,18 +86,21 @@ def number(
         and (not whole or value == int(value))
     ):
         return int(value) if whole else float(value)
-    raise OutOfRange(parameter, value, low, high, whole)
+    raise OutOfRange(parameter, value, low, high, whole, example)
 
 
 class OutOfRange(OptionError):
     """An option that takes a number has another value."""
 
-    def __init__(self, parameter: str, value: Any, low: float | None, high: float | None, whole: bool) -> None:
-        self.value, self.low, self.high, self.whole = value, low, high, whole
-        super().__init__(f"{parameter}: {self.sentence(lambda number: number)}", parameter=parameter)
+    def __init__(
+        self, parameter: str, value: Any, low: float | None, high: float | None, whole: bool, example: str = ""
+    ) -> None:
+        self.value, self.low, self.high, self.whole, self.example = value, low, high, whole, example
+        help_in_python = f" ({example})" if example else ""
+        super().__init__(f"{parameter}: {self.sentence(lambda number: number)}{help_in_python}", parameter=parameter)
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
-        return type(self), (self.parameter, self.value, self.low, self.high, self.whole)
+        return type(self), (self.parameter, self.value, self.low, self.high, self.whole, self.example)
 
     def sentence(self, typed: Callable[[float], float]) -> str:
         """What was expected and what was found, numbers as they are ``typed`` by whoever gave them."""

@@ -76,7 +76,7 @@ def test_a_new_option_is_declared_in_one_place(tmp_path):
     assert told["bounds"] == "grease: expected a number from 0 to 5, found 6"
     assert "Invalid value for --grease" in told["typed"]
     assert "expected a number from 0 to 5, found 6" in told["typed"]
-    assert told["level"] == "grease: only model auto takes it, leave out model 34 or grease"
+    assert told["level"] == "grease: only model auto takes it: leave it out, or model 34"
     assert told["features"] == "grease: rows at features do not take it, leave it out"
     assert told["listed"] == [{"grease": 1.5}]
     assert "grease: expected a number, found 'much'" in told["refused"]

@@ -127,7 +127,7 @@ def test_the_view_says_what_is_drawn(made, folder, tmp_path):
 
 def test_they_belong_to_model_auto(tmp_path):
     for options in ({"model": "34"}, {"hold": ["gain1"]}):
-        with pytest.raises(OptionError, match="terms: only model auto takes it, leave out"):
+        with pytest.raises(OptionError, match="terms: only model auto takes it: leave it out"):
             irbcal.calibrate(tmp_path / "m.csv", "irb120", terms="all", **options)
 
 

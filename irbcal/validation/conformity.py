@@ -24,7 +24,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.workspace_coverage import even_width
-from irbcal.options import checked, length
+from irbcal.options import checked, number
 from irbcal.statistics import consecutive
 from irbcal.summary import Content, Paragraph, Result
 from irbcal.units import MM
@@ -60,8 +60,8 @@ FIGURES: Mapping[Rule, tuple[str, str]] = {
 }
 """What each rule compares with the tolerance: in words, and its name among the statistics."""
 
-LARGEST = 0.1
-"""Tolerance and uncertainty beyond which millimetres were meant, metres."""
+SMALLEST, LARGEST = 1e-6, 0.1
+"""The smallest tolerance, and the largest tolerance and uncertainty, metres: beyond, millimetres were meant."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,18 +171,9 @@ def requirement(
             if value is not None:
                 raise OptionError(f"{name}: only a tolerance needs it: give the tolerance, too", parameter=name)
         return None
-    if not 0.0 < length("tolerance", tolerance, 0.0) <= LARGEST:
-        raise OptionError(
-            f"tolerance: expected metres above 0 and at most {LARGEST:g} (half a millimetre is 0.0005), found "
-            f"{tolerance:g}",
-            parameter="tolerance",
-        )
-    if tracker_u95 is not None and not 0.0 <= length("tracker_u95", tracker_u95, 0.0) <= LARGEST:
-        raise OptionError(
-            f"tracker_u95: expected metres from 0 to {LARGEST:g} (fifty micrometres are 0.00005), found "
-            f"{tracker_u95:g}",
-            parameter="tracker_u95",
-        )
+    number("tolerance", tolerance, SMALLEST, LARGEST, example="metres: half a millimetre is 0.0005")
+    if tracker_u95 is not None:
+        number("tracker_u95", tracker_u95, 0.0, LARGEST, example="metres: fifty micrometres are 0.00005")
     return Requirement(tolerance, checked("rule", rule or "mean3sigma", RULES), tracker_u95, region_only)
 
 

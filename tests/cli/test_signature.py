@@ -22,6 +22,7 @@ from irbcal.io import robots
 from irbcal.options import number
 from irbcal.planning import device_plan, measuring_plan
 from irbcal.units import DEG, MM
+from irbcal.validation.conformity import requirement
 
 
 def shown(*words):
@@ -179,6 +180,11 @@ def test_numbers_out_of_range_are_told_in_the_units_of_the_shell():
         signature.refusals(typed={"path_tolerance": signature.MM}),
     ):
         number("path_tolerance", 5.0, 1e-6, 1.0)
+    with (
+        pytest.raises(typer.BadParameter, match=r"expected a number from 0\.001 to 100, found 500"),
+        signature.refusals(typed={"tolerance": signature.MM}),
+    ):
+        requirement(0.5)
     with pytest.raises(OptionError, match="path_tolerance: expected a number from 1e-06 to 1, found 5") as refused:
         number("path_tolerance", 5.0, 1e-6, 1.0)
     assert str(pickle.loads(pickle.dumps(refused.value))) == str(refused.value)  # it comes back from workers

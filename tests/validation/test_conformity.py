@@ -115,7 +115,7 @@ def test_a_calibration_that_does_not_serve_is_no_pass(offset, words):
     ("tolerance", "rule", "words"),
     [
         (0.5, None, "half a millimetre is 0.0005"),
-        (0.0, None, "above 0"),
+        (0.0, None, "from 1e-06 to 0.1"),
         (-1e-3, None, "tolerance"),
         (float("nan"), None, "tolerance"),
         (1e-3, "mean", "rule"),
