@@ -16,7 +16,6 @@ refused, in which case the arm is brought to rest, and ``why``; and else how far
 from __future__ import annotations
 
 import gc
-import json
 from collections.abc import Callable, Sequence
 from math import asin, dist, sqrt
 from time import monotonic, perf_counter_ns
@@ -24,6 +23,7 @@ from typing import IO, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic_core import from_json, to_json
 
 from irbcal import kernel
 from irbcal.arrays import FloatArray
@@ -161,7 +161,7 @@ class Live:
             said |= {"joints": self._brake(), "held": True, "why": str(refused)}
         else:
             said |= {"joints": self._in_units_of_user(self._command), "held": False, **error}
-        return json.dumps(said)
+        return to_json(said).decode()
 
     def _in_units_of_user(self, q: Sequence[float]) -> list[float]:
         if self._coupling is not None:
@@ -340,8 +340,8 @@ def _parsed(line: str | bytes) -> dict[str, Any]:
     try:
         if len(line) > LONGEST_LINE:
             raise ValueError
-        content = json.loads(line if isinstance(line, str) else line.decode())
-    except (ValueError, RecursionError):
+        content = from_json(line.encode() if isinstance(line, str) else line)
+    except ValueError:
         raise Refused("not a line of JSON") from None
     if not isinstance(content, dict):
         raise Refused('expected an object such as {"joints": [...]}')

@@ -83,29 +83,29 @@ SIDE_BY_SIDE void branches_together(const Robot& r, const double* T, double* out
   branches_of<Lanes>(r, T, out, valid, n);
 }
 #define TOGETHER(function, condition, ...) \
-  if (wide && n >= few && (condition)) return function##_together(__VA_ARGS__)
+  if (wide && (condition)) return function##_together(__VA_ARGS__)
 #else
 #define TOGETHER(function, condition, ...)
 #endif
 
 void poses(const Robot& r, const double* q, const Stops& stops, double* out, Py_ssize_t n) {
-  TOGETHER(poses, !stops.known(), r, q, out, n);
+  TOGETHER(poses, n >= few && !stops.known(), r, q, out, n);
   poses_of<double>(r, q, stops, out, n);
 }
 void effectives(const Robot& r, const double* q, const Stops& stops, double* out, Py_ssize_t n) {
-  TOGETHER(effective, !stops.known(), r, q, out, n);
+  TOGETHER(effective, n >= few && !stops.known(), r, q, out, n);
   effective_of<double>(r, q, stops, out, n);
 }
 void jacobians(const Robot& r, const double* q, const Stops& stops, int reference, double* out, Py_ssize_t n) {
-  TOGETHER(jacobians, !stops.known(), r, q, reference, out, n);
+  TOGETHER(jacobians, n >= few && !stops.known(), r, q, reference, out, n);
   jacobians_of<double>(r, q, stops, reference, out, n);
 }
 void cos_sin(const double* x, double* out, Py_ssize_t n) {
-  TOGETHER(cos_sin, true, x, out, n);
+  TOGETHER(cos_sin, n >= few, x, out, n);
   cos_sin_of<double>(x, out, n);
 }
 void inverses(const Robot& r, const Wanted& w, Py_ssize_t n) {
-  TOGETHER(inverses, true, r, w, n);
+  TOGETHER(inverses, n >= few, r, w, n);
   inverses_of<double>(r, w, n);
 }
 void branches(const Robot& r, const double* T, double* out, bool* valid, Py_ssize_t n) {

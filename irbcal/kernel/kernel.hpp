@@ -1476,32 +1476,34 @@ inline void inverses_of(const Robot& r, const Wanted& w, std::ptrdiff_t n) noexc
 }
 
 // Joints (8, 6, n), then distance from axis 1 and margins of reach in front and behind (3, n); which branches reach (8, n).
+// Side by side are pairs of branches of one pose, which the flip of the wrist tells apart: that serves a single one, too.
 template <class S, class Robot>
 inline void branches_of(const Robot& r, const double* T, double* q, bool* valid, std::ptrdiff_t n) noexcept {
-  double* const places = q + 48 * n;
-  constexpr std::ptrdiff_t together = side_by_side<S>;
-  for (std::ptrdiff_t first = 0; first < n; first += together) {
-    const std::ptrdiff_t count = n - first < together ? n - first : together;
-    const Frame<S> wanted = frame_of<S>(T, first, count);
+  constexpr std::ptrdiff_t pairs = 4, together = side_by_side<S>;
+  const double front_of[pairs] = {1.0, 1.0, -1.0, -1.0}, up_of[pairs] = {1.0, -1.0, 1.0, -1.0};
+  for (std::ptrdiff_t k = 0; k < n; ++k) {
+    const Frame<S> wanted = frame_of<S>(T, k, 1);
     Hand<S> hand = hand_of(r.closed, wanted);
-    const auto pose = rigid(wanted) & last_row(T, first, count, S{});
-    const S off = pose ? S{} : all<S>(not_a_number);
+    const S off = rigid(wanted) & last_row(T, k, 1, S{}) ? S{} : all<S>(not_a_number);
     hand.radius += off;
-    scatter(hand.radius, places, 1, first, count);
-    for (int b = 0; b < 8; b += 2) {
-      const S front = all<S>(b & 4 ? -1.0 : 1.0);
+    double* const places = q + 48 * n + k;
+    places[0] = lane(hand.radius, 0);
+    for (std::ptrdiff_t pair = 0; pair < pairs; pair += together) {
+      const S front = gathered<S>(front_of, 1, pair, together), up = gathered<S>(up_of, 1, pair, together);
       S x[6], c23, s23, angle[3];
-      const S margin = elbow(r.closed, hand, front, all<S>(b & 2 ? -1.0 : 1.0), x, c23, s23);
+      const S margin = elbow(r.closed, hand, front, up, x, c23, s23);
       const S lost = margin >= -reach_tolerance ? S{} : all<S>(not_a_number);
       wrist(hand, front, c23, s23, angle);
       x[0] = joint_of(r.closed, 0, arc(hand.s1 * front, hand.c1 * front));
       for (int flip = 0; flip < 2; ++flip) {
         wrist_joints(r.closed, angle, all<S>(flip ? -1.0 : 1.0), x);
-        for (int i = 0; i < 6; ++i) scatter(x[i] + lost, q + (6 * (b + flip) + i) * n, 1, first, count);
+        for (int i = 0; i < 6; ++i) scatter(x[i] + lost, q + (6 * flip + i) * n + k, 12 * n, pair, together);
       }
-      for (std::ptrdiff_t k = 0; k < count; ++k)
-        valid[b * n + first + k] = valid[(b + 1) * n + first + k] = lane(lost, k) == 0.0;
-      if ((b & 2) == 0) scatter(margin, places + (1 + b / 4) * n, 1, first, count);
+      for (std::ptrdiff_t j = 0; j < together; ++j) {
+        const std::ptrdiff_t first = 2 * (pair + j);
+        valid[first * n + k] = valid[(first + 1) * n + k] = lane(lost, j) == 0.0;
+        if (first % 4 == 0) places[(1 + first / 4) * n] = lane(margin, j);
+      }
     }
   }
 }

@@ -126,6 +126,7 @@ def test_what_is_not_safe_is_held_with_a_reason(sources):
         (b"{", "not a line of JSON"),
         (b"\xff\xfe", "not a line of JSON"),
         (b"[" * 100_000, "not a line of JSON"),
+        ("\ud800", "not a line of JSON"),
         (b"[1]", "expected an object"),
         (b'{"joint": [], "t": 3}', "expected one of joints, pose and model"),
         (b'{"joints": [0, -14, 14, 0, 30], "t": 4}', "joints: expected 6 numbers"),

@@ -211,7 +211,7 @@ class OrthoParallel(Locked):
             if self._kernel.branches(T, out, valid):
                 out.setflags(False)  # type: ignore[call-arg]  # write: named it takes four times as long
                 valid.setflags(False)  # type: ignore[call-arg]
-                joints = np.ndarray((n, 8, 6), "d", out, 0, (8, 48 * n, 8 * n))
+                joints = out[:48].reshape(8, 6, n).transpose(2, 0, 1)
                 return Branches.of_new(joints=joints, valid=valid.T, margins=out[48:].T, arm=self)
         T = check_poses(T)
         columns = pose_columns(T).reshape(12, n)
