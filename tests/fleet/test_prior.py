@@ -90,7 +90,7 @@ def test_from_the_store_to_a_calibration(store, tmp_path, monkeypatch):
         "What 6 SIMULATED robots of type irb1600_6_145 show was taken as a prior" in n for n in found.record.notes
     )
     for options in ({"model": 34}, {"terms": "all"}, {"loss": "huber"}):
-        with pytest.raises(OptionError, match="prior: .* leave (it )?out"):
+        with pytest.raises(OptionError, match=r"prior: .* leave (it )?out"):
             irbcal.calibrate(tmp_path / "new.csv", "irb1600", prior=out, **options)
 
 
