@@ -19,9 +19,11 @@ from irbcal.app.project import Project
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.io.importing import recognised
 from irbcal.io.opening import open_nominal
-from irbcal.measurement.imports import recognition
 from irbcal.measurement.imports.column_map import DeclaredColumns, changed, validated
+from irbcal.measurement.imports.column_roles import likely_roles
 from irbcal.measurement.imports.reader import Imported, read
+from irbcal.measurement.imports.recognition import columns_of
+from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
 from irbcal.measurement.table import REFERENCE_PREFIX
 
@@ -74,24 +76,24 @@ def understood(project: Project) -> Understanding:
     """What ``irbcal import`` understands of a project's files, with what the user said."""
     files = [str(project.folder / name) for name in project.files("data")]
     said = steps.sets(project.choices().get("data", {}))[1::2]
-    imported, complaint, arm, declared, sheets = None, "", None, None, list[recognition.Sheet]()
+    imported, complaint, arm, declared, all_sheets = None, "", None, None, list[Sheet]()
     try:
         if project.robot:
             known = project.folder / project.robot
             arm = open_nominal(known if known.exists() else project.robot).arm
         columns = changed("{}", "--set", [text for text in said if text.startswith("columns.")]).get("columns")
         declared = validated(DeclaredColumns, columns, "--set columns") if columns else None
-        sheets = [sheet for name in files if read(name) is None for sheet in recognition.sheets(name)]
+        all_sheets = [sheet for name in files if read(name) is None for sheet in sheets(name)]
         imported = recognised(files, arm, set_=said)
         imported.csv()
     except (IrbcalError, OSError) as error:
         complaint = str(error).replace(f"{project.folder}/", "")
     dof = None if arm is None else len(arm.joint_names)
     tables: dict[tuple[str | int, ...], TableColumns] = {}
-    for sheet in sheets:
+    for sheet in all_sheets:
         if imported is None:
-            answers = recognition.likely_roles(sheet, dof, declared)
-            of_table = _table(sheet.table, [recognition.columns_of(sheet, answers[0])] if answers else [])
+            answers = likely_roles(sheet, dof, declared)
+            of_table = _table(sheet.table, [columns_of(sheet, answers[0])] if answers else [])
             typed = project.choices().get("data", {}).get("words", {}).get(of_table.source, [])
             of_table = replace(of_table, words=tuple(typed)) if len(typed) == len(of_table.words) else of_table
         else:

@@ -435,56 +435,64 @@ def misses(arm: Arm, state: State, points: PointSet) -> FloatArray:
 
 def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None:
     """What to ``--set`` so that ``irbcal import --as irbcal`` reads a file so; None where it cannot."""
-    n = len(columns)
-    options = []
-    order, signs, add, radians = np.arange(n), [1] * n, {}, False
     matrix = hypothesis.matrix.copy()
     turning = np.array([name.endswith("_deg") for name in columns])
-    if np.abs(matrix[turning]).max(initial=0.0) > 10.0:
+    radians = bool(np.abs(matrix[turning]).max(initial=0.0) > 10.0)
+    if radians:
         matrix[turning] *= DEG
-        radians = True
-    entries = [np.flatnonzero(np.abs(row) > 1e-9) for row in matrix]
-    if not np.allclose(np.abs(matrix[np.abs(matrix) > 1e-9]), 1.0) or any(len(row) not in (1, 2) for row in entries):
+    joints = _import_of_joints(matrix)
+    length = None if hypothesis.scale == 1.0 else LENGTHS[hypothesis.scale][1]
+    if joints is None or (length is None and hypothesis.scale != 1.0):
         return None
-    columns_used = {int(row[0]) for row in entries if len(row) == 1}
-    for k, row in enumerate(entries):
-        free = [int(j) for j in row if len(row) == 1 or int(j) not in columns_used]
-        if len(free) > 1:
-            free = [j for j in free if j == k] or free[:1]
-        if len(free) != 1:
-            return None
-        order[k], signs[k] = free[0], int(np.sign(matrix[k, free[0]]))
-    if sorted(order) != list(range(n)):
-        return None
-    for k, row in enumerate(entries):
-        for j in row:
-            if j != order[k]:
-                source = int(np.flatnonzero(order == j)[0]) + 1
-                add[k + 1] = source if matrix[k, j] * signs[k] > 0 else -source
-    standard = [f"q{k}_deg" for k in range(1, 7)]
-    names = [columns[int(j)] for j in order]
-    if names != standard:
+    order, signs, add = joints
+    options = []
+    names = [columns[j] for j in order]
+    if names != [f"q{k}_deg" for k in range(1, 7)]:
         options.append(f"columns.joints=[{', '.join(names)}]")
         options.append(f"columns.programmed=[{', '.join('c' + name[1:] for name in names)}]")
-    if radians:
-        units = ["rad" if turns else "mm" for turns in turning]
-        options.append("units.joints=rad" if turning.all() else f"units.joints=[{', '.join(units)}]")
-    elif not turning.all():
-        options.append(f"units.joints=[{', '.join('deg' if turns else 'mm' for turns in turning)}]")
+    if radians and turning.all():
+        options.append("units.joints=rad")
+    elif radians or not turning.all():
+        units = [("rad" if radians else "deg") if turns else "mm" for turns in turning]
+        options.append(f"units.joints=[{', '.join(units)}]")
     if add:
         options.append(f"joints.add={{{', '.join(f'{to}: {source_joint}' for to, source_joint in add.items())}}}")
     if -1 in signs:
         options.append(f"joints.signs={signs}")
     if hypothesis.offset.any():
         options.append(f"joints.offsets_deg={[round(float(value) / DEG, 9) for value in hypothesis.offset]}")
-    if hypothesis.scale != 1.0:
-        unit = LENGTHS[hypothesis.scale][1]
-        if unit is None:
-            return None
-        options.append(f"units.lengths={unit}")
+    if length is not None:
+        options.append(f"units.lengths={length}")
     if hypothesis.mirrored:
         options.append("columns.position=[y_mm, x_mm, z_mm]")
     return options
+
+
+def _import_of_joints(matrix: FloatArray) -> tuple[list[int], list[int], dict[int, int]] | None:
+    """Column and sign of each joint, and the joint (counted from 1, with a sign) that is added to others.
+
+    None where no import does it: entries other than 1 and -1, more than two in a row, a column for two joints.
+    """
+    entries = [np.flatnonzero(np.abs(row) > 1e-9).tolist() for row in matrix]
+    if not np.allclose(np.abs(matrix[np.abs(matrix) > 1e-9]), 1.0) or any(len(row) not in (1, 2) for row in entries):
+        return None
+    alone = {row[0] for row in entries if len(row) == 1}
+    order = []
+    for k, row in enumerate(entries):
+        candidates = [j for j in row if len(row) == 1 or j not in alone]
+        if not candidates:
+            return None
+        order.append(k if k in candidates else candidates[0])
+    if sorted(order) != list(range(len(matrix))):
+        return None
+    signs = [int(np.sign(matrix[k, j])) for k, j in enumerate(order)]
+    add = {
+        k + 1: (order.index(j) + 1) * int(np.sign(matrix[k, j] * signs[k]))
+        for k, row in enumerate(entries)
+        for j in row
+        if j != order[k]
+    }
+    return order, signs, add
 
 
 FEWEST_POSES_FOR_SHIFTED_ROWS, FEWEST_ROWS = 20, 3

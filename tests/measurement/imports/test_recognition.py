@@ -15,7 +15,8 @@ from irbcal.errors import MeasurementError
 from irbcal.io.opening import open_nominal
 from irbcal.measurement.imports import reader, tables
 from irbcal.measurement.imports.column_map import Dialect, pattern_regex
-from irbcal.measurement.imports.recognition import recognise, trial_fit
+from irbcal.measurement.imports.recognition import recognise
+from irbcal.measurement.imports.trial_fit import trial_fit
 
 SCRIPT = Path(__file__).parents[3] / "scripts" / "messy_exports"
 
@@ -200,10 +201,10 @@ def test_points_and_joints_that_do_not_belong_together_are_refused(tmp_path):
     [("cp1252", "Prüfer"), ("gbk", "测点 实测"), ("shift_jis", "測定点 実測"), ("utf-16", "Prüfer"), ("utf-8", "测点")],
 )
 def test_encodings(encoding, text, tmp_path):
-    from irbcal.measurement.imports.recognition import _KNOWN_WORDS
+    from irbcal.measurement.imports.header_words import KNOWN_WORDS
 
     data = f"{text};X;Y\n1;2;3\n".encode(encoding)
-    codec = tables.encoding_of(data, _KNOWN_WORDS)
+    codec = tables.encoding_of(data, KNOWN_WORDS)
     assert data.decode(codec).startswith(text)
 
 
